@@ -1,0 +1,162 @@
+"""The simulated cell as a cyclic driver sees it: latch, advance, read; and its safe state."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numba import carray, types
+
+from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
+from micromanip.rt.records import SIGNAL
+
+from .compiled import compiled
+from .noise import normal
+from .plant import deviation, drive, machining_force, move, quantised
+from .preisach import preisach_step, reset_memory
+from .records import CHANNELS, CONTEXT, CREEP_OPERATORS, MAX_AXES, MECHANICAL_STATES, SUBSTEPS
+
+_CHANNELS = len(CHANNELS)
+_HUM_PHASE = 1.0
+
+
+@compiled
+def rest(c: Any) -> None:
+    """All axes at rest at 0 V, on the branch that comes up from negative saturation, creep in balance."""
+    for i in range(c["axes"]):
+        p, s = c["p"][i], c["s"][i]
+        reset_memory(p["preisach"], s["memory"])
+        pure = preisach_step(p["preisach"], s["memory"], 0.0)
+        for k in range(CREEP_OPERATORS):
+            s["creep_um"][k] = p["creep_gain"] * pure
+        for k in range(MECHANICAL_STATES):
+            s["x"][k] = p["rest"][k] * pure
+        s["latched_V"] = s["amplifier_V"] = 0.0
+
+
+@compiled
+def advance(c: Any) -> None:
+    """All axes by one loop period, with the voltages latched."""
+    c["periods"] += 1
+    t_s = c["periods"] * c["period_ns"] * 1e-9
+    for i in range(c["axes"]):
+        p, s = c["p"][i], c["s"][i]
+        s["force_N"] = machining_force(p, s, t_s)
+        s["drift_um"] += p["drift_step"] * (p["drift_um"] - s["drift_um"])
+        for _ in range(SUBSTEPS):
+            move(p, s["x"], drive(p, s), s["force_N"])
+            move(p, s["free_x"], 0.0, s["force_N"])
+
+
+@compiled
+def latch(c: Any, outputs: Any) -> None:
+    """Take the voltages decided in the cycle before: they act from now on, one sample late."""
+    for i in range(c["axes"]):
+        p = c["p"][i]
+        inside = max(p["low_V"], min(p["high_V"], outputs[i]))
+        c["s"][i]["latched_V"] = quantised(inside, p["dac_step_V"], 1e9)
+
+
+@compiled
+def stage_position(c: Any, i: int) -> float:
+    """Where the spindle is along axis `i` (um, as the capacitive sensor counts), with cross-coupling and drift."""
+    total = c["s"][i]["drift_um"]
+    for j in range(c["axes"]):
+        total += c["p"][i]["coupling"][j] * (c["s"][j]["x"][2] - c["p"][j]["stage_zero_um"])
+    return total
+
+
+@compiled
+def put(signal: Any, value: float, time_ns: int) -> None:
+    """Leave a fresh, good sample."""
+    signal["value"] = value
+    signal["time_ns"] = time_ns
+    signal["sequence"] += 1
+    signal["status"] = 0
+
+
+@compiled
+def read(c: Any, inputs: Any, now_ns: int) -> None:
+    """Readings of all sensors, and the truth behind them, channels of one axis side by side."""
+    t_s = c["periods"] * c["period_ns"] * 1e-9
+    for i in range(c["axes"]):
+        p, s, first = c["p"][i], c["s"][i], i * _CHANNELS
+        stage = stage_position(c, i)
+        path = deviation(p, t_s)
+        hum = p["hum_um"] * np.sin(p["hum_omega"] * t_s + _HUM_PHASE)
+        strain = s["x"][4] - p["strain_zero_um"] + p["strain_noise_um"] * normal(s) + hum
+        put(inputs[first], quantised(strain, p["strain_step_um"], p["strain_range_um"]), now_ns)
+        seen = stage + p["stage_noise_um"] * normal(s)
+        put(inputs[first + 1], max(-p["stage_range_um"], min(p["stage_range_um"], seen)), now_ns)
+        if c["periods"] % p["tracker_periods"] == 0:
+            taken_s = t_s - p["tracker_latency_ns"] * 1e-9
+            tracked = deviation(p, taken_s) + p["tracker_noise_um"] * normal(s)
+            put(inputs[first + 2], tracked, now_ns - p["tracker_latency_ns"])
+        row = p["stage_acceleration"]
+        acceleration = row[6] * s["force_N"] + p["acceleration_noise"] * normal(s)
+        for k in range(MECHANICAL_STATES):
+            acceleration += row[k] * s["x"][k]
+        put(inputs[first + 3], acceleration, now_ns)
+        put(inputs[first + 4], s["x"][0] - p["strain_zero_um"], now_ns)
+        put(inputs[first + 5], stage, now_ns)
+        put(inputs[first + 6], path - stage, now_ns)
+        put(inputs[first + 7], path - s["free_x"][2] - s["drift_um"], now_ns)
+
+
+@compiled
+def exchange(c: Any, outputs: Any, inputs: Any, now_ns: int, periods: int) -> int:
+    """One exchange of the loop; advances by the periods that really passed."""
+    if c["opened"] == 0:
+        return 1
+    for _ in range(periods):
+        advance(c)
+    read(c, inputs, now_ns)
+    latch(c, outputs)
+    return 0
+
+
+_CONTEXT_POINTER = types.CPointer(numba.from_dtype(CONTEXT))
+
+
+@compiled.c_function(
+    EXCHANGE_SIGNATURE.return_type(
+        _CONTEXT_POINTER,
+        types.CPointer(types.float64),
+        types.CPointer(numba.from_dtype(SIGNAL)),
+        types.int64,
+        types.int64,
+    )
+)
+def exchange_c(context: Any, outputs: Any, inputs: Any, now_ns: Any, periods: Any) -> Any:
+    """C entry of ``exchange``."""
+    return exchange(carray(context, 1)[0], carray(outputs, MAX_AXES), carray(inputs, MAX_AXES * _CHANNELS), now_ns, periods)
+
+
+_CONTEXT_FUNCTION = CONTEXT_SIGNATURE.return_type(_CONTEXT_POINTER)
+
+
+@compiled.c_function(_CONTEXT_FUNCTION)
+def open_c(context: Any) -> Any:
+    """Switch the amplifier on; the stage is at rest."""
+    c = carray(context, 1)[0]
+    rest(c)
+    c["opened"] = 1
+    return 0
+
+
+@compiled.c_function(_CONTEXT_FUNCTION)
+def safe_c(context: Any) -> Any:
+    """Discharge: every voltage to 0, noted for whoever looks."""
+    c = carray(context, 1)[0]
+    for i in range(c["axes"]):
+        c["s"][i]["latched_V"] = 0.0
+    c["safe"] = 1
+    return 0
+
+
+@compiled.c_function(_CONTEXT_FUNCTION)
+def close_c(context: Any) -> Any:
+    """Switch the amplifier off."""
+    carray(context, 1)[0]["opened"] = 0
+    return 0

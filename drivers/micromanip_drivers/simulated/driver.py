@@ -1,0 +1,105 @@
+"""The driver `simulated`: builds the context from the options and hands over the compiled functions."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from micromanip.errors import ConfigError
+from micromanip.io.contract import CyclicDriver, Functions
+
+from . import mechanics
+from .options import Options, Plant
+from .records import CHANNELS, CONTEXT, CREEP_OPERATORS, MAX_AXES, SUBSTEPS
+
+_JOINT_SPREAD = (1.0, 0.97, 1.03)
+
+
+class SimulatedCell(CyclicDriver):
+    """Up to three axes with Preisach hysteresis, creep, flexure, sensors, machining force and tracker."""
+
+    Options: ClassVar[type[BaseModel]] = Options
+    simulated: ClassVar[bool] = True
+    watchdog: ClassVar[str | None] = "none needed: nothing real moves"
+
+    def __init__(self, options: Options, period_ns: int) -> None:
+        self.options = options
+        self.period_ns = period_ns
+        for name in options.variation:
+            if name not in options.axes:
+                raise ConfigError(f"variation.{name}: there is no axis {name}; axes are {', '.join(options.axes)}")
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return tuple(f"{channel}_{axis}" for axis in self.options.axes for channel in CHANNELS)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return tuple(f"voltage_{axis}" for axis in self.options.axes)
+
+    def context(self) -> NDArray[np.uint8]:
+        record = np.zeros(1, CONTEXT)
+        c = record[0]
+        c["axes"], c["period_ns"] = len(self.options.axes), self.period_ns
+        seeds = np.random.SeedSequence(self.options.seed).generate_state(2 * MAX_AXES, np.uint64)
+        for i, name in enumerate(self.options.axes):
+            plant = self.options.variation.get(name, self.options.plant)
+            self._fill_plant(c["p"][i], plant)
+            self._fill_cell(c["p"][i], i)
+            c["s"][i]["random"] = seeds[2 * i : 2 * i + 2]
+        return record.view(np.uint8)
+
+    def functions(self) -> Functions:
+        from . import cell  # compiled or loaded only where it is going to be called
+
+        return Functions(cell.open_c.address, cell.exchange_c.address, cell.safe_c.address, cell.close_c.address)
+
+    def _fill_plant(self, p: Any, plant: Plant) -> None:
+        step_s = self.period_ns * 1e-9 / SUBSTEPS
+        preisach = p["preisach"]
+        preisach["c"], preisach["d"] = plant.preisach_c_um_per_V2, plant.preisach_d_per_V
+        preisach["k1"], preisach["k2"] = plant.preisach_k1, plant.preisach_k2
+        preisach["reversible"], preisach["saturation_V"] = plant.reversible_um, plant.saturation_V
+        p["creep_gain"] = plant.creep_per_operator
+        p["creep_step"] = -np.expm1(-step_s / np.logspace(-3, 3, CREEP_OPERATORS))
+        p["dac_step_V"] = plant.dac_span_V / 2**plant.dac_bits
+        p["low_V"], p["high_V"] = plant.amplifier_range_V
+        p["amplifier_step"] = -np.expm1(-step_s * 2 * np.pi * plant.amplifier_Hz)
+        p["slew_V"] = plant.amplifier_slew_V_per_ms * 1e3 * step_s
+        p["amplifier_noise_V"] = plant.amplifier_noise_mV * 1e-3
+        p["a"], p["b"] = mechanics.discrete(plant, step_s)
+        p["rest"] = mechanics.rest(plant)
+        a, b = mechanics.continuous(plant)
+        p["stage_acceleration"] = 1e-6 * np.concatenate([a[3], b[3]])
+        p["strain_noise_um"], p["hum_um"] = plant.strain_noise_nm * 1e-3, plant.strain_hum_nm * 1e-3
+        p["hum_omega"] = 2 * np.pi * 50.0
+        p["strain_range_um"] = plant.strain_range_um
+        p["strain_step_um"] = 2 * plant.strain_range_um / 2**16
+        p["stage_zero_um"], p["stage_range_um"] = plant.stage_zero_um, plant.stage_range_um
+        p["stage_noise_um"], p["acceleration_noise"] = plant.stage_noise_nm * 1e-3, plant.acceleration_noise
+        p["drift_um"] = plant.drift_um_per_K * plant.ambient_step_K
+        p["drift_step"] = -np.expm1(-self.period_ns * 1e-9 / plant.drift_time_constant_s)
+
+    def _fill_cell(self, p: Any, i: int) -> None:
+        period_s = self.period_ns * 1e-9
+        force, path, tracker = self.options.force, self.options.deviation, self.options.tracker
+        p["force_start_s"], p["force_static_N"] = force.start_s, force.static_N
+        p["force_step"] = -np.expm1(-period_s / (force.rise_ms * 1e-3))
+        p["tooth_N"], p["tooth_omega"] = force.tooth_N, 2 * np.pi * force.tooth_Hz
+        p["force_noise_N"] = force.noise_N
+        p["force_noise_decay"] = np.exp(-period_s * 2 * np.pi * force.noise_Hz)
+        p["deviation_um"] = (*path.amplitudes_um, path.joint_um)
+        p["deviation_omega"] = 2 * np.pi * np.array([*path.frequencies_Hz, path.joint_Hz * _JOINT_SPREAD[i]])
+        p["deviation_phase"] = np.array([0.0, 1.1, 2.3, 0.7]) * i
+        p["tracker_periods"] = max(1, round(1.0 / (tracker.rate_Hz * period_s)))
+        p["tracker_latency_ns"] = round(tracker.latency_ms * 1e6)
+        p["tracker_noise_um"] = tracker.noise_um
+        count = len(self.options.axes)
+        p["coupling"][i] = 1.0
+        if count > 1:
+            p["coupling"][(i + 1) % count] += self.options.coupling
+        if count > 2:
+            p["coupling"][(i + 2) % count] += self.options.coupling * 2.0 / 3.0

@@ -1,0 +1,99 @@
+"""Figures of the simulated cell, as they may stand under its driver in the configuration."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class _Options(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class Plant(_Options):
+    """One axis: amplifier, piezo stack, flexure, sensors."""
+
+    preisach_c_um_per_V2: Positive = Field(default=9.5e-3, description="Density of the Preisach operator.")
+    preisach_d_per_V: Positive = Field(default=0.016, description="Decay of the density with the loop's half width.")
+    preisach_k1: float = Field(default=0.30, description="Slope of the density over the loop's middle.")
+    preisach_k2: float = Field(default=-0.45, description="Curvature of the density over the loop's middle.")
+    reversible_um: tuple[float, float, float] = Field(
+        default=(0.72, -2e-4, -2e-6), description="Reversible part: um per V, V^2, V^3."
+    )
+    saturation_V: float = Field(default=-20.0, description="Negative saturation.")
+    creep_per_operator: NotNegative = Field(
+        default=0.005, description="Share of the displacement that each of the 13 creep operators delays."
+    )
+    amplifier_range_V: tuple[float, float] = Field(default=(-20.0, 150.0), description="Range of the amplifier.")
+    amplifier_Hz: Positive = Field(default=900.0, description="Bandwidth of the amplifier.")
+    amplifier_slew_V_per_ms: Positive = Field(default=40.0, description="Slew rate of the amplifier.")
+    amplifier_noise_mV: NotNegative = Field(default=2.0, description="Noise of the amplifier, rms.")
+    dac_bits: int = Field(default=16, ge=8, le=32, description="Resolution of the output over dac_span_V.")
+    dac_span_V: Positive = Field(default=300.0, description="Span of the output converter.")
+    piezo_N_per_um: Positive = Field(default=400.0, description="Stiffness of the stack.")
+    actuator_kg: Positive = Field(default=2.0, description="Mass that moves with the stack.")
+    lever: Positive = Field(default=5.31, description="Lever ratio of the flexure.")
+    flexure_N_per_um: Positive = Field(default=2.0, description="Stiffness between lever and stage.")
+    guide_N_per_um: Positive = Field(default=0.125, description="Stiffness of the stage's guide.")
+    stage_kg: Positive = Field(default=12.0, description="Mass of stage and spindle.")
+    damping: NotNegative = Field(default=0.04, description="Damping ratio of both modes.")
+    strain_noise_nm: NotNegative = Field(default=55.0, description="White noise of the strain gauge, rms.")
+    strain_hum_nm: NotNegative = Field(default=10.0, description="50 Hz hum of the strain gauge, amplitude.")
+    strain_Hz: Positive = Field(default=2500.0, description="Bandwidth of the strain gauge.")
+    strain_range_um: Positive = Field(default=180.0, description="The strain gauge reads +- this, in 16 bits.")
+    stage_noise_nm: NotNegative = Field(default=12.0, description="Noise of the capacitive sensor, rms.")
+    stage_range_um: Positive = Field(default=300.0, description="The capacitive sensor reads +- this.")
+    stage_zero_um: float = Field(default=329.9, description="Stage position at which the capacitive sensor reads 0.")
+    acceleration_noise: NotNegative = Field(default=0.02, description="Noise of the accelerometer, m/s^2 rms.")
+    drift_um_per_K: float = Field(default=0.5, description="Thermal drift of the stage.")
+    drift_time_constant_s: Positive = Field(default=600.0, description="Time constant of the drift.")
+    ambient_step_K: float = Field(default=2.0, description="How far the cell is from its thermal balance at the start.")
+
+
+class Force(_Options):
+    """Machining force on each axis."""
+
+    start_s: NotNegative = Field(default=3.0, description="When the tool engages, after the loop's start.")
+    static_N: float = Field(default=80.0, description="Steady part.")
+    rise_ms: Positive = Field(default=20.0, description="Time constant of the steady part.")
+    tooth_N: float = Field(default=40.0, description="Amplitude at tooth passing.")
+    tooth_Hz: Positive = Field(default=200.0, description="Tooth-passing frequency.")
+    noise_N: NotNegative = Field(default=5.0, description="Coloured noise, rms.")
+    noise_Hz: Positive = Field(default=30.0, description="Bandwidth of the coloured noise.")
+
+
+class Deviation(_Options):
+    """Path deviation of the robot: slow path error plus oscillation of the joints."""
+
+    amplitudes_um: tuple[float, float, float] = Field(default=(130.0, 60.0, 30.0), description="Path error.")
+    frequencies_Hz: tuple[Positive, Positive, Positive] = Field(default=(0.11, 0.29, 0.83), description="Path error.")
+    joint_um: NotNegative = Field(default=30.0, description="Amplitude of the joint oscillation.")
+    joint_Hz: Positive = Field(default=8.0, description="Its frequency on the first axis; 3 % lower and higher on the others.")
+
+
+class TrackerOptions(_Options):
+    """Laser tracker that sees the deviation."""
+
+    rate_Hz: Positive = Field(default=1000.0, description="Samples a second.")
+    latency_ms: NotNegative = Field(default=1.0, description="Age of a sample when it arrives.")
+    noise_um: NotNegative = Field(default=0.5, description="Noise, rms.")
+
+
+class Options(_Options):
+    """Keys of the driver `simulated`."""
+
+    driver: str = "simulated"
+    seed: int = Field(default=1, ge=0, description="Seed of all noise.")
+    axes: tuple[str, ...] = Field(default=("x", "y", "z"), min_length=1, max_length=3, description="Names of the axes.")
+    plant: Plant = Plant()
+    variation: dict[str, Plant] = Field(default={}, description="An axis' own plant, where it differs.")
+    force: Force = Force()
+    deviation: Deviation = Deviation()
+    tracker: TrackerOptions = TrackerOptions()
+    coupling: Annotated[float, Field(ge=0, le=0.1)] = Field(
+        default=0.015, description="Share of each axis' motion that the next axis sees; the one after sees 2/3 of it."
+    )

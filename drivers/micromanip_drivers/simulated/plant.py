@@ -1,0 +1,67 @@
+"""One sub-step and one set of readings of one simulated axis."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .compiled import compiled
+from .noise import normal
+from .preisach import preisach_step
+from .records import CREEP_OPERATORS, DEVIATION_SINES, MECHANICAL_STATES
+
+
+@compiled
+def drive(p: Any, s: Any) -> float:
+    """Amplifier and stack over one sub-step: free displacement (um) for the latched voltage."""
+    change = (s["latched_V"] - s["amplifier_V"]) * p["amplifier_step"]
+    s["amplifier_V"] += max(-p["slew_V"], min(p["slew_V"], change))
+    pure = preisach_step(p["preisach"], s["memory"], s["amplifier_V"] + p["amplifier_noise_V"] * normal(s))
+    free = pure * (1.0 - CREEP_OPERATORS * p["creep_gain"])
+    for i in range(CREEP_OPERATORS):
+        s["creep_um"][i] += p["creep_step"][i] * (p["creep_gain"] * pure - s["creep_um"][i])
+        free += s["creep_um"][i]
+    return free
+
+
+@compiled
+def move(p: Any, x: Any, free_um: float, force_N: float) -> None:
+    """Mechanics over one sub-step."""
+    y0, y1, y2, y3, y4 = x[0], x[1], x[2], x[3], x[4]
+    for i in range(MECHANICAL_STATES):
+        x[i] = (
+            p["a"][i, 0] * y0
+            + p["a"][i, 1] * y1
+            + p["a"][i, 2] * y2
+            + p["a"][i, 3] * y3
+            + p["a"][i, 4] * y4
+            + p["b"][i, 0] * free_um
+            + p["b"][i, 1] * force_N
+        )
+
+
+@compiled
+def machining_force(p: Any, s: Any, t_s: float) -> float:
+    """Force (N) on the stage at `t_s`, once a period: steady, tooth passing, coloured noise."""
+    t = t_s - p["force_start_s"]
+    if t < 0.0:
+        return 0.0
+    s["engaged"] += p["force_step"] * (1.0 - s["engaged"])
+    decay = p["force_noise_decay"]
+    s["coloured_N"] = decay * s["coloured_N"] + p["force_noise_N"] * math.sqrt(1.0 - decay * decay) * normal(s)
+    return p["force_static_N"] * s["engaged"] + p["tooth_N"] * math.sin(p["tooth_omega"] * t) + s["coloured_N"]
+
+
+@compiled
+def deviation(p: Any, t_s: float) -> float:
+    """Path deviation (um) of the robot at `t_s`."""
+    total = 0.0
+    for i in range(DEVIATION_SINES):
+        total += p["deviation_um"][i] * math.sin(p["deviation_omega"][i] * t_s + p["deviation_phase"][i])
+    return total
+
+
+@compiled
+def quantised(value: float, step: float, limit: float) -> float:
+    """Reading of a converter with the given step and range."""
+    return max(-limit, min(limit, step * math.floor(value / step + 0.5)))

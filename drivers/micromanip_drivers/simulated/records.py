@@ -1,0 +1,103 @@
+"""Parameters and state of the simulated cell: the context that loop and host share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+MAX_AXES = 3
+STACK = 64
+CREEP_OPERATORS = 13
+MECHANICAL_STATES = 5
+DEVIATION_SINES = 4
+SUBSTEPS = 2
+"""Plant steps a loop period."""
+CHANNELS = (
+    "strain",
+    "stage",
+    "deviation",
+    "acceleration",
+    "true_strain",
+    "true_stage",
+    "path_error",
+    "uncompensated",
+)
+
+
+def _record(*fields: tuple[Any, ...]) -> np.dtype[Any]:
+    return np.dtype(list(fields), align=True)
+
+
+PREISACH = _record(
+    ("c", "f8"), ("d", "f8"), ("k1", "f8"), ("k2", "f8"), ("reversible", "f8", (3,)), ("saturation_V", "f8")
+)
+MEMORY = _record(
+    ("extremum_V", "f8", (STACK,)), ("output_um", "f8", (STACK,)), ("depth", "i8"), ("input_V", "f8"), ("merged", "i8")
+)
+
+AXIS_PARAMETERS = _record(
+    ("preisach", PREISACH),
+    ("creep_gain", "f8"),
+    ("creep_step", "f8", (CREEP_OPERATORS,)),
+    ("dac_step_V", "f8"),
+    ("low_V", "f8"),
+    ("high_V", "f8"),
+    ("amplifier_step", "f8"),
+    ("slew_V", "f8"),
+    ("amplifier_noise_V", "f8"),
+    ("a", "f8", (MECHANICAL_STATES, MECHANICAL_STATES)),
+    ("b", "f8", (MECHANICAL_STATES, 2)),
+    ("rest", "f8", (MECHANICAL_STATES,)),
+    ("stage_acceleration", "f8", (MECHANICAL_STATES + 2,)),
+    ("strain_zero_um", "f8"),
+    ("strain_noise_um", "f8"),
+    ("hum_um", "f8"),
+    ("hum_omega", "f8"),
+    ("strain_step_um", "f8"),
+    ("strain_range_um", "f8"),
+    ("stage_zero_um", "f8"),
+    ("stage_noise_um", "f8"),
+    ("stage_range_um", "f8"),
+    ("acceleration_noise", "f8"),
+    ("drift_um", "f8"),
+    ("drift_step", "f8"),
+    ("force_start_s", "f8"),
+    ("force_static_N", "f8"),
+    ("force_step", "f8"),
+    ("tooth_N", "f8"),
+    ("tooth_omega", "f8"),
+    ("force_noise_N", "f8"),
+    ("force_noise_decay", "f8"),
+    ("deviation_um", "f8", (DEVIATION_SINES,)),
+    ("deviation_omega", "f8", (DEVIATION_SINES,)),
+    ("deviation_phase", "f8", (DEVIATION_SINES,)),
+    ("tracker_periods", "i8"),
+    ("tracker_latency_ns", "i8"),
+    ("tracker_noise_um", "f8"),
+    ("coupling", "f8", (MAX_AXES,)),
+)
+AXIS_STATE = _record(
+    ("memory", MEMORY),
+    ("creep_um", "f8", (CREEP_OPERATORS,)),
+    ("latched_V", "f8"),
+    ("amplifier_V", "f8"),
+    ("x", "f8", (MECHANICAL_STATES,)),
+    ("free_x", "f8", (MECHANICAL_STATES,)),
+    ("force_N", "f8"),
+    ("engaged", "f8"),
+    ("coloured_N", "f8"),
+    ("drift_um", "f8"),
+    ("random", "u8", (2,)),
+    ("spare", "f8"),
+    ("has_spare", "i8"),
+)
+CONTEXT = _record(
+    ("axes", "i8"),
+    ("period_ns", "i8"),
+    ("periods", "i8"),
+    ("opened", "i8"),
+    ("safe", "i8"),
+    ("p", AXIS_PARAMETERS, (MAX_AXES,)),
+    ("s", AXIS_STATE, (MAX_AXES,)),
+)

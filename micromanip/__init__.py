@@ -1,0 +1,1 @@
+"""Real-time controller for piezo-actuated micro manipulators in robot machining cells."""

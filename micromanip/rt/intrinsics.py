@@ -1,0 +1,88 @@
+"""Atomic words and calls by address: the few operations numba has no notation for.
+
+Plain loads from shared memory are hoisted out of loops by the compiler; whatever another process
+writes is read with ``load_acquire`` and published with ``store_release``. With the JIT disabled
+the same names are plain Python, good for tests in one process.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+EXCHANGE_SIGNATURE = types.int32(types.intp, types.intp, types.intp, types.int64, types.int64)
+"""int32_t exchange(void *context, const double *outputs, struct mm_signal *inputs, int64_t now_ns, int64_t periods)"""
+CONTEXT_SIGNATURE = types.int32(types.intp)
+"""int32_t open(void *context), likewise safe and close"""
+
+_EXCHANGE_C = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
+)
+_CONTEXT_C = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+
+
+def call_context(function: int, context: int) -> int:
+    """Call a driver's open, safe or close (addresses) from Python; its return code."""
+    return int(_CONTEXT_C(function)(context))
+
+
+if numba.config.DISABLE_JIT:
+
+    def load_acquire(words: Any, index: int) -> int:
+        """Element of an int64 array, read before everything that follows."""
+        return int(words[index])
+
+    def store_release(words: Any, index: int, value: int) -> None:
+        """Write an element of an int64 array after everything that came before."""
+        words[index] = value
+
+    def call_exchange(function: int, context: int, outputs: int, inputs: int, now_ns: int, periods: int) -> int:
+        """Call a driver's exchange by its address; its return code."""
+        return int(_EXCHANGE_C(function)(context, outputs, inputs, now_ns, periods))
+
+else:
+
+    @intrinsic
+    def load_acquire(typingctx: Any, words: Any, index: Any) -> Any:
+        """Element of an int64 array, read before everything that follows."""
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            pointer = _element(context, builder, signature.args[0], args[0], args[1])
+            return builder.load_atomic(pointer, "acquire", 8)
+
+        return types.int64(words, types.int64), codegen
+
+    @intrinsic
+    def store_release(typingctx: Any, words: Any, index: Any, value: Any) -> Any:
+        """Write an element of an int64 array after everything that came before."""
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            pointer = _element(context, builder, signature.args[0], args[0], args[1])
+            builder.store_atomic(args[2], pointer, "release", 8)
+            return context.get_dummy_value()
+
+        return types.void(words, types.int64, types.int64), codegen
+
+    def _element(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
+        view = cgutils.create_struct_proxy(array_type)(context, builder, array)
+        return builder.gep(view.data, [index])
+
+    @intrinsic
+    def call_exchange(
+        typingctx: Any, function: Any, context_address: Any, outputs: Any, inputs: Any, now_ns: Any, periods: Any
+    ) -> Any:
+        """Call a driver's exchange by its address; its return code."""
+        signature = types.int32(types.int64, types.int64, types.int64, types.int64, types.int64, types.int64)
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            word = ir.IntType(64)
+            prototype = ir.FunctionType(ir.IntType(32), [word] * 5)
+            return builder.call(builder.inttoptr(args[0], prototype.as_pointer()), args[1:])
+
+        return signature, codegen

@@ -1,0 +1,238 @@
+"""Layout of everything the loop reads and writes: fixed, padded sizes, physical units.
+
+One layout for every configuration, so that nothing recompiles: a model with six plays uses the
+first six places. Lengths are in um, voltages in V, times in s or, with the suffix, ns.
+Parameters never hold state and states never hold parameters: ``step(parameters, state, input)``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+Record: TypeAlias = Any
+"""One numpy structured scalar; compiled code sees its fields by name."""
+
+MAX_AXES = 3
+MAX_PLAYS = 32
+MAX_TABLE = 64
+MAX_NEURONS = 32
+MAX_STATES = 16
+MAX_SINES = 8
+MAX_DRIVERS = 4
+MAX_SIGNALS = 32
+MAX_OUTPUTS = 8
+INPUT_HISTORY = 256
+"""Set-points the estimator remembers (a power of two): a sample may be that many cycles old."""
+REFERENCE_STATES = 5
+
+
+def _record(*fields: tuple[Any, ...]) -> np.dtype[Any]:
+    return np.dtype(list(fields), align=True)
+
+
+SIGNAL = _record(("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("status", "i8"))
+"""One input as a driver leaves it; ``sequence`` grows by one a fresh sample, ``status`` 0 is good."""
+
+SHAPING = _record(("kind", "i8"), ("c", "f8", (4,)), ("points", "i8"), ("v", "f8", (MAX_TABLE,)), ("u", "f8", (MAX_TABLE,)))
+
+HYSTERESIS_PARAMETERS = _record(
+    ("kind", "i8"),
+    ("shaping", SHAPING),
+    ("plays", "i8"),
+    ("alpha", "f8"),
+    ("r", "f8", (MAX_PLAYS,)),
+    ("rho", "f8", (MAX_PLAYS,)),
+    ("r_hat", "f8", (MAX_PLAYS,)),
+    ("rho_hat", "f8", (MAX_PLAYS,)),
+    ("low_um", "f8"),
+    ("high_um", "f8"),
+    ("neurons", "i8"),
+    ("stride", "i8"),
+    ("w_in", "f8", (MAX_NEURONS, 3)),
+    ("b_in", "f8", (MAX_NEURONS,)),
+    ("w_out", "f8", (MAX_NEURONS,)),
+    ("b_out", "f8"),
+)
+HYSTERESIS_STATE = _record(
+    ("z", "f8", (MAX_PLAYS,)), ("y_memory", "f8"), ("v_memory", "f8"), ("count", "i8"), ("output_V", "f8")
+)
+
+PID_PARAMETERS = _record(
+    ("gain", "f8"), ("integral", "f8"), ("derivative", "f8"), ("filter_s", "f8"), ("period_s", "f8"), ("tracking", "f8")
+)
+PID_STATE = _record(("integrator", "f8"), ("derivative", "f8"), ("error", "f8"), ("output_V", "f8"))
+
+OUTER_PARAMETERS = _record(
+    ("states", "i8"),
+    ("a", "f8", (MAX_STATES, MAX_STATES)),
+    ("b", "f8", (MAX_STATES,)),
+    ("c", "f8", (MAX_STATES,)),
+    ("gain", "f8", (MAX_STATES,)),
+    ("feedback", "f8", (MAX_STATES,)),
+    ("reference", "f8", (REFERENCE_STATES,)),
+    ("steady_u", "f8", (MAX_STATES,)),
+    ("steady_y", "f8", (MAX_STATES,)),
+)
+ESTIMATOR_STATE = _record(
+    ("filtered", "f8", (MAX_STATES,)),
+    ("x", "f8", (MAX_STATES,)),
+    ("scratch", "f8", (MAX_STATES,)),
+    ("filtered_cycle", "i8"),
+    ("cycle", "i8"),
+    ("history", "f8", (INPUT_HISTORY,)),
+    ("innovation_um", "f8"),
+    ("running", "i8"),
+)
+
+REFERENCE_PARAMETERS = _record(
+    ("kind", "i8"),
+    ("offset_um", "f8"),
+    ("start_s", "f8"),
+    ("step_um", "f8"),
+    ("sines", "i8"),
+    ("amplitude_um", "f8", (MAX_SINES,)),
+    ("omega", "f8", (MAX_SINES,)),
+    ("phase", "f8", (MAX_SINES,)),
+    ("predict", "i8"),
+    ("oscillator", "f8"),
+    ("gain", "f8", (REFERENCE_STATES,)),
+    ("horizon_s", "f8"),
+    ("low_um", "f8"),
+    ("high_um", "f8"),
+)
+REFERENCE_STATE = _record(
+    ("filtered", "f8", (REFERENCE_STATES,)),
+    ("w", "f8", (REFERENCE_STATES,)),
+    ("time_ns", "i8"),
+    ("sequence", "i8"),
+    ("sampled_um", "f8"),
+    ("rejected", "i8"),
+)
+
+LIMITER_PARAMETERS = _record(("low_V", "f8"), ("high_V", "f8"), ("slew_V", "f8"), ("park_V", "f8"))
+
+AXIS_PARAMETERS = _record(
+    ("mode", "i8"),
+    ("strain", "i8"),
+    ("stage", "i8"),
+    ("deviation", "i8"),
+    ("true_strain", "i8"),
+    ("true_stage", "i8"),
+    ("path_error", "i8"),
+    ("uncompensated", "i8"),
+    ("voltage", "i8"),
+    ("strain_age_ns", "i8"),
+    ("stage_age_ns", "i8"),
+    ("reference_age_ns", "i8"),
+    ("stage_cycles_per_ns", "f8"),
+    ("centre_um", "f8"),
+    ("setpoint_low_um", "f8"),
+    ("setpoint_high_um", "f8"),
+    ("setpoint_slew_um", "f8"),
+    ("blend_decay", "f8"),
+    ("feedback", "i8"),
+    ("hysteresis", HYSTERESIS_PARAMETERS),
+    ("pid", PID_PARAMETERS),
+    ("outer", OUTER_PARAMETERS),
+    ("reference", REFERENCE_PARAMETERS),
+    ("limiter", LIMITER_PARAMETERS),
+)
+SENSOR_STATE = _record(
+    ("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("age_ns", "i8"), ("fresh", "i8"), ("bad", "i8")
+)
+AXIS_STATE = _record(
+    ("strain", SENSOR_STATE),
+    ("stage", SENSOR_STATE),
+    ("deviation", SENSOR_STATE),
+    ("hysteresis", HYSTERESIS_STATE),
+    ("pid", PID_STATE),
+    ("estimator", ESTIMATOR_STATE),
+    ("reference", REFERENCE_STATE),
+    ("strain_periods", "i8"),
+    ("closed", "i8"),
+    ("start_um", "f8"),
+    ("start_V", "f8"),
+    ("hold_um", "f8"),
+    ("blend_um", "f8"),
+    ("setpoint_um", "f8"),
+    ("request_V", "f8"),
+    ("voltage_V", "f8"),
+    ("errors", "i8"),
+    ("error_squares", "f8"),
+    ("error_max", "f8"),
+    ("uncompensated_squares", "f8"),
+)
+
+CELL_PARAMETERS = _record(
+    ("version", "i8"),
+    ("axes", "i8"),
+    ("period_ns", "i8"),
+    ("lift_cycles", "i8"),
+    ("settle_cycles", "i8"),
+    ("authority_cycles", "i8"),
+    ("ramp_cycles", "i8"),
+    ("score_cycles", "i8"),
+    ("heartbeat_ns", "i8"),
+    ("overruns_in_a_row", "i8"),
+    ("bad_samples", "i8"),
+    ("axis", AXIS_PARAMETERS, (MAX_AXES,)),
+)
+CELL_STATE = _record(
+    ("state", "i8"),
+    ("after_ramp", "i8"),
+    ("entered_cycle", "i8"),
+    ("cycle", "i8"),
+    ("tracking_cycle", "i8"),
+    ("fault", "i8"),
+    ("fault_axis", "i8"),
+    ("fault_value", "f8"),
+    ("fault_cycle", "i8"),
+    ("overruns", "i8"),
+    ("overruns_in_a_row", "i8"),
+    ("version", "i8"),
+    ("axis", AXIS_STATE, (MAX_AXES,)),
+)
+
+AXIS_ROW = _record(
+    ("reference_um", "f8"),
+    ("deviation_um", "f8"),
+    ("strain_um", "f8"),
+    ("stage_um", "f8"),
+    ("estimate_um", "f8"),
+    ("innovation_um", "f8"),
+    ("setpoint_um", "f8"),
+    ("feedforward_V", "f8"),
+    ("feedback_V", "f8"),
+    ("voltage_V", "f8"),
+    ("true_strain_um", "f8"),
+    ("true_stage_um", "f8"),
+    ("path_error_um", "f8"),
+    ("uncompensated_um", "f8"),
+    ("strain_age_ns", "i4"),
+    ("stage_age_ns", "i4"),
+    ("deviation_age_ns", "i4"),
+    ("fresh", "i4"),
+)
+ROW = _record(
+    ("cycle", "i8"),
+    ("time_ns", "i8"),
+    ("lateness_ns", "i8"),
+    ("compute_ns", "i8"),
+    ("periods", "i4"),
+    ("state", "i4"),
+    ("fault", "i4"),
+    ("version", "i4"),
+    ("axis", AXIS_ROW, (MAX_AXES,)),
+)
+"""One cycle of telemetry; ``compute_ns`` is the time of the cycle before, ``fresh`` bit 0 strain,
+1 stage, 2 deviation; what an axis does not have is NaN."""
+
+DRIVER = _record(
+    ("exchange", "i8"),
+    ("context", "i8"),
+    ("first_input", "i8"),
+    ("first_output", "i8"),
+)
+"""A cyclic driver as the loop calls it: addresses, and where its channels begin in the image."""

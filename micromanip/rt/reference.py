@@ -1,0 +1,84 @@
+"""The reference of one axis: position, velocity, acceleration and oscillation at this very moment.
+
+Own sources are a constant, a sum of sines as (25), a step. A signal (laser tracker) arrives late and at
+its own rate: a Kalman filter with the state ``w = [p, v, a, o, o']`` (o an oscillation of known frequency)
+is corrected at each sample's own time and extrapolated to now in closed form; it can also
+just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .jit import compiled
+from .records import REFERENCE_STATES, Record
+
+HOLD, SINES, STEP, SIGNAL = 0, 1, 2, 3
+
+
+@compiled
+def extrapolate(w: Any, omega: float, tau_s: float, out: Any) -> None:
+    """`out` = `w` after `tau_s` seconds: constant acceleration plus an undamped oscillation."""
+    sine, cosine = math.sin(omega * tau_s), math.cos(omega * tau_s)
+    o, o_dot = w[3], w[4]
+    out[0] = w[0] + tau_s * (w[1] + 0.5 * tau_s * w[2])
+    out[1] = w[1] + tau_s * w[2]
+    out[2] = w[2]
+    out[3] = cosine * o + sine / omega * o_dot
+    out[4] = -omega * sine * o + cosine * o_dot
+
+
+@compiled
+def own_reference(p: Record, w: Any, t_s: float) -> None:
+    """Fill `w` from the axis' own source, `t_s` seconds after tracking began."""
+    for i in range(REFERENCE_STATES):
+        w[i] = 0.0
+    w[0] = p["offset_um"]
+    t = t_s - p["start_s"]
+    if t < 0.0:
+        return
+    if p["kind"] == STEP:
+        w[0] += p["step_um"]
+    elif p["kind"] == SINES:
+        for i in range(p["sines"]):
+            omega, angle = p["omega"][i], p["omega"][i] * t + p["phase"][i]
+            sine, cosine = math.sin(angle), math.cos(angle)
+            w[0] += p["amplitude_um"][i] * (sine - math.sin(p["phase"][i]))
+            w[1] += p["amplitude_um"][i] * omega * cosine
+            w[2] -= p["amplitude_um"][i] * omega * omega * sine
+
+
+@compiled
+def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
+    """Take a fresh sample of the reference signal, measured at `time_ns`."""
+    if not (math.isfinite(value_um) and p["low_um"] <= value_um <= p["high_um"]):
+        s["rejected"] += 1
+        return
+    gap_s = (time_ns - s["time_ns"]) * 1e-9
+    s["sampled_um"] = value_um
+    filtered = s["filtered"]
+    if s["time_ns"] == 0 or gap_s > p["horizon_s"]:
+        for i in range(REFERENCE_STATES):
+            filtered[i] = 0.0
+        filtered[0] = value_um
+    elif gap_s <= 0.0:
+        return
+    else:
+        extrapolate(filtered, p["oscillator"], gap_s, s["w"])
+        innovation = value_um - s["w"][0] - s["w"][3]
+        for i in range(REFERENCE_STATES):
+            filtered[i] = s["w"][i] + p["gain"][i] * innovation
+    s["time_ns"] = time_ns
+
+
+@compiled
+def signal_reference(p: Record, s: Record, now_ns: int) -> None:
+    """Fill ``s["w"]`` with the signal's reference now; past the horizon its last position is held."""
+    age_s = (now_ns - s["time_ns"]) * 1e-9
+    if p["predict"] and s["time_ns"] > 0 and age_s <= p["horizon_s"]:
+        extrapolate(s["filtered"], p["oscillator"], age_s, s["w"])
+        return
+    for i in range(REFERENCE_STATES):
+        s["w"][i] = 0.0
+    s["w"][0] = s["sampled_um"]

@@ -1,0 +1,32 @@
+"""Reading one signal of the process image: fresh or held, how old, plausible or not."""
+
+from __future__ import annotations
+
+import math
+
+from .jit import compiled
+from .records import Record
+
+
+@compiled
+def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int) -> bool:
+    """Update sensor state `s` from `signal`; True for a fresh, good sample.
+
+    ``value`` keeps the last good sample. ``bad`` counts cycles in a row without a usable one: not finite,
+    flagged by the driver, or older than `max_age_ns`.
+    """
+    arrived = signal["sequence"] != s["sequence"]
+    good = signal["status"] == 0 and math.isfinite(signal["value"])
+    s["fresh"] = 0
+    if arrived:
+        s["sequence"] = signal["sequence"]
+        if good:
+            s["value"] = signal["value"]
+            s["time_ns"] = signal["time_ns"]
+            s["fresh"] = 1
+    s["age_ns"] = now_ns - s["time_ns"]
+    if (arrived and not good) or s["age_ns"] > max_age_ns:
+        s["bad"] += 1
+    elif arrived:
+        s["bad"] = 0
+    return s["fresh"] == 1

@@ -1,0 +1,61 @@
+"""One row a cycle: what was measured, estimated, decided and written, for every axis."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .cell import path_error
+from .estimator import output
+from .jit import compiled
+from .records import Record
+from .states import STAGE
+
+
+@compiled
+def _value(signals: Any, index: int) -> float:
+    return signals[index]["value"] if index >= 0 else math.nan
+
+
+@compiled
+def _age(sensor: Record, index: int) -> int:
+    return min(sensor["age_ns"], 2_000_000_000) if index >= 0 else -1
+
+
+@compiled
+def _axis_row(p: Record, a: Record, signals: Any, row: Record) -> None:
+    stage = p["mode"] == STAGE
+    row["reference_um"] = a["reference"]["w"][0]
+    row["deviation_um"] = a["deviation"]["value"] if p["deviation"] >= 0 else math.nan
+    row["strain_um"] = a["strain"]["value"]
+    row["stage_um"] = a["stage"]["value"] if p["stage"] >= 0 else math.nan
+    row["estimate_um"] = output(p["outer"], a["estimator"]["x"]) if stage else math.nan
+    row["innovation_um"] = a["estimator"]["innovation_um"] if stage else math.nan
+    row["setpoint_um"] = a["setpoint_um"]
+    row["feedforward_V"] = a["hysteresis"]["output_V"]
+    row["feedback_V"] = a["pid"]["output_V"]
+    row["voltage_V"] = a["voltage_V"]
+    row["true_strain_um"] = _value(signals, p["true_strain"])
+    row["true_stage_um"] = _value(signals, p["true_stage"])
+    row["path_error_um"], row["uncompensated_um"] = path_error(p, a, signals)
+    row["strain_age_ns"] = _age(a["strain"], p["strain"])
+    row["stage_age_ns"] = _age(a["stage"], p["stage"])
+    row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])
+    row["fresh"] = a["strain"]["fresh"] + 2 * a["stage"]["fresh"] + 4 * a["deviation"]["fresh"]
+
+
+@compiled
+def write_row(
+    p: Record, s: Record, signals: Any, row: Record, now_ns: int, lateness_ns: int, compute_ns: int, periods: int
+) -> None:
+    """Fill telemetry `row` with the cycle that has just been run."""
+    row["cycle"] = s["cycle"]
+    row["time_ns"] = now_ns
+    row["lateness_ns"] = lateness_ns
+    row["compute_ns"] = compute_ns
+    row["periods"] = periods
+    row["state"] = s["state"]
+    row["fault"] = s["fault"]
+    row["version"] = s["version"]
+    for i in range(p["axes"]):
+        _axis_row(p["axis"][i], s["axis"][i], signals, row["axis"][i])

@@ -1,0 +1,1 @@
+"""Configuration: YAML -> typed, validated model -> records of per-sample gains."""

@@ -1,0 +1,96 @@
+"""One axis: working point, hysteresis model, inner PID, outer LQG."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from micromanip.rt.records import MAX_STATES
+
+from .base import NotNegative, Positive, Real, Settings
+from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
+
+Row = tuple[Real, ...]
+
+
+class SetPoint(Settings):
+    """Limits of the actuator set-point."""
+
+    range_um: tuple[Real, Real] = Field(description="Attainable range on the strain gauge.")
+    slew_um_per_ms: Positive = Field(default=20.0, description="Fastest change.")
+
+    @model_validator(mode="after")
+    def _range_rises(self) -> Self:
+        if self.range_um[0] >= self.range_um[1]:
+            raise ValueError(f"range_um must rise, e.g. [5, 125], not {list(self.range_um)}")
+        return self
+
+
+class Inner(Settings):
+    """PID on the strain gauge, equation (17)."""
+
+    mode: Literal["pid", "pid+feedforward", "feedforward"] = "pid+feedforward"
+    K_V_per_um: Positive
+    Ti_ms: Positive
+    Td_ms: NotNegative
+    filter_ms: NotNegative = Field(description="Time constant of the derivative's filter.")
+    tracking_ms: Positive = Field(default=1.0, description="Time constant of the anti-windup.")
+
+
+class LinearModel(Settings):
+    """Stage position (um) from actuator set-point (um), one step a loop cycle, inner loop closed."""
+
+    A: tuple[Row, ...] = Field(min_length=1)
+    B: Row
+    C: Row
+    delay_cycles: int = Field(strict=True, ge=0, le=8, description="Actuation delay in front of the model.")
+
+    @model_validator(mode="after")
+    def _sizes_agree(self) -> Self:
+        n = len(self.A)
+        if any(len(row) != n for row in self.A) or len(self.B) != n or len(self.C) != n:
+            raise ValueError(f"A has {n} rows: every row of A, and B and C, must have {n} numbers")
+        if n + self.delay_cycles + 3 > MAX_STATES:
+            raise ValueError(f"order {n} plus delay {self.delay_cycles} is too large: at most {MAX_STATES - 3} together")
+        return self
+
+
+class Outer(Settings):
+    """Kalman filter and LQG on the capacitive sensor."""
+
+    model: LinearModel
+    effort: Positive = Field(default=10.0, description="LQR weight of the set-point; smaller is faster and less robust.")
+    input_noise_um: Positive = Field(default=0.1, description="White noise on the set-point, rms a cycle.")
+    disturbance_um: Positive = Field(default=0.1, description="Random walk of the input disturbance, rms a cycle: integral action.")
+    oscillation_Hz: Positive | None = Field(default=200.0, description="Tooth-passing frequency to cancel; null: none.")
+    oscillation_um: Positive = Field(default=1e-3, description="Noise of that oscillator, rms a cycle.")
+    sensor_noise_um: Positive = Field(default=0.012, description="Noise of the capacitive sensor, rms.")
+    sample_cycles: int = Field(default=1, strict=True, ge=1, le=64, description="Loop cycles between sensor samples.")
+
+
+class Axis(Settings):
+    """One axis of the manipulator."""
+
+    mode: Literal["voltage", "strain", "stage"] = Field(
+        default="stage", description="What the reference is: a voltage (open loop), an actuator or a stage position."
+    )
+    centre_um: Real = Field(description="Working point on the strain gauge, where the stage's zero is.")
+    setpoint: SetPoint
+    hysteresis: Hysteresis = NoModel(model="none")
+    hysteresis_affine: PrandtlIshlinskii | None = Field(
+        default=None, description="Affine-shaped model that `evaluate` uses as configuration B; `run` does not."
+    )
+    inner: Inner
+    outer: Outer | None = Field(default=None, description="Needed for mode stage.")
+
+    @model_validator(mode="after")
+    def _is_reachable(self) -> Self:
+        low, high = self.setpoint.range_um
+        if not low <= self.centre_um <= high:
+            raise ValueError(f"centre_um {self.centre_um:g} is outside setpoint.range_um {low:g}..{high:g}")
+        if self.mode == "stage" and self.outer is None:
+            raise ValueError("mode stage needs the section outer; mode strain does without")
+        if self.inner.mode != "pid" and isinstance(self.hysteresis, NoModel) and self.mode != "voltage":
+            raise ValueError(f"inner.mode {self.inner.mode} needs a hysteresis model; use mode: pid without one")
+        return self

@@ -1,0 +1,25 @@
+"""Base of all configuration models: strict types, no unknown keys, units in the key's name."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat
+
+
+class Settings(BaseModel):
+    """A section of the configuration file; frozen once validated."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+Positive = Annotated[PositiveFloat, Field(strict=True)]
+Real = Annotated[FiniteFloat, Field(strict=True)]
+NotNegative = Annotated[float, Field(strict=True, ge=0.0)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+Flag = Annotated[bool, Field(strict=True)]
+
+
+def is_rising(values: tuple[float, ...]) -> bool:
+    """True where each value is larger than the one before."""
+    return all(later > earlier for earlier, later in zip(values, values[1:], strict=False))

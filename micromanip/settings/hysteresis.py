@@ -1,0 +1,114 @@
+"""Hysteresis models as they stand in the configuration."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from micromanip.rt.records import MAX_NEURONS, MAX_PLAYS, MAX_TABLE
+
+from .base import Count, Positive, Real, Settings, is_rising
+
+Range = tuple[Real, Real]
+
+
+class _Ranged(Settings):
+    range_um: Range = Field(description="Displacements the model is good for; the set-point is clipped to it before the inverse.")
+
+    @model_validator(mode="after")
+    def _range_rises(self) -> Self:
+        if self.range_um[0] >= self.range_um[1]:
+            raise ValueError(f"range_um must rise, e.g. [0, 130], not {list(self.range_um)}")
+        return self
+
+
+class PrandtlIshlinskii(_Ranged):
+    """Generalised Prandtl-Ishlinskii model (6); its inverse (7)-(9) is the feedforward."""
+
+    model: Literal["pi"]
+    shaping: Literal["identity", "affine", "tanh", "table"] = Field(description="Shaping function phi, from volts.")
+    coefficients: tuple[Real, ...] = Field(
+        default=(), description="affine: c1, c2 of (15); tanh: c3, c4, c5, c6 of (16); otherwise empty."
+    )
+    table_V: tuple[Real, ...] = Field(default=(), max_length=MAX_TABLE, description="table: rising voltages.")
+    table_um: tuple[Real, ...] = Field(default=(), max_length=MAX_TABLE, description="table: rising values of phi.")
+    alpha: Positive = Field(default=1.0, description="Weight of the memoryless part.")
+    thresholds_um: tuple[Positive, ...] = Field(
+        max_length=MAX_PLAYS, description="Thresholds r_i of the play operators, rising, on phi(v)."
+    )
+    weights: tuple[Real, ...] = Field(max_length=MAX_PLAYS, description="Weights rho_i, one a threshold.")
+
+    @model_validator(mode="after")
+    def _is_invertible(self) -> Self:
+        wanted = {"identity": 0, "affine": 2, "tanh": 4, "table": 0}[self.shaping]
+        if len(self.coefficients) != wanted:
+            raise ValueError(f"coefficients: {self.shaping} shaping takes {wanted} numbers, not {len(self.coefficients)}")
+        if self.shaping == "affine" and self.coefficients[0] <= 0:
+            raise ValueError("coefficients: the slope c1 of the affine shaping must be positive")
+        if self.shaping == "tanh" and self.coefficients[0] * self.coefficients[1] <= 0:
+            raise ValueError("coefficients: c3 and c4 of the tanh shaping must have the same sign (phi must rise)")
+        if self.shaping == "table" and not (len(self.table_V) == len(self.table_um) >= 2):
+            raise ValueError("table_V and table_um need the same number of points, at least 2")
+        if not (is_rising(self.table_V) and is_rising(self.table_um)):
+            raise ValueError("table_V and table_um must rise from point to point")
+        if len(self.thresholds_um) != len(self.weights):
+            raise ValueError(f"weights: {len(self.thresholds_um)} thresholds need as many weights, not {len(self.weights)}")
+        if not is_rising(self.thresholds_um):
+            raise ValueError("thresholds_um must rise")
+        partial = self.alpha
+        for number, weight in enumerate(self.weights, start=1):
+            partial += weight
+            if partial <= 0:
+                raise ValueError(
+                    f"weights: alpha plus the first {number} weights is {partial:.4g}; every partial sum must be "
+                    "positive for the inverse to exist"
+                )
+        return self
+
+
+Weights3 = tuple[Real, Real, Real]
+
+
+class Network(_Ranged):
+    """Recurrent-network inverse (10)-(12), displacement (um) to voltage (V)."""
+
+    model: Literal["network"]
+    period_ms: Positive = Field(description="Sampling interval of the record it was trained on.")
+    input_weights: tuple[Weights3, ...] = Field(
+        min_length=1, max_length=MAX_NEURONS, description="w(1): a row [y_k, y_k-1, v_k-1] a neuron."
+    )
+    input_biases: tuple[Real, ...] = Field(description="b(1), one a neuron.")
+    output_weights: tuple[Real, ...] = Field(description="w(2), one a neuron.")
+    output_bias: Real = Field(description="b(2).")
+
+    @model_validator(mode="after")
+    def _sizes_agree(self) -> Self:
+        neurons = len(self.input_weights)
+        if len(self.input_biases) != neurons or len(self.output_weights) != neurons:
+            raise ValueError(
+                f"input_weights, input_biases and output_weights must have one entry a neuron ({neurons}), "
+                f"not {len(self.input_biases)} and {len(self.output_weights)}"
+            )
+        return self
+
+
+class NoModel(Settings):
+    """No feedforward: pure feedback."""
+
+    model: Literal["none"]
+
+
+Hysteresis = Annotated[PrandtlIshlinskii | Network | NoModel, Field(discriminator="model")]
+
+
+def phi_range(model: PrandtlIshlinskii) -> Range:
+    """Values the shaping can take: the attainable range of the inverse's argument."""
+    if model.shaping == "tanh":
+        centre, half = model.coefficients[3], abs(model.coefficients[0])
+        return centre - half, centre + half
+    return -math.inf, math.inf
+
+
+__all__ = ["Count", "Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "phi_range"]

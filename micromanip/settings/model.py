@@ -1,0 +1,108 @@
+"""The configuration file: every key, its type, its range and what it means.
+
+``docs/configuration.md`` is generated from here. Sections that need more than one rule have a file
+of their own: ``hysteresis.py``, ``axis.py``, ``reference.py``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from micromanip.rt.records import MAX_AXES, MAX_DRIVERS, MAX_OUTPUTS, MAX_SIGNALS
+
+from .axis import Axis
+from .base import Count, Flag, NotNegative, Positive, Real, Settings
+from .reference import Reference
+
+SCHEMA_VERSION = 1
+
+
+class Loop(Settings):
+    """The fixed-rate loop process."""
+
+    rate_hz: int = Field(default=10_000, strict=True, ge=100, le=20_000, description="Cycles a second.")
+    cpu: int | None = Field(default=None, strict=True, ge=0, description="CPU the loop is pinned to; null leaves it free.")
+    priority: int = Field(default=80, strict=True, ge=1, le=98, description="SCHED_FIFO priority.")
+    spin_us: NotNegative = Field(default=60.0, description="The loop sleeps to this long before a deadline and spins the rest.")
+    limits: Literal["hardware", "simulation"] = Field(
+        description="Which set of fault limits applies; simulation is wide, because a virtual machine stalls for tens of ms."
+    )
+
+    @property
+    def period_ns(self) -> int:
+        """Period of the loop."""
+        return round(1e9 / self.rate_hz)
+
+
+class Start(Settings):
+    """Soft start and stop."""
+
+    lift_s: Positive = Field(default=0.5, description="Time from the park voltage to the working point.")
+    settle_s: NotNegative = Field(default=0.2, description="Rest at the working point, while the estimators settle.")
+    authority_s: Positive = Field(default=0.5, description="Time in which the correction is faded in.")
+    ramp_s: Positive = Field(default=0.5, description="Time from any voltage to the park voltage.")
+
+
+class Driver(Settings):
+    """A driver, found by its entry point; what else stands here is checked by the driver itself."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    driver: str = Field(description="Name of the entry point, see `micromanip drivers`.")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The driver's own keys."""
+        return dict(self.model_extra or {})
+
+
+class Signal(Settings):
+    """An input of the loop."""
+
+    driver: str = Field(description="Which driver it comes from.")
+    channel: str | None = Field(default=None, description="The driver's name for it; the signal's own name if left out.")
+    max_age_us: Positive | None = Field(
+        default=300.0, description="Older than this it counts as invalid; null means no limit."
+    )
+
+
+class Output(Settings):
+    """An output of the loop: a piezo voltage."""
+
+    driver: str = Field(description="Which driver writes it.")
+    channel: str | None = Field(default=None, description="The driver's name for it; the output's own name if left out.")
+    range_V: tuple[Real, Real] = Field(description="No voltage outside this range is ever written.")
+    slew_V_per_ms: Positive = Field(description="No voltage changes faster than this.")
+    park_V: Real = Field(default=0.0, description="Voltage at rest and after a fault.")
+
+    @model_validator(mode="after")
+    def _park_is_inside(self) -> Self:
+        low, high = self.range_V
+        if low >= high:
+            raise ValueError(f"range_V must rise, e.g. [-20, 150], not {[low, high]}")
+        if not low <= self.park_V <= high:
+            raise ValueError(f"park_V {self.park_V:g} V is outside range_V {low:g}..{high:g} V")
+        return self
+
+
+class Configuration(Settings):
+    """The whole file."""
+
+    schema_version: Literal[1] = Field(description="Version of this layout.")
+    loop: Loop
+    start: Start = Start()
+    drivers: dict[str, Driver] = Field(min_length=1, max_length=MAX_DRIVERS)
+    signals: dict[str, Signal] = Field(
+        max_length=MAX_SIGNALS,
+        description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis>; true_strain_<axis>, "
+        "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them.",
+    )
+    outputs: dict[str, Output] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
+    reference: Reference
+    axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES)
+    arm_on_start: Flag = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
+
+
+__all__ = ["SCHEMA_VERSION", "Configuration", "Count", "Driver", "Loop", "Output", "Signal", "Start"]

@@ -1,0 +1,61 @@
+"""Where the set-points of the axes come from."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from micromanip.rt.records import MAX_SINES
+
+from .base import Flag, NotNegative, Positive, Real, Settings
+
+
+class _Own(Settings):
+    offset_um: Real = Field(description="Constant part; V where the axis' mode is voltage.")
+    start_s: NotNegative = Field(default=0.0, description="When the movement begins, after tracking has begun.")
+
+
+class Hold(_Own):
+    """A constant."""
+
+    source: Literal["hold"]
+
+
+class Step(_Own):
+    """A step."""
+
+    source: Literal["step"]
+    step_um: Real = Field(description="Height of the step.")
+
+
+class Sine(Settings):
+    """One sinusoid."""
+
+    amplitude_um: Real
+    frequency_Hz: Positive
+    phase_deg: Real = 0.0
+
+
+class Sines(_Own):
+    """Sum of sinusoids, equation (25) and (13); it begins without a step."""
+
+    source: Literal["sine"]
+    sines: tuple[Sine, ...] = Field(min_length=1, max_length=MAX_SINES)
+
+
+class Tracker(Settings):
+    """The path deviation, as a signal (laser tracker)."""
+
+    source: Literal["signal"]
+    predict: Flag = Field(default=True, description="Extrapolate to now by a Kalman filter; false holds the last sample.")
+    sample_rate_Hz: Positive = Field(default=1000.0, description="Rate of the signal.")
+    oscillation_Hz: Positive = Field(default=8.0, description="Frequency at which the robot's joints oscillate.")
+    oscillation_um_per_s: Positive = Field(default=60.0, description="How fast that oscillation changes.")
+    jerk_um_per_s3: Positive = Field(default=20000.0, description="How rough the rest of the path is (rms jerk, 1/sqrt(Hz)).")
+    noise_um: Positive = Field(default=0.5, description="Noise of the signal, rms.")
+    horizon_ms: Positive = Field(default=20.0, description="Without a sample for longer the last position is held.")
+    range_um: tuple[Real, Real] = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")
+
+
+Reference = Annotated[Hold | Step | Sines | Tracker, Field(discriminator="source")]

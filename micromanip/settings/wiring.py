@@ -1,0 +1,83 @@
+"""Which driver fills which place of the process image: the configuration's names resolved to indices."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+from micromanip.errors import ConfigError
+from micromanip.io.contract import CyclicDriver
+from micromanip.io.registry import driver_class
+from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
+
+from typing import Any
+Source = Any
+validate_section: Any = None
+from .model import Configuration, Output, Signal
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """Drivers in the order in which the loop calls them, and the image index of each name."""
+
+    drivers: dict[str, CyclicDriver]
+    first_input: dict[str, int]
+    first_output: dict[str, int]
+    signals: dict[str, int]
+    outputs: dict[str, int]
+
+    def signal(self, name: str) -> int:
+        """Index of a signal, -1 where the configuration does not have it."""
+        return self.signals.get(name, -1)
+
+
+def _channel(
+    source: Source, section: str, name: str, entry: Signal | Output, drivers: dict[str, CyclicDriver]
+) -> tuple[str, int]:
+    if entry.driver not in drivers:
+        raise source.error(
+            (section, name, "driver"), f"there is no driver {entry.driver}; the section drivers has {', '.join(drivers)}"
+        )
+    driver = drivers[entry.driver]
+    channels = driver.inputs if section == "signals" else driver.outputs
+    wanted = entry.channel or name
+    if wanted not in channels:
+        near = difflib.get_close_matches(wanted, channels, 1)
+        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(channels)}"
+        raise source.error((section, name), f"driver {entry.driver} has no channel {wanted}; {hint}")
+    return entry.driver, channels.index(wanted)
+
+
+def wire(configuration: Configuration, source: Source) -> Wiring:
+    """Build the drivers and resolve all names; raises ConfigError with file, line and key."""
+    drivers: dict[str, CyclicDriver] = {}
+    first_input, first_output = {}, {}
+    inputs = outputs = 0
+    for name, entry in configuration.drivers.items():
+        try:
+            kind = driver_class(entry.driver)
+        except ConfigError as problem:
+            raise source.error(("drivers", name, "driver"), str(problem)) from problem
+        options = validate_section(source, ("drivers", name), kind.Options, entry.options)
+        try:
+            drivers[name] = kind(options, configuration.loop.period_ns)
+        except ConfigError as problem:
+            raise source.error(("drivers", name), str(problem)) from problem
+        first_input[name], first_output[name] = inputs, outputs
+        inputs += len(drivers[name].inputs)
+        outputs += len(drivers[name].outputs)
+    if inputs > MAX_SIGNALS or outputs > MAX_OUTPUTS:
+        raise source.error(
+            ("drivers",), f"{inputs} inputs and {outputs} outputs; at most {MAX_SIGNALS} and {MAX_OUTPUTS} fit"
+        )
+    signal_index, output_index = {}, {}
+    for name, signal in configuration.signals.items():
+        driver_name, channel = _channel(source, "signals", name, signal, drivers)
+        signal_index[name] = first_input[driver_name] + channel
+    for name, output in configuration.outputs.items():
+        driver_name, channel = _channel(source, "outputs", name, output, drivers)
+        index = first_output[driver_name] + channel
+        if index in output_index.values():
+            raise source.error(("outputs", name), "another output writes the same channel already")
+        output_index[name] = index
+    return Wiring(drivers, first_input, first_output, signal_index, output_index)

@@ -1,0 +1,81 @@
+"""A cell in virtual time: same records, same compiled cycle, same driver functions as the loop process."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+from micromanip.rt.intrinsics import call_context
+from micromanip.rt.records import CELL_STATE, DRIVER, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
+from micromanip.rt.states import ARM, FAULT, NO_COMMAND, READY, TRACKING
+from micromanip.rt.virtual import run_virtual
+from micromanip.settings.wiring import Wiring
+
+Rows = NDArray[Any]
+
+
+class VirtualCell:
+    """Opened drivers and loop state, advanced by calls of `run`.
+
+    `parameters` is a (1,) array of CELL_PARAMETERS. Deterministic: the same configuration and seed give
+    the same rows, bit by bit.
+    """
+
+    def __init__(self, parameters: NDArray[Any], wiring: Wiring) -> None:
+        self.parameters = parameters
+        self.state = np.zeros(1, CELL_STATE)
+        self.signals = np.zeros(MAX_SIGNALS, SIGNAL)
+        self.outputs = np.zeros(MAX_OUTPUTS)
+        self._drivers = np.zeros(len(wiring.drivers), DRIVER)
+        self._contexts = []
+        for record, (name, driver) in zip(self._drivers, wiring.drivers.items(), strict=True):
+            context = driver.context()
+            functions = driver.functions()
+            if call_context(functions.open, context.ctypes.data) != 0:
+                raise CheckFailed(f"driver {name} could not be opened")
+            record["exchange"], record["context"] = functions.exchange, context.ctypes.data
+            record["first_input"], record["first_output"] = wiring.first_input[name], wiring.first_output[name]
+            self._contexts.append(context)
+        self.state[0]["state"] = READY
+        self.state[0]["version"] = parameters[0]["version"]
+        for i in range(parameters[0]["axes"]):
+            self.state[0]["axis"][i]["voltage_V"] = parameters[0]["axis"][i]["limiter"]["park_V"]
+
+    def run(self, seconds: float, every: int = 1, command: int = NO_COMMAND) -> Rows:
+        """Telemetry rows (one in `every` cycles) of the next `seconds`; `command` is given first."""
+        cycles = round(seconds * 1e9 / int(self.parameters[0]["period_ns"]))
+        rows = np.zeros(cycles // every, ROW)
+        run_virtual(
+            self.parameters,
+            self.state,
+            self._drivers,
+            len(self._drivers),
+            self.signals,
+            self.outputs,
+            rows,
+            cycles,
+            every,
+            command,
+        )
+        return rows
+
+    def arm(self) -> Rows:
+        """Let the sensors come up, arm, and wait until every axis tracks; the rows of that time.
+
+        Raises CheckFailed where a fault, or a sensor, prevents it.
+        """
+        p = self.parameters[0]
+        arming = int(p["lift_cycles"] + p["settle_cycles"] + p["authority_cycles"])
+        period_s = int(p["period_ns"]) * 1e-9
+        before = self.run(0.01)
+        rows = self.run(arming * period_s, command=ARM)
+        if self.state[0]["state"] != TRACKING:
+            last = self.run(period_s)
+            rows = np.concatenate([rows, last])
+        if self.state[0]["state"] != TRACKING:
+            reason = f"fault {int(self.state[0]['fault'])}" if self.state[0]["state"] == FAULT else "arming was refused"
+            raise CheckFailed(f"the simulated cell did not come to TRACKING: {reason}")
+        return np.concatenate([before, rows])

@@ -35,7 +35,7 @@ class DeviceUnavailable(MicromanipError):  # noqa: N818
 
 
 class PermissionDenied(MicromanipError):  # noqa: N818
-    """The operating system refuses what the loop needs: real-time priority, locked memory, a device node, the socket."""
+    """The operating system refuses: real-time priority, locked memory, a device node, the control socket."""
 
     exit_code = 77
 

@@ -1,0 +1,1 @@
+"""Identification, synthesis and evaluation: plain functions on arrays, offline."""

@@ -69,6 +69,10 @@ class CyclicDriver(ABC):
     def context(self) -> NDArray[np.uint8]:
         """First contents of the context, a block of bytes that the loop and the host share; no pointers in it."""
 
+    def without_process(self) -> CyclicDriver:
+        """The driver for an experiment without machining: a simulation leaves its process force out."""
+        return self
+
     @abstractmethod
     def functions(self) -> Functions:
         """Addresses of the four functions in the calling process; compiles or loads them if need be."""

@@ -10,6 +10,7 @@ bench` measures it beside a C twin). Nothing here allocates, raises or calls Pyt
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from .estimator import output, predict_to, remember, start_estimator, update
 from .feedforward import feedforward_voltage, start_feedforward
@@ -28,15 +29,17 @@ follows the reference, goes back to the park voltage."""
 
 
 @compiled
-def axis_cycle(p: Record, s: Record, cycle: int, now_ns: int, t_s: float, phase: int, fraction: float) -> bool:
+def axis_cycle(
+    p: Record, s: Record, cycle: int, now_ns: int, t_s: float, samples: Any, phase: int, fraction: float
+) -> bool:
     """Advance the axis by one cycle; False where its law gave no finite set-point (the old one stays).
 
-    `fraction` runs 0..1 through a lift, an authority ramp or a parking ramp; `t_s` is the own source's time.
+    `fraction` runs 0..1 through a lift, an authority ramp or a parking ramp; `t_s` and `samples` are the own source's.
     """
     finite = True
     if phase == LIFTING or phase == CLOSED:
         estimate(p, s, cycle)
-        track_reference(p, s, now_ns, t_s)
+        track_reference(p, s, now_ns, t_s, samples)
         finite = move_setpoint(p, s, demand(p, s, phase, fraction))
         s["request_V"] = request_voltage(p, s, phase, fraction)
         s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], True)
@@ -124,12 +127,12 @@ def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
 
 
 @compiled
-def track_reference(p: Record, s: Record, now_ns: int, t_s: float) -> None:
+def track_reference(p: Record, s: Record, now_ns: int, t_s: float, samples: Any) -> None:
     """Reference state w of this very moment, from the axis' own source or its signal."""
     if p["reference"]["kind"] == SIGNAL:
         signal_reference(p["reference"], s["reference"], now_ns)
     else:
-        own_reference(p["reference"], s["reference"]["w"], t_s)
+        own_reference(p["reference"], s["reference"]["w"], t_s, samples)
 
 
 @compiled

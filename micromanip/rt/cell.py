@@ -169,7 +169,9 @@ def path_error(p: Record, a: Record, signals: Any) -> tuple[float, float]:
 
 
 @compiled
-def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, command: int, now_ns: int, periods: int) -> bool:
+def cell_cycle(
+    p: Record, s: Record, signals: Any, outputs: Any, samples: Any, command: int, now_ns: int, periods: int
+) -> bool:
     """One cycle of all axes, `periods` after the one before; False where `command` was refused."""
     s["cycle"] += periods
     for i in range(p["axes"]):
@@ -184,7 +186,7 @@ def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, command: int, n
     t_s = tracked * p["period_ns"] * 1e-9
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
-        if not axis_cycle(axis, a, s["cycle"], now_ns, t_s, phase, fraction):
+        if not axis_cycle(axis, a, s["cycle"], now_ns, t_s, samples, phase, fraction):
             raise_fault(p, s, NOT_FINITE, i, a["setpoint_um"])
         outputs[axis["voltage"]] = a["voltage_V"]
         if tracked >= p["score_cycles"]:

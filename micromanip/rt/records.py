@@ -95,6 +95,8 @@ REFERENCE_PARAMETERS = _record(
     ("amplitude_um", "f8", (MAX_SINES,)),
     ("omega", "f8", (MAX_SINES,)),
     ("phase", "f8", (MAX_SINES,)),
+    ("samples_per_s", "f8"),
+    ("column", "i8"),
     ("predict", "i8"),
     ("oscillator", "f8"),
     ("gain", "f8", (REFERENCE_STATES,)),

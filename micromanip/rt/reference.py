@@ -1,6 +1,6 @@
 """The reference of one axis: position, velocity, acceleration and oscillation at this very moment.
 
-Own sources are a constant, a sum of sines as (25), a step. A signal (laser tracker) arrives late and at
+Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle. A signal (laser tracker) arrives late and at
 its own rate: a Kalman filter with the state ``w = [p, v, a, o, o']`` (o an oscillation of known frequency)
 is corrected at each sample's own time and extrapolated to now in closed form; it can also
 just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken.
@@ -14,7 +14,7 @@ from typing import Any
 from .jit import compiled
 from .records import REFERENCE_STATES, Record
 
-HOLD, SINES, STEP, SIGNAL = 0, 1, 2, 3
+HOLD, SINES, STEP, SIGNAL, SAMPLES = range(5)
 
 
 @compiled
@@ -30,12 +30,21 @@ def extrapolate(w: Any, omega: float, tau_s: float, out: Any) -> None:
 
 
 @compiled
-def own_reference(p: Record, w: Any, t_s: float) -> None:
-    """Fill `w` from the axis' own source, `t_s` seconds after tracking began."""
+def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
+    """Fill `w` from the axis' own source, `t_s` seconds after tracking began.
+
+    `samples` (n, axes) are um, one a cycle; the first and the last are held before and after.
+    """
     for i in range(REFERENCE_STATES):
         w[i] = 0.0
     w[0] = p["offset_um"]
     t = t_s - p["start_s"]
+    if p["kind"] == SAMPLES:
+        last = len(samples) - 1
+        k = max(0, min(last, int(t * p["samples_per_s"] + 0.5)))
+        w[0] = samples[k, p["column"]]
+        w[1] = 0.5 * p["samples_per_s"] * (samples[min(last, k + 1), p["column"]] - samples[max(0, k - 1), p["column"]])
+        return
     if t < 0.0:
         return
     if p["kind"] == STEP:

@@ -18,6 +18,7 @@ PARAMETERS = array_of(CELL_PARAMETERS)
 STATES = array_of(CELL_STATE)
 SIGNALS = array_of(SIGNAL)
 OUTPUTS = types.float64[::1]
+SAMPLES = types.float64[:, ::1]
 DRIVERS = array_of(DRIVER)
 ROWS = array_of(ROW)
 WORDS = types.int64[::1]

@@ -9,14 +9,14 @@ from numba import types
 from .cell import cell_cycle, raise_fault
 from .exchange import exchange_all
 from .jit import compiled
-from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SIGNALS, STATES
+from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES
 from .states import DRIVER_ERROR, NO_COMMAND
 from .telemetry import write_row
 
 
 @compiled(
     types.int64(
-        PARAMETERS, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, ROWS, types.int64, types.int64, types.int64
+        PARAMETERS, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES, ROWS, types.int64, types.int64, types.int64
     )
 )
 def run_virtual(
@@ -26,6 +26,7 @@ def run_virtual(
     driver_count: int,
     signals: Any,
     outputs: Any,
+    samples: Any,
     rows: Any,
     cycles: int,
     every: int,
@@ -42,7 +43,7 @@ def run_virtual(
         code = exchange_all(drivers, driver_count, outputs, signals, now_ns, 1)
         if code != 0:
             raise_fault(p, s, DRIVER_ERROR, -1, float(code))
-        cell_cycle(p, s, signals, outputs, command if k == 0 else NO_COMMAND, now_ns, 1)
+        cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns, 1)
         if (k + 1) % every == 0 and written < len(rows):
             write_row(p, s, signals, rows[written], now_ns, 0, 0, 1)
             written += 1

@@ -30,10 +30,12 @@ class SetPoint(Settings):
 class Inner(Settings):
     """PID on the strain gauge, equation (17)."""
 
-    mode: Literal["pid", "pid+feedforward", "feedforward"] = "pid+feedforward"
-    K_V_per_um: Positive
-    Ti_ms: Positive
-    Td_ms: NotNegative
+    mode: Literal["pid", "pid+feedforward", "feedforward"] = Field(
+        default="pid+feedforward", description="What makes the voltage: the PID, the inverse hysteresis model, or both."
+    )
+    K_V_per_um: Positive = Field(description="Proportional gain.")
+    Ti_ms: Positive = Field(description="Integral time.")
+    Td_ms: NotNegative = Field(description="Derivative time; 0 leaves the derivative out.")
     filter_ms: NotNegative = Field(description="Time constant of the derivative's filter.")
     tracking_ms: Positive = Field(default=1.0, description="Time constant of the anti-windup.")
 
@@ -41,9 +43,9 @@ class Inner(Settings):
 class LinearModel(Settings):
     """Stage position (um) from actuator set-point (um), one step a loop cycle, inner loop closed."""
 
-    A: tuple[Row, ...] = Field(min_length=1)
-    B: Row
-    C: Row
+    A: tuple[Row, ...] = Field(min_length=1, description="State matrix, row by row.")
+    B: Row = Field(description="Input vector.")
+    C: Row = Field(description="Output vector.")
     delay_cycles: int = Field(strict=True, ge=0, le=8, description="Actuation delay in front of the model.")
 
     @model_validator(mode="after")
@@ -77,7 +79,7 @@ class Axis(Settings):
     )
     centre_um: Real = Field(description="Working point on the strain gauge, where the stage's zero is.")
     setpoint: SetPoint
-    hysteresis: Hysteresis = NoModel(model="none")
+    hysteresis: Hysteresis = Field(default=NoModel(model="none"), description="Its inverse is the feedforward.")
     hysteresis_affine: PrandtlIshlinskii | None = Field(
         default=None, description="Affine-shaped model that `evaluate` uses as configuration B; `run` does not."
     )

@@ -17,7 +17,7 @@ from .axis import Axis
 from .hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
 from .model import Configuration, Output, Signal
 from .outer import OuterGains, outer_gains, tracker_gain
-from .reference import Hold, Reference, Sines, Step, Tracker
+from .reference import File, Hold, Reference, Sines, Step, Tracker
 from .wiring import Wiring
 
 _NO_LIMIT = np.iinfo(np.int64).max // 4
@@ -50,7 +50,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
     for i, (name, axis) in enumerate(configuration.axes.items()):
         _fill_wiring(p["axis"][i], name, configuration, wiring)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
-        _fill_reference(p["axis"][i]["reference"], configuration.reference)
+        _fill_reference(p["axis"][i]["reference"], configuration.reference, i, loop.rate_hz)
         if axis.outer is not None:
             tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
             _fill_outer(p["axis"][i]["outer"], outer_gains(axis.outer, tracker, period_s))
@@ -130,7 +130,7 @@ def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii) -> None:
     rt_hysteresis.inverse_parameters(h)
 
 
-def _fill_reference(r: Any, reference: Reference) -> None:
+def _fill_reference(r: Any, reference: Reference, column: int, rate_hz: int) -> None:
     r["oscillator"] = 2 * math.pi
     if isinstance(reference, Tracker):
         r["kind"], r["predict"] = rt_reference.SIGNAL, reference.predict
@@ -138,6 +138,9 @@ def _fill_reference(r: Any, reference: Reference) -> None:
         r["gain"] = tracker_gain(reference)
         r["horizon_s"] = reference.horizon_ms * 1e-3
         r["low_um"], r["high_um"] = reference.range_um
+        return
+    if isinstance(reference, File):
+        r["kind"], r["column"], r["samples_per_s"] = rt_reference.SAMPLES, column, rate_hz
         return
     r["offset_um"], r["start_s"] = reference.offset_um, reference.start_s
     if isinstance(reference, Hold):

@@ -93,15 +93,17 @@ class Configuration(Settings):
     schema_version: Literal[1] = Field(description="Version of this layout.")
     loop: Loop
     start: Start = Start()
-    drivers: dict[str, Driver] = Field(min_length=1, max_length=MAX_DRIVERS)
+    drivers: dict[str, Driver] = Field(
+        min_length=1, max_length=MAX_DRIVERS, description="Buses and cards, or the simulated cell."
+    )
     signals: dict[str, Signal] = Field(
         max_length=MAX_SIGNALS,
         description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis>; true_strain_<axis>, "
         "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them.",
     )
     outputs: dict[str, Output] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
-    reference: Reference
-    axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES)
+    reference: Reference = Field(description="Where the set-points of the axes come from.")
+    axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES, description="The axes of the manipulator.")
     arm_on_start: Flag = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
 
 

@@ -32,16 +32,24 @@ class Step(_Own):
 class Sine(Settings):
     """One sinusoid."""
 
-    amplitude_um: Real
+    amplitude_um: Real = Field(description="Half of peak to peak.")
     frequency_Hz: Positive
-    phase_deg: Real = 0.0
+    phase_deg: Real = Field(default=0.0, description="Phase at start_s.")
 
 
 class Sines(_Own):
     """Sum of sinusoids, equation (25) and (13); it begins without a step."""
 
     source: Literal["sine"]
-    sines: tuple[Sine, ...] = Field(min_length=1, max_length=MAX_SINES)
+    sines: tuple[Sine, ...] = Field(min_length=1, max_length=MAX_SINES, description="The sinusoids, which are added.")
+
+
+class File(Settings):
+    """Samples from a CSV file with a header; a column an axis, by its name."""
+
+    source: Literal["file"]
+    path: str = Field(description="CSV file, relative to the configuration.")
+    sample_rate_Hz: Positive = Field(default=10_000.0, description="Rows a second; interpolated to the loop's rate.")
 
 
 class Tracker(Settings):
@@ -58,4 +66,4 @@ class Tracker(Settings):
     range_um: tuple[Real, Real] = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")
 
 
-Reference = Annotated[Hold | Step | Sines | Tracker, Field(discriminator="source")]
+Reference = Annotated[Hold | Step | Sines | File | Tracker, Field(discriminator="source")]

@@ -22,6 +22,7 @@ _NOUNS = {
     "string": ("text", "texts"),
     "object": ("a section", "sections"),
 }
+_COUNTED = {"Items": ("entry", "entries"), "Properties": ("entry", "entries"), "Length": ("character", "characters")}
 
 
 class _Tolerant(GenerateJsonSchema):
@@ -145,12 +146,7 @@ class Shape:
 
     def range(self) -> str:
         """Limits of the value, of a list's entries, and of their number, in words; empty without any."""
-        low, high = self.schema.get("minimum"), self.schema.get("maximum")
-        limits = []
-        if low is not None and high is not None:
-            limits.append(f"from {_plain(low)} to {_plain(high)}")
-        else:
-            limits += [f"at least {_plain(low)}"] * (low is not None) + [f"at most {_plain(high)}"] * (high is not None)
+        limits = _limits(self.schema.get("minimum"), self.schema.get("maximum"))
         for keyword, words in (("exclusiveMinimum", "greater than"), ("exclusiveMaximum", "less than")):
             if keyword in self.schema:
                 limits.append(f"{words} {_plain(self.schema[keyword])}")
@@ -161,14 +157,12 @@ class Shape:
     def _size(self) -> list[str]:
         if self.type == "array" and self.schema.get("minItems") == self.schema.get("maxItems"):
             return []  # words() has it: "a list of 2 numbers"
-        limits = (("minItems", "at least"), ("minProperties", "at least"), ("minLength", "at least"))
-        limits += (("maxItems", "at most"), ("maxProperties", "at most"), ("maxLength", "at most"))
-        kinds = {"Items": "entries", "Properties": "entries", "Length": "characters"}
-        return [
-            f"{words} {number} {kinds[keyword[3:]] if number != 1 else 'entry'}"
-            for keyword, words in limits
-            if (number := self.schema.get(keyword)) is not None
-        ]
+        sizes = []
+        for kind, (one, many) in _COUNTED.items():
+            low, high = self.schema.get(f"min{kind}"), self.schema.get(f"max{kind}")
+            noun = one if (high or low) == 1 else many
+            sizes += [f"{limits} {noun}" for limits in _limits(low, high)]
+        return sizes
 
     def expected(self) -> str:
         """Type and range in one phrase, for a message."""
@@ -189,11 +183,11 @@ class Place:
         """The place at a key or an index."""
         return Place((*self.path, part), self.shape.child(part), self)
 
-    def variant(self, tag: str | int) -> Place | None:
+    def variant(self, tag: str) -> Place | None:
         """The alternative of a union that pydantic names by its tag or by its class; it has the same key path."""
+        key = self.shape.discriminator
         for shape in self.shape.variants:
-            key = self.shape.discriminator
-            if (tag in map(str, shape.fields[key].choices)) if key else (shape.title and shape.title in str(tag)):
+            if tag in map(str, shape.fields[key].choices) if key else shape.title and shape.title in tag:
                 return Place(self.path, shape, self)
         return None
 
@@ -203,7 +197,7 @@ def locate(root: Place, location: Iterable[str | int]) -> Place:
     place = root
     for part in location:
         if place.shape.variants:
-            if (variant := place.variant(part)) is None:
+            if (variant := place.variant(str(part))) is None:
                 return place  # a plain value of a union: what is wrong is said of the union
             place = variant
         elif part != "[key]":  # pydantic's mark for an error in the key itself
@@ -215,6 +209,12 @@ def either(words: Iterable[str]) -> str:
     """``a, b or c``."""
     *first, last = words
     return f"{', '.join(first)} or {last}" if first else last
+
+
+def _limits(low: float | None, high: float | None) -> list[str]:
+    if low is not None and high is not None:
+        return [f"from {_plain(low)} to {_plain(high)}"]
+    return [f"at least {_plain(low)}"] * (low is not None) + [f"at most {_plain(high)}"] * (high is not None)
 
 
 def _plain(value: object) -> str:

@@ -25,15 +25,20 @@ class _Loader(yaml.BaseLoader):
     """YAML 1.2 core schema; PyYAML's own loaders follow YAML 1.1."""
 
 
-for _name, _pattern, _first in (
-    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
-    ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
-    ("int", r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", list("-+0123456789")),
-    ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", list("-+.0123456789")),
-    ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", list("-+.")),
-    ("merge", r"<<", ["<"]),
-):
-    _Loader.add_implicit_resolver(_TAG + _name, re.compile(rf"(?:{_pattern})\Z"), _first)
+# Name of the type -> what it looks like, the characters it can begin with, and how a message names it.
+_SCALARS = {
+    "null": (r"~|null|Null|NULL|", ("~", "n", "N", ""), "null"),
+    "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF", "true or false"),
+    "int": (r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", "-+0123456789", "a whole number"),
+    "float": (
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        "-+.0123456789",
+        "a number",
+    ),
+    "merge": (r"<<", "<", "<<"),
+}
+for _name, (_pattern, _first, _) in _SCALARS.items():
+    _Loader.add_implicit_resolver(_TAG + _name, re.compile(rf"(?:{_pattern})\Z"), list(_first))
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ _SYNTAX = (
     ("unexpected end of stream", "this quote isn't closed", True),
     ("expected ',' or ']'", "this [ isn't closed", True),
     ("expected ',' or '}'", "this {{ isn't closed", True),
-    ("<block end>", "the indentation doesn't fit the lines before", False),
+    ("expected <block end>", "the indentation doesn't fit the lines before", False),
     ("but found another document", "a second document begins here; a configuration is a single one", False),
 )
 
@@ -172,19 +177,19 @@ class _Builder:
 
     def _scalar(self, node: Node, path: Path) -> str | int | float | bool | None:
         text: str = node.value
-        match node.tag.removeprefix(_TAG):
-            case "null":
-                return None
-            case "bool":
-                return text.lower() == "true"
-            case "int":
-                return self._integer(node, path)
-            case "float":
-                return self._float(node, path)
-            case "str" | "merge":
-                return text
-        self._check_tag(node, path, "str")
-        return text
+        name = node.tag.removeprefix(_TAG)
+        if name not in _SCALARS:
+            self._check_tag(node, path, "str")
+            return text
+        pattern, _, words = _SCALARS[name]
+        if not re.fullmatch(pattern, text):  # only where the file has a tag of its own, such as !!int
+            self._report(node, path, f"the tag !!{name} needs {words}, not {text!a}")
+            return None
+        if name == "int":
+            return self._integer(node, path)
+        if name == "float":
+            return self._float(node, path)
+        return {"null": None, "bool": text.lower() == "true", "merge": text}[name]
 
     def _integer(self, node: Node, path: Path) -> int:
         text: str = node.value
@@ -199,7 +204,9 @@ class _Builder:
         text: str = node.value
         number = math.nan if text[-3:].isalpha() else float(text)
         if not math.isfinite(number):
-            self._report(node, path, f"expected a finite number, not {text}; where no limit is meant, null says so")
+            self._report(
+                node, path, f"expected a finite number, not {text[:20]}; where no limit is meant, null says so"
+            )
             return 0.0
         return number
 

@@ -9,26 +9,28 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.rt.intrinsics import call_context
-from micromanip.rt.records import CELL_STATE, DRIVER, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
+from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
 from micromanip.rt.states import ARM, FAULT, NO_COMMAND, READY, TRACKING
 from micromanip.rt.virtual import run_virtual
 from micromanip.settings.wiring import Wiring
 
 Rows = NDArray[Any]
+Samples = NDArray[np.float64]
 
 
 class VirtualCell:
     """Opened drivers and loop state, advanced by calls of `run`.
 
-    `parameters` is a (1,) array of CELL_PARAMETERS. Deterministic: the same configuration and seed give
+    `parameters` is a (1,) array of CELL_PARAMETERS, `samples` (n, MAX_AXES) what the source `file` plays. Deterministic: the same configuration and seed give
     the same rows, bit by bit.
     """
 
-    def __init__(self, parameters: NDArray[Any], wiring: Wiring) -> None:
+    def __init__(self, parameters: NDArray[Any], wiring: Wiring, samples: Samples | None = None) -> None:
         self.parameters = parameters
         self.state = np.zeros(1, CELL_STATE)
         self.signals = np.zeros(MAX_SIGNALS, SIGNAL)
         self.outputs = np.zeros(MAX_OUTPUTS)
+        self.samples = np.zeros((1, MAX_AXES)) if samples is None else samples
         self._drivers = np.zeros(len(wiring.drivers), DRIVER)
         self._contexts = []
         for record, (name, driver) in zip(self._drivers, wiring.drivers.items(), strict=True):
@@ -55,6 +57,7 @@ class VirtualCell:
             len(self._drivers),
             self.signals,
             self.outputs,
+            self.samples,
             rows,
             cycles,
             every,

@@ -52,6 +52,10 @@ class SimulatedCell(CyclicDriver):
             c["s"][i]["random"] = seeds[2 * i : 2 * i + 2]
         return record.view(np.uint8)
 
+    def without_process(self) -> SimulatedCell:
+        idle = self.options.force.model_copy(update={"static_N": 0.0, "tooth_N": 0.0, "noise_N": 0.0})
+        return SimulatedCell(self.options.model_copy(update={"force": idle}), self.period_ns)
+
     def functions(self) -> Functions:
         from . import cell  # compiled or loaded only where it is going to be called
 

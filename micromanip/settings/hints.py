@@ -1,0 +1,150 @@
+"""Guesses at what was meant: the key, the value, the unit."""
+
+from __future__ import annotations
+
+import difflib
+import re
+
+from . import units
+from .shape import Path, Place
+from .source import key_text
+
+_NUMBER = re.compile(r"(?P<number>[-+]?([\d_]+([.,]\d*)?|\.\d+)([eE][-+]?\d+)?)\s*(?P<unit>.*)")
+_NO_VALUE = ("none", "nil", "off", "no")
+_YES_NO = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
+
+
+def unknown_key(place: Place) -> tuple[str, Path | None]:
+    """What to say of a key that its section doesn't know, and the path it was probably meant to have."""
+    key, section = str(place.path[-1]), place.parent
+    if section is None:
+        return "unknown key", None
+    fields = section.shape.fields
+    stem, _ = units.split(key)
+    same_stem = [known for known in fields if units.split(known)[0] == stem]
+    if same_stem:
+        return _did_you_mean(key, section, same_stem[0])
+    if elsewhere := _section_that_knows(section, key):
+        where = key_text(elsewhere.path) or "the top level"
+        return f"unknown key {key} here: it belongs to {where}{_variant_of(elsewhere)}", (*elsewhere.path, key)
+    if near := _nearest(key, list(fields)):
+        return _did_you_mean(key, section, near)
+    return f"unknown key {key}: known here are {', '.join(fields) or 'none'}", None
+
+
+def _did_you_mean(key: str, section: Place, known: str) -> tuple[str, Path]:
+    place = section.down(known)
+    return f"unknown key {key}: did you mean {known}{unit(place)}?", place.path
+
+
+def _section_that_knows(section: Place, key: str) -> Place | None:
+    """Wrong indentation, or a key of another kind of hysteresis or reference: look at the sections close by."""
+    near = [section]
+    if section.parent:
+        near += [section.parent, *_alternatives(section.parent)]
+    below = [part for place in near for name in place.shape.fields for part in _sections(place.down(name))]
+    return next((place for place in near + below if key in place.shape.fields), None)
+
+
+def _sections(place: Place) -> list[Place]:
+    if place.shape.type == "array":
+        place = place.down(0)
+    return _alternatives(place) or [place]
+
+
+def _alternatives(place: Place) -> list[Place]:
+    return [Place(place.path, variant, place) for variant in place.shape.variants]
+
+
+def _variant_of(place: Place) -> str:
+    """`` with model: pi`` for a section that is an alternative of a union."""
+    key = place.parent.shape.discriminator if place.parent else None
+    return f" with {key}: {place.shape.fields[key].words()}" if key else ""
+
+
+def unit(place: Place) -> str:
+    """The unit of a key in words, `` (milliseconds)``; empty if it has none."""
+    words = units.words_for(_key(place))
+    return f" ({words})" if words else ""
+
+
+def correction(place: Place, value: object) -> str:
+    """The value that was probably meant; empty without an idea."""
+    shape = place.shape
+    if shape.choices:
+        near = _nearest(str(value), [str(choice) for choice in shape.choices])
+        return f"did you mean {near}?" if near else ""
+    if isinstance(value, str) and (meant := _from_text(place, value.strip())):
+        return meant
+    if shape.type == "string" and isinstance(value, int | float):
+        return _write(place, '"' + str(value).lower() + '"')
+    if shape.type == "integer" and isinstance(value, float) and value.is_integer():
+        return _write(place, str(int(value)))
+    if place.path and place.path[-1] in shape.fields:
+        return f"{place.path[-1]} is a key of such a section, indent it further"
+    return ""
+
+
+def _from_text(place: Place, text: str) -> str:
+    shape = place.shape
+    if shape.nullable and text.lower() in _NO_VALUE:
+        return _write(place, "null")
+    if shape.type == "boolean" and (meant := _YES_NO.get(text.lower(), text.lower())) in ("true", "false"):
+        return _write(place, meant)
+    if shape.type == "array" and re.fullmatch(r"[-+.\deE,\s]+", text):
+        return _write(place, f"[{', '.join(re.split(r'[, ]+', text))}]")
+    match = _NUMBER.fullmatch(text)
+    if shape.type in ("number", "integer") and match:
+        return _from_quantity(place, match["number"].replace("_", "").replace(",", "."), match["unit"])
+    return ""
+
+
+def _from_quantity(place: Place, number: str, given: str) -> str:
+    correct = _write(place, number)
+    wanted = units.words_for(_key(place))
+    if not given:
+        return correct
+    if wanted is None:
+        return f"the number goes without a unit, {correct}"
+    if _unit_words(given) == wanted:
+        return f"the key names the unit, {correct}"
+    return f"the key names the unit, write the number in {wanted}"
+
+
+def _unit_words(text: str) -> str:
+    text = text.replace("µ", "u").replace("μ", "u").replace("/", "_per_").replace("%", "percent")
+    return units.words(text) or text
+
+
+def _key(place: Place) -> str:
+    """The name of a value; an entry of a list goes by the list's."""
+    return next((part for part in reversed(place.path) if isinstance(part, str)), "")
+
+
+def _write(place: Place, value: str) -> str:
+    key = place.path[-1] if place.path else 0
+    return f"write {value}" if isinstance(key, int) else f"write {key}: {value}"
+
+
+def _nearest(word: str, known: list[str]) -> str | None:
+    lowered = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(word.lower(), lowered, n=1)
+    return lowered[near[0]] if near else None
+
+
+def shown(value: object) -> str:
+    """A value from the file in words."""
+    match value:
+        case None:
+            return "an empty value"
+        case bool():
+            return str(value).lower()
+        case str():
+            return f"the text {value!a}" if len(value) <= 40 else f"the text {value[:40]!a}..."
+        case int() | float():
+            return str(value)
+        case list():
+            return f"a list of {len(value)}"
+        case dict():
+            return "a section" if value else "an empty section"
+    return str(type(value).__name__)

@@ -1,0 +1,42 @@
+"""From a file to a validated configuration, or to messages that say on which line what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from . import problems
+from .model import Configuration
+from .shape import Path as KeyPath
+from .source import Source
+
+__all__ = ["Source", "load", "load_with_source", "validate_section"]
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def load(file: Path) -> Configuration:
+    """Read a configuration; ConfigError says a line a problem, ``FILE:LINE: key.path: what is wrong``."""
+    configuration, _ = load_with_source(file)
+    return configuration
+
+
+def load_with_source(file: Path) -> tuple[Configuration, Source]:
+    """The configuration, and where each of its keys stands, for rules that span several sections."""
+    source = Source.read(file)
+    if not isinstance(source.data, Mapping):
+        found = "nothing" if source.data is None else "a list" if isinstance(source.data, list) else "a single value"
+        keys = ", ".join(Configuration.model_fields)
+        raise source.error((), f"expected the sections {keys}; the file holds {found}")
+    return validate_section(source, (), Configuration, source.data), source
+
+
+def validate_section(source: Source, path: KeyPath, model: type[Model], data: object) -> Model:
+    """Validate a section that a driver has a model of its own for; ConfigError as for the rest of the file."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise source.errors(problems.findings(error, model, path)) from None

@@ -1,0 +1,89 @@
+"""The configuration reference in Markdown, generated from the models.
+
+``python -m micromanip.settings.reference_doc > docs/configuration.md`` writes it; a test compares the two.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+
+from . import units
+from .model import Configuration
+from .shape import Shape
+
+_INTRODUCTION = """\
+# Configuration reference
+
+Generated from `micromanip/settings/` by `python -m micromanip.settings.reference_doc`; edit the descriptions there.
+
+The file is YAML 1.2: `1e-3` is a number; only `true` and `false` are truth values, `on`, `yes` and `no` are text. A value's
+unit stands in its key and never beside the number. An unknown or repeated key is an error. `null` means "none" or
+"no limit", where the type allows it; infinity and NaN are refused. Anchors and merge keys (`&tuned`, `<<: *tuned`) save
+repetition between axes.
+
+`<name>` stands for a name of your choice, `[i]` for an entry of a list.
+"""
+_HEADER = """\
+| Key | Type | Unit | Default | Range | Meaning |
+|---|---|---|---|---|---|
+"""
+
+
+def render() -> str:
+    """The whole reference."""
+    shape = Shape.of(Configuration)
+    parts = [_INTRODUCTION, f"## The whole file\n\n{_table(shape)}"]
+    written: dict[str, str] = {}
+    for key, field in shape.fields.items():
+        parts += [_section(path, section, written) for path, section in _sections(key, field)]
+    return "\n".join(parts)
+
+
+def _sections(path: str, shape: Shape) -> Iterator[tuple[str, Shape]]:
+    """The sections at a path, each variant of a union, and all that are nested in them."""
+    if key := shape.discriminator:
+        for variant in shape.variants:
+            yield from _sections(f"{path} with {key}: {variant.fields[key].words()}", variant)
+    elif shape.fields:
+        yield path, shape
+        bare = path.split(" with ")[0]
+        for key, field in shape.fields.items():
+            yield from _sections(f"{bare}.{key}", field)
+    elif shape.entry:
+        yield from _sections(path + ("[i]" if shape.type == "array" else ".<name>"), shape.entry)
+
+
+def _section(path: str, shape: Shape, written: dict[str, str]) -> str:
+    heading = f"{'###' if '.' in path.replace('.<name>', '') else '##'} `{path}`\n\n{_prose(shape.description)}\n\n"
+    if earlier := written.get(shape.title):
+        return f"{heading}Keys as in `{earlier}`.\n"
+    written[shape.title] = path
+    return heading + _table(shape)
+
+
+def _table(shape: Shape) -> str:
+    rows = []
+    for key, field in shape.fields.items():
+        unit = units.words_for(key) or ""
+        default = "required" if key in shape.required else _default(field)
+        cells = (f"`{key}`", field.words(), unit, default, field.range(), _prose(field.description))
+        rows.append(f"| {' | '.join(cells)} |\n")
+    return _HEADER + "".join(rows)
+
+
+def _default(field: Shape) -> str:
+    value = field.schema.get("default")
+    if isinstance(value, dict):
+        return f"`{field.discriminator}: {value[field.discriminator]}`" if field.discriminator else "all its defaults"
+    return f"`{value if isinstance(value, str) else json.dumps(value)}`"
+
+
+def _prose(text: str) -> str:
+    """Text in which Markdown sees neither a table's bar nor an HTML tag."""
+    return text.replace("|", "\\|").replace("<", "\\<")
+
+
+if __name__ == "__main__":
+    sys.stdout.write(render())

@@ -1,0 +1,41 @@
+"""Samples for the reference source `file`: a CSV brought to the loop's rate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.rt.records import MAX_AXES
+
+from .load import Source
+from .model import Configuration
+from .reference import File
+
+
+def load_samples(configuration: Configuration, source: Source) -> NDArray[np.float64]:
+    """Samples (n, MAX_AXES) in um, one a loop cycle; (1, MAX_AXES) of zeros for any other source."""
+    reference = configuration.reference
+    if not isinstance(reference, File):
+        return np.zeros((1, MAX_AXES))
+    path = Path(source.path).parent / reference.path
+    key = ("reference", "path")
+    try:
+        with path.open(encoding="utf-8") as file:
+            names = file.readline().strip().split(",")
+            table = np.loadtxt(file, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as problem:
+        raise source.error(key, f"{reference.path} can't be read as a CSV of numbers with a header: {problem}") from problem
+    missing = [name for name in configuration.axes if name not in names]
+    if missing:
+        raise source.error(key, f"{reference.path} has no column {missing[0]}; its columns are {', '.join(names)}")
+    if len(table) < 2 or not np.isfinite(table).all():
+        raise source.error(key, f"{reference.path} needs at least two rows of finite numbers")
+    duration_s = (len(table) - 1) / reference.sample_rate_Hz
+    taken = np.arange(len(table)) / reference.sample_rate_Hz
+    wanted = np.arange(round(duration_s * configuration.loop.rate_hz) + 1) / configuration.loop.rate_hz
+    samples = np.zeros((len(wanted), MAX_AXES))
+    for i, name in enumerate(configuration.axes):
+        samples[:, i] = np.interp(wanted, taken, table[:, names.index(name)])
+    return samples

@@ -1,0 +1,19 @@
+"""The reference in docs/ says what the models say."""
+
+from pathlib import Path
+
+from micromanip.settings.reference_doc import render
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "configuration.md"
+
+
+def test_reference_is_up_to_date():
+    assert DOCUMENT.read_text() == render(), "run: python -m micromanip.settings.reference_doc > docs/configuration.md"
+
+
+def test_reference_names_unit_range_default_and_variants():
+    text = render()
+    assert "| `Ti_ms` | a number | milliseconds | required | greater than 0 | Integral time. |" in text
+    assert "| `rate_hz` | a whole number | hertz | `10000` | from 100 to 20000 | Cycles a second. |" in text
+    assert "### `axes.<name>.hysteresis with model: network`" in text
+    assert "\n### `reference.sines[i]`\n" in text

@@ -1,0 +1,1 @@
+"""The host process: starts, feeds and watches the loop; talks to people."""

@@ -142,7 +142,7 @@ AXIS_PARAMETERS = _record(
     ("limiter", LIMITER_PARAMETERS),
 )
 SENSOR_STATE = _record(
-    ("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("age_ns", "i8"), ("fresh", "i8"), ("bad", "i8")
+    ("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("age_ns", "i8"), ("fresh", "i8"), ("bad", "i8"), ("lost", "i8")
 )
 AXIS_STATE = _record(
     ("strain", SENSOR_STATE),

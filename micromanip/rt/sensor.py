@@ -13,12 +13,14 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int) -> bool
     """Update sensor state `s` from `signal`; True for a fresh, good sample.
 
     ``value`` keeps the last good sample. ``bad`` counts cycles in a row without a usable one: not finite,
-    flagged by the driver, or older than `max_age_ns`.
+    flagged by the driver, or older than `max_age_ns`. ``lost`` counts samples that came and went unseen.
     """
     arrived = signal["sequence"] != s["sequence"]
     good = signal["status"] == 0 and math.isfinite(signal["value"])
     s["fresh"] = 0
     if arrived:
+        if s["sequence"] > 0:
+            s["lost"] += signal["sequence"] - s["sequence"] - 1
         s["sequence"] = signal["sequence"]
         if good:
             s["value"] = signal["value"]

@@ -6,10 +6,10 @@ import difflib
 import re
 
 from . import units
-from .shape import Path, Place
+from .place import Path, Place
 from .source import key_text
 
-_NUMBER = re.compile(r"(?P<number>[-+]?([\d_]+([.,]\d*)?|\.\d+)([eE][-+]?\d+)?)\s*(?P<unit>.*)")
+_NUMBER = re.compile(r"(?P<number>[-+]?([0-9][0-9_]*([.,][0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?)\s*(?P<unit>.*)")
 _NO_VALUE = ("none", "nil", "off", "no")
 _YES_NO = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
 
@@ -17,24 +17,20 @@ _YES_NO = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "fals
 def unknown_key(place: Place) -> tuple[str, Path | None]:
     """What to say of a key that its section doesn't know, and the path it was probably meant to have."""
     key, section = str(place.path[-1]), place.parent
+    unknown = f"unknown key {key_text((key,))}"
     if section is None:
-        return "unknown key", None
+        return unknown, None
     fields = section.shape.fields
     stem, _ = units.split(key)
     same_stem = [known for known in fields if units.split(known)[0] == stem]
-    if same_stem:
-        return _did_you_mean(key, section, same_stem[0])
-    if elsewhere := _section_that_knows(section, key):
+    elsewhere = None if same_stem else _section_that_knows(section, key)
+    if elsewhere:
         where = key_text(elsewhere.path) or "the top level"
-        return f"unknown key {key} here: it belongs to {where}{_variant_of(elsewhere)}", (*elsewhere.path, key)
-    if near := _nearest(key, list(fields)):
-        return _did_you_mean(key, section, near)
-    return f"unknown key {key}: known here are {', '.join(fields) or 'none'}", None
-
-
-def _did_you_mean(key: str, section: Place, known: str) -> tuple[str, Path]:
-    place = section.down(known)
-    return f"unknown key {key}: did you mean {known}{unit(place)}?", place.path
+        return f"{unknown} here: it belongs to {where}{_variant_of(elsewhere, key)}", (*elsewhere.path, key)
+    if near := same_stem[0] if same_stem else _nearest(key, list(fields)):
+        meant = section.down(near)
+        return f"{unknown}: did you mean {near}{unit(meant)}?", meant.path
+    return f"{unknown}: known here are {', '.join(fields) or 'none'}", None
 
 
 def _section_that_knows(section: Place, key: str) -> Place | None:
@@ -56,10 +52,10 @@ def _alternatives(place: Place) -> list[Place]:
     return [Place(place.path, variant, place) for variant in place.shape.variants]
 
 
-def _variant_of(place: Place) -> str:
-    """`` with model: pi`` for a section that is an alternative of a union."""
-    key = place.parent.shape.discriminator if place.parent else None
-    return f" with {key}: {place.shape.fields[key].words()}" if key else ""
+def _variant_of(place: Place, key: str) -> str:
+    """`` with model: pi`` for a key that only this alternative of a union has."""
+    tag = place.parent.shape.discriminator if place.parent else None
+    return f" with {tag}: {place.shape.fields[tag].words()}" if tag and tag != key else ""
 
 
 def unit(place: Place) -> str:
@@ -71,7 +67,7 @@ def unit(place: Place) -> str:
 def correction(place: Place, value: object) -> str:
     """The value that was probably meant; empty without an idea."""
     shape = place.shape
-    if shape.choices:
+    if shape.choices and isinstance(value, str | None):
         near = _nearest(str(value), [str(choice) for choice in shape.choices])
         return f"did you mean {near}?" if near else ""
     if isinstance(value, str) and (meant := _from_text(place, value.strip())):
@@ -91,10 +87,11 @@ def _from_text(place: Place, text: str) -> str:
         return _write(place, "null")
     if shape.type == "boolean" and (meant := _YES_NO.get(text.lower(), text.lower())) in ("true", "false"):
         return _write(place, meant)
-    if shape.type == "array" and re.fullmatch(r"[-+.\deE,\s]+", text):
-        return _write(place, f"[{', '.join(re.split(r'[, ]+', text))}]")
-    match = _NUMBER.fullmatch(text)
-    if shape.type in ("number", "integer") and match:
+    if shape.type == "array":
+        entries = [_NUMBER.fullmatch(entry) for entry in re.split(r"[,\s]+", text.strip("()"))]
+        plain = [entry["number"] for entry in entries if entry and not entry["unit"]]
+        return _write(place, f"[{', '.join(plain)}]") if len(plain) == len(entries) else ""
+    if shape.type in ("number", "integer") and (match := _NUMBER.fullmatch(text)):
         return _from_quantity(place, match["number"].replace("_", "").replace(",", "."), match["unit"])
     return ""
 
@@ -144,7 +141,7 @@ def shown(value: object) -> str:
         case int() | float():
             return str(value)
         case list():
-            return f"a list of {len(value)}"
+            return f"a list of {len(value)}" if value else "an empty list"
         case dict():
             return "a section" if value else "an empty section"
     return str(type(value).__name__)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -10,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from . import problems
 from .model import Configuration
-from .shape import Path as KeyPath
+from .place import Path as KeyPath
 from .source import Source
 
 __all__ = ["Source", "load", "load_with_source", "validate_section"]
@@ -37,6 +38,7 @@ def load_with_source(file: Path) -> tuple[Configuration, Source]:
 def validate_section(source: Source, path: KeyPath, model: type[Model], data: object) -> Model:
     """Validate a section that a driver has a model of its own for; ConfigError as for the rest of the file."""
     try:
-        return model.model_validate(data)
+        # YAML data has JSON's types and is validated as such: a strict model then takes a list for a tuple.
+        return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
         raise source.errors(problems.findings(error, model, path)) from None

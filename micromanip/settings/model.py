@@ -51,6 +51,9 @@ class Driver(Settings):
     model_config = ConfigDict(extra="allow", frozen=True)
 
     driver: str = Field(description="Name of the entry point, see `micromanip drivers`.")
+    without_watchdog: Flag = Field(
+        default=False, description="Accept hardware that no watchdog brings to a safe state when the loop is dead."
+    )
 
     @property
     def options(self) -> dict[str, Any]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Sized
+from collections.abc import Iterable, Sized
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from . import hints
-from .shape import Path, Place, Shape, locate
+from .place import Path, Place, locate
+from .shape import Shape
 
 Finding = tuple[Path, str]
 
@@ -23,22 +25,30 @@ _RULE = re.compile(r"(?P<key>[A-Za-z]\w*)(?P<below>(\.\w+)*)(?P<colon>:?) (?P<re
 def findings(error: ValidationError, model: type[BaseModel], prefix: Path) -> list[Finding]:
     """One finding a mistake, at key paths that begin with ``prefix``."""
     root = Place(prefix, Shape.of(model))
-    found: dict[Finding, None] = {}
-    misspelt: set[Path] = set()
-    details = error.errors(include_url=False)
-    for detail in details:
-        if detail["type"] == "extra_forbidden":
-            place = locate(root, detail["loc"])
-            text, meant = hints.unknown_key(place)
-            found[place.path, text] = None
-            misspelt |= {meant} if meant else set()
-    for detail in details:
-        if detail["type"] != "extra_forbidden":
-            path, text = _finding(detail, locate(root, detail["loc"]))
-            # A misspelt key is missing under its right name, and a bad entry makes its list too short.
-            if text and not (detail["type"] == "missing" and path in misspelt):
-                found[path, text] = None
-    return list(found)
+    found: dict[Finding, None] = {}  # in order, and each once
+    misspelt: set[Path | None] = set()
+    unions: set[Path] = set()
+    placed = [(detail, locate(root, detail["loc"])) for detail in error.errors(include_url=False)]
+    for _, place in filter(_is_unknown_key, placed):
+        text, meant = hints.unknown_key(place)
+        found[place.path, text] = None
+        misspelt.add(meant)
+    for detail, place in itertools.filterfalse(_is_unknown_key, placed):
+        path, text = _finding(detail, place)
+        # A misspelt key is missing under its right name, and a bad entry makes its list too short.
+        if text and not (detail["type"] == "missing" and path in misspelt):
+            found[path, text] = None
+            unions |= {path} if place.shape.variants else set()
+    # Where a section was meant and has mistakes, it needs no saying that a plain value would do, too.
+    return [(path, text) for path, text in found if not (path in unions and _has_finding_below(path, found))]
+
+
+def _is_unknown_key(placed: tuple[ErrorDetails, Place]) -> bool:
+    return placed[0]["type"] == "extra_forbidden"
+
+
+def _has_finding_below(path: Path, found: Iterable[Finding]) -> bool:
+    return any(len(below) > len(path) and below[: len(path)] == path for below, _ in found)
 
 
 def _finding(detail: ErrorDetails, place: Place) -> Finding:

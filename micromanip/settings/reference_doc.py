@@ -18,10 +18,10 @@ _INTRODUCTION = """\
 
 Generated from `micromanip/settings/` by `python -m micromanip.settings.reference_doc`; edit the descriptions there.
 
-The file is YAML 1.2: `1e-3` is a number; only `true` and `false` are truth values, `on`, `yes` and `no` are text. A value's
-unit stands in its key and never beside the number. An unknown or repeated key is an error. `null` means "none" or
-"no limit", where the type allows it; infinity and NaN are refused. Anchors and merge keys (`&tuned`, `<<: *tuned`) save
-repetition between axes.
+The file is YAML 1.2: `1e-3` is a number; `on`, `yes` and `no` are text, the truth values are `true` and `false`. A
+value's unit stands in its key and never beside the number. An unknown or repeated key is an error. `null` means "none"
+or "no limit", where the type allows it; infinity and NaN are refused. Anchors and merge keys (`&tuned`, `<<: *tuned`)
+save repetition between axes.
 
 `<name>` stands for a name of your choice, `[i]` for an entry of a list.
 """

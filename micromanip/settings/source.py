@@ -11,8 +11,8 @@ from typing import Any
 from micromanip.errors import ConfigError
 
 from . import yaml_nodes
-from .shape import Path
-from .yaml_nodes import Problem
+from .place import Path
+from .yaml_text import Problem
 
 _MAX_BYTES = 1_000_000  # a configuration has some 10 kB; whoever names a recording by mistake gets an answer at once
 _MAX_SHOWN = 10

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from micromanip.rt.records import MAX_AXES
 
-from .load import Source
 from .model import Configuration
 from .reference import File
+from .source import Source
 
 
 def load_samples(configuration: Configuration, source: Source) -> NDArray[np.float64]:

@@ -10,10 +10,9 @@ from micromanip.io.contract import CyclicDriver
 from micromanip.io.registry import driver_class
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 
-from typing import Any
-Source = Any
-validate_section: Any = None
+from .load import validate_section
 from .model import Configuration, Output, Signal
+from .source import Source
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """YAML text -> plain data, and the line on which every key and list entry stands.
 
-Scalars follow YAML 1.2, as people read them: ``1e-3`` is a number, ``on``, ``yes`` and ``12:30`` are text, ``012`` is
-twelve. Keys are always text. Anchors, aliases and merge keys (``<<``) work.
+Keys are always text. Anchors, aliases and merge keys (``<<``) work.
 """
 
 from __future__ import annotations
@@ -11,43 +10,14 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from .shape import Path
+from .place import Path
+from .yaml_text import SCALARS, TAG, TOO_DEEP, Problem, compose
 
-_TAG = "tag:yaml.org,2002:"
 _MAX_NODES = 100_000  # a few aliases of aliases can otherwise expand to more than memory holds
+_MAX_DEPTH = 50
 _MAX_INTEGER = 2**63
-
-
-class _Loader(yaml.BaseLoader):
-    """YAML 1.2 core schema; PyYAML's own loaders follow YAML 1.1."""
-
-
-# Name of the type -> what it looks like, the characters it can begin with, and how a message names it.
-_SCALARS = {
-    "null": (r"~|null|Null|NULL|", ("~", "n", "N", ""), "null"),
-    "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF", "true or false"),
-    "int": (r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", "-+0123456789", "a whole number"),
-    "float": (
-        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
-        "-+.0123456789",
-        "a number",
-    ),
-    "merge": (r"<<", "<", "<<"),
-}
-for _name, (_pattern, _first, _) in _SCALARS.items():
-    _Loader.add_implicit_resolver(_TAG + _name, re.compile(rf"(?:{_pattern})\Z"), list(_first))
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is wrong on a line, and the key path if there is one."""
-
-    line: int
-    path: Path
-    text: str
 
 
 @dataclass
@@ -62,52 +32,24 @@ class Document:
 def parse(text: str) -> Document:
     """Parse a text; never raises, what is wrong is in ``problems``."""
     document = Document()
-    try:
-        root = yaml.compose(text, Loader=_Loader)
-        if root is not None:
+    match compose(text):
+        case Problem() as problem:
+            document.problems.append(problem)
+        case Node() as root:
             document.lines[()] = _line(root)
             document.data = _Builder(document).build(root, ())
-    except yaml.reader.ReaderError as error:
-        line = text.count("\n", 0, error.position) + 1
-        document.problems = [Problem(line, (), f"character {chr(error.character)!a} can't stand in YAML")]
-    except yaml.MarkedYAMLError as error:
-        document.problems = [_syntax_problem(error)]
-    except RecursionError:
-        document.problems = [Problem(1, (), "nested too deeply")]
-    except (ValueError, OverflowError):
-        # PyYAML converts \U escapes and the %YAML version without checking their range.
-        document.problems = [Problem(1, (), "not YAML: an escape sequence or a %YAML line with an impossible number")]
     return document
-
-
-# PyYAML's words -> ours, and whether the place to look at is where the construct began.
-_SYNTAX = (
-    ("cannot start any token", "character {character} can't start a value; indent with spaces, quote the text", False),
-    ("mapping values are not allowed", "unexpected colon; check the indentation here and on the line before", False),
-    ("could not find expected ':'", "no colon after this key", True),
-    ("unexpected end of stream", "this quote isn't closed", True),
-    ("expected ',' or ']'", "this [ isn't closed", True),
-    ("expected ',' or '}'", "this {{ isn't closed", True),
-    ("expected <block end>", "the indentation doesn't fit the lines before", False),
-    ("but found another document", "a second document begins here; a configuration is a single one", False),
-)
-
-
-def _syntax_problem(error: yaml.MarkedYAMLError) -> Problem:
-    said = " ".join(f"{error.context or ''} {error.problem or ''}".split())
-    for fragment, words, at_beginning in _SYNTAX:
-        if fragment in said:
-            mark = error.context_mark if at_beginning else error.problem_mark
-            character = re.search(r"found character (.*) that", said)
-            said = words.format(character=character[1] if character else "")
-            break
-    else:
-        mark = error.problem_mark or error.context_mark
-    return Problem(mark.line + 1 if mark else 1, (), f"not YAML: {said}")
 
 
 def _line(node: Node) -> int:
     return int(node.start_mark.line) + 1
+
+
+def _is_text(value: str) -> bool:
+    return not any("\ud800" <= character <= "\udfff" for character in value)
+
+
+_NO_TEXT = "an escape that is only half a character, such as \\ud800"
 
 
 class _Builder:
@@ -117,22 +59,31 @@ class _Builder:
         self._count = 0
 
     def build(self, node: Node, path: Path) -> Any:
-        self._count += 1
-        if self._count > _MAX_NODES or node in self._ancestors:
-            if self._count <= _MAX_NODES:
-                self._report(node, path, "an alias of the section it stands in")
-            elif self._count == _MAX_NODES + 1:
-                self._report(node, path, f"more than {_MAX_NODES} values; aliases are counted where they are used")
+        if not self._may_enter(node, path):
             return None
         self._ancestors.append(node)
-        try:
-            if isinstance(node, MappingNode):
-                return self._mapping(node, path)
-            if isinstance(node, SequenceNode):
-                return self._sequence(node, path)
-            return self._scalar(node, path)
-        finally:
-            self._ancestors.pop()
+        if isinstance(node, MappingNode):
+            data: Any = self._mapping(node, path)
+        elif isinstance(node, SequenceNode):
+            data = self._sequence(node, path)
+        else:
+            data = self._scalar(node, path)
+        self._ancestors.pop()
+        return data
+
+    def _may_enter(self, node: Node, path: Path) -> bool:
+        """False, with a report, where aliases lead in a circle or to more than any configuration holds."""
+        self._count += 1
+        if self._count > _MAX_NODES:
+            if self._count == _MAX_NODES + 1:
+                self._report(node, path, f"more than {_MAX_NODES} values; aliases are counted where they are used")
+        elif node in self._ancestors:
+            self._report(node, path, "an alias of the section it stands in")
+        elif len(self._ancestors) > _MAX_DEPTH:
+            self._report(node, path[:3], TOO_DEEP)
+        else:
+            return True
+        return False
 
     def _report(self, node: Node, path: Path, text: str) -> None:
         self._document.problems.append(Problem(_line(node), path, text))
@@ -150,10 +101,11 @@ class _Builder:
         entries: dict[str, tuple[Node, Node]] = {}
         merged: list[Node] = []
         for key, value in node.value:
-            self._count += 1
             if not isinstance(key, ScalarNode):
                 self._report(key, path, "a key must be a plain name, not a list or section")
-            elif key.tag == f"{_TAG}merge":
+            elif not _is_text(key.value):
+                self._report(key, path, _NO_TEXT)
+            elif key.tag == f"{TAG}merge":
                 merged += value.value if isinstance(value, SequenceNode) else [value]
             elif key.value in entries:
                 first = _line(entries[key.value][0])
@@ -163,8 +115,10 @@ class _Builder:
         for source in merged:
             if not isinstance(source, MappingNode):
                 self._report(source, path, "<< merges sections only, e.g. <<: *name")
-            elif self._count <= _MAX_NODES:
+            elif self._may_enter(source, path):
+                self._ancestors.append(source)
                 entries = {**self._entries(source, path), **entries}
+                self._ancestors.pop()
         return entries
 
     def _sequence(self, node: SequenceNode, path: Path) -> list[Any]:
@@ -177,11 +131,14 @@ class _Builder:
 
     def _scalar(self, node: Node, path: Path) -> str | int | float | bool | None:
         text: str = node.value
-        name = node.tag.removeprefix(_TAG)
-        if name not in _SCALARS:
+        name = node.tag.removeprefix(TAG)
+        if not _is_text(text):
+            self._report(node, path, _NO_TEXT)
+            return None
+        if name not in SCALARS:
             self._check_tag(node, path, "str")
             return text
-        pattern, _, words = _SCALARS[name]
+        pattern, _, words = SCALARS[name]
         if not re.fullmatch(pattern, text):  # only where the file has a tag of its own, such as !!int
             self._report(node, path, f"the tag !!{name} needs {words}, not {text!a}")
             return None
@@ -211,5 +168,5 @@ class _Builder:
         return number
 
     def _check_tag(self, node: Node, path: Path, kind: str) -> None:
-        if node.tag != _TAG + kind:
-            self._report(node, path, f"the tag {node.tag.replace(_TAG, '!!')!a} isn't known here; leave it out")
+        if node.tag != TAG + kind:
+            self._report(node, path, f"the tag {node.tag.replace(TAG, '!!')!a} isn't known here; leave it out")

@@ -1,0 +1,86 @@
+"""``micromanip``: finds the command, turns errors into one line and an exit code."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Any
+
+import click
+
+from micromanip.errors import MicromanipError
+
+COMMANDS = {
+    "run": "run a configuration: the daemon",
+    "check": "validate a configuration and print its budget",
+    "evaluate": "the paper's experiment in virtual time",
+    "status": "what the running controller does",
+    "arm": "start tracking, softly",
+    "disarm": "stop tracking, softly",
+    "reset": "clear a latched fault",
+    "bench": "speed of this machine, beside references",
+    "completion": "shell completion",
+}
+_USAGE = 64
+
+
+class LazyGroup(click.Group):
+    """Imports a command's module only when that command is used: `status` need not load a compiler."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"micromanip.cli.{cmd_name}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="micromanip")
+def cli() -> None:
+    """Hold a machining spindle on its path with a piezo-actuated micro manipulator.
+
+    \b
+    Examples:
+      micromanip check config/simulated.yaml
+      micromanip run config/simulated.yaml --duration 10
+    """
+
+
+def main(arguments: list[str] | None = None) -> Any:
+    """Entry point; the exit codes are those of ``micromanip.errors``, and 64 for wrong usage."""
+    try:
+        cli.main(args=arguments, prog_name="micromanip", standalone_mode=False)
+    except click.UsageError as problem:
+        problem.show()
+        sys.exit(_USAGE)
+    except click.ClickException as problem:
+        problem.show()
+        sys.exit(_USAGE)
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.exit(0)
+    except MicromanipError as problem:
+        click.echo(f"micromanip: {problem}", err=True)
+        sys.exit(problem.exit_code)
+    except Exception as problem:  # noqa: BLE001
+        bug(problem)
+        sys.exit(70)
+
+
+def bug(problem: Exception) -> None:
+    """What we did not foresee: one line for the user, the trace in a file for us."""
+    import tempfile
+    import traceback
+
+    with tempfile.NamedTemporaryFile("w", prefix="micromanip-", suffix=".trace", delete=False) as file:
+        traceback.print_exception(problem, file=file)
+    click.echo(f"micromanip: bug: {type(problem).__name__}: {problem}\nPlease report it with {file.name}", err=True)

@@ -1,0 +1,30 @@
+"""Options and output that several commands share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from micromanip.client import default_socket
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+config_argument = click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG")
+json_option = click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")
+socket_option = click.option(
+    "--socket",
+    "socket_path",
+    type=click.Path(path_type=Path),
+    default=default_socket,
+    show_default="/run/micromanip/control.sock, or the user's own",
+    help="Control socket.",
+)
+
+
+def print_json(document: Any) -> None:
+    """Print `document` as the only thing on standard output."""
+    click.echo(json.dumps(document, indent=2))

@@ -1,0 +1,43 @@
+"""``micromanip run``: the daemon, with a live line and a summary at the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from micromanip.errors import CheckFailed
+
+from .options import config_argument, json_option, print_json, socket_option
+
+
+@click.command("run", epilog="Example: micromanip run config/simulated.yaml --duration 10")
+@config_argument
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop cleanly after so many seconds.")
+@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), help="Record every cycle to this HDF5 file.")
+@socket_option
+@json_option
+def command(config: Path, duration_s: float | None, record: Path | None, socket_path: Path, as_json: bool) -> None:
+    """Run the controller. It ends in READY and waits for `micromanip arm`, unless arm_on_start is set.
+
+    Ctrl-C ramps the outputs to park and stops cleanly.
+    """
+    from micromanip.host.daemon import Options, serve
+    from micromanip.settings.check import prepare
+
+    from .live import LiveLine, summary
+
+    prepared = prepare(config)
+    with LiveLine() as live:
+        report = serve(prepared, Options(socket_path, duration_s, record), live.say, live.show)
+    if as_json:
+        print_json(report)
+    else:
+        summary(report)
+    _judge(report)
+
+
+def _judge(report: dict[str, Any]) -> None:
+    if report["faults"]:
+        raise CheckFailed(report["faults"][0])

@@ -1,0 +1,42 @@
+"""How design gets its recordings: a callable that the command hands it, and variants of a configuration."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.settings.axis import Axis
+from micromanip.settings.model import Configuration
+from micromanip.settings.reference import Reference
+
+
+class Experiment(Protocol):
+    """Runs a configuration, armed, without machining; telemetry rows of the `seconds` after tracking began."""
+
+    def __call__(
+        self,
+        configuration: Configuration,
+        seconds: float,
+        samples: NDArray[np.float64] | None = None,
+        every: int = 1,
+    ) -> NDArray[Any]: ...
+
+
+def with_reference(configuration: Configuration, reference: Reference) -> Configuration:
+    """The same configuration with another reference."""
+    return configuration.model_copy(update={"reference": reference})
+
+
+def with_axes(configuration: Configuration, **updates: Any) -> Configuration:
+    """The same configuration with fields of *every* axis replaced."""
+    axes = {name: axis.model_copy(update=updates) for name, axis in configuration.axes.items()}
+    return configuration.model_copy(update={"axes": axes})
+
+
+def with_axis(configuration: Configuration, name: str, **updates: Any) -> Configuration:
+    """The same configuration with fields of one axis replaced."""
+    axes: dict[str, Axis] = dict(configuration.axes)
+    axes[name] = axes[name].model_copy(update=updates)
+    return configuration.model_copy(update={"axes": axes})

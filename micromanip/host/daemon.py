@@ -1,0 +1,152 @@
+"""The host process of ``micromanip run``: heartbeat, control socket, live line, recorder, orderly end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from micromanip.errors import CheckFailed
+from micromanip.rt import states
+from micromanip.rt import words as w
+from micromanip.settings.check import Prepared
+
+from .control_socket import ControlSocket
+from .controller import Controller
+from .realtime import leave_cpu, missing_rights
+from .recording import RecorderProcess
+from .statistics import SignalStatistics, report
+
+_HEARTBEAT_S = 0.02
+_LOOK_S = 0.2
+_STOP_S = 30.0
+
+Report = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says about one run."""
+
+    socket: Path
+    duration_s: float | None = None
+    record: Path | None = None
+
+
+class Daemon:
+    """Runs one configuration until its duration is over, a signal stops it, or the loop ends."""
+
+    def __init__(self, prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]) -> None:
+        """`say` gets each message for people, `show` the report five times a second."""
+        self._prepared, self._options = prepared, options
+        self._say, self._show = say, show
+        self._controller = Controller(prepared, options.socket)
+        self._signals = SignalStatistics(self._controller)
+        self._stop = asyncio.Event()
+
+    async def run(self) -> Report:
+        """The whole life of the controller; returns its final report, raises CheckFailed where the loop died."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, self._stop.set)
+        verbs = {
+            "status": self._status,
+            "arm": self._commanded(states.ARM),
+            "disarm": self._commanded(states.DISARM),
+            "reset": self._commanded(states.RESET),
+        }
+        control_socket = ControlSocket(self._options.socket, verbs)
+        await control_socket.open()
+        try:
+            leave_cpu(self._prepared.configuration.loop.cpu)
+            await self._controller.start()
+            return await self._supervise()
+        finally:
+            control_socket.close()
+
+    async def _supervise(self) -> Report:
+        for advice in missing_rights(int(self._controller.words[w.RIGHTS])):
+            self._say(f"WARNING: {advice}")
+        self._say("READY")
+        recorder = await self._start_recorder()
+        ended = asyncio.create_task(self._controller.wait())
+        helpers = [asyncio.create_task(self._beat()), asyncio.create_task(self._look())]
+        stopped = asyncio.create_task(self._stop.wait())
+        try:
+            if self._prepared.configuration.arm_on_start:
+                await self._controller.command(states.ARM)
+            await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
+            if not ended.done():
+                await self._end(ended)
+            self._judge(ended.result())
+            self._signals.gather()
+            return report(self._controller, self._signals)
+        finally:
+            for task in (*helpers, stopped):
+                task.cancel()
+            if recorder is not None:
+                self._say(await recorder.stop())
+
+    async def _start_recorder(self) -> RecorderProcess | None:
+        if self._options.record is None:
+            return None
+        recorder = RecorderProcess(self._controller, self._options.record)
+        await recorder.start()
+        return recorder
+
+    async def _end(self, ended: asyncio.Task[int]) -> None:
+        """Ramp down and let the loop end."""
+        with contextlib.suppress(CheckFailed):
+            await self._controller.command(states.STOP)
+        done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
+        if not done:
+            assert self._controller.process is not None
+            self._controller.process.kill()
+            await ended
+
+    def _judge(self, code: int) -> None:
+        """Raise where the loop process did not end by itself, its outputs brought to the safe value."""
+        if self._controller.words[w.FINISHED]:
+            return
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}"
+        for line in self._controller.make_safe():
+            self._say(line)
+        raise CheckFailed(f"X-104 the loop process {how}. Look for the cause in the system log before you start again.")
+
+    async def _beat(self) -> None:
+        while True:
+            self._controller.beat()
+            await asyncio.sleep(_HEARTBEAT_S)
+
+    async def _look(self) -> None:
+        """Feed the live line; tell a fault once."""
+        told = None
+        while True:
+            self._signals.gather()
+            self._show(report(self._controller, self._signals))
+            fault = self._controller.fault()
+            if fault != told and fault is not None:
+                self._say(fault)
+            told = fault
+            await asyncio.sleep(_LOOK_S)
+
+    async def _status(self, _request: dict[str, Any]) -> Report:
+        return report(self._controller, self._signals)
+
+    def _commanded(self, command: int) -> Callable[[dict[str, Any]], Any]:
+        async def verb(_request: dict[str, Any]) -> None:
+            await self._controller.command(command)
+
+        return verb
+
+
+def serve(prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]) -> Report:
+    """Run the daemon to its end; the final report."""
+    async def main() -> Report:
+        return await Daemon(prepared, options, say, show).run()
+
+    return asyncio.run(main())

@@ -1,0 +1,51 @@
+"""Real-time set-up of the loop process: memory locked, pinned, FIFO; and what it could not get."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+
+from micromanip.rt.words import NO_FIFO, NO_LOCK, NO_PIN
+
+_MCL_CURRENT_AND_FUTURE = 3
+
+ADVICE = {
+    NO_FIFO: "no SCHED_FIFO: other processes delay the loop; allow it with `LimitRTPRIO=` or /etc/security/limits.d (rtprio 90)",
+    NO_LOCK: "memory not locked: page faults delay the loop; allow it with `LimitMEMLOCK=infinity` or limits.d (memlock unlimited)",
+    NO_PIN: "not pinned to the configured CPU: it does not exist or is not allowed here",
+}
+
+
+def enter_real_time(cpu: int | None, priority: int) -> int:
+    """Set the calling process up for the loop; returns the bits of what was refused.
+
+    Called last, after everything is compiled, allocated and touched.
+    """
+    refused = 0
+    gc.collect()
+    gc.freeze()
+    if ctypes.CDLL(None, use_errno=True).mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
+        refused |= NO_LOCK
+    if cpu is not None:
+        try:
+            os.sched_setaffinity(0, {cpu})
+        except OSError:
+            refused |= NO_PIN
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError:
+        refused |= NO_FIFO
+    return refused
+
+
+def leave_cpu(cpu: int | None) -> None:
+    """Keep the calling process off the loop's CPU, where there is another one."""
+    others = os.sched_getaffinity(0) - {cpu}
+    if cpu is not None and others:
+        os.sched_setaffinity(0, others)
+
+
+def missing_rights(bits: int) -> list[str]:
+    """One line of advice for each right in `bits`."""
+    return [advice for bit, advice in ADVICE.items() if bits & bit]

@@ -1,0 +1,105 @@
+"""Figures of a run, as ``status`` and ``run --json`` report them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from micromanip.rt import words as w
+from micromanip.rt.histogram import percentile
+
+from .controller import Controller
+from .ring import RingReader
+
+_ROLES = (("strain", 1), ("stage", 2), ("deviation", 4))
+_PERCENTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "p99_99": 0.9999}
+
+
+class SignalStatistics:
+    """Rate, age and losses of each signal, gathered from the telemetry ring."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._reader = RingReader(controller.ring)
+        self._names = list(controller.prepared.configuration.axes)
+        self._cycles = 0
+        self._fresh: Counter[str] = Counter()
+        self._ages: dict[str, Counter[int]] = {}
+
+    def gather(self) -> None:
+        """Take in the rows since the last call."""
+        rows = self._reader.read(1 << 15)
+        self._cycles += int(rows["periods"].sum())
+        for i, axis in enumerate(self._names):
+            for role, bit in _ROLES:
+                name = f"{role}_{axis}"
+                if name not in self._controller.prepared.configuration.signals:
+                    continue
+                self._fresh[name] += int(np.count_nonzero(rows["axis"]["fresh"][:, i] & bit))
+                ages, counts = np.unique(rows["axis"][f"{role}_age_ns"][:, i] // 1000, return_counts=True)
+                self._ages.setdefault(name, Counter()).update(dict(zip(ages.tolist(), counts.tolist(), strict=True)))
+
+    def report(self) -> dict[str, dict[str, float | int | None]]:
+        """``{name: {rate_hz, age_p50_us, age_max_us, lost}}``."""
+        period_s = self._controller.prepared.configuration.loop.period_ns * 1e-9
+        report: dict[str, dict[str, float | int | None]] = {}
+        for name, ages in self._ages.items():
+            role, axis = name.rsplit("_", 1)
+            state = self._controller.status["state"][0]["axis"][self._names.index(axis)][role]
+            middle, seen, total = None, 0, ages.total()
+            for age in sorted(ages):
+                seen += ages[age]
+                if 2 * seen >= total:
+                    middle = age
+                    break
+            report[name] = {
+                "rate_hz": round(self._fresh[name] / (self._cycles * period_s), 1) if self._cycles else 0.0,
+                "age_p50_us": middle,
+                "age_max_us": max(ages) if ages else None,
+                "lost": int(state["lost"]),
+            }
+        return report
+
+
+def durations(histogram: Any, maximum: int) -> dict[str, int]:
+    """Percentiles and maximum (ns) of one of the loop's histograms."""
+    return {name: int(percentile(histogram, share)) for name, share in _PERCENTILES.items()} | {"max": int(maximum)}
+
+
+def path_errors(controller: Controller) -> dict[str, dict[str, float | None]]:
+    """Path error (um) of each axis since a second after tracking began; None where there is none."""
+    report = {}
+    for i, name in enumerate(controller.prepared.configuration.axes):
+        a = controller.status["state"][0]["axis"][i]
+        count = int(a["errors"])
+        if count == 0 or not np.isfinite(a["error_squares"]):
+            report[name] = dict.fromkeys(("uncompensated_rms", "rms", "max"))
+            continue
+        report[name] = {
+            "uncompensated_rms": round(float(np.sqrt(a["uncompensated_squares"] / count)), 4),
+            "rms": round(float(np.sqrt(a["error_squares"] / count)), 4),
+            "max": round(float(a["error_max"]), 4),
+        }
+    return report
+
+
+def report(controller: Controller, signals: SignalStatistics) -> dict[str, Any]:
+    """The whole report of a run, so far."""
+    words = controller.words
+    fault = controller.fault()
+    return {
+        "state": controller.state,
+        "cycles": int(words[w.CYCLES_RUN]),
+        "overruns": int(words[w.OVERRUNS]),
+        "period_ns": controller.prepared.configuration.loop.period_ns,
+        "lateness_ns": durations(controller.status["lateness"], words[w.LATENESS_MAX_NS]),
+        "compute_ns": durations(controller.status["compute"], words[w.COMPUTE_MAX_NS]),
+        "path_error_um": path_errors(controller),
+        "signals": signals.report(),
+        "faults": [fault] if fault else [],
+        "parameter_version": int(words[w.VERSION_ACTIVE]),
+        "configuration": str(controller.prepared.source.path),
+        "configuration_sha256": controller.prepared.source.hash,
+    }

@@ -1,0 +1,165 @@
+"""What no section can know alone: names that must match, set-points that must be reachable, safety rules."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .axis import Axis
+from .compile import compile_cell
+from .hysteresis import NoModel
+from .load import load_with_source
+from .model import Configuration
+from .outer import outer_gains
+from .reference import File, Hold, Reference, Sines, Step, Tracker
+from .source import Source
+from .waveform import load_samples
+from .wiring import Wiring, wire
+
+ROLES = ("strain", "stage", "deviation", "acceleration", "true_strain", "true_stage", "path_error", "uncompensated")
+Finding = tuple[tuple[str | int, ...], str]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A configuration that may be run: validated, wired, compiled."""
+
+    configuration: Configuration
+    source: Source
+    wiring: Wiring
+    parameters: NDArray[Any]
+    samples: NDArray[np.float64]
+
+
+def prepare(file: Path) -> Prepared:
+    """Load, check and compile a configuration; raises ConfigError with file, line and key of every problem."""
+    configuration, source = load_with_source(file)
+    findings = [*_names(configuration), *_reach(configuration), *_machine(configuration)]
+    if findings:
+        raise source.errors(findings)
+    wiring = wire(configuration, source)
+    findings = [*_safety(configuration, wiring), *_stability(configuration)]
+    if findings:
+        raise source.errors(findings)
+    return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), load_samples(configuration, source))
+
+
+def _names(configuration: Configuration) -> Iterator[Finding]:
+    known = [f"{role}_{axis}" for axis in configuration.axes for role in ROLES]
+    for name in configuration.signals:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            yield ("signals", name), f"no axis takes a signal of this name{hint} (names are <role>_<axis>)"
+    for name in configuration.outputs:
+        if name not in {f"voltage_{axis}" for axis in configuration.axes}:
+            yield ("outputs", name), f"no axis has this output; outputs are named voltage_<axis> ({', '.join(configuration.axes)})"
+    follows = isinstance(configuration.reference, Tracker)
+    for name, axis in configuration.axes.items():
+        wanted = ["strain"] if axis.mode != "voltage" else []
+        wanted += ["stage"] if axis.mode == "stage" else []
+        wanted += ["deviation"] if follows else []
+        for role in wanted:
+            if f"{role}_{name}" not in configuration.signals:
+                yield ("axes", name), f"mode {axis.mode} needs the signal {role}_{name}, which the section signals does not have"
+        if f"voltage_{name}" not in configuration.outputs:
+            yield ("axes", name), f"there is no output voltage_{name}; add it to the section outputs"
+        if follows and axis.mode == "voltage":
+            yield ("axes", name, "mode"), "a voltage can't follow the source signal; use mode strain or stage"
+
+
+def excursion(reference: Reference) -> tuple[float, float]:
+    """Lowest and highest value the reference can take."""
+    if isinstance(reference, Tracker):
+        return reference.range_um
+    if isinstance(reference, Step):
+        ends = (reference.offset_um, reference.offset_um + reference.step_um)
+        return min(ends), max(ends)
+    if isinstance(reference, Sines):
+        reach = sum(abs(sine.amplitude_um) for sine in reference.sines)
+        return reference.offset_um - reach, reference.offset_um + reach
+    return (reference.offset_um, reference.offset_um) if isinstance(reference, Hold) else (0.0, 0.0)
+
+
+def _dc_gain(axis: Axis) -> float:
+    if axis.outer is None:
+        return 1.0
+    model = axis.outer.model
+    a = np.array(model.A)
+    return float(np.array(model.C) @ np.linalg.solve(np.eye(len(a)) - a, np.array(model.B)))
+
+
+def _reach(configuration: Configuration) -> Iterator[Finding]:
+    low, high = excursion(configuration.reference)
+    for name, axis in configuration.axes.items():
+        reachable, unit = axis.setpoint.range_um, "um"
+        if not isinstance(axis.hysteresis, NoModel) and axis.mode != "voltage":
+            least, most = axis.hysteresis.range_um
+            if least > reachable[0] or most < reachable[1]:
+                yield (
+                    ("axes", name, "setpoint", "range_um"),
+                    f"{list(reachable)} um goes beyond the hysteresis model's range_um {[least, most]}",
+                )
+        wanted = low, high
+        if axis.mode == "stage":
+            wanted = axis.centre_um + low / _dc_gain(axis), axis.centre_um + high / _dc_gain(axis)
+        elif isinstance(configuration.reference, Tracker):
+            wanted = axis.centre_um + low, axis.centre_um + high
+        if axis.mode == "voltage":
+            output = configuration.outputs.get(f"voltage_{name}")
+            reachable, unit = (output.range_V if output else (-np.inf, np.inf)), "V"
+        if isinstance(configuration.reference, File):
+            continue
+        if wanted[0] < reachable[0] - 1e-9 or wanted[1] > reachable[1] + 1e-9:
+            yield (
+                ("reference",),
+                f"axis {name} can't reach it: the reference asks for {wanted[0]:.4g}..{wanted[1]:.4g} {unit} "
+                f"of the actuator, its range is {reachable[0]:.4g}..{reachable[1]:.4g} {unit}",
+            )
+
+
+def _machine(configuration: Configuration) -> Iterator[Finding]:
+    loop = configuration.loop
+    if loop.spin_us * 1e3 >= loop.period_ns:
+        yield ("loop", "spin_us"), f"must be shorter than the period of {loop.period_ns / 1e3:g} us"
+    count = os.cpu_count() or 1
+    if loop.limits == "hardware" and loop.cpu is not None and loop.cpu >= count:
+        yield ("loop", "cpu"), f"this machine has the CPUs 0 to {count - 1}"
+
+
+def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
+    real = [name for name, driver in wiring.drivers.items() if not driver.simulated]
+    if configuration.arm_on_start and real:
+        yield ("arm_on_start",), f"only a simulation may arm by itself; driver {real[0]} moves a real stage: use `micromanip arm`"
+    for name in real:
+        if configuration.loop.limits == "simulation":
+            yield ("loop", "limits"), f"driver {name} moves a real stage: limits must be hardware"
+        if wiring.drivers[name].watchdog is None and not configuration.drivers[name].without_watchdog:
+            yield (
+                ("drivers", name),
+                "this hardware has no watchdog that covers a dead loop; if it is covered otherwise, say without_watchdog: true",
+            )
+
+
+def _stability(configuration: Configuration) -> Iterator[Finding]:
+    tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
+    for name, axis in configuration.axes.items():
+        if axis.outer is None or axis.mode != "stage":
+            continue
+        try:
+            gains = outer_gains(axis.outer, tracker, configuration.loop.period_ns * 1e-9)
+        except (np.linalg.LinAlgError, ValueError) as problem:
+            yield ("axes", name, "outer"), f"no stabilising gains exist for this model and these knobs ({problem})"
+            continue
+        radius = float(np.abs(gains.closed_loop_poles).max())
+        if not radius < 1.0:
+            yield ("axes", name, "outer"), f"the closed loop would be unstable: a pole at radius {radius:.6f}"
+
+

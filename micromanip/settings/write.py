@@ -1,0 +1,58 @@
+"""Writing fitted models back into a configuration file, its comments and order kept."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+from .model import Configuration
+
+_DIGITS = 10
+_WIDTH = 110
+
+
+def _plain(value: Any) -> Any:
+    """`value` as YAML should show it: numbers rounded, lists on one line."""
+    if isinstance(value, float):
+        return float(f"{value:.{_DIGITS}g}")
+    if isinstance(value, dict):
+        shown = CommentedMap((key, _plain(item)) for key, item in value.items())
+        return shown
+    if isinstance(value, (list, tuple)):
+        items = CommentedSeq(_plain(item) for item in value)
+        if not any(isinstance(item, (CommentedMap, CommentedSeq)) for item in items):
+            items.fa.set_flow_style()
+        return items
+    return value
+
+
+def with_models(text: str, configuration: Configuration) -> str:
+    """Configuration file `text` with the models of `configuration` in every axis."""
+    yaml = YAML()
+    yaml.width = _WIDTH
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    document = yaml.load(text)
+    for name, axis in configuration.axes.items():
+        section = document["axes"][name]
+        section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
+        if axis.hysteresis_affine is not None:
+            section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
+        if axis.outer is not None:
+            section["outer"] = _plain(axis.outer.model_dump())
+    stream = io.StringIO()
+    yaml.dump(document, stream)
+    return stream.getvalue()
+
+
+def write_atomically(file: Path, text: str) -> None:
+    """Replace `file` by `text`, whole or not at all."""
+    part = file.with_name(file.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    with part.open("rb") as written:
+        os.fsync(written.fileno())
+    part.replace(file)

@@ -1,0 +1,38 @@
+"""Experiments in virtual time: a configuration, armed, for so many seconds, without machining."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from micromanip.settings.check import Prepared
+from micromanip.settings.compile import compile_cell
+from micromanip.settings.model import Configuration
+
+from .virtual import Rows, Samples, VirtualCell
+
+
+class VirtualExperiment:
+    """Runs variants of one configuration on fresh copies of its simulated drivers.
+
+    Calling it arms `configuration`, waits until every axis tracks, and returns the telemetry rows (one in
+    `every` cycles) of the following `seconds`. `samples` (n, MAX_AXES) is what the source `file` plays.
+    Raises CheckFailed where the cell does not come to TRACKING.
+    """
+
+    def __init__(self, prepared: Prepared, *, process: bool = False) -> None:
+        """`process` keeps the machining force, which an experiment is normally free of."""
+        drivers = prepared.wiring.drivers
+        kept = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
+        self._wiring = replace(prepared.wiring, drivers=kept)
+
+    def __call__(
+        self, configuration: Configuration, seconds: float, samples: Samples | None = None, every: int = 1
+    ) -> Rows:
+        """The rows of `seconds` after tracking has begun."""
+        cell = self.cell(configuration, samples)
+        cell.arm()
+        return cell.run(seconds, every)
+
+    def cell(self, configuration: Configuration, samples: Samples | None = None) -> VirtualCell:
+        """The cell itself, READY, for whoever wants to step it."""
+        return VirtualCell(compile_cell(configuration, self._wiring), self._wiring, samples)

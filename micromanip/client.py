@@ -1,10 +1,10 @@
 """Talk to a running controller: the same verbs as the commands.
 
-    from micromanip.client import Client
+from micromanip.client import Client
 
-    with Client() as cell:
-        cell.arm()
-        print(cell.status()["path_error_um"])
+with Client() as cell:
+    cell.arm()
+    print(cell.status()["path_error_um"])
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def default_socket() -> Path:
     system = Path("/run/micromanip/control.sock")
     if os.geteuid() == 0 or system.exists():
         return system
-    return Path(os.environ.get("XDG_RUNTIME_DIR", f"/tmp/micromanip-{os.geteuid()}")) / "micromanip.sock"  # noqa: S108
+    return Path(os.environ.get("XDG_RUNTIME_DIR", f"/tmp/micromanip-{os.geteuid()}")) / "micromanip.sock"
 
 
 class Client:
@@ -41,7 +41,9 @@ class Client:
             self._socket.connect(str(self.path))
         except PermissionError as problem:
             self._socket.close()
-            raise PermissionDenied(f"{self.path}: not allowed; your user must be in the controller's group") from problem
+            raise PermissionDenied(
+                f"{self.path}: not allowed; your user must be in the controller's group"
+            ) from problem
         except OSError as problem:
             self._socket.close()
             raise DeviceUnavailable(
@@ -52,7 +54,9 @@ class Client:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def close(self) -> None:
@@ -69,7 +73,9 @@ class Client:
         answer = json.loads(line)
         if answer["ok"]:
             return answer["result"]
-        kinds: dict[int, type[MicromanipError]] = {k.exit_code: k for k in (UsageError, PermissionDenied, DeviceUnavailable)}
+        kinds: dict[int, type[MicromanipError]] = {
+            k.exit_code: k for k in (UsageError, PermissionDenied, DeviceUnavailable)
+        }
         raise kinds.get(answer["exit_code"], CheckFailed)(answer["error"])
 
     def status(self) -> dict[str, Any]:

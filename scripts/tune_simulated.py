@@ -14,7 +14,7 @@ CONFIG = Path(__file__).resolve().parent.parent / "config"
 def main() -> None:
     """Start from the untuned cell of the same drivers, write the tuned one."""
     factory = prepare(CONFIG / "factory.yaml")
-    tuned = tune(factory.configuration, VirtualExperiment(factory), lambda line: print(line, file=sys.stderr))
+    tuned = tune(factory.configuration, VirtualExperiment(factory), lambda line: sys.stderr.write(f"{line}\n"))
     target = CONFIG / "simulated.yaml"
     write_atomically(target, with_models(target.read_text(encoding="utf-8"), tuned))
 

@@ -20,7 +20,9 @@ def one_line(report: dict[str, Any]) -> str:
     """The state of the controller in one line."""
     seconds = report["cycles"] * report["period_ns"] * 1e-9
     errors = " ".join(
-        f"{axis} {figures['rms']:.2f}" for axis, figures in report["path_error_um"].items() if figures["rms"] is not None
+        f"{axis} {figures['rms']:.2f}"
+        for axis, figures in report["path_error_um"].items()
+        if figures["rms"] is not None
     )
     line = (
         f"{seconds:7.1f} s  overruns {report['overruns']}  "
@@ -42,7 +44,9 @@ class LiveLine:
             self._live.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if self._live is not None:
             self._live.stop()
 
@@ -66,7 +70,9 @@ def summary(report: dict[str, Any]) -> None:
     """Timing and path error of a run as tables on standard output."""
     console = Console(highlight=False)
     seconds = report["cycles"] * report["period_ns"] * 1e-9
-    console.print(f"{report['cycles']} cycles in {seconds:.1f} s, {report['overruns']} overruns, state {report['state']}")
+    console.print(
+        f"{report['cycles']} cycles in {seconds:.1f} s, {report['overruns']} overruns, state {report['state']}"
+    )
     timing = Table("", "p50", "p99", "p99.9", "p99.99", "max", title="Timing, us")
     for name, key in (("lateness", "lateness_ns"), ("compute", "compute_ns")):
         figures = report[key]

@@ -45,7 +45,7 @@ class LazyGroup(click.Group):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="micromanip")
 def cli() -> None:
-    """Hold a machining spindle on its path with a piezo-actuated micro manipulator.
+    r"""Hold a machining spindle on its path with a piezo-actuated micro manipulator.
 
     \b
     Examples:
@@ -71,7 +71,7 @@ def main(arguments: list[str] | None = None) -> Any:
     except MicromanipError as problem:
         click.echo(f"micromanip: {problem}", err=True)
         sys.exit(problem.exit_code)
-    except Exception as problem:  # noqa: BLE001
+    except Exception as problem:
         bug(problem)
         sys.exit(70)
 

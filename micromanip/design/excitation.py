@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
@@ -30,7 +32,7 @@ def shrinking_triangle(low: float, high: float, turns: int, samples_per_turn: in
     for k in range(turns):
         size = half * (1.0 - k / turns)
         corners += [centre + size, centre - size]
-    pieces = [np.linspace(a, b, samples_per_turn, endpoint=False) for a, b in zip(corners, corners[1:], strict=False)]
+    pieces = [np.linspace(a, b, samples_per_turn, endpoint=False) for a, b in itertools.pairwise(corners)]
     return np.concatenate([*pieces, [corners[-1]]])
 
 

@@ -48,9 +48,12 @@ class HysteresisFit:
     cost: float
 
 
-def _build(x: Array, shaping: Literal["affine", "tanh"], plays: int, range_um: tuple[float, float]) -> PrandtlIshlinskii:
+def _build(
+    x: Array, shaping: Literal["affine", "tanh"], plays: int, range_um: tuple[float, float]
+) -> PrandtlIshlinskii:
     beta, gamma, delta = np.exp(x[:3])
     r = beta * np.arange(1, plays + 1)
+    coefficients: tuple[float, ...]
     if shaping == "affine":
         coefficients = (float(np.exp(x[3])), float(x[4]))
     else:
@@ -83,7 +86,12 @@ def fit_prandtl_ishlinskii(
         start += [np.log(0.7 * slope), offset]
     else:
         width = 1.5 * span
-        start += [np.log(0.7 * slope * width), np.log(1.0 / width), -middle / width, float(np.mean(displacement_um)) * 0.7]
+        start += [
+            np.log(0.7 * slope * width),
+            np.log(1.0 / width),
+            -middle / width,
+            float(np.mean(displacement_um)) * 0.7,
+        ]
 
     def residual(x: Array) -> Array:
         return (predict(_build(x, shaping, plays, range_um), voltage_V) - displacement_um)[burn_in:]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr, svd
+from scipy.linalg import lstsq, qr, svd
 from scipy.signal import dlsim
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def modal(A: Array, B: Array, C: Array) -> tuple[Array, Array, Array]:
     while k < len(A):
         size = 2 if k + 1 < len(A) and abs(A[k, k + 1]) > 1e-9 else 1
         block = slice(k, k + size)
-        scale = np.sqrt(np.linalg.norm(B[block]) / max(np.linalg.norm(C[block]), 1e-300))
+        scale = np.sqrt(np.linalg.norm(B[block]) / np.linalg.norm(C[block]))
         B[block] /= scale
         C[block] *= scale
         k += size
@@ -97,11 +97,11 @@ def fit_siso(u: Array, y: Array, order: int, delay: int, block_rows: int = 40, s
     left, values = observability(shifted_u[:count], shifted_y[:count], block_rows)
     gamma = left[:, :order]
     C = gamma[0]
-    A = stabilised(np.linalg.lstsq(gamma[:-1], gamma[1:], rcond=None)[0])
+    A = stabilised(np.asarray(lstsq(gamma[:-1], gamma[1:])[0]))
     # B enters the output linearly: one free run a state gives the regressors
     regressors = np.column_stack([simulate(A, column, C, shifted_u[:count]) for column in np.eye(order)])
     settle = min(count // 4, 2000)
-    B = np.linalg.lstsq(regressors[settle:], shifted_y[settle:count], rcond=None)[0]
+    B = np.asarray(lstsq(regressors[settle:], shifted_y[settle:count])[0])
     A, B, C = modal(A, B, C)
     run = simulate(A, B, C, shifted_u)[count:]
     held_out = shifted_y[count:]

@@ -1,8 +1,8 @@
 """The control socket: versioned JSON lines over a Unix socket.
 
-    -> {"version": 1, "verb": "status"}
-    <- {"version": 1, "ok": true, "result": {...}}
-    <- {"version": 1, "ok": false, "error": "arm refused: the state is FAULT", "exit_code": 1}
+-> {"version": 1, "verb": "status"}
+<- {"version": 1, "ok": true, "result": {...}}
+<- {"version": 1, "ok": false, "error": "arm refused: the state is FAULT", "exit_code": 1}
 """
 
 from __future__ import annotations

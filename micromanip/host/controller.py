@@ -184,7 +184,9 @@ class Controller:
         base = self.segments.contexts.bytes().ctypes.data
         for (name, driver), offset in zip(self.prepared.wiring.drivers.items(), self._offsets, strict=True):
             code = call_context(driver.functions().safe, base + offset)
-            done.append(f"driver {name}: " + ("outputs at their safe value" if code == 0 else f"safe failed, code {code}"))
+            done.append(
+                f"driver {name}: " + ("outputs at their safe value" if code == 0 else f"safe failed, code {code}")
+            )
         return done
 
     async def wait(self) -> int:

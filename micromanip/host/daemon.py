@@ -40,7 +40,9 @@ class Options:
 class Daemon:
     """Runs one configuration until its duration is over, a signal stops it, or the loop ends."""
 
-    def __init__(self, prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]) -> None:
+    def __init__(
+        self, prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]
+    ) -> None:
         """`say` gets each message for people, `show` the report five times a second."""
         self._prepared, self._options = prepared, options
         self._say, self._show = say, show
@@ -146,6 +148,7 @@ class Daemon:
 
 def serve(prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]) -> Report:
     """Run the daemon to its end; the final report."""
+
     async def main() -> Report:
         return await Daemon(prepared, options, say, show).run()
 

@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -110,7 +111,7 @@ def main() -> int:
     words[FINISHED] = 1
     if os.getppid() != orders["host"]:
         with suppress(OSError):
-            os.unlink(orders["socket"])
+            Path(orders["socket"]).unlink()
     return 0
 
 

@@ -18,14 +18,18 @@ class FaultText:
 
 FAULTS = {
     states.HOST_DEAD: FaultText(
-        "X-101", "no sign of life from the host process for {value:.0f} ms", "See the system log for why it died; start again."
+        "X-101",
+        "no sign of life from the host process for {value:.0f} ms",
+        "See the system log for why it died; start again.",
     ),
     states.OVERRUNS: FaultText(
         "X-102",
         "{value:.0f} deadlines missed in a row",
         "Another process, an interrupt or power saving delays the loop's CPU: see the real-time set-up in the README.",
     ),
-    states.DRIVER_ERROR: FaultText("X-103", "a driver failed in the loop with code {value:.0f}", "See the driver's manual."),
+    states.DRIVER_ERROR: FaultText(
+        "X-103", "a driver failed in the loop with code {value:.0f}", "See the driver's manual."
+    ),
     states.STRAIN_INVALID: FaultText(
         "X-201", "no usable strain-gauge sample for {value:.0f} cycles", "Check the gauge, its cable and the bus."
     ),
@@ -33,7 +37,9 @@ FAULTS = {
         "X-202", "no usable capacitive sample for {value:.0f} cycles", "Check the sensor's gap, its cable and the bus."
     ),
     states.NOT_FINITE: FaultText(
-        "X-203", "the control law gave no finite set-point (last good one {value:.2f} um)", "Check the outer loop's model."
+        "X-203",
+        "the control law gave no finite set-point (last good one {value:.2f} um)",
+        "Check the outer loop's model.",
     ),
 }
 

@@ -11,8 +11,10 @@ from micromanip.rt.words import NO_FIFO, NO_LOCK, NO_PIN
 _MCL_CURRENT_AND_FUTURE = 3
 
 ADVICE = {
-    NO_FIFO: "no SCHED_FIFO: other processes delay the loop; allow it with `LimitRTPRIO=` or /etc/security/limits.d (rtprio 90)",
-    NO_LOCK: "memory not locked: page faults delay the loop; allow it with `LimitMEMLOCK=infinity` or limits.d (memlock unlimited)",
+    NO_FIFO: "no SCHED_FIFO: other processes delay the loop; allow it with LimitRTPRIO= in the unit, or rtprio in "
+    "/etc/security/limits.d",
+    NO_LOCK: "memory not locked: page faults delay the loop; allow it with LimitMEMLOCK=infinity in the unit, or "
+    "memlock in /etc/security/limits.d",
     NO_PIN: "not pinned to the configured CPU: it does not exist or is not allowed here",
 }
 

@@ -33,7 +33,8 @@ class RingReader:
         torn = min(max(0, oldest_safe - start), len(rows))
         self.lost += start - self.position + torn
         self.position = stop
-        return rows[torn:]
+        kept: NDArray[Any] = rows[torn:]
+        return kept
 
     def latest(self) -> Any | None:
         """The newest row, without moving on; None before the first."""

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt.histogram import BINS
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_OUTPUTS, ROW, SIGNAL
-from micromanip.rt.records import MAX_AXES, MAX_SIGNALS
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
 from micromanip.rt.words import WORDS
 
 RING_ROWS = 1 << 15

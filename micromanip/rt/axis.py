@@ -37,7 +37,7 @@ def axis_cycle(
     `fraction` runs 0..1 through a lift, an authority ramp or a parking ramp; `t_s` and `samples` are the own source's.
     """
     finite = True
-    if phase == LIFTING or phase == CLOSED:
+    if phase in (LIFTING, CLOSED):
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
         finite = move_setpoint(p, s, demand(p, s, phase, fraction))
@@ -58,9 +58,8 @@ def sample(p: Record, s: Record, signals: Record, now_ns: int, periods: int) -> 
     read_signal(signals[p["strain"]], s["strain"], now_ns, p["strain_age_ns"])
     if p["stage"] >= 0:
         read_signal(signals[p["stage"]], s["stage"], now_ns, p["stage_age_ns"])
-    if p["deviation"] >= 0:
-        if read_signal(signals[p["deviation"]], s["deviation"], now_ns, p["reference_age_ns"]):
-            signal_sample(p["reference"], s["reference"], s["deviation"]["value"], s["deviation"]["time_ns"])
+    if p["deviation"] >= 0 and read_signal(signals[p["deviation"]], s["deviation"], now_ns, p["reference_age_ns"]):
+        signal_sample(p["reference"], s["reference"], s["deviation"]["value"], s["deviation"]["time_ns"])
 
 
 @compiled

@@ -106,12 +106,12 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
             start_axis(p["axis"][i], s["axis"][i])
         enter(s, ARMED)
     elif command == DISARM:
-        if state == ARMED or state == TRACKING:
+        if state in (ARMED, TRACKING):
             begin_ramp(p, s, READY)
         elif state != READY:
             return False
     elif command == STOP:
-        if state == READY or state == FAULT:
+        if state in (READY, FAULT):
             enter(s, OFF)
         elif state != OFF:
             begin_ramp(p, s, OFF)

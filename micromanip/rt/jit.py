@@ -15,7 +15,7 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numba
 
@@ -26,7 +26,7 @@ _KEPT_CACHES = 8
 
 def cache_root() -> Path:
     """Folder of all compiled code: ``$XDG_CACHE_HOME/micromanip`` or ``~/.cache/micromanip``."""
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "micromanip"
 
 
@@ -46,27 +46,21 @@ def _prune(root: Path) -> None:
 
 
 class Compiler:
-    """Decorates functions of one package for the hot path; the package's folder keys its cache.
-
-    ``@compiled`` compiles when first called (what a compiled entry point calls is built into the
-    entry point); ``@compiled(signature)`` compiles, or loads from the cache, at once. The entry
-    points of the loop use the second form, so that nothing is compiled while it runs.
-    """
+    """Decorates functions of one package for the hot path; the package's folder keys its cache."""
 
     def __init__(self, package_file: str) -> None:
         own = Path(package_file).resolve().parent
         rt = Path(__file__).resolve().parent
         self.cache_dir = cache_root() / f"{own.name}-{_digest((rt, own) if own != rt else (rt,))}"
 
-    @overload
-    def __call__(self, target: Function, /) -> Function: ...
-    @overload
-    def __call__(self, target: Any, /) -> Callable[[Function], Function]: ...
+    def __call__(self, function: Function) -> Function:
+        """Decorator: compiled when first called; what an entry point calls is built into the entry point."""
+        compiled_function: Function = self._compile(function, None)
+        return compiled_function
 
-    def __call__(self, target: Any, /) -> Any:
-        if callable(target) and not isinstance(target, numba.core.typing.Signature):
-            return self._compile(target, None)
-        return lambda function: self._compile(function, target)
+    def entry(self, signature: Any) -> Callable[[Function], Function]:
+        """Decorator: compiled, or loaded from the cache, at once, so that nothing is compiled while the loop runs."""
+        return lambda function: self._compile(function, signature)
 
     def _compile(self, function: Any, signature: Any) -> Any:
         return self._cached(lambda: numba.njit(signature, cache=True, nogil=True, error_model="numpy")(function))

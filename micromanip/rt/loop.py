@@ -1,8 +1,9 @@
 """The 10 kHz loop: absolute deadlines around the cell's cycle, and its traffic with the host.
 
-Each period: wait for the deadline, exchange with the hardware, take over parameters and commands, run the
-cell (``cell.py``, ``axis.py``), publish a telemetry row. After an overrun the missed cycles are counted and skipped, never made up in
-a burst: the deadline moves on along its grid, and the laws are told how many periods really passed.
+Each period: wait for the deadline, exchange with the hardware, take over parameters and commands,
+run the cell (``cell.py``, ``axis.py``), publish a telemetry row. After an overrun the missed cycles are
+counted and skipped, never made up in a burst: the deadline moves on along its grid, and the laws are
+told how many periods really passed.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def publish(words: Any, s: Any) -> None:
     store_release(words, CYCLE, s["cycle"])
 
 
-@compiled(
+@compiled.entry(
     types.void(
         *(WORDS, PARAMETERS, WORDS, STATES, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES, WORDS, ROWS),
         *(WORDS, WORDS, WORDS, types.int64),

@@ -28,7 +28,9 @@ def network_output(p: Record, s: Record, y: float) -> float:
     """Voltage (V) for displacement `y` (um); advances the memory in `s`."""
     v = p["b_out"]
     for m in range(p["neurons"]):
-        activation = p["b_in"][m] + p["w_in"][m, 0] * y + p["w_in"][m, 1] * s["y_memory"] + p["w_in"][m, 2] * s["v_memory"]
+        activation = (
+            p["b_in"][m] + p["w_in"][m, 0] * y + p["w_in"][m, 1] * s["y_memory"] + p["w_in"][m, 2] * s["v_memory"]
+        )
         v += p["w_out"][m] * sigmoid(activation)
     s["count"] += 1
     if s["count"] >= p["stride"]:

@@ -35,7 +35,9 @@ def _record(*fields: tuple[Any, ...]) -> np.dtype[Any]:
 SIGNAL = _record(("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("status", "i8"))
 """One input as a driver leaves it; ``sequence`` grows by one a fresh sample, ``status`` 0 is good."""
 
-SHAPING = _record(("kind", "i8"), ("c", "f8", (4,)), ("points", "i8"), ("v", "f8", (MAX_TABLE,)), ("u", "f8", (MAX_TABLE,)))
+SHAPING = _record(
+    ("kind", "i8"), ("c", "f8", (4,)), ("points", "i8"), ("v", "f8", (MAX_TABLE,)), ("u", "f8", (MAX_TABLE,))
+)
 
 HYSTERESIS_PARAMETERS = _record(
     ("kind", "i8"),
@@ -142,7 +144,13 @@ AXIS_PARAMETERS = _record(
     ("limiter", LIMITER_PARAMETERS),
 )
 SENSOR_STATE = _record(
-    ("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("age_ns", "i8"), ("fresh", "i8"), ("bad", "i8"), ("lost", "i8")
+    ("value", "f8"),
+    ("time_ns", "i8"),
+    ("sequence", "i8"),
+    ("age_ns", "i8"),
+    ("fresh", "i8"),
+    ("bad", "i8"),
+    ("lost", "i8"),
 )
 AXIS_STATE = _record(
     ("strain", SENSOR_STATE),

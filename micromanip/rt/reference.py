@@ -1,9 +1,9 @@
 """The reference of one axis: position, velocity, acceleration and oscillation at this very moment.
 
-Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle. A signal (laser tracker) arrives late and at
-its own rate: a Kalman filter with the state ``w = [p, v, a, o, o']`` (o an oscillation of known frequency)
-is corrected at each sample's own time and extrapolated to now in closed form; it can also
-just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken.
+Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle. A signal
+(laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o, o']`` (o
+an oscillation of known frequency) is corrected at each sample's own time and extrapolated to now in
+closed form; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken.
 """
 
 from __future__ import annotations

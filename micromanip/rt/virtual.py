@@ -14,7 +14,7 @@ from .states import DRIVER_ERROR, NO_COMMAND
 from .telemetry import write_row
 
 
-@compiled(
+@compiled.entry(
     types.int64(
         PARAMETERS, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES, ROWS, types.int64, types.int64, types.int64
     )

@@ -54,7 +54,9 @@ class LinearModel(Settings):
         if any(len(row) != n for row in self.A) or len(self.B) != n or len(self.C) != n:
             raise ValueError(f"A has {n} rows: every row of A, and B and C, must have {n} numbers")
         if n + self.delay_cycles + 3 > MAX_STATES:
-            raise ValueError(f"order {n} plus delay {self.delay_cycles} is too large: at most {MAX_STATES - 3} together")
+            raise ValueError(
+                f"order {n} plus delay {self.delay_cycles} is too large: at most {MAX_STATES - 3} together"
+            )
         return self
 
 
@@ -62,9 +64,13 @@ class Outer(Settings):
     """Kalman filter and LQG on the capacitive sensor."""
 
     model: LinearModel
-    effort: Positive = Field(default=10.0, description="LQR weight of the set-point; smaller is faster and less robust.")
+    effort: Positive = Field(
+        default=10.0, description="LQR weight of the set-point; smaller is faster and less robust."
+    )
     input_noise_um: Positive = Field(default=0.1, description="White noise on the set-point, rms a cycle.")
-    disturbance_um: Positive = Field(default=0.1, description="Random walk of the input disturbance, rms a cycle: integral action.")
+    disturbance_um: Positive = Field(
+        default=0.1, description="Random walk of the input disturbance, rms a cycle: integral action."
+    )
     oscillation_Hz: Positive | None = Field(default=200.0, description="Tooth-passing frequency to cancel; null: none.")
     oscillation_um: Positive = Field(default=1e-3, description="Noise of that oscillator, rms a cycle.")
     sensor_noise_um: Positive = Field(default=0.012, description="Noise of the capacitive sensor, rms.")

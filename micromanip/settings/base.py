@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat
@@ -22,4 +23,4 @@ Flag = Annotated[bool, Field(strict=True)]
 
 def is_rising(values: tuple[float, ...]) -> bool:
     """True where each value is larger than the one before."""
-    return all(later > earlier for earlier, later in zip(values, values[1:], strict=False))
+    return all(later > earlier for earlier, later in itertools.pairwise(values))

@@ -38,17 +38,22 @@ class Prepared:
     samples: NDArray[np.float64]
 
 
-def prepare(file: Path) -> Prepared:
-    """Load, check and compile a configuration; raises ConfigError with file, line and key of every problem."""
+def prepare(file: Path, seed: int | None = None) -> Prepared:
+    """Load, check and compile a configuration; raises ConfigError with file, line and key of every problem.
+
+    `seed` replaces that of the simulated drivers.
+    """
     configuration, source = load_with_source(file)
     findings = [*_names(configuration), *_reach(configuration), *_machine(configuration)]
     if findings:
         raise source.errors(findings)
-    wiring = wire(configuration, source)
+    wiring = wire(configuration, source, seed)
     findings = [*_safety(configuration, wiring), *_stability(configuration)]
     if findings:
         raise source.errors(findings)
-    return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), load_samples(configuration, source))
+    return Prepared(
+        configuration, source, wiring, compile_cell(configuration, wiring), load_samples(configuration, source)
+    )
 
 
 def _names(configuration: Configuration) -> Iterator[Finding]:
@@ -60,7 +65,10 @@ def _names(configuration: Configuration) -> Iterator[Finding]:
             yield ("signals", name), f"no axis takes a signal of this name{hint} (names are <role>_<axis>)"
     for name in configuration.outputs:
         if name not in {f"voltage_{axis}" for axis in configuration.axes}:
-            yield ("outputs", name), f"no axis has this output; outputs are named voltage_<axis> ({', '.join(configuration.axes)})"
+            yield (
+                ("outputs", name),
+                f"no axis has this output; outputs are named voltage_<axis> ({', '.join(configuration.axes)})",
+            )
     follows = isinstance(configuration.reference, Tracker)
     for name, axis in configuration.axes.items():
         wanted = ["strain"] if axis.mode != "voltage" else []
@@ -68,7 +76,10 @@ def _names(configuration: Configuration) -> Iterator[Finding]:
         wanted += ["deviation"] if follows else []
         for role in wanted:
             if f"{role}_{name}" not in configuration.signals:
-                yield ("axes", name), f"mode {axis.mode} needs the signal {role}_{name}, which the section signals does not have"
+                yield (
+                    ("axes", name),
+                    f"mode {axis.mode} needs the signal {role}_{name}, which the section signals does not have",
+                )
         if f"voltage_{name}" not in configuration.outputs:
             yield ("axes", name), f"there is no output voltage_{name}; add it to the section outputs"
         if follows and axis.mode == "voltage":
@@ -137,14 +148,18 @@ def _machine(configuration: Configuration) -> Iterator[Finding]:
 def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
     real = [name for name, driver in wiring.drivers.items() if not driver.simulated]
     if configuration.arm_on_start and real:
-        yield ("arm_on_start",), f"only a simulation may arm by itself; driver {real[0]} moves a real stage: use `micromanip arm`"
+        yield (
+            ("arm_on_start",),
+            f"only a simulation may arm by itself; driver {real[0]} moves a real stage: use `micromanip arm`",
+        )
     for name in real:
         if configuration.loop.limits == "simulation":
             yield ("loop", "limits"), f"driver {name} moves a real stage: limits must be hardware"
         if wiring.drivers[name].watchdog is None and not configuration.drivers[name].without_watchdog:
             yield (
                 ("drivers", name),
-                "this hardware has no watchdog that covers a dead loop; if it is covered otherwise, say without_watchdog: true",
+                "this hardware has no watchdog that covers a dead loop; if it is covered otherwise, "
+                "say without_watchdog: true",
             )
 
 
@@ -161,5 +176,3 @@ def _stability(configuration: Configuration) -> Iterator[Finding]:
         radius = float(np.abs(gains.closed_loop_poles).max())
         if not radius < 1.0:
             yield ("axes", name, "outer"), f"the closed loop would be unstable: a pole at radius {radius:.6f}"
-
-

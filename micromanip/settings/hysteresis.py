@@ -15,7 +15,9 @@ Range = tuple[Real, Real]
 
 
 class _Ranged(Settings):
-    range_um: Range = Field(description="Displacements the model is good for; the set-point is clipped to it before the inverse.")
+    range_um: Range = Field(
+        description="Displacements the model is good for; the set-point is clipped to it before the inverse."
+    )
 
     @model_validator(mode="after")
     def _range_rises(self) -> Self:
@@ -44,7 +46,9 @@ class PrandtlIshlinskii(_Ranged):
     def _is_invertible(self) -> Self:
         wanted = {"identity": 0, "affine": 2, "tanh": 4, "table": 0}[self.shaping]
         if len(self.coefficients) != wanted:
-            raise ValueError(f"coefficients: {self.shaping} shaping takes {wanted} numbers, not {len(self.coefficients)}")
+            raise ValueError(
+                f"coefficients: {self.shaping} shaping takes {wanted} numbers, not {len(self.coefficients)}"
+            )
         if self.shaping == "affine" and self.coefficients[0] <= 0:
             raise ValueError("coefficients: the slope c1 of the affine shaping must be positive")
         if self.shaping == "tanh" and self.coefficients[0] * self.coefficients[1] <= 0:
@@ -54,7 +58,9 @@ class PrandtlIshlinskii(_Ranged):
         if not (is_rising(self.table_V) and is_rising(self.table_um)):
             raise ValueError("table_V and table_um must rise from point to point")
         if len(self.thresholds_um) != len(self.weights):
-            raise ValueError(f"weights: {len(self.thresholds_um)} thresholds need as many weights, not {len(self.weights)}")
+            raise ValueError(
+                f"weights: {len(self.thresholds_um)} thresholds need as many weights, not {len(self.weights)}"
+            )
         if not is_rising(self.thresholds_um):
             raise ValueError("thresholds_um must rise")
         partial = self.alpha

@@ -23,11 +23,15 @@ class Loop(Settings):
     """The fixed-rate loop process."""
 
     rate_hz: int = Field(default=10_000, strict=True, ge=100, le=20_000, description="Cycles a second.")
-    cpu: int | None = Field(default=None, strict=True, ge=0, description="CPU the loop is pinned to; null leaves it free.")
+    cpu: int | None = Field(
+        default=None, strict=True, ge=0, description="CPU the loop is pinned to; null leaves it free."
+    )
     priority: int = Field(default=80, strict=True, ge=1, le=98, description="SCHED_FIFO priority.")
-    spin_us: NotNegative = Field(default=60.0, description="The loop sleeps to this long before a deadline and spins the rest.")
+    spin_us: NotNegative = Field(
+        default=60.0, description="The loop sleeps to this long before a deadline and spins the rest."
+    )
     limits: Literal["hardware", "simulation"] = Field(
-        description="Which set of fault limits applies; simulation is wide, because a virtual machine stalls for tens of ms."
+        description="Which set of fault limits applies; simulation is wide: a virtual machine stalls for tens of ms."
     )
 
     @property
@@ -65,7 +69,9 @@ class Signal(Settings):
     """An input of the loop."""
 
     driver: str = Field(description="Which driver it comes from.")
-    channel: str | None = Field(default=None, description="The driver's name for it; the signal's own name if left out.")
+    channel: str | None = Field(
+        default=None, description="The driver's name for it; the signal's own name if left out."
+    )
     max_age_us: Positive | None = Field(
         default=300.0, description="Older than this it counts as invalid; null means no limit."
     )
@@ -75,7 +81,9 @@ class Output(Settings):
     """An output of the loop: a piezo voltage."""
 
     driver: str = Field(description="Which driver writes it.")
-    channel: str | None = Field(default=None, description="The driver's name for it; the output's own name if left out.")
+    channel: str | None = Field(
+        default=None, description="The driver's name for it; the output's own name if left out."
+    )
     range_V: tuple[Real, Real] = Field(description="No voltage outside this range is ever written.")
     slew_V_per_ms: Positive = Field(description="No voltage changes faster than this.")
     park_V: Real = Field(default=0.0, description="Voltage at rest and after a fault.")

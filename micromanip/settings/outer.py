@@ -98,7 +98,9 @@ def observer_gain(outer: Outer, A: Matrix, C: Matrix, controllable: int) -> Matr
     return np.asarray((P @ C) / (C @ P @ C + r[0, 0]), dtype=np.float64)
 
 
-def regulate(A: Matrix, B: Matrix, C: Matrix, controllable: int, effort: float, S: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+def regulate(
+    A: Matrix, B: Matrix, C: Matrix, controllable: int, effort: float, S: Matrix
+) -> tuple[Matrix, Matrix, Matrix]:
     """LQR gain K (nc,), feedforward (nd,) of the disturbances and (5,) of the reference with transition `S`."""
     Ac, Bc, Cc = A[:controllable, :controllable], B[:controllable, None], C[:controllable]
     P = solve_discrete_are(Ac, Bc, np.outer(Cc, Cc), np.array([[effort]]))
@@ -110,9 +112,7 @@ def regulate(A: Matrix, B: Matrix, C: Matrix, controllable: int, effort: float, 
     target[len(D)] = target[len(D) + 3] = 1.0
     m = len(exo)
     # unknowns: Pi column by column, then Gamma
-    dynamics = np.hstack(
-        [np.kron(exo.T, np.eye(controllable)) - np.kron(np.eye(m), Ac), -np.kron(np.eye(m), Bc)]
-    )
+    dynamics = np.hstack([np.kron(exo.T, np.eye(controllable)) - np.kron(np.eye(m), Ac), -np.kron(np.eye(m), Bc)])
     output = np.hstack([np.kron(np.eye(m), Cc[None, :]), np.zeros((m, m))])
     solution = np.linalg.solve(np.vstack([dynamics, output]), np.concatenate([forcing.T.ravel(), target]))
     Pi = solution[: m * controllable].reshape(m, controllable).T
@@ -147,9 +147,7 @@ def tracker_gain(reference: Tracker) -> Matrix:
     h = 1.0 / reference.sample_rate_Hz
     omega = 2 * np.pi * reference.oscillation_Hz
     F = reference_transition(omega, h)
-    moving = np.array(
-        [[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]]
-    )
+    moving = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
     # the oscillation's amplitude walks by oscillation_um_per_s per root second, in both its states
     walking = np.diag([1.0, omega**2]) * h
     Q = np.asarray(block_diag(reference.jerk_um_per_s3**2 * moving, reference.oscillation_um_per_s**2 * walking))

@@ -56,11 +56,15 @@ class Tracker(Settings):
     """The path deviation, as a signal (laser tracker)."""
 
     source: Literal["signal"]
-    predict: Flag = Field(default=True, description="Extrapolate to now by a Kalman filter; false holds the last sample.")
+    predict: Flag = Field(
+        default=True, description="Extrapolate to now by a Kalman filter; false holds the last sample."
+    )
     sample_rate_Hz: Positive = Field(default=1000.0, description="Rate of the signal.")
     oscillation_Hz: Positive = Field(default=8.0, description="Frequency at which the robot's joints oscillate.")
     oscillation_um_per_s: Positive = Field(default=60.0, description="How fast that oscillation changes.")
-    jerk_um_per_s3: Positive = Field(default=20000.0, description="How rough the rest of the path is (rms jerk, 1/sqrt(Hz)).")
+    jerk_um_per_s3: Positive = Field(
+        default=20000.0, description="How rough the rest of the path is (rms jerk, 1/sqrt(Hz))."
+    )
     noise_um: Positive = Field(default=0.5, description="Noise of the signal, rms.")
     horizon_ms: Positive = Field(default=20.0, description="Without a sample for longer the last position is held.")
     range_um: tuple[Real, Real] = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")

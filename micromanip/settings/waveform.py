@@ -26,7 +26,9 @@ def load_samples(configuration: Configuration, source: Source) -> NDArray[np.flo
             names = file.readline().strip().split(",")
             table = np.loadtxt(file, delimiter=",", ndmin=2)
     except (OSError, ValueError) as problem:
-        raise source.error(key, f"{reference.path} can't be read as a CSV of numbers with a header: {problem}") from problem
+        raise source.error(
+            key, f"{reference.path} can't be read as a CSV of numbers with a header: {problem}"
+        ) from problem
     missing = [name for name in configuration.axes if name not in names]
     if missing:
         raise source.error(key, f"{reference.path} has no column {missing[0]}; its columns are {', '.join(names)}")

@@ -35,7 +35,8 @@ def _channel(
 ) -> tuple[str, int]:
     if entry.driver not in drivers:
         raise source.error(
-            (section, name, "driver"), f"there is no driver {entry.driver}; the section drivers has {', '.join(drivers)}"
+            (section, name, "driver"),
+            f"there is no driver {entry.driver}; the section drivers has {', '.join(drivers)}",
         )
     driver = drivers[entry.driver]
     channels = driver.inputs if section == "signals" else driver.outputs
@@ -47,8 +48,11 @@ def _channel(
     return entry.driver, channels.index(wanted)
 
 
-def wire(configuration: Configuration, source: Source) -> Wiring:
-    """Build the drivers and resolve all names; raises ConfigError with file, line and key."""
+def wire(configuration: Configuration, source: Source, seed: int | None = None) -> Wiring:
+    """Build the drivers and resolve all names; raises ConfigError with file, line and key.
+
+    `seed` replaces the seed of every driver that has one.
+    """
     drivers: dict[str, CyclicDriver] = {}
     first_input, first_output = {}, {}
     inputs = outputs = 0
@@ -58,6 +62,8 @@ def wire(configuration: Configuration, source: Source) -> Wiring:
         except ConfigError as problem:
             raise source.error(("drivers", name, "driver"), str(problem)) from problem
         options = validate_section(source, ("drivers", name), kind.Options, entry.options)
+        if seed is not None and "seed" in kind.Options.model_fields:
+            options = options.model_copy(update={"seed": seed})
         try:
             drivers[name] = kind(options, configuration.loop.period_ns)
         except ConfigError as problem:
@@ -69,7 +75,8 @@ def wire(configuration: Configuration, source: Source) -> Wiring:
         raise source.error(
             ("drivers",), f"{inputs} inputs and {outputs} outputs; at most {MAX_SIGNALS} and {MAX_OUTPUTS} fit"
         )
-    signal_index, output_index = {}, {}
+    signal_index: dict[str, int] = {}
+    output_index: dict[str, int] = {}
     for name, signal in configuration.signals.items():
         driver_name, channel = _channel(source, "signals", name, signal, drivers)
         signal_index[name] = first_input[driver_name] + channel

@@ -21,8 +21,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return float(f"{value:.{_DIGITS}g}")
     if isinstance(value, dict):
-        shown = CommentedMap((key, _plain(item)) for key, item in value.items())
-        return shown
+        return CommentedMap((key, _plain(item)) for key, item in value.items())
     if isinstance(value, (list, tuple)):
         items = CommentedSeq(_plain(item) for item in value)
         if not any(isinstance(item, (CommentedMap, CommentedSeq)) for item in items):

@@ -57,6 +57,7 @@ class _Builder:
         self._document = document
         self._ancestors: list[Node] = []
         self._count = 0
+        self._is_full = False
 
     def build(self, node: Node, path: Path) -> Any:
         if not self._may_enter(node, path):
@@ -75,8 +76,9 @@ class _Builder:
         """False, with a report, where aliases lead in a circle or to more than any configuration holds."""
         self._count += 1
         if self._count > _MAX_NODES:
-            if self._count == _MAX_NODES + 1:
+            if not self._is_full:
                 self._report(node, path, f"more than {_MAX_NODES} values; aliases are counted where they are used")
+            self._is_full = True
         elif node in self._ancestors:
             self._report(node, path, "an alias of the section it stands in")
         elif len(self._ancestors) > _MAX_DEPTH:
@@ -100,6 +102,7 @@ class _Builder:
         """Keys of a mapping; its own come before those it merges."""
         entries: dict[str, tuple[Node, Node]] = {}
         merged: list[Node] = []
+        self._count += len(node.value)
         for key, value in node.value:
             if not isinstance(key, ScalarNode):
                 self._report(key, path, "a key must be a plain name, not a list or section")

@@ -21,8 +21,8 @@ Samples = NDArray[np.float64]
 class VirtualCell:
     """Opened drivers and loop state, advanced by calls of `run`.
 
-    `parameters` is a (1,) array of CELL_PARAMETERS, `samples` (n, MAX_AXES) what the source `file` plays. Deterministic: the same configuration and seed give
-    the same rows, bit by bit.
+    `parameters` is a (1,) array of CELL_PARAMETERS, `samples` (n, MAX_AXES) what the source `file` plays.
+    Deterministic: the same configuration and seed give the same rows, bit by bit.
     """
 
     def __init__(self, parameters: NDArray[Any], wiring: Wiring, samples: Samples | None = None) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import carray, types
+from numba import types
 
 from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
 from micromanip.rt.records import SIGNAL
@@ -130,7 +130,13 @@ _CONTEXT_POINTER = types.CPointer(numba.from_dtype(CONTEXT))
 )
 def exchange_c(context: Any, outputs: Any, inputs: Any, now_ns: Any, periods: Any) -> Any:
     """C entry of ``exchange``."""
-    return exchange(carray(context, 1)[0], carray(outputs, MAX_AXES), carray(inputs, MAX_AXES * _CHANNELS), now_ns, periods)
+    return exchange(
+        numba.carray(context, 1)[0],
+        numba.carray(outputs, MAX_AXES),
+        numba.carray(inputs, MAX_AXES * _CHANNELS),
+        now_ns,
+        periods,
+    )
 
 
 _CONTEXT_FUNCTION = CONTEXT_SIGNATURE.return_type(_CONTEXT_POINTER)
@@ -139,7 +145,7 @@ _CONTEXT_FUNCTION = CONTEXT_SIGNATURE.return_type(_CONTEXT_POINTER)
 @compiled.c_function(_CONTEXT_FUNCTION)
 def open_c(context: Any) -> Any:
     """Switch the amplifier on; the stage is at rest."""
-    c = carray(context, 1)[0]
+    c = numba.carray(context, 1)[0]
     rest(c)
     c["opened"] = 1
     return 0
@@ -148,7 +154,7 @@ def open_c(context: Any) -> Any:
 @compiled.c_function(_CONTEXT_FUNCTION)
 def safe_c(context: Any) -> Any:
     """Discharge: every voltage to 0, noted for whoever looks."""
-    c = carray(context, 1)[0]
+    c = numba.carray(context, 1)[0]
     for i in range(c["axes"]):
         c["s"][i]["latched_V"] = 0.0
     c["safe"] = 1
@@ -158,5 +164,5 @@ def safe_c(context: Any) -> Any:
 @compiled.c_function(_CONTEXT_FUNCTION)
 def close_c(context: Any) -> Any:
     """Switch the amplifier off."""
-    carray(context, 1)[0]["opened"] = 0
+    numba.carray(context, 1)[0]["opened"] = 0
     return 0

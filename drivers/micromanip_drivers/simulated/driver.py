@@ -12,7 +12,7 @@ from micromanip.errors import ConfigError
 from micromanip.io.contract import CyclicDriver, Functions
 
 from . import mechanics
-from .options import Options, Plant
+from . import options as o
 from .records import CHANNELS, CONTEXT, CREEP_OPERATORS, MAX_AXES, SUBSTEPS
 
 _JOINT_SPREAD = (1.0, 0.97, 1.03)
@@ -21,11 +21,11 @@ _JOINT_SPREAD = (1.0, 0.97, 1.03)
 class SimulatedCell(CyclicDriver):
     """Up to three axes with Preisach hysteresis, creep, flexure, sensors, machining force and tracker."""
 
-    Options: ClassVar[type[BaseModel]] = Options
+    Options: ClassVar[type[BaseModel]] = o.Options
     simulated: ClassVar[bool] = True
     watchdog: ClassVar[str | None] = "none needed: nothing real moves"
 
-    def __init__(self, options: Options, period_ns: int) -> None:
+    def __init__(self, options: o.Options, period_ns: int) -> None:
         self.options = options
         self.period_ns = period_ns
         for name in options.variation:
@@ -61,7 +61,7 @@ class SimulatedCell(CyclicDriver):
 
         return Functions(cell.open_c.address, cell.exchange_c.address, cell.safe_c.address, cell.close_c.address)
 
-    def _fill_plant(self, p: Any, plant: Plant) -> None:
+    def _fill_plant(self, p: Any, plant: o.Plant) -> None:
         step_s = self.period_ns * 1e-9 / SUBSTEPS
         preisach = p["preisach"]
         preisach["c"], preisach["d"] = plant.preisach_c_um_per_V2, plant.preisach_d_per_V

@@ -72,7 +72,9 @@ class Deviation(_Options):
     amplitudes_um: tuple[float, float, float] = Field(default=(130.0, 60.0, 30.0), description="Path error.")
     frequencies_Hz: tuple[Positive, Positive, Positive] = Field(default=(0.11, 0.29, 0.83), description="Path error.")
     joint_um: NotNegative = Field(default=30.0, description="Amplitude of the joint oscillation.")
-    joint_Hz: Positive = Field(default=8.0, description="Its frequency on the first axis; 3 % lower and higher on the others.")
+    joint_Hz: Positive = Field(
+        default=8.0, description="Its frequency on the first axis; 3 % lower and higher on the others."
+    )
 
 
 class TrackerOptions(_Options):

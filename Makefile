@@ -1,0 +1,51 @@
+# Everything that a newcomer, a developer and CI need. `make run` and `make test` set up .venv by themselves.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.installed
+JOBS   ?= 2
+
+.PHONY: help run test test-laws lint bench mutation docs tune clean
+
+help:             ## this list
+	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed, found $$($(PYTHON) -V)"; exit 1; }
+	@$(PYTHON) -m venv $(VENV) || { echo "the module venv is missing: apt-get install python3-venv"; exit 1; }
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[all]'
+	@touch $(READY)
+
+run: $(READY)     ## the paper's experiment, then 10 s of the real loop at 10 kHz on the simulated cell
+	$(BIN)/micromanip evaluate config/simulated.yaml --out out/evaluate
+	$(BIN)/micromanip run config/simulated.yaml --duration 10 --socket out/control.sock
+
+lint: $(READY)    ## style, types, who may import whom
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: lint        ## all tests; the laws compiled, bounds-checked and as plain Python
+	$(BIN)/pytest -n $(JOBS) tests
+	$(MAKE) --no-print-directory test-laws
+
+test-laws: $(READY)
+	NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n $(JOBS) tests/rt -m 'not compiled_only'
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n $(JOBS) tests/rt -m 'not compiled_only'
+
+bench: $(READY)   ## speed beside references measured in the same run
+	$(BIN)/micromanip bench
+
+mutation: $(READY) ## every mutant of the last gate must die
+	NUMBA_DISABLE_JIT=1 $(BIN)/python scripts/mutation.py
+
+tune: $(READY)    ## fit the models of config/simulated.yaml anew
+	$(BIN)/python scripts/tune_simulated.py
+
+docs: $(READY)    ## generated pages and pictures
+	$(BIN)/python -m micromanip.settings.reference_doc > docs/configuration.md
+	$(BIN)/python scripts/draw_docs.py
+
+clean:            ## remove what the targets above made
+	rm -rf $(VENV) out .hypothesis .mypy_cache .ruff_cache

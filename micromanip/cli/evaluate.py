@@ -1,0 +1,97 @@
+"""``micromanip evaluate``: the paper's experiment in virtual time, its table and its figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from micromanip.errors import UsageError
+
+from .options import config_argument, json_option, print_json
+
+
+@click.command("evaluate", epilog="Example: micromanip evaluate config/simulated.yaml --axis x --out out/evaluate")
+@config_argument
+@click.option("--axis", "only", help="Report and draw this axis only (all are simulated together).")
+@click.option(
+    "--seed", type=click.IntRange(min=0), help="Seed of the simulation's noise, instead of the configuration's."
+)
+@click.option(
+    "--out",
+    "folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("out/evaluate"),
+    show_default=True,
+    help="Folder for the figures.",
+)
+@click.option("--own-pid", is_flag=True, help="Each axis' own PID instead of the one tuning that reproduces the paper.")
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
+@json_option
+def command(
+    config: Path, only: str | None, seed: int | None, folder: Path, own_pid: bool, figures: bool, as_json: bool
+) -> None:
+    """Run configurations A (PID), B (+ affine inverse) and C (+ tanh inverse) at 1, 5 and 10 Hz."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from micromanip.design.evaluation import evaluate, table, with_models
+    from micromanip.settings.check import prepare
+    from micromanip.sim.experiment import VirtualExperiment
+
+    prepared = prepare(config, seed)
+    names = list(prepared.configuration.axes)
+    if only is not None and only not in names:
+        raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
+    real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
+    if real:
+        raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} is not a simulation")
+    shown = [only] if only else names
+    written: list[Path] = []
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        experiment = VirtualExperiment(prepared)
+        configuration = with_models(prepared.configuration, experiment, bar.console.print)
+        task = bar.add_task("evaluate", total=9 + (5 * len(shown) if figures else 0))
+        runs = evaluate(configuration, experiment, own_pid, lambda: bar.advance(task))
+        if figures:
+            from micromanip.design.figures import draw_all
+
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in shown:
+                for files in draw_all(configuration, experiment, runs, names.index(name), folder):
+                    written += files
+                    bar.advance(task)
+    rows = [row for row in table(runs, configuration) if row["axis"] in shown]
+    if as_json:
+        print_json({"rows": rows, "own_pid": own_pid, "seed": seed, "figures": [str(file) for file in written]})
+        return
+    print_table(rows)
+    if written:
+        click.echo(f"{len(written)} figures in {folder}/")
+
+
+def print_table(rows: list[dict[str, Any]]) -> None:
+    """Sigma and maximum of each axis beside the paper's."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from micromanip.design import paper
+
+    report = Table(title="Control error on the actuator side, um (the paper's figure in brackets)")
+    for heading in ("axis", "Hz", "config", "sigma", "maximum", "with start", "true sigma", "true maximum"):
+        report.add_column(heading, justify="left" if heading in ("axis", "config") else "right")
+    for row in rows:
+        frequency, config = row["frequency_hz"], row["config"]
+        report.add_row(
+            row["axis"],
+            f"{frequency:g}",
+            f"{config}: {paper.LABELS[config]}",
+            f"{row['std_error_um']:.3f} ({paper.SIGMA_UM[config][frequency]:.3f})",
+            f"{row['max_error_um']:.2f} ({paper.MAXIMUM_UM[config][frequency]:.2f})",
+            f"{row['max_error_with_start_um']:.2f}",
+            f"{row['true_std_error_um']:.3f}",
+            f"{row['true_max_error_um']:.2f}",
+            end_section=config == "C",
+        )
+    Console(highlight=False).print(report)

@@ -1,0 +1,111 @@
+"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.settings.axis import Axis
+from micromanip.settings.hysteresis import NoModel
+from micromanip.settings.model import Configuration
+
+from . import paper
+from .experiment import Experiment, with_reference
+from .tuning import fit_hysteresis
+
+HOLD_S = 0.5
+"""Rest at the offset before the sine begins."""
+SETTLE_S = 1.0
+"""Sigma and maximum count after the first period, and at least so long, of the sine."""
+WINDOW_S = 2.0
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One configuration at one frequency: telemetry rows from the beginning of the sine on."""
+
+    config: str
+    frequency_hz: float
+    rows: NDArray[Any]
+    settled: int
+
+    def error_um(self, axis: int) -> Array:
+        """Reference minus measured strain-side position."""
+        return np.asarray(self.rows["axis"]["reference_um"][:, axis] - self.rows["axis"]["strain_um"][:, axis])
+
+    def true_error_um(self, axis: int) -> Array:
+        """Reference minus the true, noise-free position."""
+        return np.asarray(self.rows["axis"]["reference_um"][:, axis] - self.rows["axis"]["true_strain_um"][:, axis])
+
+    def figures(self, name: str, axis: int) -> dict[str, Any]:
+        """The row of the result table for one axis."""
+        error, true = self.error_um(axis), self.true_error_um(axis)
+        settled, true_settled = error[self.settled :], true[self.settled :]
+        return {
+            "axis": name,
+            "frequency_hz": self.frequency_hz,
+            "config": self.config,
+            "std_error_um": float(settled.std()),
+            "max_error_um": float(np.abs(settled).max()),
+            "max_error_with_start_um": float(np.abs(error).max()),
+            "true_std_error_um": float(true_settled.std()),
+            "true_max_error_um": float(np.abs(true_settled).max()),
+        }
+
+
+def _variant(axis: Axis, config: str, own_pid: bool) -> Axis:
+    pid = axis.inner if own_pid else paper.ANCHOR_PID
+    mode = "pid" if config == "A" else "pid+feedforward"
+    model = axis.hysteresis_affine if config == "B" else axis.hysteresis
+    return axis.model_copy(
+        update={"mode": "strain", "inner": pid.model_copy(update={"mode": mode}), "hysteresis": model}
+    )
+
+
+def with_models(configuration: Configuration, experiment: Experiment, say: Callable[[str], None]) -> Configuration:
+    """`configuration`, with models fitted on the spot for the axes that have none."""
+    missing = [
+        name
+        for name, axis in configuration.axes.items()
+        if axis.hysteresis_affine is None or isinstance(axis.hysteresis, NoModel)
+    ]
+    if not missing:
+        return configuration
+    say(f"no hysteresis models for {', '.join(missing)} in the configuration: fitting them")
+    fitted = fit_hysteresis(configuration, experiment, say)
+    axes = {name: fitted.axes[name] if name in missing else axis for name, axis in configuration.axes.items()}
+    return configuration.model_copy(update={"axes": axes})
+
+
+def evaluate(
+    configuration: Configuration,
+    experiment: Experiment,
+    own_pid: bool = False,
+    progress: Callable[[], None] = lambda: None,
+) -> list[Run]:
+    """Nine runs (A, B, C at each frequency); `progress` is called after each."""
+    runs = []
+    rate_hz = configuration.loop.rate_hz
+    for config in paper.SIGMA_UM:
+        axes = {name: _variant(axis, config, own_pid) for name, axis in configuration.axes.items()}
+        variant = configuration.model_copy(update={"axes": axes})
+        for frequency_hz in paper.FREQUENCIES_HZ:
+            settle_s = max(SETTLE_S, 1.0 / frequency_hz)
+            seconds = HOLD_S + settle_s + WINDOW_S
+            rows = experiment(with_reference(variant, paper.reference(frequency_hz, HOLD_S)), seconds)
+            runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz)))
+            progress()
+    return runs
+
+
+def table(runs: list[Run], configuration: Configuration) -> list[dict[str, Any]]:
+    """Result rows of all axes, in the order axis, frequency, configuration."""
+    rows = [run.figures(name, i) for i, name in enumerate(configuration.axes) for run in runs]
+    order = {name: i for i, name in enumerate(configuration.axes)}
+    return sorted(rows, key=lambda row: (order[row["axis"]], row["frequency_hz"], row["config"]))

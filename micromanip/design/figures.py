@@ -1,0 +1,152 @@
+"""Pictures like the paper's figures 2, 5, 8 and 9, and of creep, as PNG and SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from micromanip.rt.records import MAX_AXES
+from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.model import Configuration
+from micromanip.settings.reference import File, Hold, Step
+
+from . import paper
+from .evaluation import Run
+from .excitation import identification_sines, shrinking_triangle
+from .experiment import Experiment, with_axes, with_reference
+from .hysteresis import predict
+
+_COLOURS = {"A": "tab:blue", "B": "tab:red", "C": "tab:green"}
+_SIZE, _DPI = (7.0, 4.5), 130
+
+Array = NDArray[np.float64]
+
+
+def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write `figure` as PNG and SVG; the files."""
+    files = [folder / f"{name}.png", folder / f"{name}.svg"]
+    for file in files:
+        figure.savefig(file, dpi=_DPI, metadata={"Date": None} if file.suffix == ".svg" else None)
+    return files
+
+
+def _panels(count: int, title: str, height: float = 1.0) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(_SIZE[0], _SIZE[1] * height), layout="constrained")
+    figure.suptitle(title)
+    return figure, figure.subplots(count, 1, squeeze=False)[:, 0]
+
+
+def hysteresis_loops(configuration: Configuration, experiment: Experiment, axis: int) -> Figure:
+    """Figure 2: linear, alternately rising and falling voltage with shrinking amplitude."""
+    rate = configuration.loop.rate_hz
+    triangle = shrinking_triangle(0.0, 140.0, 6, rate)
+    samples = np.tile(triangle[:, None], (1, MAX_AXES))
+    wave = with_reference(with_axes(configuration, mode="voltage"), File(source="file", path="(triangle)"))
+    rows = experiment(wave, len(triangle) / rate, samples, every=20)
+    figure, (panel,) = _panels(1, "Hysteresis of the actuator (open loop)")
+    panel.plot(rows["axis"]["voltage_V"][:, axis], rows["axis"]["strain_um"][:, axis], lw=0.8)
+    panel.set(xlabel="voltage, V", ylabel="displacement at the strain gauge, um")
+    panel.grid(alpha=0.3)
+    return figure
+
+
+def model_and_data(configuration: Configuration, experiment: Experiment, axis: int) -> Figure:
+    """Figure 5: the fitted model beside a fresh recording, over time and as a loop."""
+    name = list(configuration.axes)[axis]
+    model = configuration.axes[name].hysteresis
+    excited = with_reference(with_axes(configuration, mode="voltage"), identification_sines())
+    rows = experiment(excited, 6.0, every=10)
+    voltage = np.ascontiguousarray(rows["axis"]["voltage_V"][:, axis])
+    measured = rows["axis"]["strain_um"][:, axis]
+    seconds = np.arange(len(rows)) * 10 / configuration.loop.rate_hz
+    figure, (top, bottom) = _panels(2, f"Hysteresis model and measurement, axis {name}", 1.6)
+    top.plot(seconds, measured, label="measured", lw=1.0)
+    if isinstance(model, PrandtlIshlinskii):
+        predicted = predict(model, voltage)
+        rms = float(np.sqrt(np.mean((predicted - measured)[1000:] ** 2)))
+        top.plot(
+            seconds, predicted, "--", lw=1.0, label=f"model, {len(model.weights)} plays, residual {rms:.2f} um rms"
+        )
+        bottom.plot(voltage[1000:], predicted[1000:], "tab:orange", lw=0.7, zorder=3, label="model")
+    bottom.plot(voltage[1000:], measured[1000:], lw=1.2, alpha=0.6, label="measured")
+    top.set(xlabel="time, s", ylabel="displacement, um")
+    bottom.set(xlabel="voltage, V", ylabel="displacement, um")
+    for panel in (top, bottom):
+        panel.legend()
+        panel.grid(alpha=0.3)
+    return figure
+
+
+def control_errors(runs: list[Run], axis: int, rate_hz: int) -> Figure:
+    """Figure 8: the control error of the three configurations at 5 and 10 Hz."""
+    figure, panels = _panels(2, "Control error, sine of 30 um about 70 um", 1.5)
+    for panel, frequency in zip(panels, (5.0, 10.0), strict=True):
+        for run in runs:
+            if run.frequency_hz == frequency:
+                error = run.error_um(axis)[run.settled : run.settled + round(0.6 * rate_hz)]
+                label = f"{run.config}: {paper.LABELS[run.config]}"
+                panel.plot(np.arange(len(error)) / rate_hz, error, color=_COLOURS[run.config], lw=0.6, label=label)
+        panel.set(xlabel="time, s", ylabel="error, um", title=f"{frequency:g} Hz")
+        panel.grid(alpha=0.3)
+    panels[0].legend(loc="upper right", fontsize="small")
+    return figure
+
+
+def input_output(runs: list[Run], axis: int) -> Figure:
+    """Figure 9: position over reference at 10 Hz; feedback alone leaves a loop open, the inverse closes it."""
+    figure, (panel, near) = _panels(2, "Input-output behaviour at 10 Hz", 1.5)
+    for run in runs:
+        if run.frequency_hz == 10.0:
+            rows = run.rows[run.settled :]["axis"]
+            reference, strain = rows["reference_um"][:, axis], rows["strain_um"][:, axis]
+            panel.plot(reference, strain, color=_COLOURS[run.config], lw=0.6, label=paper.LABELS[run.config])
+            near.plot(reference, strain - reference, ".", ms=0.6, color=_COLOURS[run.config], rasterized=True)
+    panel.set(xlabel="reference, um", ylabel="position, um")
+    near.set(xlabel="reference, um", ylabel="position - reference, um")
+    panel.legend()
+    for each in (panel, near):
+        each.grid(alpha=0.3)
+    return figure
+
+
+def creep(configuration: Configuration, experiment: Experiment, axis: int) -> Figure:
+    """Position after a step, open loop (creeping) and under integral action."""
+    seconds, rate = 60.0, configuration.loop.rate_hz
+    every = rate // 100
+    open_loop = with_reference(
+        with_axes(configuration, mode="voltage"), Step(source="step", offset_um=20.0, step_um=90.0)
+    )
+    closed = with_reference(with_axes(configuration, mode="strain"), Hold(source="hold", offset_um=90.0))
+    figure, (panel,) = _panels(1, "Creep after a step of 90 V, and under feedback")
+    for label, variant in (("open loop", open_loop), ("under integral action", closed)):
+        position = experiment(variant, seconds, every=every)["axis"]["true_strain_um"][:, axis]
+        after = np.arange(1, len(position) + 1) * every / rate
+        panel.semilogx(after, position - position[np.searchsorted(after, 0.1)], label=label)
+    panel.set(
+        xlabel="time after the step, s", ylabel="true position since 0.1 s, um", xlim=(0.1, seconds), ylim=(-1.0, 6.0)
+    )
+    panel.legend()
+    panel.grid(alpha=0.3, which="both")
+    return figure
+
+
+def draw_all(
+    configuration: Configuration, experiment: Experiment, runs: list[Run], axis: int, folder: Path
+) -> Iterator[list[Path]]:
+    """Draw the pictures of one axis into `folder`, one after the other."""
+    rate = configuration.loop.rate_hz
+    drawings: list[tuple[str, Callable[[], Figure]]] = [
+        ("figure2_hysteresis", lambda: hysteresis_loops(configuration, experiment, axis)),
+        ("figure5_model", lambda: model_and_data(configuration, experiment, axis)),
+        ("figure8_control_error", lambda: control_errors(runs, axis, rate)),
+        ("figure9_input_output", lambda: input_output(runs, axis)),
+        ("creep", lambda: creep(configuration, experiment, axis)),
+    ]
+    name = list(configuration.axes)[axis]
+    for title, draw in drawings:
+        yield save(draw(), folder, f"{title}_{name}")

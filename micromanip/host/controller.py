@@ -14,7 +14,7 @@ from typing import Any
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.rt import words as w
 from micromanip.rt.intrinsics import call_context
-from micromanip.rt.states import COMMAND_NAMES, FAULT, NO_FAULT, STATE_NAMES
+from micromanip.rt.states import COMMAND_NAMES, FAULT, NO_FAULT, STARTING, STATE_NAMES
 from micromanip.settings.check import Prepared
 
 from .messages import fault_message
@@ -108,6 +108,8 @@ class Controller:
     @property
     def state(self) -> str:
         """Name of the cell's state."""
+        if self.words[w.CYCLES_RUN] == 0:
+            return STATE_NAMES[STARTING]
         return STATE_NAMES[int(self.words[w.STATE])]
 
     def beat(self) -> None:
@@ -119,6 +121,8 @@ class Controller:
         async with self._commands:
             words = self.control["words"]
             before = self.state
+            if before == STATE_NAMES[STARTING]:
+                raise CheckFailed(f"{COMMAND_NAMES[command]} refused: the controller is still starting")
             number = int(words[w.COMMAND_NUMBER]) + 1
             words[w.COMMAND] = command
             words[w.COMMAND_NUMBER] = number

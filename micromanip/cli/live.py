@@ -24,10 +24,8 @@ def one_line(report: dict[str, Any]) -> str:
         for axis, figures in report["path_error_um"].items()
         if figures["rms"] is not None
     )
-    line = (
-        f"{seconds:7.1f} s  overruns {report['overruns']}  "
-        f"late p99.9 {report['lateness_ns']['p99_9'] / 1e3:.2f} us  compute p50 {report['compute_ns']['p50'] / 1e3:.1f} us"
-    )
+    late, compute = report["lateness_ns"]["p99_9"] / 1e3, report["compute_ns"]["p50"] / 1e3
+    line = f"{seconds:7.1f} s  overruns {report['overruns']}  late p99.9 {late:.2f} us  compute p50 {compute:.1f} us"
     return line + (f"  error rms {errors} um" if errors else "")
 
 

@@ -42,16 +42,14 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Example: micromanip run config/simulated.yaml --duration 10",
+)
 @click.version_option(package_name="micromanip")
 def cli() -> None:
-    r"""Hold a machining spindle on its path with a piezo-actuated micro manipulator.
-
-    \b
-    Examples:
-      micromanip check config/simulated.yaml
-      micromanip run config/simulated.yaml --duration 10
-    """
+    """Hold a machining spindle on its path with a piezo-actuated micro manipulator."""
 
 
 def main(arguments: list[str] | None = None) -> Any:

@@ -73,7 +73,7 @@ class Controller:
             {
                 "name": name,
                 "driver": configuration.drivers[name].driver,
-                "options": configuration.drivers[name].options,
+                "options": wiring.options[name].model_dump_json(),
                 "context": offset,
                 "first_input": wiring.first_input[name],
                 "first_output": wiring.first_output[name],

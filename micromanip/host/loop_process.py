@@ -38,7 +38,7 @@ def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tupl
     opened = []
     for record, entry in zip(records, orders["drivers"], strict=False):
         kind = driver_class(entry["driver"])
-        functions = kind(kind.Options.model_validate(entry["options"]), orders["period_ns"]).functions()
+        functions = kind(kind.Options.model_validate_json(entry["options"]), orders["period_ns"]).functions()
         context = base + entry["context"]
         code = call_context(functions.open, context)
         if code != 0:

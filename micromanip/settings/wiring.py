@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 from dataclasses import dataclass
 
+from pydantic import BaseModel
+
 from micromanip.errors import ConfigError
 from micromanip.io.contract import CyclicDriver
 from micromanip.io.registry import driver_class
@@ -20,6 +22,7 @@ class Wiring:
     """Drivers in the order in which the loop calls them, and the image index of each name."""
 
     drivers: dict[str, CyclicDriver]
+    options: dict[str, BaseModel]
     first_input: dict[str, int]
     first_output: dict[str, int]
     signals: dict[str, int]
@@ -54,6 +57,7 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
     `seed` replaces the seed of every driver that has one.
     """
     drivers: dict[str, CyclicDriver] = {}
+    chosen: dict[str, BaseModel] = {}
     first_input, first_output = {}, {}
     inputs = outputs = 0
     for name, entry in configuration.drivers.items():
@@ -64,6 +68,7 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
         options = validate_section(source, ("drivers", name), kind.Options, entry.options)
         if seed is not None and "seed" in kind.Options.model_fields:
             options = options.model_copy(update={"seed": seed})
+        chosen[name] = options
         try:
             drivers[name] = kind(options, configuration.loop.period_ns)
         except ConfigError as problem:
@@ -86,4 +91,4 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
         if index in output_index.values():
             raise source.error(("outputs", name), "another output writes the same channel already")
         output_index[name] = index
-    return Wiring(drivers, first_input, first_output, signal_index, output_index)
+    return Wiring(drivers, chosen, first_input, first_output, signal_index, output_index)

@@ -1,0 +1,76 @@
+"""``micromanip check``: is this configuration good, and does it fit into a cycle?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .options import config_argument, json_option, print_json
+
+
+@click.command("check", epilog="Example: micromanip check config/simulated.yaml")
+@config_argument
+@json_option
+def command(config: Path, as_json: bool) -> None:
+    """Validate CONFIG and print its cycle budget; nothing is started, nothing moves.
+
+    Exit code 78 with one line FILE:LINE: KEY: what is wrong, for each problem.
+    """
+    from micromanip.settings.check import prepare
+    from micromanip.sim.budget import measure
+
+    prepared = prepare(config)
+    configuration, wiring = prepared.configuration, prepared.wiring
+    simulated = all(driver.simulated for driver in wiring.drivers.values())
+    budget = measure(prepared) if simulated else None
+    loop = configuration.loop
+    report: dict[str, Any] = {
+        "ok": True,
+        "sha256": prepared.source.hash,
+        "rate_hz": loop.rate_hz,
+        "period_us": loop.period_ns / 1e3,
+        "spin_us": loop.spin_us,
+        "cycle_us": round(budget.cycle_ns / 1e3, 3) if budget else None,
+        "share_percent": round(100 * budget.share, 2) if budget else None,
+        "drivers": {
+            name: {
+                "driver": configuration.drivers[name].driver,
+                "simulated": driver.simulated,
+                "watchdog": driver.watchdog,
+            }
+            for name, driver in wiring.drivers.items()
+        },
+        "axes": {
+            name: {
+                "mode": axis.mode,
+                "hysteresis": axis.hysteresis.model,
+                "plays": len(getattr(axis.hysteresis, "weights", ())),
+                "states": int(prepared.parameters[0]["axis"][i]["outer"]["states"]) if axis.mode == "stage" else 0,
+            }
+            for i, (name, axis) in enumerate(configuration.axes.items())
+        },
+    }
+    if as_json:
+        print_json(report)
+    else:
+        _print(report, config)
+
+
+def _print(report: dict[str, Any], config: Path) -> None:
+    click.echo(f"{config}: good")
+    click.echo(
+        f"  loop    {report['rate_hz']} Hz, period {report['period_us']:g} us, spins {report['spin_us']:g} us of it"
+    )
+    if report["cycle_us"] is not None:
+        click.echo(
+            f"  cycle   {report['cycle_us']:.2f} us on this machine, simulated cell included: "
+            f"{report['share_percent']:.1f} % of the period"
+        )
+    for name, axis in report["axes"].items():
+        model = f"{axis['plays']} plays" if axis["plays"] else axis["hysteresis"]
+        click.echo(f"  axis {name}  mode {axis['mode']}, hysteresis {model}, {axis['states']} estimator states")
+    for name, driver in report["drivers"].items():
+        kind = "simulated" if driver["simulated"] else f"real; watchdog: {driver['watchdog'] or 'NONE'}"
+        click.echo(f"  driver {name}: {driver['driver']}, {kind}")

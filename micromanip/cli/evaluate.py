@@ -78,15 +78,18 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
     from micromanip.design import paper
 
-    report = Table(title="Control error on the actuator side, um (the paper's figure in brackets)")
-    for heading in ("axis", "Hz", "config", "sigma", "maximum", "with start", "true sigma", "true maximum"):
-        report.add_column(heading, justify="left" if heading in ("axis", "config") else "right")
+    configurations = ", ".join(f"{letter} {label}" for letter, label in paper.LABELS.items())
+    report = Table(
+        title="Control error on the actuator side, um (the paper's figure in brackets)", caption=configurations
+    )
+    for heading in ("axis", "Hz", "", "sigma", "maximum", "with start", "true sigma", "true max"):
+        report.add_column(heading, justify="left" if heading in ("axis", "") else "right")
     for row in rows:
         frequency, config = row["frequency_hz"], row["config"]
         report.add_row(
             row["axis"],
             f"{frequency:g}",
-            f"{config}: {paper.LABELS[config]}",
+            config,
             f"{row['std_error_um']:.3f} ({paper.SIGMA_UM[config][frequency]:.3f})",
             f"{row['max_error_um']:.2f} ({paper.MAXIMUM_UM[config][frequency]:.2f})",
             f"{row['max_error_with_start_um']:.2f}",

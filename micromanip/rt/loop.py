@@ -49,7 +49,7 @@ from .words import OVERRUNS as OVERRUNS_WORD
 def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> bool:
     """Watch the host and the deadlines; False once the host is gone (the loop then ramps down and ends)."""
     s["overruns"] += missed
-    s["overruns_in_a_row"] = s["overruns_in_a_row"] + 1 if missed > 0 else 0
+    s["overruns_in_a_row"] = s["overruns_in_a_row"] + missed if missed > 0 else 0
     if s["overruns_in_a_row"] >= p["overruns_in_a_row"] and s["state"] != FAULT and s["fault"] == NO_FAULT:
         raise_fault(p, s, OVERRUNS, -1, float(s["overruns_in_a_row"]))
     if now - heartbeat_ns <= p["heartbeat_ns"]:

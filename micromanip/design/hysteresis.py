@@ -33,7 +33,7 @@ def simulate_model(p: Any, v: Any, y: Any) -> None:
 def predict(model: PrandtlIshlinskii, voltage_V: Array) -> Array:
     """Displacement (um) of `model` over `voltage_V` (n,)."""
     record = np.zeros(1, HYSTERESIS_PARAMETERS)
-    fill_prandtl_ishlinskii(record[0], model)
+    fill_prandtl_ishlinskii(record[0], model, 1.0)
     y = np.empty(len(voltage_V))
     simulate_model(record[0], np.ascontiguousarray(voltage_V, dtype=float), y)
     return y

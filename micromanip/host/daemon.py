@@ -65,6 +65,7 @@ class Daemon:
         await control_socket.open()
         try:
             leave_cpu(self._prepared.configuration.loop.cpu)
+            report(self._controller, self._signals)  # what it compiles would later hold up the sign of life
             await self._controller.start()
             return await self._supervise()
         finally:

@@ -37,8 +37,12 @@ class SignalStatistics:
                 name = f"{role}_{axis}"
                 if name not in self._controller.prepared.configuration.signals:
                     continue
-                self._fresh[name] += int(np.count_nonzero(rows["axis"]["fresh"][:, i] & bit))
-                ages, counts = np.unique(rows["axis"][f"{role}_age_ns"][:, i] // 1000, return_counts=True)
+                fresh = rows["axis"]["fresh"][:, i] & bit != 0
+                age_ns = rows["axis"][f"{role}_age_ns"][:, i]
+                if not self._fresh[name]:  # there is no age before the first sample
+                    age_ns = age_ns[np.argmax(fresh) :] if fresh.any() else age_ns[:0]
+                self._fresh[name] += int(np.count_nonzero(fresh))
+                ages, counts = np.unique(age_ns // 1000, return_counts=True)
                 self._ages.setdefault(name, Counter()).update(dict(zip(ages.tolist(), counts.tolist(), strict=True)))
 
     def report(self) -> dict[str, dict[str, float | int | None]]:

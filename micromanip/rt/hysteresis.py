@@ -36,13 +36,23 @@ def model_output(p: Record, w: Any, v: float) -> float:
 
 
 @compiled
-def inverse_output(p: Record, z: Any, y: float) -> float:
-    """Voltage (V) of the inverse (7) for displacement `y` (um); advances its play states `z`."""
+def inverse_plays(p: Record, z: Any, y: float, widening: float) -> float:
+    """Argument of phi^-1 in (7), in um, for displacement `y`; advances the play states `z`.
+
+    `widening` (um, 0 without rate dependence) is added to every threshold: thresholds ``r_i + e`` of the
+    model are ``r_hat_i + alpha e`` of its inverse, the weights (9) stay.
+    """
     u = y / p["alpha"]
     for i in range(p["plays"]):
-        z[i] = play(y, p["r_hat"][i], z[i])
+        z[i] = play(y, p["r_hat"][i] + widening, z[i])
         u += p["rho_hat"][i] * z[i]
-    return unshape(p["shaping"], u)
+    return u
+
+
+@compiled
+def inverse_output(p: Record, z: Any, y: float) -> float:
+    """Voltage (V) of the inverse (7) for displacement `y` (um); advances its play states `z`."""
+    return unshape(p["shaping"], inverse_plays(p, z, y, 0.0))
 
 
 @compiled

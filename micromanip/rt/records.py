@@ -17,6 +17,7 @@ Record: TypeAlias = Any
 MAX_AXES = 3
 MAX_PLAYS = 32
 MAX_TABLE = 64
+MAX_CREEP = 8
 MAX_NEURONS = 32
 MAX_STATES = 16
 MAX_SINES = 8
@@ -48,6 +49,10 @@ HYSTERESIS_PARAMETERS = _record(
     ("rho", "f8", (MAX_PLAYS,)),
     ("r_hat", "f8", (MAX_PLAYS,)),
     ("rho_hat", "f8", (MAX_PLAYS,)),
+    ("rate_cycles", "f8"),
+    ("creeps", "i8"),
+    ("creep_gain", "f8", (MAX_CREEP,)),
+    ("creep_step", "f8", (MAX_CREEP,)),
     ("low_um", "f8"),
     ("high_um", "f8"),
     ("neurons", "i8"),
@@ -58,7 +63,14 @@ HYSTERESIS_PARAMETERS = _record(
     ("b_out", "f8"),
 )
 HYSTERESIS_STATE = _record(
-    ("z", "f8", (MAX_PLAYS,)), ("y_memory", "f8"), ("v_memory", "f8"), ("count", "i8"), ("output_V", "f8")
+    ("z", "f8", (MAX_PLAYS,)),
+    ("creep_um", "f8", (MAX_CREEP,)),
+    ("u_um", "f8"),
+    ("change_um", "f8"),
+    ("y_memory", "f8"),
+    ("v_memory", "f8"),
+    ("count", "i8"),
+    ("output_V", "f8"),
 )
 
 PID_PARAMETERS = _record(

@@ -33,7 +33,7 @@ def extrapolate(w: Any, omega: float, tau_s: float, out: Any) -> None:
 def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
     """Fill `w` from the axis' own source, `t_s` seconds after tracking began.
 
-    `samples` (n, axes) are um, one a cycle; the first and the last are held before and after.
+    `samples` (n, axes) are um, one a cycle; the first and the last are held, at rest, before and after.
     """
     for i in range(REFERENCE_STATES):
         w[i] = 0.0
@@ -41,9 +41,15 @@ def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
     t = t_s - p["start_s"]
     if p["kind"] == SAMPLES:
         last = len(samples) - 1
-        k = max(0, min(last, int(t * p["samples_per_s"] + 0.5)))
+        place = t * p["samples_per_s"]
+        k = max(0, min(last, int(place + 0.5)))
         w[0] = samples[k, p["column"]]
-        w[1] = 0.5 * p["samples_per_s"] * (samples[min(last, k + 1), p["column"]] - samples[max(0, k - 1), p["column"]])
+        if 0.0 <= place <= last:
+            w[1] = (
+                0.5
+                * p["samples_per_s"]
+                * (samples[min(last, k + 1), p["column"]] - samples[max(0, k - 1), p["column"]])
+            )
         return
     if t < 0.0:
         return
@@ -60,12 +66,11 @@ def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
 
 @compiled
 def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
-    """Take a fresh sample of the reference signal, measured at `time_ns`."""
+    """Take a fresh sample of the reference signal, measured at `time_ns`; one out of order is ignored."""
     if not (math.isfinite(value_um) and p["low_um"] <= value_um <= p["high_um"]):
         s["rejected"] += 1
         return
     gap_s = (time_ns - s["time_ns"]) * 1e-9
-    s["sampled_um"] = value_um
     filtered = s["filtered"]
     if s["time_ns"] == 0 or gap_s > p["horizon_s"]:
         for i in range(REFERENCE_STATES):
@@ -78,6 +83,7 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
         innovation = value_um - s["w"][0] - s["w"][3]
         for i in range(REFERENCE_STATES):
             filtered[i] = s["w"][i] + p["gain"][i] * innovation
+    s["sampled_um"] = value_um
     s["time_ns"] = time_ns
 
 

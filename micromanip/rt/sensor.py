@@ -13,21 +13,22 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int) -> bool
     """Update sensor state `s` from `signal`; True for a fresh, good sample.
 
     ``value`` keeps the last good sample. ``bad`` counts cycles in a row without a usable one: not finite,
-    flagged by the driver, or older than `max_age_ns`. ``lost`` counts samples that came and went unseen.
+    flagged by the driver, never arrived, or older than `max_age_ns`. ``lost`` counts samples that came and
+    went unseen; a driver that starts its sequence over has lost none.
     """
     arrived = signal["sequence"] != s["sequence"]
     good = signal["status"] == 0 and math.isfinite(signal["value"])
     s["fresh"] = 0
     if arrived:
         if s["sequence"] > 0:
-            s["lost"] += signal["sequence"] - s["sequence"] - 1
+            s["lost"] += max(0, signal["sequence"] - s["sequence"] - 1)
         s["sequence"] = signal["sequence"]
         if good:
             s["value"] = signal["value"]
             s["time_ns"] = signal["time_ns"]
             s["fresh"] = 1
     s["age_ns"] = now_ns - s["time_ns"]
-    if (arrived and not good) or s["age_ns"] > max_age_ns:
+    if (arrived and not good) or s["sequence"] == 0 or s["age_ns"] > max_age_ns:
         s["bad"] += 1
     elif arrived:
         s["bad"] = 0

@@ -108,11 +108,11 @@ def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
         h["w_in"][:n], h["b_in"][:n] = model.input_weights, model.input_biases
         h["w_out"][:n], h["b_out"] = model.output_weights, model.output_bias
         return
-    fill_prandtl_ishlinskii(h, model)
+    fill_prandtl_ishlinskii(h, model, period_s)
 
 
-def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii) -> None:
-    """Fill model and inverse (8)-(9)."""
+def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -> None:
+    """Fill model and inverse (8)-(9), creep and rate dependence a step of `period_s`."""
     n = len(model.thresholds_um)
     h["kind"], h["plays"], h["alpha"] = rt_hysteresis.PRANDTL_ISHLINSKII, n, model.alpha
     h["r"][:n], h["rho"][:n] = model.thresholds_um, model.weights
@@ -127,6 +127,11 @@ def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii) -> None:
     points = len(model.table_V)
     shaping["points"] = points
     shaping["v"][:points], shaping["u"][:points] = model.table_V, model.table_um
+    h["rate_cycles"] = model.rate_ms * 1e-3 / period_s
+    creeps = len(model.creep_s)
+    h["creeps"] = creeps
+    h["creep_gain"][:creeps] = model.creep_gains
+    h["creep_step"][:creeps] = -np.expm1(-period_s / np.array(model.creep_s, dtype=float))
     rt_hysteresis.inverse_parameters(h)
 
 

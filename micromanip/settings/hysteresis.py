@@ -7,9 +7,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from micromanip.rt.records import MAX_NEURONS, MAX_PLAYS, MAX_TABLE
+from micromanip.rt.records import MAX_CREEP, MAX_NEURONS, MAX_PLAYS, MAX_TABLE
 
-from .base import Count, Positive, Real, Settings, is_rising
+from .base import NotNegative, Positive, Real, Settings, is_rising
 
 Range = tuple[Real, Real]
 
@@ -41,6 +41,14 @@ class PrandtlIshlinskii(_Ranged):
         max_length=MAX_PLAYS, description="Thresholds r_i of the play operators, rising, on phi(v)."
     )
     weights: tuple[Real, ...] = Field(max_length=MAX_PLAYS, description="Weights rho_i, one a threshold.")
+    rate_ms: NotNegative = Field(
+        default=0.0,
+        description="Rate dependence: every threshold grows by this times the speed of phi(v), in um per ms.",
+    )
+    creep_s: tuple[Positive, ...] = Field(
+        default=(), max_length=MAX_CREEP, description="Creep: time constants of first-order lags of phi(v)."
+    )
+    creep_gains: tuple[Real, ...] = Field(default=(), max_length=MAX_CREEP, description="Their weights, one each.")
 
     @model_validator(mode="after")
     def _is_invertible(self) -> Self:
@@ -71,6 +79,15 @@ class PrandtlIshlinskii(_Ranged):
                     f"weights: alpha plus the first {number} weights is {partial:.4g}; every partial sum must be "
                     "positive for the inverse to exist"
                 )
+        if len(self.creep_s) != len(self.creep_gains):
+            raise ValueError(
+                f"creep_gains: {len(self.creep_s)} creep_s need as many gains, not {len(self.creep_gains)}"
+            )
+        if sum(self.creep_gains) <= -partial:
+            raise ValueError(
+                f"creep_gains: their sum {sum(self.creep_gains):.4g} must be above -{partial:.4g} (alpha plus all weights), "
+                "or the inverse runs away"
+            )
         return self
 
 
@@ -117,4 +134,4 @@ def phi_range(model: PrandtlIshlinskii) -> Range:
     return -math.inf, math.inf
 
 
-__all__ = ["Count", "Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "phi_range"]
+__all__ = ["Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "phi_range"]

@@ -8,25 +8,54 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from micromanip.settings.reference import Sine, Sines
-
 Array = NDArray[np.float64]
 
 IDENTIFICATION_HZ = (0.3, 1.0, 2.3, 5.1, 9.7)
-IDENTIFICATION_V = (20.0, 13.0, 10.0, 8.0, 5.0)
-IDENTIFICATION_OFFSET_V = 78.0
+IDENTIFICATION_SHARE = (20.0, 13.0, 10.0, 8.0, 5.0)
+_SLEW_SHARE = 0.5
+_PHASE_TRIALS = 300
+_RAMP_S = 0.5
 
 
-def identification_sines(offset_V: float = IDENTIFICATION_OFFSET_V) -> Sines:
-    """The multisine (13) that the hysteresis models are fitted to, as a reference of mode voltage."""
-    sines = tuple(
-        Sine(amplitude_um=a, frequency_Hz=f) for f, a in zip(IDENTIFICATION_HZ, IDENTIFICATION_V, strict=True)
-    )
-    return Sines(source="sine", offset_um=offset_V, sines=sines)
+def soft(wave: Array, rest: float, rate_hz: float) -> Array:
+    """`wave` (n,) led in from `rest`, and out to it again, without a jump of value or speed."""
+    count = round(_RAMP_S * rate_hz)
+    lead = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
+    start = rest + lead * (wave[0] - rest)
+    return np.concatenate([start, wave, (rest + lead * (wave[-1] - rest))[::-1]])
+
+
+def multisine(
+    low: float,
+    high: float,
+    slew_per_s: float,
+    rate_hz: float,
+    seconds: float,
+    seed: int,
+    frequencies_hz: tuple[float, ...] = IDENTIFICATION_HZ,
+    shares: tuple[float, ...] = IDENTIFICATION_SHARE,
+) -> Array:
+    """Multisine (13), (n,), that just fills `low` .. `high` and stays well below the slew limit.
+
+    The phases are the best of some hundred seeded draws: the lower the crest factor, the more of the
+    stroke is covered often. Amplitudes have the given proportions.
+    """
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    omega = 2.0 * np.pi * np.array(frequencies_hz)
+    amplitude = np.array(shares)
+    rng = np.random.default_rng(seed)
+    coarse = t[:: max(1, round(rate_hz / (20.0 * max(frequencies_hz))))]
+    trials = rng.uniform(0.0, 2.0 * np.pi, (_PHASE_TRIALS, len(omega)))
+    waves = np.einsum("i,kit->kt", amplitude, np.sin(omega[None, :, None] * coarse + trials[:, :, None]))
+    phases = trials[np.argmin(np.ptp(waves, axis=1))]
+    angle = omega[:, None] * t + phases[:, None]
+    wave, speed = amplitude @ np.sin(angle), (amplitude * omega) @ np.cos(angle)
+    size = min((high - low) / float(np.ptp(wave)), _SLEW_SHARE * slew_per_s / float(np.abs(speed).max()))
+    return np.asarray(0.5 * (low + high) + size * (wave - 0.5 * (wave.max() + wave.min())))
 
 
 def shrinking_triangle(low: float, high: float, turns: int, samples_per_turn: int) -> Array:
-    """Linear course from `low` to `high` and back, each of `turns` loops smaller by the same step."""
+    """Linear course from `low` to `high` and back (figure 2), each of `turns` loops smaller by the same step."""
     centre, half = 0.5 * (low + high), 0.5 * (high - low)
     corners = [low]
     for k in range(turns):

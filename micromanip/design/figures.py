@@ -17,9 +17,10 @@ from micromanip.settings.reference import File, Hold, Step
 
 from . import paper
 from .evaluation import Run
-from .excitation import identification_sines, shrinking_triangle
+from .excitation import shrinking_triangle
 from .experiment import Experiment, with_axes, with_reference
 from .hysteresis import predict
+from .tuning import record_hysteresis
 
 _COLOURS = {"A": "tab:blue", "B": "tab:red", "C": "tab:green"}
 _SIZE, _DPI = (7.0, 4.5), 130
@@ -59,15 +60,12 @@ def model_and_data(configuration: Configuration, experiment: Experiment, axis: i
     """Figure 5: the fitted model beside a fresh recording, over time and as a loop."""
     name = list(configuration.axes)[axis]
     model = configuration.axes[name].hysteresis
-    excited = with_reference(with_axes(configuration, mode="voltage"), identification_sines())
-    rows = experiment(excited, 6.0, every=10)
-    voltage = np.ascontiguousarray(rows["axis"]["voltage_V"][:, axis])
-    measured = rows["axis"]["strain_um"][:, axis]
-    seconds = np.arange(len(rows)) * 10 / configuration.loop.rate_hz
+    columns = record_hysteresis(configuration, experiment, name, seed=2)
+    seconds, voltage, measured = columns["t_s"], columns["voltage_V"], columns["strain_um"]
     figure, (top, bottom) = _panels(2, f"Hysteresis model and measurement, axis {name}", 1.6)
     top.plot(seconds, measured, label="measured", lw=1.0)
     if isinstance(model, PrandtlIshlinskii):
-        predicted = predict(model, voltage)
+        predicted = predict(model, voltage, float(seconds[1]))
         rms = float(np.sqrt(np.mean((predicted - measured)[1000:] ** 2)))
         top.plot(
             seconds, predicted, "--", lw=1.0, label=f"model, {len(model.weights)} plays, residual {rms:.2f} um rms"

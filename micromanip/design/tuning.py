@@ -5,40 +5,53 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.axis import LinearModel, Outer
 from micromanip.settings.model import Configuration
 from micromanip.settings.reference import File
 
-from .excitation import band_noise, identification_sines
+from .excitation import band_noise
 from .experiment import Experiment, with_axes, with_axis, with_reference
-from .hysteresis import fit_prandtl_ishlinskii
+from .hysteresis import fit, structure_of
+from .identification import design, recording, samples_for, variant
 from .subspace import fit_siso
 
 Progress = Callable[[str], None]
+Array = NDArray[np.float64]
 
-HYSTERESIS_S, HYSTERESIS_EVERY = 13.0, 10
+HYSTERESIS_S = 13.0
+PLAYS, STARTS = 10, 4
 OUTER_S, OUTER_SETTLE_S = 6.0, 0.3
 OUTER_RMS_UM, OUTER_CUTOFF_HZ = 1.5, 400.0
 OUTER_ORDER, OUTER_DELAY = 6, 2
 
 
+def record_hysteresis(
+    configuration: Configuration, experiment: Experiment, axis: str, seed: int = 1
+) -> dict[str, Array]:
+    """Columns ``t_s, voltage_V, strain_um`` .. of one axis under the multisine (13), the other axes at rest."""
+    excitation = design(configuration, axis, "multisine", HYSTERESIS_S, seed)
+    seconds = len(excitation.samples) / configuration.loop.rate_hz
+    rows = experiment(variant(configuration), seconds, samples_for(configuration, excitation))
+    return recording(configuration, excitation, rows)
+
+
 def fit_hysteresis(configuration: Configuration, experiment: Experiment, say: Progress) -> Configuration:
     """`configuration` with the tanh model as feedforward, and the affine one for comparison, in every axis."""
-    excited = with_reference(with_axes(configuration, mode="voltage"), identification_sines())
-    rows = experiment(excited, HYSTERESIS_S, every=HYSTERESIS_EVERY)
-    burn_in = len(rows) // 10
-    for i, (name, axis) in enumerate(configuration.axes.items()):
-        voltage = np.ascontiguousarray(rows["axis"]["voltage_V"][:, i])
-        strain = np.ascontiguousarray(rows["axis"]["strain_um"][:, i])
-        limits = axis.setpoint.range_um
-        tanh = fit_prandtl_ishlinskii(voltage, strain, "tanh", limits, burn_in=burn_in)
-        affine = fit_prandtl_ishlinskii(voltage, strain, "affine", limits, burn_in=burn_in)
-        stroke = float(np.ptp(strain[burn_in:]))
+    for name, axis in configuration.axes.items():
+        columns = record_hysteresis(configuration, experiment, name)
+        voltage, strain = columns["voltage_V"], columns["strain_um"]
+        step_s, limits = float(columns["t_s"][1]), axis.setpoint.range_um
+        burn_in = len(voltage) // 10
+        tanh, affine = (
+            fit(structure_of(kind, voltage, step_s, PLAYS), voltage, strain, limits, burn_in, starts=STARTS)
+            for kind in ("pi-tanh", "pi-affine")
+        )
         say(
-            f"axis {name}: hysteresis over {stroke:.0f} um of stroke, residual rms "
-            f"affine {100 * affine.rms_um / stroke:.2f} %, tanh {100 * tanh.rms_um / stroke:.2f} %"
+            f"axis {name}: hysteresis over {tanh.stroke_um:.0f} um of stroke, residual rms "
+            f"affine {affine.rms_percent:.2f} %, tanh {tanh.rms_percent:.2f} %"
         )
         inner = axis.inner.model_copy(update={"mode": "pid+feedforward"})
         configuration = with_axis(

@@ -85,8 +85,8 @@ class PrandtlIshlinskii(_Ranged):
             )
         if sum(self.creep_gains) <= -partial:
             raise ValueError(
-                f"creep_gains: their sum {sum(self.creep_gains):.4g} must be above -{partial:.4g} (alpha plus all weights), "
-                "or the inverse runs away"
+                f"creep_gains: their sum {sum(self.creep_gains):.4g} must be above -{partial:.4g} "
+                "(alpha plus all weights), or the inverse runs away"
             )
         return self
 

@@ -87,6 +87,10 @@ class Output(Settings):
     range_V: tuple[Real, Real] = Field(description="No voltage outside this range is ever written.")
     slew_V_per_ms: Positive = Field(description="No voltage changes faster than this.")
     park_V: Real = Field(default=0.0, description="Voltage at rest and after a fault.")
+    capacitance_uF: Positive | None = Field(default=None, description="Capacitance of the stack; with current_mA.")
+    current_mA: Positive | None = Field(
+        default=None, description="Current of the amplifier: an excitation's slew stays below current / capacitance."
+    )
 
     @model_validator(mode="after")
     def _park_is_inside(self) -> Self:
@@ -95,7 +99,17 @@ class Output(Settings):
             raise ValueError(f"range_V must rise, e.g. [-20, 150], not {[low, high]}")
         if not low <= self.park_V <= high:
             raise ValueError(f"park_V {self.park_V:g} V is outside range_V {low:g}..{high:g} V")
+        if (self.capacitance_uF is None) != (self.current_mA is None):
+            raise ValueError("current_mA and capacitance_uF go together: give both, or neither")
         return self
+
+    @property
+    def fastest_V_per_s(self) -> float:
+        """Fastest change that slew limit and amplifier current both allow."""
+        slew = self.slew_V_per_ms * 1e3
+        if self.capacitance_uF is None or self.current_mA is None:
+            return slew
+        return min(slew, 1e3 * self.current_mA / self.capacitance_uF)
 
 
 class Configuration(Settings):

@@ -1,0 +1,124 @@
+"""A family of models to be fitted: shaping, weights, creep and rate dependence; value and Jacobian.
+
+Parameters in one vector: shaping, log beta, weights, creep gains, log kappa. Thresholds are ``r_i = beta i``.
+Weights are either ``gamma exp(-delta r_i)`` (log gamma, root of delta) or free, as logarithms of the partial
+sums ``alpha + rho_1 + .. + rho_i``: positive partial sums are what makes the inverse exist.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from micromanip.settings.hysteresis import PrandtlIshlinskii, Range
+
+from .kernel import respond
+from .shapings import Shaping
+
+Array = NDArray[np.float64]
+
+
+def lag(x: Array, time_constant_s: float, step_s: float) -> Array:
+    """First-order lag along the first axis, at rest at its first value; as the loop steps it, one sample late."""
+    step = -np.expm1(-step_s / time_constant_s)
+    deviation = x - x[:1]
+    late = np.concatenate([np.zeros_like(deviation[:1]), deviation[:-1]])
+    return np.asarray(lfilter([step], [1.0, step - 1.0], late, axis=0) + x[:1])
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What is fitted; `step_s` is the record's sampling interval."""
+
+    shaping: Shaping
+    plays: int
+    free: bool
+    step_s: float
+    creep_s: tuple[float, ...] = ()
+    rate: bool = False
+    smoothness: float = 0.0
+    name: str = field(default="")
+
+    @property
+    def weight_count(self) -> int:
+        """Parameters of the weights."""
+        return self.plays if self.free else 2
+
+    def start(self, y: Array, rng: np.random.Generator, spread: float) -> Array:
+        """Parameters to begin with for a record of displacements `y` (n,), random by `spread`."""
+        stroke, middle = float(np.ptp(y)), float(np.mean(y))
+        shape = self.shaping.start(0.6 * stroke, 0.6 * middle, rng, spread)
+        beta = np.log(0.3 * stroke / self.plays) + 0.5 * spread * rng.normal()
+        if self.free:
+            sums = np.log1p(0.9 * np.arange(1, self.plays + 1) / self.plays)
+            weights = sums + 0.05 * spread * rng.normal(size=self.plays)
+        else:
+            weights = np.array([np.log(0.9 / self.plays), 0.2]) + spread * np.array([0.7, 0.1]) * rng.normal(size=2)
+        kappa = [np.log(1e-3 * stroke / self.plays)] if self.rate else []
+        return np.concatenate([shape, [beta], weights, np.zeros(len(self.creep_s)), kappa])
+
+    def _weights(self, x: Array, r: Array) -> tuple[Array, Array, Array]:
+        """Rho (plays,), its derivatives by the weights' parameters (plays, count) and by log beta (plays,)."""
+        if self.free:
+            sums = np.exp(x)
+            by = np.diag(sums)
+            by[1:] -= np.diag(sums)[:-1]
+            return np.diff(np.append(1.0, sums)), by, np.zeros(self.plays)
+        gamma, delta = np.exp(x[0]), x[1] ** 2
+        rho = gamma * np.exp(-delta * r)
+        return rho, np.column_stack([rho, -2.0 * x[1] * r * rho]), -delta * r * rho
+
+    def value(self, x: Array, v: Array) -> tuple[Array, Array]:
+        """Displacement (n,) and Jacobian (n, parameters)."""
+        at = self.shaping.count
+        shape, beta = x[:at], np.exp(x[at])
+        weight_x = x[at + 1 : at + 1 + self.weight_count]
+        gains = x[at + 1 + self.weight_count : at + 1 + self.weight_count + len(self.creep_s)]
+        kappa = float(np.exp(x[-1])) if self.rate else 0.0
+        u, du = self.shaping.value(shape, v)
+        r = beta * np.arange(1, self.plays + 1)
+        rho, by_weight, by_beta = self._weights(weight_x, r)
+        s = respond(u, du, r, rho, kappa=kappa, step_s=self.step_s)
+        y, by_shape = s.y, s.by_shape
+        lags = []
+        for gain, time_constant in zip(gains, self.creep_s, strict=True):
+            lags.append(lag(u, time_constant, self.step_s))
+            y = y + gain * lags[-1]
+            by_shape = by_shape + gain * lag(du, time_constant, self.step_s)
+        columns = [by_shape, s.by_threshold @ r + s.states @ by_beta, s.states @ by_weight, *lags]
+        if self.rate:
+            columns.append(kappa * s.by_kappa)
+        return y, np.column_stack(columns)
+
+    def prior(self, scale: float) -> Array:
+        """Rows that ask for smooth neighbours, where there is a table or free weights: (rows, parameters)."""
+        at, total = self.shaping.count, self.shaping.count + 1 + self.weight_count + len(self.creep_s) + self.rate
+        rows = []
+        if self.smoothness > 0.0:
+            table = range(at - 2) if self.shaping.name == "table" else range(0)
+            free = range(at + 1, at + self.plays) if self.free else range(0)
+            for i in (*table, *free):
+                row = np.zeros(total)
+                row[i], row[i + 1] = -1.0, 1.0
+                rows.append(row)
+        return self.smoothness * scale * np.array(rows).reshape(-1, total)
+
+    def settings(self, x: Array, range_um: Range) -> PrandtlIshlinskii:
+        """The model as it stands in the configuration."""
+        at = self.shaping.count
+        r = np.exp(x[at]) * np.arange(1, self.plays + 1)
+        rho = self._weights(x[at + 1 : at + 1 + self.weight_count], r)[0]
+        first = at + 1 + self.weight_count
+        return PrandtlIshlinskii(
+            model="pi",
+            **self.shaping.settings(x[:at]),
+            thresholds_um=tuple(float(value) for value in r),
+            weights=tuple(float(value) for value in rho),
+            rate_ms=1e3 * float(np.exp(x[-1])) if self.rate else 0.0,
+            creep_s=self.creep_s,
+            creep_gains=tuple(float(value) for value in x[first : first + len(self.creep_s)]),
+            range_um=range_um,
+        )

@@ -1,0 +1,91 @@
+"""Identification experiments of one axis: what is played, and the recording that comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.rt.records import MAX_AXES
+from micromanip.settings.model import Configuration
+from micromanip.settings.reference import File
+
+from .excitation import multisine, shrinking_triangle, soft
+from .experiment import with_axes, with_reference
+
+Kind = Literal["multisine", "triangle", "step"]
+Array = NDArray[np.float64]
+
+DEFAULT_SECONDS = {"multisine": 13.0, "triangle": 24.0, "step": 60.0}
+RECORD_RATE_HZ = 1000.0
+_USED_SHARE = (0.22, 0.92)
+_TURNS = 6
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A waveform for one axis: V, one sample a loop cycle; what begins and ends it is not to be fitted to."""
+
+    axis: str
+    kind: Kind
+    samples: Array
+    lead_cycles: int
+
+
+def design(configuration: Configuration, axis: str, kind: Kind, seconds: float, seed: int) -> Excitation:
+    """An excitation inside the voltage, slew and current limits of the axis' output, from and to its park voltage.
+
+    It uses the upper three quarters of the output's range, where an actuator under preload works.
+    """
+    output = configuration.outputs[f"voltage_{axis}"]
+    low, high = (output.range_V[0] + share * (output.range_V[1] - output.range_V[0]) for share in _USED_SHARE)
+    rate, slew = configuration.loop.rate_hz, output.fastest_V_per_s
+    if kind == "multisine":
+        wave = multisine(low, high, slew, rate, seconds, seed)
+    elif kind == "triangle":
+        travelled = (high - low) * (_TURNS + 1)
+        seconds = max(seconds, 2.0 * travelled / slew)
+        wave = shrinking_triangle(low, high, _TURNS, round(seconds * rate / (2 * _TURNS)))
+    else:
+        rise = max(1, round(2.0 * (high - low) / slew * rate))
+        wave = np.concatenate([np.full(rate, low), np.linspace(low, high, rise), np.full(round(seconds * rate), high)])
+    whole = soft(wave, output.park_V, rate)
+    return Excitation(axis, kind, whole, (len(whole) - len(wave)) // 2)
+
+
+def variant(configuration: Configuration) -> Configuration:
+    """`configuration` as the experiment runs it: open loop, playing samples."""
+    return with_reference(with_axes(configuration, mode="voltage"), File(source="file", path="(excitation)"))
+
+
+def samples_for(configuration: Configuration, excitation: Excitation) -> Array:
+    """Samples (n, MAX_AXES): the excitation on its axis, the park voltage on the others."""
+    samples = np.zeros((len(excitation.samples), MAX_AXES))
+    for i, name in enumerate(configuration.axes):
+        samples[:, i] = configuration.outputs[f"voltage_{name}"].park_V
+        if name == excitation.axis:
+            samples[:, i] = excitation.samples
+    return samples
+
+
+def recording(configuration: Configuration, excitation: Excitation, rows: NDArray[Any]) -> dict[str, Array]:
+    """Columns of the recording at about 1 kHz, without lead-in and lead-out, from `rows` (one a cycle)."""
+    every = max(1, round(configuration.loop.rate_hz / RECORD_RATE_HZ))
+    i = list(configuration.axes).index(excitation.axis)
+    used = rows[excitation.lead_cycles : len(excitation.samples) - excitation.lead_cycles : every]
+    columns = {"t_s": np.arange(len(used)) * every / configuration.loop.rate_hz}
+    for name in ("voltage_V", "strain_um", "stage_um"):
+        values = np.asarray(used["axis"][name][:, i], dtype=float)
+        if np.isfinite(values).all():
+            columns[name] = values
+    return columns
+
+
+def write_csv(file: Path, columns: dict[str, Array]) -> None:
+    """Write the columns under a header, whole or not at all."""
+    part = file.with_name(file.name + ".part")
+    np.savetxt(part, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
+    part.replace(file)

@@ -52,7 +52,7 @@ def command(
     with Progress(console=Console(stderr=True), transient=True) as bar:
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
-        task = bar.add_task("evaluate", total=9 + (5 * len(shown) if figures else 0))
+        task = bar.add_task("evaluate", total=12 + (5 * len(shown) if figures else 0))
         runs = evaluate(configuration, experiment, own_pid, lambda: bar.advance(task))
         if figures:
             from micromanip.design.figures import draw_all
@@ -63,10 +63,22 @@ def command(
                     written += files
                     bar.advance(task)
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
+    alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]
     if as_json:
-        print_json({"rows": rows, "own_pid": own_pid, "seed": seed, "figures": [str(file) for file in written]})
+        print_json(
+            {
+                "rows": rows,
+                "feedforward_alone": alone,
+                "own_pid": own_pid,
+                "seed": seed,
+                "figures": [str(file) for file in written],
+            }
+        )
         return
     print_table(rows)
+    for row in alone:
+        frequency, sigma = row["frequency_hz"], row["true_std_error_um"]
+        click.echo(f"feedforward alone, axis {row['axis']}, {frequency:g} Hz: sigma {sigma:.3f} um (true position)")
     if written:
         click.echo(f"{len(written)} figures in {folder}/")
 

@@ -13,6 +13,8 @@ from micromanip.errors import MicromanipError
 COMMANDS = {
     "run": "run a configuration: the daemon",
     "check": "validate a configuration and print its budget",
+    "identify": "play a safe excitation on one axis and record it",
+    "fit": "models from a recording",
     "evaluate": "the paper's experiment in virtual time",
     "status": "what the running controller does",
     "arm": "start tracking, softly",

@@ -1,4 +1,4 @@
-"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once."""
+"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once; and feedforward alone."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Run:
 
 def _variant(axis: Axis, config: str, own_pid: bool) -> Axis:
     pid = axis.inner if own_pid else paper.ANCHOR_PID
-    mode = "pid" if config == "A" else "pid+feedforward"
+    mode = {"A": "pid", paper.FEEDFORWARD_ALONE: "feedforward"}.get(config, "pid+feedforward")
     model = axis.hysteresis_affine if config == "B" else axis.hysteresis
     return axis.model_copy(
         update={"mode": "strain", "inner": pid.model_copy(update={"mode": mode}), "hysteresis": model}
@@ -89,10 +89,10 @@ def evaluate(
     own_pid: bool = False,
     progress: Callable[[], None] = lambda: None,
 ) -> list[Run]:
-    """Nine runs (A, B, C at each frequency); `progress` is called after each."""
+    """Twelve runs (A, B, C and feedforward alone at each frequency); `progress` is called after each."""
     runs = []
     rate_hz = configuration.loop.rate_hz
-    for config in paper.SIGMA_UM:
+    for config in (*paper.SIGMA_UM, paper.FEEDFORWARD_ALONE):
         axes = {name: _variant(axis, config, own_pid) for name, axis in configuration.axes.items()}
         variant = configuration.model_copy(update={"axes": axes})
         for frequency_hz in paper.FREQUENCIES_HZ:
@@ -104,8 +104,9 @@ def evaluate(
     return runs
 
 
-def table(runs: list[Run], configuration: Configuration) -> list[dict[str, Any]]:
-    """Result rows of all axes, in the order axis, frequency, configuration."""
-    rows = [run.figures(name, i) for i, name in enumerate(configuration.axes) for run in runs]
+def table(runs: list[Run], configuration: Configuration, *, feedforward_alone: bool = False) -> list[dict[str, Any]]:
+    """Result rows of all axes, in the order axis, frequency, configuration; or those of the feedforward alone."""
+    wanted = [run for run in runs if (run.config == paper.FEEDFORWARD_ALONE) == feedforward_alone]
+    rows = [run.figures(name, i) for i, name in enumerate(configuration.axes) for run in wanted]
     order = {name: i for i, name in enumerate(configuration.axes)}
     return sorted(rows, key=lambda row: (order[row["axis"]], row["frequency_hz"], row["config"]))

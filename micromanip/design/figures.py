@@ -36,7 +36,8 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     return files
 
 
-def _panels(count: int, title: str, height: float = 1.0) -> tuple[Figure, Any]:
+def panels(count: int, title: str, height: float = 1.0) -> tuple[Figure, Any]:
+    """A figure with `count` panels below one another, `height` times the usual height."""
     figure = Figure(figsize=(_SIZE[0], _SIZE[1] * height), layout="constrained")
     figure.suptitle(title)
     return figure, figure.subplots(count, 1, squeeze=False)[:, 0]
@@ -49,7 +50,7 @@ def hysteresis_loops(configuration: Configuration, experiment: Experiment, axis:
     samples = np.tile(triangle[:, None], (1, MAX_AXES))
     wave = with_reference(with_axes(configuration, mode="voltage"), File(source="file", path="(triangle)"))
     rows = experiment(wave, len(triangle) / rate, samples, every=20)
-    figure, (panel,) = _panels(1, "Hysteresis of the actuator (open loop)")
+    figure, (panel,) = panels(1, "Hysteresis of the actuator (open loop)")
     panel.plot(rows["axis"]["voltage_V"][:, axis], rows["axis"]["strain_um"][:, axis], lw=0.8)
     panel.set(xlabel="voltage, V", ylabel="displacement at the strain gauge, um")
     panel.grid(alpha=0.3)
@@ -62,7 +63,7 @@ def model_and_data(configuration: Configuration, experiment: Experiment, axis: i
     model = configuration.axes[name].hysteresis
     columns = record_hysteresis(configuration, experiment, name, seed=2)
     seconds, voltage, measured = columns["t_s"], columns["voltage_V"], columns["strain_um"]
-    figure, (top, bottom) = _panels(2, f"Hysteresis model and measurement, axis {name}", 1.6)
+    figure, (top, bottom) = panels(2, f"Hysteresis model and measurement, axis {name}", 1.6)
     top.plot(seconds, measured, label="measured", lw=1.0)
     if isinstance(model, PrandtlIshlinskii):
         predicted = predict(model, voltage, float(seconds[1]))
@@ -82,24 +83,24 @@ def model_and_data(configuration: Configuration, experiment: Experiment, axis: i
 
 def control_errors(runs: list[Run], axis: int, rate_hz: int) -> Figure:
     """Figure 8: the control error of the three configurations at 5 and 10 Hz."""
-    figure, panels = _panels(2, "Control error, sine of 30 um about 70 um", 1.5)
-    for panel, frequency in zip(panels, (5.0, 10.0), strict=True):
+    figure, both = panels(2, "Control error, sine of 30 um about 70 um", 1.5)
+    for panel, frequency in zip(both, (5.0, 10.0), strict=True):
         for run in runs:
-            if run.frequency_hz == frequency:
+            if run.frequency_hz == frequency and run.config in _COLOURS:
                 error = run.error_um(axis)[run.settled : run.settled + round(0.6 * rate_hz)]
                 label = f"{run.config}: {paper.LABELS[run.config]}"
                 panel.plot(np.arange(len(error)) / rate_hz, error, color=_COLOURS[run.config], lw=0.6, label=label)
         panel.set(xlabel="time, s", ylabel="error, um", title=f"{frequency:g} Hz")
         panel.grid(alpha=0.3)
-    panels[0].legend(loc="upper right", fontsize="small")
+    both[0].legend(loc="upper right", fontsize="small")
     return figure
 
 
 def input_output(runs: list[Run], axis: int) -> Figure:
     """Figure 9: position over reference at 10 Hz; feedback alone leaves a loop open, the inverse closes it."""
-    figure, (panel, near) = _panels(2, "Input-output behaviour at 10 Hz", 1.5)
+    figure, (panel, near) = panels(2, "Input-output behaviour at 10 Hz", 1.5)
     for run in runs:
-        if run.frequency_hz == 10.0:
+        if run.frequency_hz == 10.0 and run.config in _COLOURS:
             rows = run.rows[run.settled :]["axis"]
             reference, strain = rows["reference_um"][:, axis], rows["strain_um"][:, axis]
             panel.plot(reference, strain, color=_COLOURS[run.config], lw=0.6, label=paper.LABELS[run.config])
@@ -120,7 +121,7 @@ def creep(configuration: Configuration, experiment: Experiment, axis: int) -> Fi
         with_axes(configuration, mode="voltage"), Step(source="step", offset_um=20.0, step_um=90.0)
     )
     closed = with_reference(with_axes(configuration, mode="strain"), Hold(source="hold", offset_um=90.0))
-    figure, (panel,) = _panels(1, "Creep after a step of 90 V, and under feedback")
+    figure, (panel,) = panels(1, "Creep after a step of 90 V, and under feedback")
     for label, variant in (("open loop", open_loop), ("under integral action", closed)):
         position = experiment(variant, seconds, every=every)["axis"]["true_strain_um"][:, axis]
         after = np.arange(1, len(position) + 1) * every / rate

@@ -20,6 +20,7 @@ from micromanip.errors import CheckFailed, MicromanipError, UsageError
 
 VERSION = 1
 _LINE_BYTES = 65536
+_ANSWER_S = 1.0
 
 Verb = Callable[[dict[str, Any]], Awaitable[Any]]
 
@@ -27,18 +28,25 @@ Verb = Callable[[dict[str, Any]], Awaitable[Any]]
 def claim(path: Path) -> None:
     """Make room for the socket: its folder exists, and no living daemon answers on it.
 
-    Raises CheckFailed where one does; a stale socket of a dead one is removed.
+    Raises CheckFailed where one does, or where the path is anything but a dead one's socket.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists():
-        return
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+    remove_stale(path)
+    if path.is_socket():
+        raise CheckFailed(f"another controller answers on {path}; stop it first, or choose another --socket")
+    if path.exists() or path.is_symlink():
+        raise CheckFailed(f"{path} is not a socket and stays as it is; choose another --socket")
+
+
+def remove_stale(path: Path) -> None:
+    """Remove the socket of a dead daemon; whatever else is there is left alone."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe, contextlib.suppress(OSError):
+        probe.settimeout(_ANSWER_S)  # of one that lives, but does not answer
         try:
             probe.connect(str(path))
-        except OSError:
-            path.unlink(missing_ok=True)
-            return
-    raise CheckFailed(f"another controller answers on {path}; stop it first, or choose another --socket")
+        except ConnectionRefusedError:
+            if path.is_socket():
+                path.unlink()
 
 
 class ControlSocket:
@@ -50,10 +58,13 @@ class ControlSocket:
         self._server: asyncio.AbstractServer | None = None
 
     async def open(self) -> None:
-        """Listen, for the owner and the owner's group only."""
-        claim(self.path)
-        self._server = await asyncio.start_unix_server(self._serve, str(self.path), limit=_LINE_BYTES)
-        os.chmod(self.path, 0o660)  # noqa: PTH101
+        """Listen, for the owner and the owner's group only; raises CheckFailed or UsageError where it can't."""
+        try:
+            claim(self.path)
+            self._server = await asyncio.start_unix_server(self._serve, str(self.path), limit=_LINE_BYTES)
+            os.chmod(self.path, 0o660)  # noqa: PTH101
+        except OSError as problem:
+            raise UsageError(f"no control socket at {self.path}: {problem}; choose another --socket") from problem
 
     def close(self) -> None:
         """Stop listening and remove the socket."""
@@ -79,17 +90,22 @@ class ControlSocket:
 
     async def _answer(self, line: bytes) -> dict[str, Any]:
         try:
-            request = json.loads(line)
+            request = _parsed(line)
             if not isinstance(request, dict) or request.get("version") != VERSION:
                 raise UsageError(f'a request is a JSON object with "version": {VERSION}')
             verb = self._verbs.get(str(request.get("verb")))
             if verb is None:
                 raise UsageError(f"unknown verb {request.get('verb')!r}; known are {', '.join(sorted(self._verbs))}")
             return {"version": VERSION, "ok": True, "result": await verb(request)}
-        except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as problem:
-            return _failure(UsageError(f"not a line of JSON: {problem}"))
         except MicromanipError as problem:
             return _failure(problem)
+
+
+def _parsed(line: bytes) -> Any:
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError) as problem:  # not only JSONDecodeError: a number may be too long
+        raise UsageError(f"not a line of JSON: {problem}") from problem
 
 
 def _failure(problem: MicromanipError) -> dict[str, Any]:

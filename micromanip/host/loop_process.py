@@ -10,7 +10,6 @@ import json
 import os
 import signal
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from micromanip.rt.states import ARM, READY
 from micromanip.rt.virtual import run_virtual
 from micromanip.rt.words import FINISHED, RIGHTS
 
+from .control_socket import remove_stale
 from .realtime import enter_real_time, missing_rights
 from .segments import CONTROL, RING, STATUS, Segments
 
@@ -110,8 +110,7 @@ def main() -> int:
         call_context(close, context)
     words[FINISHED] = 1
     if os.getppid() != orders["host"]:
-        with suppress(OSError):
-            Path(orders["socket"]).unlink()
+        remove_stale(Path(orders["socket"]))
     return 0
 
 

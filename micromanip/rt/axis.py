@@ -23,6 +23,8 @@ from .reference import SIGNAL, own_reference, signal_reference, signal_sample
 from .sensor import read_signal
 from .states import STAGE, VOLTAGE
 
+_ANY_UM = (-math.inf, math.inf)
+
 PARKED, LIFTING, CLOSED, PARKING = range(4)
 """What an axis does: rests at the park voltage, is brought to its working point with the inner loop,
 follows the reference, goes back to the park voltage."""
@@ -52,13 +54,15 @@ def axis_cycle(
 
 
 @compiled
-def sample(p: Record, s: Record, signals: Record, now_ns: int, periods: int) -> None:
+def sample(p: Record, s: Record, signals: Record, now_ns: int) -> None:
     """Take the axis' signals from the process image."""
-    s["strain_periods"] += periods
-    read_signal(signals[p["strain"]], s["strain"], now_ns, p["strain_age_ns"])
+    s["strain_cycles"] += 1
+    read_signal(signals[p["strain"]], s["strain"], now_ns, p["strain_age_ns"], p["strain_range_um"])
     if p["stage"] >= 0:
-        read_signal(signals[p["stage"]], s["stage"], now_ns, p["stage_age_ns"])
-    if p["deviation"] >= 0 and read_signal(signals[p["deviation"]], s["deviation"], now_ns, p["reference_age_ns"]):
+        read_signal(signals[p["stage"]], s["stage"], now_ns, p["stage_age_ns"], p["stage_range_um"])
+    if p["deviation"] >= 0 and read_signal(
+        signals[p["deviation"]], s["deviation"], now_ns, p["reference_age_ns"], _ANY_UM
+    ):
         signal_sample(p["reference"], s["reference"], s["deviation"]["value"], s["deviation"]["time_ns"])
 
 
@@ -101,11 +105,15 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
 
 @compiled
 def move_setpoint(p: Record, s: Record, demand_um: float) -> bool:
-    """Set-point inside the attainable range and the slew limit; False, and unmoved, if not finite."""
+    """Set-point inside the attainable range and the slew limit; False, and unmoved, if not finite.
+
+    Where it starts outside the range (an actuator at rest) it stays until the demand leads it in: no jump.
+    """
     if not math.isfinite(demand_um):
         return False
     step = p["setpoint_slew_um"]
-    inside = max(p["setpoint_low_um"], min(p["setpoint_high_um"], demand_um))
+    low, high = min(p["setpoint_low_um"], s["setpoint_um"]), max(p["setpoint_high_um"], s["setpoint_um"])
+    inside = max(low, min(high, demand_um))
     s["setpoint_um"] = max(s["setpoint_um"] - step, min(s["setpoint_um"] + step, inside))
     return True
 
@@ -119,9 +127,10 @@ def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
     if p["feedback"] == 0:
         rest = 1.0 - fraction if phase == LIFTING else 0.0
         s["pid"]["output_V"] = rest * s["pid"]["integrator"]
+        s["strain_cycles"] = 0
     elif s["strain"]["fresh"]:
-        pid_output(p["pid"], s["pid"], s["setpoint_um"] - s["strain"]["value"], s["strain_periods"])
-        s["strain_periods"] = 0
+        pid_output(p["pid"], s["pid"], s["setpoint_um"] - s["strain"]["value"], s["strain_cycles"])
+        s["strain_cycles"] = 0
     return feedforward + s["pid"]["output_V"]
 
 
@@ -139,7 +148,7 @@ def start_axis(p: Record, s: Record) -> None:
     """Take the output over where it is: every memory agrees with the present voltage and position."""
     s["closed"] = 0
     s["estimator"]["running"] = 0
-    s["strain_periods"] = 1
+    s["strain_cycles"] = 1
     s["start_V"] = s["voltage_V"]
     s["start_um"] = s["voltage_V"] if p["mode"] == VOLTAGE else s["strain"]["value"]
     s["setpoint_um"] = s["start_um"]

@@ -56,10 +56,11 @@ def enter(s: Record, state: int) -> None:
 def begin_ramp(p: Record, s: Record, after: int) -> None:
     """Start the smooth way to the park voltage of all axes; `after` is the state at its end.
 
-    A ramp under way is not started anew; a fault or a stop during it changes where it ends.
+    A ramp under way is not started anew; a fault or a stop during it changes where it ends. A stop counts for
+    more than a fault, whichever came first: the fault stays latched, and the cell is OFF.
     """
     if s["state"] == RAMPING:
-        if after == FAULT or s["after_ramp"] == READY:
+        if after == OFF or s["after_ramp"] == READY:
             s["after_ramp"] = after
         return
     for i in range(p["axes"]):
@@ -175,7 +176,7 @@ def cell_cycle(
     """One cycle of all axes, `periods` after the one before; False where `command` was refused."""
     s["cycle"] += periods
     for i in range(p["axes"]):
-        sample(p["axis"][i], s["axis"][i], signals, now_ns, periods)
+        sample(p["axis"][i], s["axis"][i], signals, now_ns)
         fault = sensor_fault(p["axis"][i], s["axis"][i], p["bad_samples"])
         if fault != NO_FAULT and (s["state"] == ARMED or s["state"] == TRACKING):
             raise_fault(p, s, fault, i, float(p["bad_samples"]))

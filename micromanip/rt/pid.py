@@ -5,8 +5,9 @@ change of Ti is bumpless by itself; ``retune`` covers a change of K. The derivat
 first-order filter of time constant Tf (backward Euler, stable for every Tf >= 0 and period).
 ``tracking`` is period/Tt of the back-calculation, stable for 0 <= tracking < 2.
 
-A step covers `periods` cycles, normally one: with a slow sensor, or after an overrun, the time
-that really passed since the last fresh sample. A held sample is never integrated or
+A step covers `periods` cycles, normally one: with a slow sensor the cycles since its last sample. The
+periods that an overrun skipped do not count: the error seen after a stall did not stand during it, and
+integrated over it would kick the output. A held sample is never integrated or
 differentiated: the caller does not step then.
 """
 

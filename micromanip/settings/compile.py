@@ -22,6 +22,7 @@ from .wiring import Wiring
 
 _NO_LIMIT = np.iinfo(np.int64).max // 4
 _BLEND_S = 0.05
+_PLAUSIBLE_UM = (-1000.0, 1000.0)
 
 HEARTBEAT_LIMIT_S = {"hardware": 0.1, "simulation": 1.0}
 OVERRUN_LIMIT = {"hardware": 3, "simulation": None}
@@ -70,6 +71,9 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     a["strain_age_ns"] = _max_age_ns(configuration.signals.get(f"strain_{name}"))
     a["stage_age_ns"] = _max_age_ns(configuration.signals.get(f"stage_{name}"))
     a["reference_age_ns"] = _max_age_ns(configuration.signals.get(f"deviation_{name}"))
+    for role in ("strain", "stage"):
+        signal = configuration.signals.get(f"{role}_{name}")
+        a[f"{role}_range_um"] = (signal and signal.range_um) or _PLAUSIBLE_UM
     a["stage_cycles_per_ns"] = 1.0 / configuration.loop.period_ns
 
 

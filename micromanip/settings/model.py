@@ -75,6 +75,9 @@ class Signal(Settings):
     max_age_us: Positive | None = Field(
         default=300.0, description="Older than this it counts as invalid; null means no limit."
     )
+    range_um: tuple[Real, Real] | None = Field(
+        default=None, description="Strain and stage samples outside are invalid; null: +-1000 um."
+    )
 
 
 class Output(Settings):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
@@ -30,22 +33,44 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def with_models(text: str, configuration: Configuration) -> str:
-    """Configuration file `text` with the models of `configuration` in every axis."""
+def _edited(text: str, edit: Callable[[Any], None]) -> str:
     yaml = YAML()
     yaml.width = _WIDTH
     yaml.indent(mapping=2, sequence=4, offset=2)
     document = yaml.load(text)
-    for name, axis in configuration.axes.items():
-        section = document["axes"][name]
-        section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
-        if axis.hysteresis_affine is not None:
-            section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
-        if axis.outer is not None:
-            section["outer"] = _plain(axis.outer.model_dump())
+    edit(document)
     stream = io.StringIO()
     yaml.dump(document, stream)
     return stream.getvalue()
+
+
+def with_hysteresis(text: str, axis: str, model: BaseModel) -> str:
+    """Configuration file `text` with another hysteresis model in one axis."""
+
+    def edit(document: Any) -> None:
+        axes = document["axes"]
+        if any(axes[other] is axes[axis] for other in axes if other != axis):
+            # written once and meant for several axes (*alias): this one gets a section of its own
+            axes[axis] = copy.deepcopy(axes[axis])
+            axes[axis].yaml_set_anchor(None)
+        axes[axis]["hysteresis"] = _plain(model.model_dump(exclude_defaults=True))
+
+    return _edited(text, edit)
+
+
+def with_models(text: str, configuration: Configuration) -> str:
+    """Configuration file `text` with the models of `configuration` in every axis."""
+
+    def edit(document: Any) -> None:
+        for name, axis in configuration.axes.items():
+            section = document["axes"][name]
+            section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
+            if axis.hysteresis_affine is not None:
+                section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
+            if axis.outer is not None:
+                section["outer"] = _plain(axis.outer.model_dump())
+
+    return _edited(text, edit)
 
 
 def write_atomically(file: Path, text: str) -> None:

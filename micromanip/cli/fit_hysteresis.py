@@ -1,0 +1,120 @@
+"""``micromanip fit hysteresis``: a hysteresis model and its inverse from a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from micromanip.errors import UsageError
+
+from .options import json_option, print_json
+
+KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
+
+
+@click.command(
+    "hysteresis", epilog="Example: micromanip fit hysteresis x.csv --input voltage_V --output strain_um --burn-in 1"
+)
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@click.option("--input", "input_name", required=True, help="Column of the voltage.")
+@click.option("--output", "output_name", required=True, help="Column of the displacement, um.")
+@click.option("--time", "time_name", help="Column of the time, s.  [default: the first whose name begins with t]")
+@click.option(
+    "--dt", "step_s", type=click.FloatRange(min=0.0, min_open=True), help="Sampling interval, s, without a time column."
+)
+@click.option(
+    "--burn-in",
+    "burn_in_s",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    show_default=True,
+    help="Seconds at the start that don't count: a record that begins in mid-loop needs a full period.",
+)
+@click.option("--model", "kind", type=click.Choice(KINDS), default="best", show_default=True)
+@click.option("--creep/--no-creep", default=False, show_default=True, help="Add creep operators (best tries both).")
+@click.option("--plays", type=click.IntRange(1, 32), default=10, show_default=True, help="Play operators.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the starts.")
+@click.option(
+    "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
+)
+@click.option("--out", "folder", type=click.Path(path_type=Path, file_okay=False), help="Folder for the figures.")
+@click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put the model into, with --axis.")
+@click.option("--axis", help="The axis that --into means.")
+@json_option
+def command(
+    file: Path, input_name: str, output_name: str, time_name: str | None, step_s: float | None, burn_in_s: float,
+    kind: str, creep: bool, plays: int, seed: int, validate: Path | None, folder: Path | None, into: Path | None,
+    axis: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Fit a hysteresis model to FILE (CSV with a header, or a recording of ours) and judge it.
+
+    Errors are in percent of the record's stroke after the burn-in; on the validation record the offset is refitted.
+    Exit code 1 where the data is unusable, with what to record instead.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from micromanip.design.fitting import Request, fit_record
+    from micromanip.design.record import load_record
+
+    if (into is None) != (axis is None):
+        raise UsageError("--into and --axis go together")
+    record = load_record(file, input_name, output_name, time_name, step_s)
+    held_out = load_record(validate, input_name, output_name, time_name, step_s) if validate else None
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(f"fitting {kind}", total=None)
+        request = Request(kind, creep, plays, seed, burn_in_s)
+        result = fit_record(record, held_out, request, lambda what: bar.update(task, description=f"fitting {what}"))
+        written: list[Path] = []
+        if folder is not None:
+            from micromanip.design.fit_figures import draw_fit
+
+            bar.update(task, description="drawing")
+            folder.mkdir(parents=True, exist_ok=True)
+            written = draw_fit(result, record, held_out, folder)
+    if into is not None and axis is not None:
+        _put_into(into, axis, result.settings)
+    report = result.report() | {"figures": [str(path) for path in written]}
+    if as_json:
+        print_json(report)
+    else:
+        _print(report, into)
+
+
+def _put_into(into: Path, axis: str, model: Any) -> None:
+    from micromanip.settings.load import load_with_source
+    from micromanip.settings.write import with_hysteresis, write_atomically
+
+    configuration, source = load_with_source(into)
+    if axis not in configuration.axes:
+        raise UsageError(f"there is no axis {axis} in {into}; its axes are {', '.join(configuration.axes)}")
+    # the set-point may go a little further than the record did: the model is continued there
+    whole = model.model_copy(update={"range_um": configuration.axes[axis].setpoint.range_um})
+    write_atomically(into, with_hysteresis(source.text, axis, whole))
+
+
+def _print(report: dict[str, Any], into: Path | None) -> None:
+    click.echo(
+        f"{report['model']}: rms {report['rms_percent']:.3f} %, maximum {report['max_percent']:.2f} % of the stroke"
+    )
+    if report["validation"]:
+        figures = report["validation"]
+        click.echo(f"not fitted to: rms {figures['rms_percent']:.3f} %, maximum {figures['max_percent']:.2f} %")
+    for candidate in report["candidates"]:
+        click.echo(
+            f"  tried {candidate['model']:16} {candidate['rms_percent']:.3f} % fitted, "
+            f"{candidate['held_out_percent']:.3f} % on the part left out"
+        )
+    for name, value in report["parameters"].items():
+        shown = (
+            [f"{v:.5g}" for v in value]
+            if isinstance(value, list) and value and not isinstance(value[0], list)
+            else value
+        )
+        click.echo(f"  {name}: {', '.join(shown) if isinstance(shown, list) and value else shown}")
+    if report["figures"]:
+        click.echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
+    if into is not None:
+        click.echo(f"written into {into}")

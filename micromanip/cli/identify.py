@@ -1,0 +1,73 @@
+"""``micromanip identify``: play a safe excitation on one axis and record it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from micromanip.errors import UsageError
+
+from .options import config_argument, json_option, print_json, socket_option
+
+
+@click.command("identify", epilog="Example: micromanip identify config/factory.yaml --axis x --out out/identify")
+@config_argument
+@click.option("--axis", required=True, help="The axis to move; the others rest at their park voltage.")
+@click.option(
+    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV."
+)
+@click.option("--kind", type=click.Choice(["multisine", "triangle", "step"]), default="multisine", show_default=True)
+@click.option("--seconds", type=click.FloatRange(1.0, 600.0), help="Length  [default: 13, 24 and 60 by kind]")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws the multisine's phases.")
+@click.option(
+    "--live", is_flag=True, help="Through the running loop, in real time; a simulation otherwise runs in virtual time."
+)
+@click.option("--yes", is_flag=True, help="Don't ask before a real stage moves.")
+@socket_option
+@json_option
+def command(
+    config: Path, axis: str, folder: Path, kind: Any, seconds: float | None, seed: int, live: bool, yes: bool,
+    socket_path: Path, as_json: bool,
+) -> None:  # fmt: skip
+    """Move one axis open loop through its stroke and record voltage, strain gauge and stage at 1 kHz.
+
+    The excitation stays inside the voltage, slew and current limits of the axis' output, starts and ends softly, and
+    any fault ends it with a ramp to the park voltage; then nothing is written.
+    """
+    from micromanip.design.identification import DEFAULT_SECONDS, design, recording, samples_for, variant, write_csv
+    from micromanip.settings.check import prepare
+
+    prepared = prepare(config)
+    configuration = prepared.configuration
+    if axis not in configuration.axes:
+        raise UsageError(f"there is no axis {axis} in {config}; its axes are {', '.join(configuration.axes)}")
+    excitation = design(configuration, axis, kind, seconds or DEFAULT_SECONDS[kind], seed)
+    samples = samples_for(configuration, excitation)
+    duration_s = len(samples) / configuration.loop.rate_hz
+    real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
+    if real and not yes:
+        low, high = excitation.samples.min(), excitation.samples.max()
+        question = f"Axis {axis} will move: {low:.0f} to {high:.0f} V for {duration_s:.0f} s on driver {real[0]}."
+        click.confirm(f"{question} Is the spindle free?", abort=True, err=True)
+    if real or live:
+        from .live import LiveLine
+        from .played import play
+
+        with LiveLine() as line:
+            rows = play(prepared, variant(configuration), samples, duration_s, socket_path, line)
+    else:
+        from micromanip.sim.experiment import VirtualExperiment
+
+        rows = VirtualExperiment(prepared)(variant(configuration), duration_s, samples)
+    folder.mkdir(parents=True, exist_ok=True)
+    columns = recording(configuration, excitation, rows)
+    file = folder / f"{axis}_{kind}.csv"
+    write_csv(file, columns)
+    low, high = columns["strain_um"].min(), columns["strain_um"].max()
+    if as_json:
+        print_json({"file": str(file), "rows": len(columns["t_s"]), "columns": list(columns), "stroke_um": high - low})
+    else:
+        click.echo(f"{file}: {len(columns['t_s'])} rows, {', '.join(columns)}; stroke {low:.1f} to {high:.1f} um")
+        click.echo(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")

@@ -1,0 +1,59 @@
+"""An experiment in real time: the daemon runs a variant of the configuration and its rows are read back."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+from micromanip.rt.states import TRACKING
+from micromanip.settings.check import Prepared
+from micromanip.settings.compile import compile_cell
+from micromanip.settings.model import Configuration
+
+from .live import LiveLine
+
+
+def play(
+    prepared: Prepared,
+    variant: Configuration,
+    samples: NDArray[np.float64],
+    duration_s: float,
+    socket_path: Path,
+    line: LiveLine,
+) -> NDArray[Any]:
+    """Rows, one a cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
+
+    Raises CheckFailed where a fault ended it, or cycles are missing from the recording.
+    """
+    import h5py
+
+    from micromanip.host.daemon import Options, serve
+
+    armed = variant.model_copy(update={"arm_on_start": True})
+    wiring = replace(
+        prepared.wiring, drivers={name: driver.without_process() for name, driver in prepared.wiring.drivers.items()}
+    )
+    experiment = replace(
+        prepared, configuration=armed, wiring=wiring, samples=samples, parameters=compile_cell(armed, wiring)
+    )
+    start = variant.start
+    arming_s = start.lift_s + start.settle_s + start.authority_s
+    with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
+        file = Path(folder) / "experiment.h5"
+        report = serve(experiment, Options(socket_path, arming_s + duration_s + 0.5, file), line.say, line.show)
+        if report["faults"]:
+            raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {report['faults'][0]}")
+        with h5py.File(file) as recording:
+            rows: NDArray[Any] = recording["rows"][:]
+    rows = rows[rows["state"] == TRACKING][: round(duration_s * variant.loop.rate_hz)]
+    wanted = np.arange(rows["cycle"][0], rows["cycle"][-1] + 1) if len(rows) else np.arange(0)
+    if len(wanted) < 0.99 * duration_s * variant.loop.rate_hz:
+        raise CheckFailed("the experiment was cut short, nothing is written")
+    # a cycle that an overrun skipped held its output: its row is that of the cycle before
+    return rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]

@@ -1,0 +1,90 @@
+"""``evaluate`` against Table 1 of the paper: the figures that the project stands for."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from micromanip.cli.main import cli, main
+from micromanip.design import paper
+
+CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
+KEYS = {
+    "axis",
+    "frequency_hz",
+    "config",
+    "std_error_um",
+    "max_error_um",
+    "max_error_with_start_um",
+    "true_std_error_um",
+    "true_max_error_um",
+}
+
+
+def evaluated(*options):
+    result = CliRunner().invoke(cli, ["evaluate", CONFIG, "--json", *options], catch_exceptions=False)
+    assert result.exit_code == 0
+    return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def report():
+    return evaluated("--no-figures")
+
+
+def test_every_row_is_there(report):
+    rows = report["rows"]
+    expected = {(axis, hz, config) for axis in "xyz" for hz in (1.0, 5.0, 10.0) for config in "ABC"}
+    assert {(row["axis"], row["frequency_hz"], row["config"]) for row in rows} == expected
+    assert len(rows) == 27
+    assert all(set(row) == KEYS for row in rows)
+    assert {row["config"] for row in report["feedforward_alone"]} == {"FF"}
+
+
+def test_sigma_of_feedback_alone_is_the_papers(report):
+    for row in report["rows"]:
+        if row["config"] == "A":
+            assert row["std_error_um"] == pytest.approx(paper.SIGMA_UM["A"][row["frequency_hz"]], rel=0.2)
+
+
+@pytest.mark.parametrize("config", ["B", "C"])
+def test_the_inverse_is_at_least_as_good_as_the_papers(report, config):
+    rows = [row for row in report["rows"] if row["config"] == config]
+    assert len(rows) == 9
+    for row in rows:
+        assert row["std_error_um"] <= paper.SIGMA_UM[config][row["frequency_hz"]]
+        assert row["max_error_um"] <= paper.MAXIMUM_UM[config][row["frequency_hz"]]
+
+
+def test_figures_of_one_run_hang_together(report):
+    for row in report["rows"] + report["feedforward_alone"]:
+        assert 0 < row["std_error_um"] < row["max_error_um"] <= row["max_error_with_start_um"]
+        assert 0 < row["true_std_error_um"] < row["true_max_error_um"]
+
+
+def test_the_same_seed_gives_the_same_numbers_and_another_one_does_not(report):
+    assert evaluated("--no-figures")["rows"] == report["rows"]
+    other = evaluated("--no-figures", "--seed", "7", "--axis", "x")["rows"]
+    assert [row["axis"] for row in other] == ["x"] * 9
+    same = [row for row in report["rows"] if row["axis"] == "x"]
+    assert all(a["std_error_um"] != b["std_error_um"] for a, b in zip(other, same, strict=True))
+
+
+def test_figures_are_written_as_png_and_svg(tmp_path):
+    report = evaluated("--axis", "y", "--out", str(tmp_path / "figures"))
+    files = [Path(name) for name in report["figures"]]
+    assert {file.suffix for file in files} == {".png", ".svg"}
+    names = {file.stem for file in files}
+    assert {"figure2_hysteresis_y", "figure5_model_y", "figure8_control_error_y", "figure9_input_output_y"} <= names
+    for file in files:
+        content = file.read_bytes()
+        assert len(content) > 5_000
+        assert content.startswith(b"\x89PNG") or b"<svg" in content[:1000]
+
+
+def test_an_unknown_axis_is_wrong_usage(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["evaluate", CONFIG, "--axis", "w"])
+    assert ended.value.code == 64
+    assert "there is no axis w" in capsys.readouterr().err

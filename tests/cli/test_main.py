@@ -1,0 +1,94 @@
+"""The command line as a whole: help, exit codes, and no traceback for anybody."""
+
+import importlib
+import json
+from pathlib import Path
+
+import pytest
+
+from micromanip.cli.main import COMMANDS, main
+
+CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
+
+
+def code_of(*arguments):
+    """Exit code of a command line."""
+    try:
+        main(list(arguments))
+    except SystemExit as ended:
+        return ended.code
+    return 0
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_shows_an_example(name, capsys):
+    assert code_of(name, "--help") == 0
+    shown = capsys.readouterr().out
+    if name == "fit":
+        assert code_of("fit", "hysteresis", "--help") == 0
+        shown = capsys.readouterr().out
+    assert "Example: " in shown
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_a_file_of_its_own(name):
+    assert importlib.import_module(f"micromanip.cli.{name}").command.name == name
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["chekc"], ["run"], ["run", CONFIG, "--durtion", "3"], ["run", CONFIG, "--duration", "-1"], ["completion"]],
+)
+def test_wrong_usage_is_64(arguments, capsys):
+    assert code_of(*arguments) == 64
+    assert "Error: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["status", "arm", "disarm", "reset"])
+def test_no_controller_is_69_and_says_the_next_step(verb, tmp_path, capsys):
+    assert code_of(verb, "--socket", str(tmp_path / "none.sock")) == 69
+    assert "micromanip run CONFIG" in capsys.readouterr().err
+
+
+def test_a_good_configuration(capsys):
+    assert code_of("check", CONFIG) == 0
+    assert ": good" in capsys.readouterr().out
+    assert code_of("check", CONFIG, "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["ok"] is True
+    assert report["rate_hz"] == 10_000
+    assert 0 < report["cycle_us"]
+    assert set(report["axes"]) == {"x", "y", "z"}
+
+
+def test_a_bad_configuration_is_78_and_one_line(tmp_path, capsys):
+    file = tmp_path / "bad.yaml"
+    file.write_text(Path(CONFIG).read_text(encoding="utf-8").replace("K_V_per_um: 0.6", "K_V_per_mm: 600", 1))
+    assert code_of("run", str(file)) == 78
+    lines = capsys.readouterr().err.strip().splitlines()
+    line = next(n for n, text in enumerate(file.read_text().splitlines(), 1) if "K_V_per_mm" in text)
+    assert len(lines) == 1
+    assert lines[0].startswith(f"micromanip: {file}:{line}: axes.x.inner.K_V_per_mm: ")
+    assert "K_V_per_um" in lines[0]
+
+
+def test_what_we_did_not_foresee_is_70_with_a_file_and_no_traceback(monkeypatch, capsys, tmp_path):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+
+    def broken(*_):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr("micromanip.settings.check.prepare", broken)
+    assert code_of("check", CONFIG) == 70
+    shown = capsys.readouterr().err
+    assert "Traceback" not in shown
+    assert "ZeroDivisionError: a bug" in shown
+    trace = Path(shown.strip().split()[-1])
+    assert "ZeroDivisionError" in trace.read_text()
+
+
+def test_completion_scripts(capsys):
+    for shell in ("bash", "zsh", "fish"):
+        assert code_of("completion", shell) == 0
+        assert "_MICROMANIP_COMPLETE" in capsys.readouterr().out

@@ -1,0 +1,30 @@
+"""Shared by all tests: how hypothesis searches, and which tests need compiled code.
+
+The laws' tests run in three modes: compiled, with bounds checks (NUMBA_BOUNDSCHECK=1) and as plain
+Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the search is shorter.
+``--hypothesis-profile=explore`` searches longer, and elsewhere in each run.
+"""
+
+import numba
+import pytest
+from hypothesis import HealthCheck, settings
+
+JIT = not numba.config.DISABLE_JIT
+
+_COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
+settings.register_profile("steady", max_examples=60 if JIT else 15, derandomize=True, database=None, **_COMMON)
+settings.register_profile("explore", max_examples=1000 if JIT else 100, database=None, **_COMMON)
+settings.load_profile("steady")
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1")
+
+
+def pytest_collection_modifyitems(config, items):
+    if JIT:
+        return
+    skip = pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)")
+    for item in items:
+        if "compiled_only" in item.keywords:
+            item.add_marker(skip)

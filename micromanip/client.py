@@ -9,6 +9,7 @@ with Client() as cell:
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -66,8 +67,10 @@ class Client:
 
     def request(self, verb: str, **fields: Any) -> Any:
         """Result of `verb`; raises what the controller answered where it refused."""
-        self._socket.sendall(json.dumps({"version": 1, "verb": verb, **fields}).encode() + b"\n")
-        line = self._lines.readline()
+        line = b""
+        with contextlib.suppress(ConnectionError):
+            self._socket.sendall(json.dumps({"version": 1, "verb": verb, **fields}).encode() + b"\n")
+            line = self._lines.readline()
         if not line:
             raise DeviceUnavailable(f"the controller on {self.path} went away")
         answer = json.loads(line)

@@ -61,6 +61,8 @@ def command(
 
     if (into is None) != (axis is None):
         raise UsageError("--into and --axis go together")
+    if into is not None and axis is not None:
+        _require_axis(into, axis)
     record = load_record(file, input_name, output_name, time_name, step_s)
     held_out = load_record(validate, input_name, output_name, time_name, step_s) if validate else None
     with Progress(console=Console(stderr=True), transient=True) as bar:
@@ -83,13 +85,19 @@ def command(
         _print(report, into)
 
 
+def _require_axis(into: Path, axis: str) -> None:
+    from micromanip.settings.load import load_with_source
+
+    configuration, _ = load_with_source(into)
+    if axis not in configuration.axes:
+        raise UsageError(f"there is no axis {axis} in {into}; its axes are {', '.join(configuration.axes)}")
+
+
 def _put_into(into: Path, axis: str, model: Any) -> None:
     from micromanip.settings.load import load_with_source
     from micromanip.settings.write import with_hysteresis, write_atomically
 
     configuration, source = load_with_source(into)
-    if axis not in configuration.axes:
-        raise UsageError(f"there is no axis {axis} in {into}; its axes are {', '.join(configuration.axes)}")
     # the set-point may go a little further than the record did: the model is continued there
     whole = model.model_copy(update={"range_um": configuration.axes[axis].setpoint.range_um})
     write_atomically(into, with_hysteresis(source.text, axis, whole))
@@ -108,13 +116,16 @@ def _print(report: dict[str, Any], into: Path | None) -> None:
             f"{candidate['held_out_percent']:.3f} % on the part left out"
         )
     for name, value in report["parameters"].items():
-        shown = (
-            [f"{v:.5g}" for v in value]
-            if isinstance(value, list) and value and not isinstance(value[0], list)
-            else value
-        )
-        click.echo(f"  {name}: {', '.join(shown) if isinstance(shown, list) and value else shown}")
+        click.echo(f"  {name}: {_shown(value)}")
     if report["figures"]:
         click.echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
     if into is not None:
         click.echo(f"written into {into}")
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        if value and isinstance(value[0], list):
+            return f"{len(value)} rows of {len(value[0])}"
+        return ", ".join(_shown(entry) for entry in value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

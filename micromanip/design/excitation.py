@@ -17,9 +17,10 @@ _PHASE_TRIALS = 300
 _RAMP_S = 0.5
 
 
-def soft(wave: Array, rest: float, rate_hz: float) -> Array:
-    """`wave` (n,) led in from `rest`, and out to it again, without a jump of value or speed."""
-    count = round(_RAMP_S * rate_hz)
+def soft(wave: Array, rest: float, rate_hz: float, slew_per_s: float = np.inf) -> Array:
+    """`wave` (n,) led in from `rest`, and out to it again, without a jump and well below the slew limit."""
+    farthest = max(abs(wave[0] - rest), abs(wave[-1] - rest))
+    count = round(max(_RAMP_S, 0.5 * np.pi * farthest / (_SLEW_SHARE * slew_per_s)) * rate_hz)
     lead = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
     start = rest + lead * (wave[0] - rest)
     return np.concatenate([start, wave, (rest + lead * (wave[-1] - rest))[::-1]])

@@ -116,7 +116,7 @@ def input_output(runs: list[Run], axis: int) -> Figure:
 def creep(configuration: Configuration, experiment: Experiment, axis: int) -> Figure:
     """Position after a step, open loop (creeping) and under integral action."""
     seconds, rate = 60.0, configuration.loop.rate_hz
-    every = rate // 100
+    every = rate // 1000
     open_loop = with_reference(
         with_axes(configuration, mode="voltage"), Step(source="step", offset_um=20.0, step_um=90.0)
     )
@@ -125,7 +125,7 @@ def creep(configuration: Configuration, experiment: Experiment, axis: int) -> Fi
     for label, variant in (("open loop", open_loop), ("under integral action", closed)):
         position = experiment(variant, seconds, every=every)["axis"]["true_strain_um"][:, axis]
         after = np.arange(1, len(position) + 1) * every / rate
-        panel.semilogx(after, position - position[np.searchsorted(after, 0.1)], label=label)
+        panel.semilogx(after, position - position[np.searchsorted(after, 0.1)], label=label, lw=0.8, rasterized=True)
     panel.set(
         xlabel="time after the step, s", ylabel="true position since 0.1 s, um", xlim=(0.1, seconds), ylim=(-1.0, 6.0)
     )

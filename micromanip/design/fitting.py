@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from micromanip.errors import CheckFailed
 from micromanip.settings.hysteresis import Network, PrandtlIshlinskii
 
 from .hysteresis import Candidate, HysteresisFit, candidates, choose, fit, structure_of
+from .network import NetworkFit, fit_network
 from .record import Record
 
 Array = NDArray[np.float64]
@@ -69,6 +71,9 @@ def fit_record(
 ) -> Fitted:
     """Fit what `request` asks for; `held_out` is only ever predicted. CheckFailed where nothing can be fitted."""
     burn_in = record.burn_in(request.burn_in_s)
+    if held_out is not None:
+        _same_rate(record.step_s, held_out)
+        held_out.burn_in(request.burn_in_s)
     used = record.y[burn_in:]
     range_um = (float(used.min()), float(used.max()))
     if request.kind == "network":
@@ -80,6 +85,9 @@ def fit_record(
         else:
             structure = structure_of(request.kind, record.u, record.step_s, request.plays, request.creep)
             best, tried = fit(structure, record.u, record.y, range_um, burn_in, seed=request.seed), []
+    except ValidationError as problem:
+        what = problem.errors()[0]["msg"].removeprefix("Value error, ")
+        raise CheckFailed(f"{record.file}: the fitted {request.kind} model has no inverse: {what}") from problem
     except ValueError as problem:
         raise CheckFailed(f"{record.file}: {problem}") from problem
     return Fitted(
@@ -98,7 +106,6 @@ def fit_record(
 def _validation(best: HysteresisFit, held_out: Record | None, request: Request) -> dict[str, float] | None:
     if held_out is None:
         return None
-    _same_rate(best.structure.step_s, held_out)
     rms, maximum = best.held_out(held_out.u, held_out.y, held_out.burn_in(request.burn_in_s))
     return {"rms_percent": rms, "max_percent": maximum}
 
@@ -109,3 +116,46 @@ def _same_rate(step_s: float, held_out: Record) -> None:
             f"{held_out.file}: sampled every {held_out.step_s:.6g} s, the fitted record every {step_s:.6g} s; "
             "record both at one rate"
         )
+
+
+def _fit_network(
+    record: Record,
+    held_out: Record | None,
+    request: Request,
+    burn_in: int,
+    range_um: tuple[float, float],
+    progress: Callable[[str], None],
+) -> Fitted:
+    """Forward network, which is judged, and the inverse one (section 3.4), which the loop gets."""
+
+    def train(name: str, u: Array, y: Array) -> NetworkFit:
+        def say(what: str) -> None:
+            progress(f"{name} network, {what}")
+
+        return fit_network(u, y, record.step_s, seed=request.seed, burn_in=burn_in, progress=say)
+
+    forward, inverse = train("forward", record.u, record.y), train("inverse", record.y, record.u)
+    thin = max(1, round(forward.sample_s / record.step_s))
+    slope, offset = np.polyfit(record.u, record.y, 1)
+
+    def predict(u: Array) -> Array:
+        """Free run at the network's own sampling, straight lines between; it begins on the mean line of the loop."""
+        coarse = np.arange(0, len(u), thin)
+        return np.interp(np.arange(len(u)), coarse, forward.predict(u[coarse], slope * u[0] + offset))
+
+    error = (predict(record.u) - record.y)[burn_in:]
+    stroke = float(np.ptp(record.y[burn_in:]))
+    validation = None
+    if held_out is not None:
+        _same_rate(record.step_s, held_out)
+        first = held_out.burn_in(request.burn_in_s)
+        other = (predict(held_out.u) - held_out.y)[first:]
+        validation = _percent(other - other.mean(), float(np.ptp(held_out.y[first:])))
+    own = _percent(error, stroke)
+    model = inverse.to_settings(range_um)
+    return Fitted("network", model, predict, burn_in, own["rms_percent"], own["max_percent"], validation)
+
+
+def _percent(error: Array, stroke: float) -> dict[str, float]:
+    rms, largest = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    return {"rms_percent": 100.0 * rms / stroke, "max_percent": 100.0 * largest / stroke}

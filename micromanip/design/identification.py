@@ -52,7 +52,7 @@ def design(configuration: Configuration, axis: str, kind: Kind, seconds: float, 
     else:
         rise = max(1, round(2.0 * (high - low) / slew * rate))
         wave = np.concatenate([np.full(rate, low), np.linspace(low, high, rise), np.full(round(seconds * rate), high)])
-    whole = soft(wave, output.park_V, rate)
+    whole = soft(wave, output.park_V, rate, slew)
     return Excitation(axis, kind, whole, (len(whole) - len(wave)) // 2)
 
 

@@ -1,19 +1,19 @@
 """Free-run least squares for the recurrent network (10)-(12): exact gradients, Levenberg-Marquardt.
 
-Everything here is in scaled signals. Parameters ``theta`` (5 M + 1,), M neurons: a row of three input weights and
-the bias of each neuron (4 M), the output weights (M), the output bias. Sample k is, as in the loop (rt.network),
+Everything here is in scaled signals. With the memory point ``(u_m, y_m)``, P pairs of neurons and one for the line
 
-    x_k = [u_k, (u_k - u_m) / step, (y_m - slope u_m) / width]
-    y_k = b2 + sum_j w2_j sigma(w1_j . x_k + b1_j),
+    d = (u_k - u_m) / step,   h = (y_m - slope u_m) / width,   a_j = p_j u_m + q_j h + b_j
+    y_k = y_m + c d + sum_j w_j (sigma(a_j + g_j d) - sigma(a_j))
 
-with the memory point ``(u_m, y_m)``, which moves to ``(u_k, y_k)`` after samples marked as moves. The three inputs
-span the same space as (10); in these coordinates the way since the memory point and the width of the loop, both small
-against the stroke, have unit size, so that a normal distribution of unit variance is a sensible start.
+This is (12) with M = 2 P + 1 neurons, half of whose weights are tied so that every branch *begins at the memory point*:
+free weights leave a jump there, which the loop would put on the voltage at each move of the memory, and a drift at
+rest. Parameters ``theta`` (5 P + 1,): rows ``p, q, g, b, w`` of the pairs, then c. In these coordinates everything is
+of unit size, so that a normal distribution is a sensible start. The memory moves to ``(u_k, y_k)`` after samples that
+are marked as moves, as it does in the loop (rt.network).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _DAMPING, _DAMPING_LOW, _DAMPING_HIGH = 1e-2, 1e-10, 1e8
+_PATIENCE = 10
 
 
 @dataclass(frozen=True)
@@ -44,26 +45,30 @@ class Course:
     slope: float
     width: float
 
-    def restarts(self, moves_a_segment: int) -> Flags:
-        """Samples (n,) before which the memory's output is set to the measured one, every so many moves; 0: never."""
-        if moves_a_segment == 0:
+    @property
+    def scale(self) -> Array:
+        """(step, slope, width) of the module's equations."""
+        return np.array([self.step, self.slope, self.width])
+
+    def restarts(self, segment: int) -> Flags:
+        """Samples (n,) before which the memory's output is set to the measured one, every `segment` moves; 0: never."""
+        if segment == 0:
             return np.zeros(len(self.u), dtype=bool)
         count = np.cumsum(self.moves)
-        return np.concatenate(([False], self.moves[:-1] & (count[:-1] % moves_a_segment == 0)))
+        return np.concatenate(([False], self.moves[:-1] & (count[:-1] % segment == 0)))
 
 
 @compiled
-def run_network(theta: Any, neurons: int, scale: Any, u: Any, moves: Any, y0: float, y: Any) -> None:
+def run_network(theta: Any, scale: Any, u: Any, moves: Any, y0: float, y: Any) -> None:
     """Free run from the memory point ``(u[0], y0)``: outputs to `y` (n,); `scale` is (step, slope, width)."""
+    size = len(theta)
     u_memory, y_memory = u[0], y0
     for k in range(len(u)):
-        x1, x2 = (u[k] - u_memory) / scale[0], (y_memory - scale[1] * u_memory) / scale[2]
-        total = theta[5 * neurons]
-        for j in range(neurons):
-            i = 4 * j
-            total += theta[4 * neurons + j] * sigmoid(
-                theta[i] * u[k] + theta[i + 1] * x1 + theta[i + 2] * x2 + theta[i + 3]
-            )
+        d, h = (u[k] - u_memory) / scale[0], (y_memory - scale[1] * u_memory) / scale[2]
+        total = y_memory + theta[size - 1] * d
+        for i in range(0, size - 1, 5):
+            a = theta[i] * u_memory + theta[i + 1] * h + theta[i + 3]
+            total += theta[i + 4] * (sigmoid(a + theta[i + 2] * d) - sigmoid(a))
         y[k] = total
         if moves[k]:
             u_memory, y_memory = u[k], total
@@ -71,32 +76,33 @@ def run_network(theta: Any, neurons: int, scale: Any, u: Any, moves: Any, y0: fl
 
 @compiled
 def accumulate(
-    theta: Any, neurons: int, scale: Any, u: Any, moves: Any, restarts: Any, target: Any, weight: Any, A: Any, g: Any
+    theta: Any, scale: Any, u: Any, moves: Any, restarts: Any, target: Any, weight: Any, A: Any, g: Any
 ) -> float:
     """Cost ``sum (weight e)^2``; adds ``J^T J`` to the lower triangle of `A` and ``J^T e`` to `g`.
 
     Forward sensitivities: ``dy_k/dtheta = direct + (dy_k/dy_m) dy_m/dtheta``; no row of the Jacobian is kept.
     """
-    size = 5 * neurons + 1
+    size = len(theta)
     row, kept = np.zeros(size), np.zeros(size)
     u_memory, y_memory, cost = u[0], target[0], 0.0
     for k in range(len(u)):
         if restarts[k]:
             y_memory = target[k - 1]
             kept[:] = 0.0
-        x1, x2 = (u[k] - u_memory) / scale[0], (y_memory - scale[1] * u_memory) / scale[2]
-        total, feedback = theta[5 * neurons], 0.0
-        for j in range(neurons):
-            i = 4 * j
-            z = sigmoid(theta[i] * u[k] + theta[i + 1] * x1 + theta[i + 2] * x2 + theta[i + 3])
-            w = theta[4 * neurons + j]
-            slope = w * z * (1.0 - z)
-            total += w * z
-            feedback += slope * theta[i + 2]
-            row[i], row[i + 1], row[i + 2], row[i + 3] = slope * u[k], slope * x1, slope * x2, slope
-            row[4 * neurons + j] = z
-        row[5 * neurons] = 1.0
-        feedback /= scale[2]
+        d, h = (u[k] - u_memory) / scale[0], (y_memory - scale[1] * u_memory) / scale[2]
+        total, feedback = y_memory + theta[size - 1] * d, 0.0
+        row[size - 1] = d
+        for i in range(0, size - 1, 5):
+            a = theta[i] * u_memory + theta[i + 1] * h + theta[i + 3]
+            start, end = sigmoid(a), sigmoid(a + theta[i + 2] * d)
+            w = theta[i + 4]
+            at_end = w * end * (1.0 - end)
+            both = at_end - w * start * (1.0 - start)
+            total += w * (end - start)
+            feedback += both * theta[i + 1]
+            row[i], row[i + 1], row[i + 2] = both * u_memory, both * h, at_end * d
+            row[i + 3], row[i + 4] = both, end - start
+        feedback = 1.0 + feedback / scale[2]
         for i in range(size):
             row[i] += feedback * kept[i]
         error = weight[k] * (total - target[k])
@@ -105,66 +111,58 @@ def accumulate(
             return np.inf
         if weight[k] != 0.0:
             for i in range(size):
-                wi = weight[k] * row[i]
-                g[i] += wi * error
-                wi *= weight[k]
+                value = weight[k] * row[i]
+                g[i] += value * error
+                value *= weight[k]
                 for j in range(i + 1):
-                    A[i, j] += wi * row[j]
+                    A[i, j] += value * row[j]
         if moves[k]:
             u_memory, y_memory = u[k], total
             kept[:] = row
     return cost
 
 
-def gradient(theta: Array, neurons: int, course: Course, restarts: Flags) -> tuple[float, Array, Array]:
-    """Cost, ``J^T J`` (p, p) and ``J^T e`` (p,), p = 5 `neurons` + 1; half the cost's gradient is the last."""
+def gradient(theta: Array, course: Course, restarts: Flags) -> tuple[float, Array, Array]:
+    """Cost, ``J^T J`` (p, p) and ``J^T e`` (p,), p parameters: half the cost's gradient is the last."""
     A, g = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
-    scale = np.array([course.step, course.slope, course.width])
-    cost = accumulate(theta, neurons, scale, course.u, course.moves, restarts, course.y, course.weight, A, g)
+    cost = accumulate(theta, course.scale, course.u, course.moves, restarts, course.y, course.weight, A, g)
     return cost, A + np.tril(A, -1).T, g
 
 
 def levenberg_marquardt(
     theta: Array,
-    neurons: int,
     course: Course,
     segment: int,
-    iterations: int,
+    evaluations: int,
     ridge: float = 0.0,
-    tolerance: float = 1e-5,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[Array, float]:
-    """Parameters and cost after at most `iterations` evaluations.
+    tolerance: float = 1e-4,
+) -> Array:
+    """Parameters (p,) after at most so many `evaluations` of the cost, from `theta` (p,).
 
     `segment` moves of the memory make one free run from a measured point (0: the whole record). `ridge` weighs
-    ``|theta|^2`` against the sum of squares, so that parameters the record says nothing about stay small. Ends when
-    ten accepted steps together gain less than `tolerance` of the cost.
+    ``|theta|^2`` against the sum of squares, so that parameters the record says nothing about stay small. Ends early
+    when ten accepted steps together gain less than `tolerance` of the cost, or none is accepted however short.
     """
     restarts = course.restarts(segment)
 
     def evaluate(candidate: Array) -> tuple[float, Array, Array]:
-        cost, A, g = gradient(candidate, neurons, course, restarts)
-        cost += ridge * float(candidate @ candidate)
-        return cost, A + ridge * np.eye(len(candidate)), g + ridge * candidate
+        cost, A, g = gradient(candidate, course, restarts)
+        return cost + ridge * float(candidate @ candidate), A + ridge * np.eye(len(candidate)), g + ridge * candidate
 
     cost, A, g = evaluate(theta)
     damping, history = _DAMPING, [cost]
-    for _ in range(iterations):
-        if not np.isfinite(cost):
+    for _ in range(evaluations):
+        if not np.isfinite(cost) or damping > _DAMPING_HIGH:
             break
-        scale = np.diag(A) + 1e-9 * float(np.max(np.diag(A)))
-        step = np.linalg.solve(A + damping * np.diag(scale), -g)
-        new_cost, new_A, new_g = evaluate(theta + step)
-        if new_cost < cost:
-            theta, cost, A, g = theta + step, new_cost, new_A, new_g
-            damping = max(_DAMPING_LOW, damping / 4.0)
-            history.append(cost)
-            if progress is not None:
-                progress(cost)
-            if len(history) > 10 and history[-11] - cost < tolerance * cost:
-                break
-        else:
+        diagonal = np.diag(A) + 1e-9 * float(np.max(np.diag(A)))
+        candidate = theta + np.linalg.solve(A + damping * np.diag(diagonal), -g)
+        new_cost, new_A, new_g = evaluate(candidate)
+        if not new_cost < cost:
             damping *= 3.0
-            if damping > _DAMPING_HIGH:
-                break
-    return theta, cost
+            continue
+        theta, cost, A, g = candidate, new_cost, new_A, new_g
+        damping = max(_DAMPING_LOW, damping / 4.0)
+        history.append(cost)
+        if len(history) > _PATIENCE and history[-1 - _PATIENCE] - cost < tolerance * cost:
+            break
+    return theta

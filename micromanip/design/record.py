@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,11 +68,18 @@ def load_record(
 
 def _read_csv(file: Path) -> dict[str, Array]:
     try:
-        with file.open(encoding="utf-8") as lines:
-            names = [name.strip() for name in lines.readline().strip().split(",")]
+        with file.open(encoding="utf-8-sig") as lines, warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # numpy's, about a file without rows
+            names = [name.strip().strip('"') for name in lines.readline().strip().split(",")]
             values = np.genfromtxt(lines, delimiter=",", ndmin=2)
-    except (UnicodeDecodeError, ValueError, OSError) as problem:
-        raise CheckFailed(f"{file}: not a table of numbers with a header, separated by commas: {problem}") from problem
+    except UnicodeDecodeError as problem:
+        raise CheckFailed(f"{file}: not a table of numbers with a header, separated by commas") from problem
+    except ValueError as problem:
+        row = re.search(r"Line #(\d+)", str(problem))
+        line = f":{int(row[1]) + 1}" if row else ""
+        raise CheckFailed(f"{file}{line}: this row has not as many values as there are columns") from problem
+    except OSError as problem:
+        raise CheckFailed(f"{file}: can't be read: {problem.strerror}") from problem
     if values.size == 0 or values.shape[1] != len(names):
         raise CheckFailed(f"{file}: not a table of numbers with a header of as many names, separated by commas")
     return {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
@@ -104,9 +113,11 @@ def _column(file: Path, table: dict[str, Array], name: str) -> Array:
 
 def _sampling(file: Path, name: str, t: Array) -> float:
     steps = np.diff(t)
-    if len(steps) == 0 or not np.isfinite(steps).all():
-        bad = int(np.flatnonzero(~np.isfinite(t))[0]) + 2 if len(t) else 1
-        raise CheckFailed(f"{file}:{bad}: the time column {name} has no number here")
+    bad = np.flatnonzero(~np.isfinite(t))
+    if len(bad):
+        raise CheckFailed(f"{file}:{int(bad[0]) + 2}: the time column {name} has no number here")
+    if len(steps) == 0:
+        raise CheckFailed(f"{file}: 1 sample is too few; record at least {_LEAST_SAMPLES}")
     step = float(np.median(steps))
     uneven = np.flatnonzero(np.abs(steps - step) > _UNEVEN * abs(step))
     if step <= 0 or len(uneven):

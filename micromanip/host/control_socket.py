@@ -73,20 +73,26 @@ class ControlSocket:
         self.path.unlink(missing_ok=True)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(ConnectionError, asyncio.CancelledError):
-            while True:
-                try:
-                    line = await reader.readline()
-                except ValueError:
-                    writer.write(_line(_failure(UsageError(f"a request is at most {_LINE_BYTES} bytes long"))))
-                    await writer.drain()
-                    break
-                if not line:
-                    break
-                writer.write(_line(await self._answer(line)))
-                await writer.drain()
-        with contextlib.suppress(ConnectionError):
+        with contextlib.suppress(asyncio.CancelledError):
+            with contextlib.suppress(ConnectionError):
+                await self._converse(reader, writer)
             writer.close()
+            with contextlib.suppress(ConnectionError):  # taken note of, or it may be reported as forgotten
+                await writer.wait_closed()
+        writer.close()
+
+    async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while True:
+            try:
+                line = await reader.readline()
+            except ValueError:
+                writer.write(_line(_failure(UsageError(f"a request is at most {_LINE_BYTES} bytes long"))))
+                await writer.drain()
+                return
+            if not line:
+                return
+            writer.write(_line(await self._answer(line)))
+            await writer.drain()
 
     async def _answer(self, line: bytes) -> dict[str, Any]:
         try:

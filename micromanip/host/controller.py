@@ -14,11 +14,11 @@ from typing import Any
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.rt import words as w
 from micromanip.rt.intrinsics import call_context
-from micromanip.rt.states import COMMAND_NAMES, FAULT, NO_FAULT, STARTING, STATE_NAMES
+from micromanip.rt.states import ARM, COMMAND_NAMES, FAULT, NO_FAULT, STARTING, STATE_NAMES
 from micromanip.settings.check import Prepared
 
 from .messages import fault_message
-from .segments import CONTROL, RING, STATUS, Segments, context_layout
+from .segments import CONTROL, RING, SLOTS, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
 
@@ -129,14 +129,14 @@ class Controller:
             if not await self._reached(w.COMMAND_DONE, number):
                 raise CheckFailed(f"{COMMAND_NAMES[command]}: the loop did not answer within {_ANSWER_S:g} s")
             if not self.words[w.COMMAND_ACCEPTED]:
-                raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(before))}")
+                raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(command, before))}")
 
-    def _reasons(self, state: str) -> list[str]:
-        """Why a command may have been refused in `state`."""
+    def _reasons(self, command: int, state: str) -> list[str]:
+        """Why `command` may have been refused in `state`."""
         reasons = [f"the state is {state}"]
         for i, name in enumerate(self.prepared.configuration.axes):
-            axis = self.status["state"][0]["axis"][i]
-            reasons += [f"{role}_{name} is not valid" for role in ("strain", "stage") if axis[role]["bad"] > 0]
+            if command == ARM and self.status["state"][0]["axis"][i]["strain"]["bad"] > 0:
+                reasons.append(f"strain_{name} is not valid")
         fault = self.fault()
         return reasons + ([fault] if fault else [])
 
@@ -144,7 +144,7 @@ class Controller:
         """Swap to the parameters (1,) at a cycle boundary; CheckFailed where the loop does not take them."""
         async with self._commands:
             words = self.control["words"]
-            slot, version = 1 - int(words[w.SLOT]), int(words[w.VERSION]) + 1
+            slot, version = (int(words[w.SLOT]) + 1) % SLOTS, int(words[w.VERSION]) + 1
             self.control["parameters"][slot] = parameters[0]
             self.control["parameters"][slot]["version"] = version
             words[w.SLOT] = slot
@@ -192,6 +192,11 @@ class Controller:
                 f"driver {name}: " + ("outputs at their safe value" if code == 0 else f"safe failed, code {code}")
             )
         return done
+
+    def kill(self) -> None:
+        """End the loop process at once; `make_safe` is then the host's to call."""
+        if self.process is not None and self.process.returncode is None:
+            self.process.kill()
 
     async def wait(self) -> int:
         """Wait for the loop process to end; its exit code (negative: the signal that killed it)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from .statistics import SignalStatistics, report
 _HEARTBEAT_S = 0.02
 _LOOK_S = 0.2
 _STOP_S = 30.0
+_STUCK_S = {"hardware": 0.3, "simulation": 2.0}
 
 Report = dict[str, Any]
 
@@ -75,11 +77,12 @@ class Daemon:
         for advice in missing_rights(int(self._controller.words[w.RIGHTS])):
             self._say(f"WARNING: {advice}")
         self._say("READY")
-        recorder = await self._start_recorder()
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(self._beat()), asyncio.create_task(self._look())]
         stopped = asyncio.create_task(self._stop.wait())
+        recorder = None
         try:
+            recorder = await self._start_recorder()
             if self._prepared.configuration.arm_on_start:
                 await self._controller.command(states.ARM)
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
@@ -89,6 +92,8 @@ class Daemon:
             self._signals.gather()
             return report(self._controller, self._signals)
         finally:
+            if not ended.done():  # an error: nobody leaves while the loop still drives the outputs
+                await self._end(ended)
             for task in (*helpers, stopped):
                 task.cancel()
             if recorder is not None:
@@ -107,8 +112,7 @@ class Daemon:
             await self._controller.command(states.STOP)
         done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
         if not done:
-            assert self._controller.process is not None
-            self._controller.process.kill()
+            self._controller.kill()
             await ended
 
     def _judge(self, code: int) -> None:
@@ -126,9 +130,15 @@ class Daemon:
             await asyncio.sleep(_HEARTBEAT_S)
 
     async def _look(self) -> None:
-        """Feed the live line; tell a fault once."""
-        told = None
+        """Feed the live line; tell a fault once; end a loop process that lives but does not turn any more."""
+        told, cycles, turned = None, -1, time.monotonic()
         while True:
+            if self._controller.words[w.CYCLES_RUN] != cycles:
+                cycles, turned = int(self._controller.words[w.CYCLES_RUN]), time.monotonic()
+            elif time.monotonic() - turned > _STUCK_S[self._prepared.configuration.loop.limits]:
+                self._say(f"X-105 the loop has stood still for {time.monotonic() - turned:.1f} s and is ended")
+                self._controller.kill()
+                return
             self._signals.gather()
             self._show(report(self._controller, self._signals))
             fault = self._controller.fault()

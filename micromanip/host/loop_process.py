@@ -69,7 +69,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     orders = json.load(sys.stdin)
-    segments = Segments.attach(orders["descriptors"])
+    segments = Segments.attach(orders["descriptors"], writable=True)
     control, status, ring = segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     samples = segments.sample_table()
     try:

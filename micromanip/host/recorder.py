@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import select
 import signal
@@ -11,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, ROW
-from micromanip.rt.words import SLOT
 
 from .recording import PARAMETERS, ROWS, STATE
 from .ring import RingReader
@@ -19,6 +19,7 @@ from .segments import CONTROL, RING, STATUS, Segments
 
 _PAUSE_S = 0.1
 _CHUNK_ROWS = 1000
+_BATCH_ROWS = 8192
 
 
 class Recording:
@@ -38,13 +39,14 @@ class Recording:
         """Store the snapshot the rows follow."""
         self.file.create_dataset(STATE, data=np.array([state], CELL_STATE))
 
-    def append(self, rows: Any, parameters: Any) -> None:
-        """Add rows; a new parameter version brings its parameters with it."""
+    def append(self, rows: Any, slots: Any) -> None:
+        """Add rows; a new parameter version brings its parameters, one of `slots`, with it."""
         if len(rows) == 0:
             return
-        if rows[-1]["version"] != self.version:
-            self.version = int(rows[-1]["version"])
-            self._extend(self.parameters, np.array([parameters], CELL_PARAMETERS))
+        for version in np.unique(rows["version"]):
+            if version > self.version:
+                self.version = int(version)
+                self._extend(self.parameters, slots[slots["version"] == version])
         self._extend(self.rows, rows)
         self.file.flush()
 
@@ -59,7 +61,7 @@ def main() -> int:
     """Record until standard input ends; the last line on standard output says what there is."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     orders = json.loads(sys.stdin.readline())
-    segments = Segments.attach(orders["descriptors"])
+    segments = Segments.attach(orders["descriptors"], writable=False)
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)
     reader = RingReader(segments.ring.record(RING))
     try:
@@ -76,14 +78,16 @@ def main() -> int:
     running = True
     while running:
         running = not select.select([sys.stdin], [], [], _PAUSE_S)[0]
-        rows = reader.read()
-        while len(rows):
-            recording.append(rows[rows["cycle"] > first], control["parameters"][control["words"][SLOT]])
-            rows = reader.read()
+        behind = True
+        while behind:
+            rows = reader.read(_BATCH_ROWS)
+            recording.append(rows[rows["cycle"] > first], control["parameters"])
+            behind = len(rows) == _BATCH_ROWS
     recording.file.attrs["lost"] = reader.lost
     total = len(recording.rows)
     recording.file.close()
-    print(f"recorded {total} cycles to {orders['file']}, {reader.lost} lost", flush=True)  # noqa: T201
+    with contextlib.suppress(BrokenPipeError):  # the host may be dead; the file is complete all the same
+        print(f"recorded {total} cycles to {orders['file']}, {reader.lost} lost", flush=True)  # noqa: T201
     return 0
 
 

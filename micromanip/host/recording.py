@@ -78,4 +78,4 @@ class RecorderProcess:
         self._process.stdin.close()
         said = await self._hear()
         await self._process.wait()
-        return said or f"the recorder of {self._file} died; what it had written is kept"
+        return said or f"the recorder of {self._file} died; `h5clear -s {self._file}` opens what it had written"

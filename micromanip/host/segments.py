@@ -19,7 +19,10 @@ from micromanip.rt.words import WORDS
 
 RING_ROWS = 1 << 15
 
-CONTROL = np.dtype([("words", "i8", (WORDS,)), ("parameters", CELL_PARAMETERS, (2,))], align=True)
+SLOTS = 64
+"""Two would do for the loop; the recorder finds the sets of a burst of swaps here."""
+
+CONTROL = np.dtype([("words", "i8", (WORDS,)), ("parameters", CELL_PARAMETERS, (SLOTS,))], align=True)
 """Written by the host only."""
 STATUS = np.dtype(
     [
@@ -97,9 +100,9 @@ class Segments:
         return tuple(s.descriptor for s in (self.control, self.status, self.ring, self.contexts, self.samples))
 
     @classmethod
-    def attach(cls, descriptors: list[int]) -> Segments:
-        """Map the segments in the loop process."""
-        return cls(*(Segment.attach(d, writable=True) for d in descriptors))
+    def attach(cls, descriptors: list[int], *, writable: bool) -> Segments:
+        """Map inherited segments: writable in the loop process, for reading anywhere else."""
+        return cls(*(Segment.attach(d, writable=writable) for d in descriptors))
 
     def sample_table(self) -> NDArray[np.float64]:
         """Samples (n, MAX_AXES) of the reference source `file`."""

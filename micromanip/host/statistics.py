@@ -24,25 +24,25 @@ class SignalStatistics:
         self._controller = controller
         self._reader = RingReader(controller.ring)
         self._names = list(controller.prepared.configuration.axes)
-        self._cycles = 0
         self._fresh: Counter[str] = Counter()
+        self._cycles: Counter[str] = Counter()
         self._ages: dict[str, Counter[int]] = {}
 
     def gather(self) -> None:
         """Take in the rows since the last call."""
         rows = self._reader.read(1 << 15)
-        self._cycles += int(rows["periods"].sum())
         for i, axis in enumerate(self._names):
             for role, bit in _ROLES:
                 name = f"{role}_{axis}"
                 if name not in self._controller.prepared.configuration.signals:
                     continue
                 fresh = rows["axis"]["fresh"][:, i] & bit != 0
-                age_ns = rows["axis"][f"{role}_age_ns"][:, i]
-                if not self._fresh[name]:  # there is no age before the first sample
-                    age_ns = age_ns[np.argmax(fresh) :] if fresh.any() else age_ns[:0]
+                first = 0
+                if not self._fresh[name]:  # before the first sample there is no age and no rate
+                    first = int(np.argmax(fresh)) if fresh.any() else len(rows)
                 self._fresh[name] += int(np.count_nonzero(fresh))
-                ages, counts = np.unique(age_ns // 1000, return_counts=True)
+                self._cycles[name] += int(rows["periods"][first:].sum())
+                ages, counts = np.unique(rows["axis"][f"{role}_age_ns"][first:, i] // 1000, return_counts=True)
                 self._ages.setdefault(name, Counter()).update(dict(zip(ages.tolist(), counts.tolist(), strict=True)))
 
     def report(self) -> dict[str, dict[str, float | int | None]]:
@@ -59,7 +59,7 @@ class SignalStatistics:
                     middle = age
                     break
             report[name] = {
-                "rate_hz": round(self._fresh[name] / (self._cycles * period_s), 1) if self._cycles else 0.0,
+                "rate_hz": round(self._fresh[name] / max(1, self._cycles[name]) / period_s, 1),
                 "age_p50_us": middle,
                 "age_max_us": max(ages) if ages else None,
                 "lost": int(state["lost"]),

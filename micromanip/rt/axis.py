@@ -57,7 +57,8 @@ def axis_cycle(
 def sample(p: Record, s: Record, signals: Record, now_ns: int) -> None:
     """Take the axis' signals from the process image."""
     s["strain_cycles"] += 1
-    read_signal(signals[p["strain"]], s["strain"], now_ns, p["strain_age_ns"], p["strain_range_um"])
+    if p["strain"] >= 0:
+        read_signal(signals[p["strain"]], s["strain"], now_ns, p["strain_age_ns"], p["strain_range_um"])
     if p["stage"] >= 0:
         read_signal(signals[p["stage"]], s["stage"], now_ns, p["stage_age_ns"], p["stage_range_um"])
     if p["deviation"] >= 0 and read_signal(
@@ -72,7 +73,8 @@ def estimate(p: Record, s: Record, cycle: int) -> None:
     if p["mode"] != STAGE:
         return
     if s["estimator"]["running"] == 0:
-        start_estimator(p["outer"], s["estimator"], cycle, s["setpoint_um"] - p["centre_um"], s["stage"]["value"])
+        if s["stage"]["bad"] == 0:
+            start_estimator(p["outer"], s["estimator"], cycle, s["setpoint_um"] - p["centre_um"], s["stage"]["value"])
         return
     predict_to(p["outer"], s["estimator"], cycle)
     if s["stage"]["fresh"]:
@@ -125,8 +127,10 @@ def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
         return s["setpoint_um"]
     feedforward = feedforward_voltage(p["hysteresis"], s["hysteresis"], s["setpoint_um"])
     if p["feedback"] == 0:
-        rest = 1.0 - fraction if phase == LIFTING else 0.0
-        s["pid"]["output_V"] = rest * s["pid"]["integrator"]
+        if phase == LIFTING:
+            s["pid"]["output_V"] = (1.0 - fraction) * s["pid"]["integrator"]
+        else:  # what a feedback that was switched off leaves behind
+            s["pid"]["output_V"] *= p["blend_decay"]
         s["strain_cycles"] = 0
     elif s["strain"]["fresh"]:
         pid_output(p["pid"], s["pid"], s["setpoint_um"] - s["strain"]["value"], s["strain_cycles"])

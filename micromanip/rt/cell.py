@@ -84,11 +84,14 @@ def raise_fault(p: Record, s: Record, fault: int, axis: int, value: float) -> No
 
 
 @compiled
-def sensor_fault(p: Record, a: Record, bad_samples: int) -> int:
-    """Fault code of the axis' feedback sensors: unusable for `bad_samples` cycles in a row."""
+def sensor_fault(p: Record, a: Record, bad_samples: int, closed: bool) -> int:
+    """Fault code of the axis' feedback sensors: unusable for `bad_samples` cycles in a row.
+
+    The capacitive sensor counts once the outer loop is closed: at rest the stage may be out of its range.
+    """
     if p["mode"] != VOLTAGE and a["strain"]["bad"] >= bad_samples:
         return STRAIN_INVALID
-    if p["mode"] == STAGE and a["stage"]["bad"] >= bad_samples:
+    if closed and p["mode"] == STAGE and a["stage"]["bad"] >= bad_samples:
         return STAGE_INVALID
     return NO_FAULT
 
@@ -101,7 +104,7 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
         if state != READY:
             return False
         for i in range(p["axes"]):
-            if sensor_fault(p["axis"][i], s["axis"][i], 1) != NO_FAULT:
+            if sensor_fault(p["axis"][i], s["axis"][i], 1, False) != NO_FAULT:
                 return False
         for i in range(p["axes"]):
             start_axis(p["axis"][i], s["axis"][i])
@@ -175,9 +178,10 @@ def cell_cycle(
 ) -> bool:
     """One cycle of all axes, `periods` after the one before; False where `command` was refused."""
     s["cycle"] += periods
+    closed = phase_of(p, s)[0] == CLOSED
     for i in range(p["axes"]):
         sample(p["axis"][i], s["axis"][i], signals, now_ns)
-        fault = sensor_fault(p["axis"][i], s["axis"][i], p["bad_samples"])
+        fault = sensor_fault(p["axis"][i], s["axis"][i], p["bad_samples"], closed)
         if fault != NO_FAULT and (s["state"] == ARMED or s["state"] == TRACKING):
             raise_fault(p, s, fault, i, float(p["bad_samples"]))
     accepted = command == NO_COMMAND or apply_command(p, s, command)

@@ -46,12 +46,17 @@ def _prune(root: Path) -> None:
 
 
 class Compiler:
-    """Decorates functions of one package for the hot path; the package's folder keys its cache."""
+    """Decorates functions of one package for the hot path; the package's folder keys its cache.
 
-    def __init__(self, package_file: str) -> None:
+    Inner functions are inlined into the entry point that calls them, and compiled without numba's memory
+    management: a cycle that would allocate does not even compile. `allocates` lifts that for offline code.
+    """
+
+    def __init__(self, package_file: str, *, allocates: bool = False) -> None:
         own = Path(package_file).resolve().parent
         rt = Path(__file__).resolve().parent
         self.cache_dir = cache_root() / f"{own.name}-{_digest((rt, own) if own != rt else (rt,))}"
+        self._options = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": allocates}
 
     def __call__(self, function: Function) -> Function:
         """Decorator: compiled when first called; what an entry point calls is built into the entry point."""
@@ -63,7 +68,7 @@ class Compiler:
         return lambda function: self._compile(function, signature)
 
     def _compile(self, function: Any, signature: Any) -> Any:
-        return self._cached(lambda: numba.njit(signature, cache=True, nogil=True, error_model="numpy")(function))
+        return self._cached(lambda: numba.njit(signature, forceinline=signature is None, **self._options)(function))
 
     def c_function(self, signature: Any) -> Callable[[Any], Any]:
         """Decorator: compiles to a C function whose ``.address`` a driver hands to the loop."""

@@ -47,7 +47,11 @@ from .words import OVERRUNS as OVERRUNS_WORD
 
 @compiled
 def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> bool:
-    """Watch the host and the deadlines; False once the host is gone (the loop then ramps down and ends)."""
+    """Watch the host and the deadlines; False once the host is gone (the loop then ramps down and ends).
+
+    The cycles that were missed have passed before anything is decided: a ramp that begins now begins at its beginning.
+    """
+    s["cycle"] += missed
     s["overruns"] += missed
     s["overruns_in_a_row"] = s["overruns_in_a_row"] + missed if missed > 0 else 0
     if s["overruns_in_a_row"] >= p["overruns_in_a_row"] and s["state"] != FAULT and s["fault"] == NO_FAULT:
@@ -113,8 +117,6 @@ def run_loop(
         periods = 1 + missed
 
         code = exchange_all(drivers, driver_count, outputs, signals, deadline, periods)
-        if code != 0:
-            raise_fault(p, s, DRIVER_ERROR, -1, float(code))
         version = load_acquire(control, VERSION)
         if version != s["version"]:
             new = parameters[load_acquire(control, SLOT)]
@@ -125,7 +127,9 @@ def run_loop(
         if number != status[COMMAND_DONE]:
             command = load_acquire(control, COMMAND)
         supervise(p, s, load_acquire(control, HEARTBEAT_NS), now, missed)
-        accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline, periods)
+        if code != 0:
+            raise_fault(p, s, DRIVER_ERROR, -1, float(code))
+        accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline, 1)
 
         head = ring[RING_HEAD]
         write_row(p, s, signals, rows[head % len(rows)], deadline, late, compute_ns, periods)

@@ -80,7 +80,7 @@ PID_STATE = _record(("integrator", "f8"), ("derivative", "f8"), ("error", "f8"),
 
 OUTER_PARAMETERS = _record(
     ("states", "i8"),
-    ("a", "f8", (MAX_STATES, MAX_STATES)),
+    ("a_columns", "f8", (MAX_STATES, MAX_STATES)),
     ("b", "f8", (MAX_STATES,)),
     ("c", "f8", (MAX_STATES,)),
     ("gain", "f8", (MAX_STATES,)),

@@ -167,6 +167,6 @@ def _fill_reference(r: Any, reference: Reference, column: int, rate_hz: int) -> 
 def _fill_outer(o: Any, gains: OuterGains) -> None:
     n = len(gains.A)
     o["states"] = n
-    o["a"][:n, :n], o["b"][:n], o["c"][:n] = gains.A, gains.B, gains.C
+    o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
     o["gain"][:n], o["feedback"][:n], o["reference"] = gains.observer, gains.feedback, gains.reference
     o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y

@@ -54,7 +54,7 @@ class Driver(Settings):
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
-    driver: str = Field(description="Name of the entry point, see `micromanip drivers`.")
+    driver: str = Field(description="Name of the driver's entry point, see docs/drivers.md.")
     without_watchdog: Flag = Field(
         default=False, description="Accept hardware that no watchdog brings to a safe state when the loop is dead."
     )

@@ -1,10 +1,14 @@
 """Mistakes that only show when sections are seen together: one line each, with the place and the way out."""
 
+import os
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
+from micromanip.cli.main import main
 from micromanip.errors import ConfigError
+from micromanip.io import registry
 from micromanip.io.contract import CyclicDriver
 from micromanip.io.registry import driver_class
 from micromanip.settings import wiring
@@ -155,3 +159,158 @@ def test_hardware_does_not_arm_itself_and_needs_hardware_limits_and_a_watchdog(t
     file = tmp_path / "good.yaml"
     file.write_text(good.replace("    seed: 1\n", "    seed: 1\n    without_watchdog: true\n"), encoding="utf-8")
     assert not prepare(file).configuration.arm_on_start
+
+
+CELL = Path(__file__).with_name("cell.yaml").read_text(encoding="utf-8").replace("offset_um: 0", "offset_um: 65")
+
+WHOLE = {
+    "stage mode without outer loop": (
+        ("mode: strain", "mode: stage"),
+        "mode: stage",
+        "axes.x.mode: mode stage needs the section outer; mode strain does without",
+    ),
+    "out of the actuator's reach": (
+        ("offset_um: 65", "offset_um: 110"),
+        "reference:",
+        "reference: axis x can't reach it: the reference asks for 80..140 um of the actuator, its range is 5..125 um",
+    ),
+    "missing strain gauge": (
+        ("  strain_x: {driver: cell, max_age_us: 300}\n", ""),
+        "  x:",
+        "axes.x: mode strain needs the signal strain_x, which the section signals does not have",
+    ),
+    "missing output": (
+        ("  voltage_x:", "  voltage_y:"),
+        None,
+        [
+            ("  voltage_y:", "outputs.voltage_y: no axis has this output; outputs are named voltage_<axis> (x)"),
+            ("  x:", "axes.x: there is no output voltage_x; add it to the section outputs"),
+        ],
+    ),
+    "nothing like an installed driver": (
+        ("driver: simulated, seed", "driver: profibus, seed"),
+        "cell: {driver: profibus",
+        "drivers.cell.driver: no driver called profibus is installed; installed are: simulated",
+    ),
+    "two outputs on a channel": (
+        (
+            "reference:",
+            "  voltage_y: {driver: cell, channel: voltage_x, range_V: [0, 1], slew_V_per_ms: 1}\nreference:",
+        ),
+        "voltage_y:",
+        "outputs.voltage_y: no axis has this output; outputs are named voltage_<axis> (x)",
+    ),
+    "CPU that hardware limits can't have": (
+        ("  cpu: 1\n  limits: simulation", "  cpu: 4096\n  limits: hardware"),
+        "cpu: 4096",
+        f"loop.cpu: this machine has the CPUs 0 to {(os.cpu_count() or 1) - 1}",
+    ),
+    "value that only the driver knows": (
+        ("seed: 1}", "seed: 1, coupling: 0.5}"),
+        "coupling",
+        "drivers.cell.coupling: expected a number from 0 to 0.1, not 0.5",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_the_whole_message(tmp_path, name):
+    (old, new), marker, expected = WHOLE[name]
+    assert CELL.count(old) == 1
+    text = CELL.replace(old, new)
+    findings = expected if marker is None else [(marker, expected)]
+    assert complaint(tmp_path, text).splitlines() == [
+        f"{line_of(text, marker)}: {sentence}" for marker, sentence in findings
+    ]
+
+
+def test_the_cell_is_good_otherwise(tmp_path):
+    file = tmp_path / "cell.yaml"
+    file.write_text(CELL, encoding="utf-8")
+    assert prepare(file).parameters[0]["axes"] == 1
+
+
+def test_a_voltage_out_of_range_and_one_that_should_follow_a_signal(tmp_path):
+    text = CELL.replace("mode: strain", "mode: voltage").replace("offset_um: 65", "offset_um: 125")
+    assert complaint(tmp_path, text) == (
+        f"{line_of(text, 'reference:')}: reference: axis x can't reach it: the reference asks for 95..155 V "
+        "of the actuator, its range is -20..150 V"
+    )
+    sines = CELL[CELL.index("  source: sine") : CELL.index("axes:")]
+    text = CELL.replace(sines, "  source: signal\n").replace("mode: strain", "mode: voltage")
+    assert complaint(tmp_path, text).splitlines()[-1] == (
+        f"{line_of(text, 'mode: voltage')}: axes.x.mode: a voltage can't follow the source signal; "
+        "use mode strain or stage"
+    )
+
+
+CSV = {
+    "missing": (None, "wave.csv can't be read as a CSV of numbers with a header: "),
+    "words": ("x\n1.0\nhello\n", "wave.csv can't be read as a CSV of numbers with a header: "),
+    "other column": ("t,y\n0,1\n1,2\n", "wave.csv has no column x; its columns are t, y"),
+    "one row": ("x\n65.0\n", "wave.csv needs at least two rows of finite numbers"),
+    "not finite": ("x\n65.0\nnan\n", "wave.csv needs at least two rows of finite numbers"),
+    "header only": ("x\n", "wave.csv needs at least two rows of finite numbers"),
+    "empty": ("", "wave.csv "),
+    "a header too many": ("t,x\n65.0\n66.0\n", "wave.csv "),
+}
+
+
+def playing(tmp_path):
+    """The cell with a file as its reference."""
+    sines = CELL[CELL.index("  source: sine") : CELL.index("axes:")]
+    return CELL.replace(sines, "  source: file\n  path: wave.csv\n  sample_rate_Hz: 1000\n")
+
+
+@pytest.mark.parametrize("name", CSV)
+def test_a_waveform_that_cannot_be_played(tmp_path, name):
+    content, message = CSV[name]
+    if content is not None:
+        (tmp_path / "wave.csv").write_text(content, encoding="utf-8")
+    text = playing(tmp_path)
+    lines = complaint(tmp_path, text).splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f"{line_of(text, 'path: wave.csv')}: reference.path: {message}")
+
+
+def test_a_waveform_is_brought_to_the_loops_rate(tmp_path):
+    (tmp_path / "wave.csv").write_text("t,x\n0,60.0\n1,70.0\n2,65.0\n", encoding="utf-8")
+    file = tmp_path / "cell.yaml"
+    file.write_text(playing(tmp_path), encoding="utf-8")
+    samples = prepare(file).samples[:, 0]
+    assert list(samples[::10]) == [60.0, 70.0, 65.0]
+    assert list(samples[:4]) == pytest.approx([60.0, 61.0, 62.0, 63.0])
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("no_such_module:Driver", "driver odd can't be loaded from no_such_module:Driver: No module named"),
+        ("json:Driver", "driver odd can't be loaded from json:Driver: module 'json' has no attribute 'Driver'"),
+        ("json:dumps", "driver odd (json:dumps) is not a micromanip.io.contract.CyclicDriver"),
+        ("json:JSONDecoder", "driver odd (json:JSONDecoder) is not a micromanip.io.contract.CyclicDriver"),
+    ],
+)
+def test_an_entry_point_that_is_no_driver(tmp_path, monkeypatch, value, message):
+    monkeypatch.setattr(registry, "installed", lambda: {"odd": EntryPoint("odd", value, registry.GROUP)})
+    text = CELL.replace("driver: simulated, seed", "driver: odd, seed")
+    assert complaint(tmp_path, text).startswith(f"{line_of(text, 'driver: odd')}: drivers.cell.driver: {message}")
+
+
+def test_a_broken_configuration_starts_nothing(tmp_path, monkeypatch, capsys):
+    """78, and neither a socket nor a process."""
+
+    def started(*_, **__):
+        raise AssertionError("something was started")
+
+    monkeypatch.setattr("asyncio.create_subprocess_exec", started)
+    file = tmp_path / "cell.yaml"
+    file.write_text(CELL.replace("offset_um: 65", "offset_um: 110"), encoding="utf-8")
+    for command in (["run", "--socket", str(tmp_path / "s")], ["check"], ["check", "--json"], ["evaluate"]):
+        with pytest.raises(SystemExit) as ended:
+            main([*command, str(file)])
+        assert ended.value.code == 78
+        shown = capsys.readouterr()
+        assert shown.out == ""
+        assert shown.err.startswith(f"micromanip: {file}:{line_of(CELL, 'reference:')}: reference: axis x can't reach")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["cell.yaml"]

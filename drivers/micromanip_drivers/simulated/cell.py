@@ -18,6 +18,8 @@ from .preisach import preisach_step, reset_memory
 from .records import CHANNELS, CONTEXT, CREEP_OPERATORS, MAX_AXES, MECHANICAL_STATES, SUBSTEPS
 
 _CHANNELS = len(CHANNELS)
+SATURATED = 1
+"""Status of a capacitive sample at the end of its range: it says no more than that."""
 _HUM_PHASE = 1.0
 
 
@@ -89,10 +91,16 @@ def read(c: Any, inputs: Any, now_ns: int) -> None:
         put(inputs[first], quantised(strain, p["strain_step_um"], p["strain_range_um"]), now_ns)
         seen = stage + p["stage_noise_um"] * normal(s)
         put(inputs[first + 1], max(-p["stage_range_um"], min(p["stage_range_um"], seen)), now_ns)
-        if c["periods"] % p["tracker_periods"] == 0:
-            taken_s = t_s - p["tracker_latency_ns"] * 1e-9
+        if abs(seen) > p["stage_range_um"]:
+            inputs[first + 1]["status"] = SATURATED
+        due = c["periods"] // p["tracker_periods"]
+        if due > s["tracked"]:
+            # after an overrun only the newest of those that came meanwhile, taken when it was due
+            s["tracked"] = due
+            passed_ns = (c["periods"] - due * p["tracker_periods"]) * c["period_ns"]
+            taken_s = t_s - (passed_ns + p["tracker_latency_ns"]) * 1e-9
             tracked = deviation(p, taken_s) + p["tracker_noise_um"] * normal(s)
-            put(inputs[first + 2], tracked, now_ns - p["tracker_latency_ns"])
+            put(inputs[first + 2], tracked, now_ns - passed_ns - p["tracker_latency_ns"])
         row = p["stage_acceleration"]
         acceleration = row[6] * s["force_N"] + p["acceleration_noise"] * normal(s)
         for k in range(MECHANICAL_STATES):

@@ -88,6 +88,7 @@ AXIS_STATE = _record(
     ("engaged", "f8"),
     ("coloured_N", "f8"),
     ("drift_um", "f8"),
+    ("tracked", "i8"),
     ("random", "u8", (2,)),
     ("spare", "f8"),
     ("has_spare", "i8"),

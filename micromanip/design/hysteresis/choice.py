@@ -56,9 +56,14 @@ def choose(
     tried = []
     for structure in structures:
         progress(structure.name)
-        first = fit(structure, voltage_V[:count], displacement_um[:count], range_um, burn_in, starts_for(structure))
+        try:
+            first = fit(structure, voltage_V[:count], displacement_um[:count], range_um, burn_in, starts_for(structure))
+        except ValueError:
+            continue  # this kind has no invertible model of the record
         held_out = first.held_out(voltage_V, displacement_um, count)[0]
         tried.append(Candidate(structure, first.rms_percent, held_out))
+    if not tried:
+        raise ValueError("no kind of model fits; the record may not show a hysteresis loop")
     tried.sort(key=lambda candidate: max(candidate.fitted_percent, candidate.held_out_percent))
     progress(f"{tried[0].structure.name}, on the whole record")
     best = fit(tried[0].structure, voltage_V, displacement_um, range_um, burn_in, starts_for(tried[0].structure))

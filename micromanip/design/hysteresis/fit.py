@@ -83,14 +83,23 @@ def _solve(
 ) -> tuple[Array, float]:
     prior = structure.prior(float(np.ptp(y)) * np.sqrt(len(y)))
 
+    last: list[Array] = []
+
+    def at(x: Array) -> list[Array]:
+        """`x` with displacement and Jacobian there, computed once for both callers."""
+        if not last or not np.array_equal(last[0], x):
+            last[:] = [x.copy(), *structure.value(x, v)]
+        return last
+
     def residual(x: Array) -> Array:
-        return np.concatenate([(structure.value(x, v)[0] - y)[burn_in:], prior @ x])
+        return np.concatenate([(at(x)[1] - y)[burn_in:], prior @ x])
 
     def jacobian(x: Array) -> Array:
-        return np.vstack([structure.value(x, v)[1][burn_in:], prior])
+        return np.vstack([at(x)[2][burn_in:], prior])
 
+    # MINPACK: no singular values of a tall matrix, which BLAS threads would make slower instead of faster
     with np.errstate(over="ignore", invalid="ignore"):
-        solution = least_squares(residual, start, jac=jacobian, x_scale="jac", max_nfev=evaluations)
+        solution = least_squares(residual, start, jac=jacobian, x_scale="jac", max_nfev=evaluations, method="lm")
     return solution.x, float(solution.cost)
 
 
@@ -150,6 +159,6 @@ def _judged(
         float(np.abs(error).max()),
         rms_std,
         cost,
-        np.sqrt(np.diag(covariance)),
+        np.sqrt(np.maximum(np.diag(covariance), 0.0)),
         float(np.ptp(y[burn_in:])),
     )

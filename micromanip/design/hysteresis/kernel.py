@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from micromanip.rt.jit import Compiler
 
-compiled = Compiler(__file__)
+compiled = Compiler(__file__, allocates=True)
 Array = NDArray[np.float64]
 
 

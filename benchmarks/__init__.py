@@ -1,0 +1,1 @@
+"""What ``micromanip bench`` runs: each figure beside its reference, measured in the same run."""

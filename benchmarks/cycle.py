@@ -1,0 +1,61 @@
+"""One cycle of three axes, telemetry row included, beside the same cycle in plain C.
+
+Both replay the same signals of the simulated cell from the same state, and must leave the same numbers
+behind; then they are timed in turns. The stretch is short, so that both work in the processor's cache.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.settings.check import prepare
+
+from .agreement import require_agreement
+from .plan import Plan
+from .recording import Outcome, Player, Recording, ours, record_arming, record_tracking, twin_player
+from .results import Result
+
+_COMPARED_CYCLES = 4000
+_STRETCH_CYCLES, _REPEATS = 500, 40
+_TRACKING_S = 1.5
+"""Long enough that the path error is scored."""
+
+
+def run(plan: Plan) -> list[Result]:
+    """Nanoseconds a cycle; the ratio is the median over the pairs. Raises CheckFailed where the two disagree."""
+    prepared = prepare(plan.configuration)
+    with tempfile.TemporaryDirectory() as folder:
+        twin = twin_player(Path(folder))
+        _compared(record_arming(prepared, _COMPARED_CYCLES), twin)
+        stretch = record_tracking(prepared, _TRACKING_S, _STRETCH_CYCLES)
+        outcome = _compared(stretch, twin)
+        plan.tell(f"cycle: our cycle and its C twin agree; {plan.pairs} pairs of {_STRETCH_CYCLES * _REPEATS} cycles")
+        taken = _timed(stretch, outcome, (ours, twin), plan.pairs)
+    value, reference = np.median(taken, axis=0)
+    ratio = float(np.median(taken[:, 0] / taken[:, 1]))
+    return [Result("cycle", float(value), "ns", "C twin, gcc -O3 -march=native", float(reference), ratio)]
+
+
+def _compared(recording: Recording, twin: Player) -> Outcome:
+    """Outcome of one replay, which both must agree on."""
+    left, right = (Outcome.room(len(recording.signals)) for _ in range(2))
+    ours(recording, left, 1)
+    twin(recording, right, 1)
+    require_agreement(left, right)
+    return left
+
+
+def _timed(recording: Recording, outcome: Outcome, players: tuple[Player, Player], pairs: int) -> NDArray[np.float64]:
+    """Processor time (ns) a cycle, (pairs, 2); every other pair runs the second player first."""
+    taken = np.zeros((pairs, 2))
+    for pair in range(pairs):
+        for which in (0, 1) if pair % 2 else (1, 0):
+            begin = time.thread_time_ns()
+            players[which](recording, outcome, _REPEATS)
+            taken[pair, which] = (time.thread_time_ns() - begin) / (len(recording.signals) * _REPEATS)
+    return taken

@@ -1,0 +1,77 @@
+"""Writes ``records.h``: the controller's records and constants as C sees them, on the same bytes.
+
+Generated from the numpy dtypes, so that a changed record can never be read with a stale layout; sizes
+and offsets are asserted by the C compiler once more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from micromanip.rt import axis, records, states
+
+_C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
+_ENUMERATIONS: dict[ModuleType, tuple[str, ...]] = {
+    states: (
+        *("OFF", "STARTING", "READY", "ARMED", "TRACKING", "HOLDING", "RAMPING", "FAULT"),
+        *("NO_COMMAND", "ARM", "DISARM", "STOP", "RESET"),
+        *("NO_FAULT", "STRAIN_INVALID", "STAGE_INVALID", "NOT_FINITE"),
+        *("VOLTAGE", "STRAIN", "STAGE"),
+    ),
+    axis: ("PARKED", "LIFTING", "CLOSED", "PARKING"),
+}
+
+
+def header() -> str:
+    """The text of ``records.h``."""
+    lines = ["/* Generated from micromanip.rt by benchmarks/layout.py. */", "#ifndef RECORDS_H", "#define RECORDS_H"]
+    lines += ["#include <stddef.h>", "#include <stdint.h>", ""]
+    lines += [f"#define {name} {value}" for name, value in _constants()]
+    known: list[tuple[str, np.dtype[Any]]] = []
+    for name, value in vars(records).items():
+        if isinstance(value, np.dtype) and value.names:
+            lines += ["", *_structure(name.lower(), value, known)]
+            known.append((name.lower(), value))
+    return "\n".join([*lines, "", "#endif", ""])
+
+
+def write_header(folder: Path) -> Path:
+    """Write ``records.h`` into `folder`."""
+    file = folder / "records.h"
+    file.write_text(header(), encoding="utf-8")
+    return file
+
+
+def _constants() -> Iterator[tuple[str, int]]:
+    for name, value in vars(records).items():
+        if name.isupper() and isinstance(value, int):
+            yield name, value
+    for module, names in _ENUMERATIONS.items():
+        for name in names:
+            yield name, getattr(module, name)
+
+
+def _structure(name: str, dtype: np.dtype[Any], known: list[tuple[str, np.dtype[Any]]]) -> Iterator[str]:
+    assert dtype.names is not None
+    assert dtype.fields is not None
+    yield f"struct {name} {{"
+    for field_name in dtype.names:
+        element = dtype.fields[field_name][0]
+        sizes = "".join(f"[{size}]" for size in element.shape)
+        yield f"    {_type_name(element.base, known)} {field_name}{sizes};"
+    yield "};"
+    yield f'_Static_assert(sizeof(struct {name}) == {dtype.itemsize}, "size of {name}");'
+    for field_name in dtype.names:
+        offset = dtype.fields[field_name][1]
+        yield f'_Static_assert(offsetof(struct {name}, {field_name}) == {offset}, "place of {name}.{field_name}");'
+
+
+def _type_name(dtype: np.dtype[Any], known: list[tuple[str, np.dtype[Any]]]) -> str:
+    if dtype.names is None:
+        return _C_TYPES[dtype.name]
+    return next(f"struct {name}" for name, other in known if other == dtype)

@@ -1,0 +1,34 @@
+"""Runs the benchmarks that are asked for, one after the other."""
+
+from __future__ import annotations
+
+import importlib
+
+from micromanip.errors import UsageError
+
+from .plan import Plan
+from .results import Report, Skipped
+
+NAMES = ("cycle", "lateness", "offline", "startup")
+"""Each is the module of that name with its function ``run``, imported only when it is used."""
+
+
+def run(plan: Plan, only: tuple[str, ...] = ()) -> Report:
+    """All benchmarks, or only those named; what this machine can't run is in the report with the reason.
+
+    Raises UsageError for an unknown name, CheckFailed where a benchmark finds the controller itself wrong.
+    """
+    for name in only:
+        if name not in NAMES:
+            raise UsageError(f"there is no benchmark {name}; there are {', '.join(NAMES)}")
+    report = Report()
+    for name in NAMES:
+        if only and name not in only:
+            continue
+        plan.tell(name)
+        try:
+            report.results += importlib.import_module(f"benchmarks.{name}").run(plan)
+        except Skipped as reason:
+            plan.tell(f"{name}: skipped: {reason}")
+            report.skipped[name] = str(reason)
+    return report

@@ -1,0 +1,43 @@
+"""From the command to READY, with and without compiled code at hand, and the memory it takes.
+
+The yardstick is a Python that does nothing but import numba and numpy.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from .plan import Plan
+from .processes import Observed, observe, reference
+from .results import Result
+
+_WARM_RUNS = 5
+_IMPORTS = "import numba, numpy"
+_REFERENCE = f'python -c "{_IMPORTS}"'
+
+
+def run(plan: Plan) -> list[Result]:
+    """Seconds to READY, cold once and warm as a median; peak megabytes of host and loop process."""
+    with tempfile.TemporaryDirectory() as folder:
+        cache = Path(folder) / "cache"
+        arguments = ["run", str(plan.configuration), "--duration", "0.1", "--socket", str(Path(folder) / "socket")]
+
+        def start() -> Observed:
+            return observe(arguments, "READY", cache)
+
+        plan.tell("startup: cold, everything is compiled")
+        cold = start()
+        plan.tell(f"startup: {_WARM_RUNS} times warm")
+        pairs = [(start(), reference(_IMPORTS)) for _ in range(_WARM_RUNS)]
+    imports_s, imports_mb = np.median([figures for _, figures in pairs], axis=0).tolist()
+    warm_s = float(np.median([started.seconds for started, _ in pairs]))
+    host_mb, loop_mb = list(pairs[-1][0].peak_mb.values())[:2]
+    return [
+        Result.of("startup_cold", cold.seconds, "s", _REFERENCE, imports_s),
+        Result.of("startup_warm", warm_s, "s", _REFERENCE, imports_s),
+        Result.of("memory_host", host_mb, "MB", _REFERENCE, imports_mb),
+        Result.of("memory_loop", loop_mb, "MB", _REFERENCE, imports_mb),
+    ]

@@ -1,0 +1,53 @@
+"""The C twin of the cycle: compiled with the layout of this very version, called on numpy's own memory."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from micromanip.errors import CheckFailed
+from micromanip.rt import hysteresis, reference, shaping
+from micromanip.rt.states import STAGE
+
+from .layout import write_header
+from .results import Skipped
+
+_FLAGS = ("-std=gnu99", "-O3", "-march=native", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
+
+
+def compile_twin(folder: Path) -> Any:
+    """The function ``replay`` of ``twin.c``, built in `folder`; raises Skipped where there is no gcc."""
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        raise Skipped("there is no gcc to compile the C twin; install the package gcc")
+    write_header(folder)
+    library = folder / "twin.so"
+    command = [gcc, *_FLAGS, f"-I{folder}", str(Path(__file__).parent / "twin.c"), "-o", str(library), "-lm"]
+    built = subprocess.run(command, capture_output=True, text=True, check=False)
+    if built.returncode != 0:
+        raise CheckFailed(f"gcc does not compile the C twin: {built.stderr.strip()}")
+    function = ctypes.CDLL(str(library)).replay
+    function.argtypes = [ctypes.c_void_p] * 8 + [ctypes.c_int64] * 2
+    function.restype = None
+    return function
+
+
+def require_covered(parameters: Any) -> None:
+    """Raise CheckFailed where `parameters` ask for a law that the twin does not have."""
+    for i in range(parameters[0]["axes"]):
+        a = parameters[0]["axis"][i]
+        roles = ("stage", "deviation", "true_strain", "true_stage", "path_error", "uncompensated")
+        if not (
+            a["mode"] == STAGE
+            and a["feedback"]
+            and a["reference"]["kind"] == reference.SIGNAL
+            and a["hysteresis"]["kind"] == hysteresis.PRANDTL_ISHLINSKII
+            and a["hysteresis"]["shaping"]["kind"] == shaping.TANH
+            and all(a[role] >= 0 for role in roles)
+        ):
+            raise CheckFailed(
+                "the C twin covers only stage control after a tracker with a tanh Prandtl-Ishlinskii model"
+            )

@@ -1,0 +1,100 @@
+/* The cycle of one axis in plain C: samples, estimate, set-point, feedforward and feedback, limiter. */
+#ifndef TWIN_AXIS_H
+#define TWIN_AXIS_H
+
+#include "twin_laws.h"
+
+static void start_axis(const struct axis_parameters *p, struct axis_state *s)
+{
+    s->closed = 0;
+    s->estimator.running = 0;
+    s->strain_cycles = 1;
+    s->start_V = s->voltage_V;
+    s->setpoint_um = s->start_um = s->strain.value;
+    start_feedforward(&p->hysteresis, &s->hysteresis, s->setpoint_um, s->voltage_V);
+    s->pid.derivative = s->pid.error = 0.0;
+    s->pid.output_V = s->voltage_V - feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
+    s->pid.integrator = s->pid.output_V;
+}
+
+static void sample(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns)
+{
+    static const double any_um[2] = {-INFINITY, INFINITY};
+
+    s->strain_cycles++;
+    read_signal(&signals[p->strain], &s->strain, now_ns, p->strain_age_ns, p->strain_range_um);
+    read_signal(&signals[p->stage], &s->stage, now_ns, p->stage_age_ns, p->stage_range_um);
+    if (read_signal(&signals[p->deviation], &s->deviation, now_ns, p->reference_age_ns, any_um))
+        tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns);
+}
+
+static void estimate(const struct axis_parameters *p, struct axis_state *s, int64_t cycle)
+{
+    if (!s->estimator.running) {
+        if (s->stage.bad == 0)
+            start_estimator(&p->outer, &s->estimator, cycle, s->setpoint_um - p->centre_um, s->stage.value);
+        return;
+    }
+    predict_to(&p->outer, &s->estimator, cycle);
+    if (s->stage.fresh) {
+        int64_t age = (int64_t)(s->stage.age_ns * p->stage_cycles_per_ns + 0.5);
+        update(&p->outer, &s->estimator, cycle - age, s->stage.value);
+    }
+}
+
+static double demand(const struct axis_parameters *p, struct axis_state *s, int phase, double fraction)
+{
+    double *w = s->reference.w;
+
+    if (phase == LIFTING)
+        return s->start_um + fraction * (p->centre_um - s->start_um);
+    if (!s->closed)
+        s->hold_um = output(&p->outer, s->estimator.x);
+    w[0] = s->hold_um + fraction * (w[0] - s->hold_um);
+    for (int i = 1; i < REFERENCE_STATES; i++)
+        w[i] *= fraction;
+    double u = p->centre_um + outer_setpoint(&p->outer, s->estimator.x, w);
+    if (!s->closed) {
+        s->blend_um = s->setpoint_um - u;
+        s->closed = 1;
+    }
+    s->blend_um *= p->blend_decay;
+    return u + s->blend_um;
+}
+
+static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
+{
+    double step = p->setpoint_slew_um;
+
+    if (!isfinite(demand_um))
+        return false;
+    double low = least(p->setpoint_low_um, s->setpoint_um), high = most(p->setpoint_high_um, s->setpoint_um);
+    double inside = most(low, least(high, demand_um));
+    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, inside));
+    return true;
+}
+
+static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns, int phase,
+                       double fraction)
+{
+    if (phase == PARKED || phase == PARKING) {
+        s->request_V = s->start_V + fraction * (p->limiter.park_V - s->start_V);
+        s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, phase == PARKING);
+        return true;
+    }
+    estimate(p, s, cycle);
+    tracker_reference(&p->reference, &s->reference, now_ns);
+    bool finite = move_setpoint(p, s, demand(p, s, phase, fraction));
+    double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
+    if (s->strain.fresh) {
+        pid_step(&p->pid, &s->pid, s->setpoint_um - s->strain.value, s->strain_cycles);
+        s->strain_cycles = 0;
+    }
+    s->request_V = feedforward + s->pid.output_V;
+    s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, true);
+    s->pid.integrator -= p->pid.tracking * (s->request_V - s->voltage_V);
+    s->estimator.history[s->estimator.cycle & HISTORY_MASK] = s->setpoint_um - p->centre_um;
+    return finite;
+}
+
+#endif

@@ -1,0 +1,89 @@
+/* The Kalman filter of one axis in plain C: x <- A x + B u in every cycle, corrected by a sample at its own cycle. */
+#ifndef TWIN_ESTIMATOR_H
+#define TWIN_ESTIMATOR_H
+
+#include <math.h>
+#include <stdbool.h>
+
+#include "records.h"
+
+#define HISTORY_MASK (INPUT_HISTORY - 1)
+
+static inline double least(double a, double b) { return a < b ? a : b; }
+static inline double most(double a, double b) { return a > b ? a : b; }
+static inline int64_t earlier(int64_t a, int64_t b) { return a < b ? a : b; }
+static inline int64_t later(int64_t a, int64_t b) { return a > b ? a : b; }
+
+static void predict(const struct outer_parameters *p, double *restrict x, double u)
+{
+    double next[MAX_STATES];
+
+    for (int i = 0; i < MAX_STATES; i++)
+        next[i] = p->b[i] * u;
+    for (int j = 0; j < p->states; j++)
+        for (int i = 0; i < MAX_STATES; i++)
+            next[i] += p->a_columns[j][i] * x[j];
+    for (int i = 0; i < MAX_STATES; i++)
+        x[i] = next[i];
+}
+
+static double output(const struct outer_parameters *p, const double *x)
+{
+    double y = 0.0;
+
+    for (int i = 0; i < p->states; i++)
+        y += p->c[i] * x[i];
+    return y;
+}
+
+static void advance(const struct outer_parameters *p, const double *history, double *x, int64_t first, int64_t last)
+{
+    for (int64_t cycle = first; cycle < last; cycle++)
+        predict(p, x, history[cycle & HISTORY_MASK]);
+}
+
+static void start_estimator(const struct outer_parameters *p, struct estimator_state *s, int64_t cycle, double u, double y)
+{
+    for (int i = 0; i < p->states; i++)
+        s->x[i] = s->filtered[i] = p->steady_u[i] * u + p->steady_y[i] * y;
+    for (int k = 0; k < INPUT_HISTORY; k++)
+        s->history[k] = u;
+    s->filtered_cycle = s->cycle = cycle;
+    s->innovation_um = 0.0;
+    s->running = 1;
+}
+
+static void predict_to(const struct outer_parameters *p, struct estimator_state *s, int64_t cycle)
+{
+    double held = s->history[s->cycle & HISTORY_MASK];
+
+    for (int64_t skipped = s->cycle + 1; skipped < earlier(cycle, s->cycle + INPUT_HISTORY); skipped++)
+        s->history[skipped & HISTORY_MASK] = held;
+    advance(p, s->history, s->x, later(s->cycle, cycle - INPUT_HISTORY + 1), cycle);
+    s->cycle = cycle;
+}
+
+static void update(const struct outer_parameters *p, struct estimator_state *s, int64_t sample_cycle, double y)
+{
+    int64_t now = s->cycle;
+    int n = (int)p->states;
+
+    if (sample_cycle <= s->filtered_cycle || sample_cycle > now || now - sample_cycle >= INPUT_HISTORY)
+        return;
+    if (now - s->filtered_cycle >= INPUT_HISTORY) {
+        start_estimator(p, s, now, s->history[(now - 1) & HISTORY_MASK], y);
+        return;
+    }
+    if (sample_cycle == now)
+        for (int i = 0; i < n; i++)
+            s->filtered[i] = s->x[i];
+    else
+        advance(p, s->history, s->filtered, s->filtered_cycle, sample_cycle);
+    s->innovation_um = y - output(p, s->filtered);
+    for (int i = 0; i < n; i++)
+        s->x[i] = s->filtered[i] += p->gain[i] * s->innovation_um;
+    advance(p, s->history, s->x, sample_cycle, now);
+    s->filtered_cycle = sample_cycle;
+}
+
+#endif

@@ -1,0 +1,168 @@
+/* The other laws of one axis in plain C: sensors, tracker, state feedback, feedforward, PID, limiter.
+ *
+ * What micromanip/rt does, for what config/simulated.yaml uses: stage control after a tracker, with a
+ * Prandtl-Ishlinskii model and tanh shaping. Lengths in um, voltages in V.
+ */
+#ifndef TWIN_LAWS_H
+#define TWIN_LAWS_H
+
+#include "twin_estimator.h"
+
+static bool read_signal(const struct signal *signal, struct sensor_state *s, int64_t now_ns, int64_t max_age_ns,
+                        const double *range_um)
+{
+    bool arrived = signal->sequence != s->sequence;
+    double value = signal->value;
+    bool good = signal->status == 0 && isfinite(value) && range_um[0] <= value && value <= range_um[1];
+
+    s->fresh = 0;
+    if (arrived) {
+        if (s->sequence > 0)
+            s->lost += later(0, signal->sequence - s->sequence - 1);
+        s->sequence = signal->sequence;
+        if (good) {
+            s->value = value;
+            s->time_ns = signal->time_ns;
+            s->fresh = 1;
+        }
+    }
+    s->age_ns = now_ns - s->time_ns;
+    if ((arrived && !good) || s->sequence == 0 || s->age_ns > max_age_ns)
+        s->bad++;
+    else if (arrived)
+        s->bad = 0;
+    return s->fresh;
+}
+
+/* Tracker: position, velocity, acceleration and oscillation, extrapolated in closed form. */
+
+static void extrapolate(const double *restrict from, double omega, double tau_s, double *restrict to)
+{
+    double sine = sin(omega * tau_s), cosine = cos(omega * tau_s);
+
+    to[0] = from[0] + tau_s * (from[1] + 0.5 * tau_s * from[2]);
+    to[1] = from[1] + tau_s * from[2];
+    to[2] = from[2];
+    to[3] = cosine * from[3] + sine / omega * from[4];
+    to[4] = -omega * sine * from[3] + cosine * from[4];
+}
+
+static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns)
+{
+    double gap_s = (time_ns - s->time_ns) * 1e-9;
+
+    if (!(isfinite(value) && p->low_um <= value && value <= p->high_um)) {
+        s->rejected++;
+        return;
+    }
+    if (s->time_ns == 0 || gap_s > p->horizon_s) {
+        for (int i = 0; i < REFERENCE_STATES; i++)
+            s->filtered[i] = 0.0;
+        s->filtered[0] = value;
+    } else if (gap_s <= 0.0) {
+        return;
+    } else {
+        extrapolate(s->filtered, p->oscillator, gap_s, s->w);
+        double innovation = value - s->w[0] - s->w[3];
+        for (int i = 0; i < REFERENCE_STATES; i++)
+            s->filtered[i] = s->w[i] + p->gain[i] * innovation;
+    }
+    s->sampled_um = value;
+    s->time_ns = time_ns;
+}
+
+static void tracker_reference(const struct reference_parameters *p, struct reference_state *s, int64_t now_ns)
+{
+    double age_s = (now_ns - s->time_ns) * 1e-9;
+
+    if (p->predict && s->time_ns > 0 && age_s <= p->horizon_s) {
+        extrapolate(s->filtered, p->oscillator, age_s, s->w);
+        return;
+    }
+    for (int i = 0; i < REFERENCE_STATES; i++)
+        s->w[i] = 0.0;
+    s->w[0] = s->sampled_um;
+}
+
+static double outer_setpoint(const struct outer_parameters *p, const double *x, const double *w)
+{
+    double u = 0.0;
+
+    for (int i = 0; i < REFERENCE_STATES; i++)
+        u += p->reference[i] * w[i];
+    for (int i = 0; i < p->states; i++)
+        u -= p->feedback[i] * x[i];
+    return u;
+}
+
+/* Inverse hysteresis: creep taken off, play operators, the inverse of c0 tanh(c1 v + c2) + c3. */
+
+static double play(double x, double r, double w) { return most(x - r, least(x + r, w)); }
+
+static double feedforward_voltage(const struct hysteresis_parameters *p, struct hysteresis_state *s, double setpoint_um)
+{
+    const double *c = p->shaping.c, open_interval = 1.0 - 1e-12;
+    double y = most(p->low_um, least(p->high_um, setpoint_um));
+    double widening = p->alpha * p->rate_cycles * fabs(s->change_um);
+
+    for (int m = 0; m < p->creeps; m++)
+        y -= p->creep_gain[m] * s->creep_um[m];
+    double u = y / p->alpha;
+    for (int i = 0; i < p->plays; i++) {
+        s->z[i] = play(y, p->r_hat[i] + widening, s->z[i]);
+        u += p->rho_hat[i] * s->z[i];
+    }
+    for (int m = 0; m < p->creeps; m++)
+        s->creep_um[m] += p->creep_step[m] * (u - s->creep_um[m]);
+    s->change_um = u - s->u_um;
+    s->u_um = u;
+    double ratio = most(-open_interval, least(open_interval, (u - c[3]) / c[0]));
+    s->output_V = (atanh(ratio) - c[2]) / c[1];
+    return s->output_V;
+}
+
+static void start_feedforward(const struct hysteresis_parameters *p, struct hysteresis_state *s, double y_um, double v)
+{
+    const double *c = p->shaping.c;
+    double y = most(p->low_um, least(p->high_um, y_um));
+    double u = c[0] * tanh(c[1] * v + c[2]) + c[3];
+
+    for (int m = 0; m < p->creeps; m++) {
+        s->creep_um[m] = u;
+        y -= p->creep_gain[m] * u;
+    }
+    double inner = y, r_inner = 0.0;
+    for (int i = 0; i < p->plays; i++) {
+        inner = s->z[i] = play(inner, p->r_hat[i] - r_inner, s->z[i]);
+        r_inner = p->r_hat[i];
+    }
+    s->u_um = u;
+    s->change_um = 0.0;
+    s->y_memory = y;
+    s->v_memory = v;
+    s->count = 0;
+}
+
+static void pid_step(const struct pid_parameters *p, struct pid_state *s, double error_um, int64_t periods)
+{
+    double elapsed_s = periods * p->period_s;
+
+    s->derivative = (p->filter_s * s->derivative + p->derivative * (error_um - s->error)) / (p->filter_s + elapsed_s);
+    s->integrator += p->integral * periods * error_um;
+    s->error = error_um;
+    s->output_V = p->gain * error_um + s->integrator + s->derivative;
+}
+
+static double limit(const struct limiter_parameters *p, double previous_V, double requested_V, bool permitted)
+{
+    double target = permitted ? requested_V : p->park_V;
+
+    if (!isfinite(previous_V))
+        return p->park_V;
+    if (!isfinite(target))
+        target = previous_V;
+    target = most(previous_V - p->slew_V, least(previous_V + p->slew_V, target));
+    return most(p->low_V, least(p->high_V, target));
+}
+
+#endif

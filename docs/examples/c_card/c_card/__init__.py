@@ -1,0 +1,1 @@
+"""Example of a driver package whose functions come from a C library."""

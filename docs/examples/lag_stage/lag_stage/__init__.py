@@ -1,0 +1,1 @@
+"""Example of a driver package: a stage that exists in memory only."""

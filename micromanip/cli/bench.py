@@ -1,0 +1,68 @@
+"""``micromanip bench``: how fast this machine runs the controller, each figure beside a reference."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+import micromanip
+from micromanip.errors import DeviceUnavailable
+
+from .options import json_option, print_json
+
+
+@click.command("bench", epilog="Example: micromanip bench --only cycle --only offline")
+@click.option("--only", multiple=True, metavar="NAME", help="cycle, lateness, offline or startup; may be repeated.")
+@click.option("--pairs", type=click.IntRange(min=1), default=15, show_default=True, help="Interleaved pairs.")
+@click.option(
+    "--lateness-s",
+    type=click.FloatRange(min=1.0),
+    default=2.0,
+    show_default=True,
+    help="Length of each measurement of lateness, whole seconds.",
+)
+@json_option
+def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool) -> None:
+    """Measure the speed of this machine, each figure beside a reference measured in the same run.
+
+    cycle: three axes beside the same cycle in plain C. lateness: wake-ups of the loop process beside cyclictest.
+    offline: simulation beside real time. startup: command to READY, and memory, beside Python's own.
+
+    Where the machine lacks what one of them needs (gcc, cyclictest, real-time rights), that is said and it is skipped.
+    """
+    root = source_tree()
+    runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))
+    settings = plan.Plan(root / "config" / "simulated.yaml", pairs, lateness_s, lambda line: click.echo(line, err=True))
+    document = runner.run(settings, only).document()
+    if as_json:
+        print_json(document)
+    else:
+        _table(document)
+
+
+def source_tree() -> Path:
+    """The root that holds the package `benchmarks`, now importable; DeviceUnavailable where there is none."""
+    assert micromanip.__file__ is not None
+    root = Path(micromanip.__file__).parent.parent
+    if not (root / "benchmarks" / "runner.py").is_file():
+        raise DeviceUnavailable("the benchmarks are part of the source tree, which this installation is not")
+    if str(root) not in sys.path:
+        sys.path.insert(0, str(root))
+    return root
+
+
+def _table(document: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("figure", "value", "reference", "", "ratio")
+    for row in document["results"]:
+        value, reference = (f"{row[key]:g} {row['unit']}" for key in ("value", "reference_value"))
+        table.add_row(row["name"], value, row["reference_name"], reference, f"{row['ratio']:g}")
+    for row in document["skipped"]:
+        table.add_row(row["name"], "skipped", row["reason"], "", "")
+    Console(highlight=False).print(table)

@@ -1,0 +1,198 @@
+"""``fit hysteresis``: the documented keys, the model on held-out data and in the configuration, errors in one line."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from micromanip.cli.main import main
+from micromanip.design.hysteresis import predict
+from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.load import load_with_source
+
+FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+STEP_S = 2e-3
+COLUMNS = ("--input", "u_V", "--output", "y_um", "--burn-in", "1")
+QUICK = (*COLUMNS, "--model", "pi-affine", "--plays", "6")
+TRUE = PrandtlIshlinskii(
+    model="pi",
+    shaping="affine",
+    coefficients=(0.6, 5.0),
+    thresholds_um=(2.0, 4.0, 6.0, 8.0, 10.0, 12.0),
+    weights=(0.1, 0.1, 0.1, 0.1, 0.1, 0.1),
+    range_um=(-1e4, 1e4),
+)
+
+
+def record(file, seed, step_s=STEP_S):
+    """A recording of a known model with 0.05 um of noise."""
+    t, rng = np.arange(3000) * step_s, np.random.default_rng(seed)
+    u = 60.0 + 30.0 * np.sin(2 * np.pi * 0.7 * t + seed) + 15.0 * np.sin(2 * np.pi * 2.3 * t + 2 * seed)
+    y = predict(TRUE, u, step_s) + 0.05 * rng.standard_normal(len(t))
+    np.savetxt(file, np.column_stack([t, u, y]), "%.9g", ",", header="t_s,u_V,y_um", comments="")
+    return str(file)
+
+
+def code_of(*arguments):
+    """Exit code of ``fit hysteresis`` with so many arguments."""
+    try:
+        main(["fit", "hysteresis", *map(str, arguments)])
+    except SystemExit as ended:
+        return ended.code
+    return 0
+
+
+@pytest.fixture
+def csv(tmp_path):
+    return record(tmp_path / "x.csv", 1)
+
+
+@pytest.fixture
+def cell(tmp_path):
+    """A configuration of our own to put models into."""
+    file = tmp_path / "cell.yaml"
+    file.write_text(FACTORY.read_text())
+    return file
+
+
+def test_json_has_the_documented_keys(csv, capsys):
+    assert code_of(csv, *QUICK, "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert {"model", "rms_percent", "max_percent", "validation", "parameters"} <= set(report)
+    assert report["model"] == "pi-affine"
+    assert report["validation"] is None
+    assert report["figures"] == []
+    assert 0 < report["rms_percent"] <= 0.1
+    assert report["rms_percent"] < report["max_percent"] <= 1.0
+    model = PrandtlIshlinskii(**report["parameters"])
+    u = 60.0 - 40.0 * np.cos(np.linspace(0.0, 12.0, 2000))
+    np.testing.assert_allclose(predict(model, u)[500:], predict(TRUE, u)[500:], atol=0.3)
+
+
+def test_validation_is_predicted_with_its_offset_refitted(csv, tmp_path, capsys):
+    other = record(tmp_path / "other.csv", 2)
+    lines = Path(other).read_text().split("\n")
+    rows = [line.split(",") for line in lines[1:] if line]
+    moved = tmp_path / "moved.csv"
+    moved.write_text("\n".join([lines[0], *(f"{t},{u},{float(y) + 9.0}" for t, u, y in rows)]) + "\n")
+    figures = []
+    for file in (other, moved):
+        assert code_of(csv, *QUICK, "--validate", file, "--json") == 0
+        figures.append(json.loads(capsys.readouterr().out)["validation"])
+    assert set(figures[0]) == {"rms_percent", "max_percent"}
+    assert 0 < figures[0]["rms_percent"] <= 0.2
+    assert figures[1] == pytest.approx(figures[0])
+
+
+def test_best_tells_what_it_tried(csv, capsys):
+    assert code_of(csv, *COLUMNS, "--plays", "4", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    tried = report["candidates"]
+    assert {each["model"] for each in tried} == {
+        kind + creep for kind in ("pi-affine", "pi-tanh", "pi-free", "rate") for creep in ("", "+creep")
+    }
+    assert report["model"] == tried[0]["model"]
+    merits = [max(each["rms_percent"], each["held_out_percent"]) for each in tried]
+    assert merits == sorted(merits)
+
+
+def test_creep_is_added_when_asked_for(csv, capsys):
+    assert code_of(csv, *QUICK, "--creep", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["model"] == "pi-affine+creep"
+    assert report["parameters"]["creep_s"] == [0.1, 1.0, 10.0]
+
+
+def test_text_and_figures(csv, tmp_path, capsys):
+    other, out = record(tmp_path / "other.csv", 2), tmp_path / "out"
+    assert code_of(csv, *QUICK, "--validate", other, "--out", out) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"^pi-affine: rms 0\.\d+ %, maximum 0\.\d+ % of the stroke$", said, re.MULTILINE)
+    assert re.search(r"^not fitted to: rms 0\.\d+ %, maximum 0\.\d+ %$", said, re.MULTILINE)
+    assert f"10 figures in {out}/" in said
+    names = ("figure5_model", "residuals", "held_out", "held_out_residuals", "density")
+    assert {path.name for path in out.iterdir()} == {f"{name}{end}" for name in names for end in (".png", ".svg")}
+
+
+def test_into_keeps_comments_and_the_other_axes(csv, cell, capsys):
+    before = cell.read_text()
+    assert code_of(csv, *QUICK, "--into", cell, "--axis", "y") == 0
+    assert capsys.readouterr().out.endswith(f"written into {cell}\n")
+    after = cell.read_text()
+    for comment in re.findall(r"# .*", before):
+        assert comment in after
+    old, new = yaml.safe_load(before), yaml.safe_load(after)
+    assert new["axes"]["y"].pop("hysteresis")["model"] == "pi"
+    assert new == old
+    configuration, _ = load_with_source(cell)
+    model = configuration.axes["y"].hysteresis
+    assert model.range_um == configuration.axes["y"].setpoint.range_um
+    assert len(model.weights) == 6
+
+
+def test_into_an_alias_changes_the_named_axis_only(csv, cell):
+    text = cell.read_text()
+    axes = text.index("axes:\n")
+    first = text[text.index("  x:\n", axes) : text.index("  y:\n", axes)].replace("  x:\n", "  x: &axis\n")
+    cell.write_text(text[:axes] + "axes:\n" + first + "  y: *axis   # like x\n  z: *axis\n")
+    before = yaml.safe_load(cell.read_text())
+    assert code_of(csv, *QUICK, "--into", cell, "--axis", "y") == 0
+    after = yaml.safe_load(cell.read_text())
+    assert after["axes"]["x"] == after["axes"]["z"] == before["axes"]["x"]
+    assert after["axes"]["y"].pop("hysteresis")["model"] == "pi"
+    assert after["axes"]["y"] == before["axes"]["y"]
+    load_with_source(cell)
+
+
+def test_into_the_anchor_changes_the_named_axis_only(csv, cell):
+    text = cell.read_text()
+    axes = text.index("axes:\n")
+    first = text[text.index("  x:\n", axes) : text.index("  y:\n", axes)].replace("  x:\n", "  x: &axis\n")
+    cell.write_text(text[:axes] + "axes:\n" + first + "  y: *axis\n  z: *axis\n")
+    before = yaml.safe_load(cell.read_text())
+    assert code_of(csv, *QUICK, "--into", cell, "--axis", "x") == 0
+    after = yaml.safe_load(cell.read_text())
+    assert after["axes"]["y"] == after["axes"]["z"] == before["axes"]["y"]
+    assert after["axes"]["x"]["hysteresis"]["model"] == "pi"
+    load_with_source(cell)
+
+
+@pytest.mark.parametrize("half", [("--axis", "x"), ("--into", "cell.yaml")])
+def test_into_and_axis_go_together(csv, half, capsys):
+    assert code_of(csv, *QUICK, *half) == 64
+    assert capsys.readouterr().err == "micromanip: --into and --axis go together\n"
+
+
+def test_unknown_axis_is_told_before_anything_is_written(csv, cell, tmp_path, capsys):
+    before = cell.read_bytes()
+    assert code_of(csv, *QUICK, "--out", tmp_path / "out", "--into", cell, "--axis", "w") == 64
+    assert capsys.readouterr().err == f"micromanip: there is no axis w in {cell}; its axes are x, y, z\n"
+    assert cell.read_bytes() == before
+    assert not (tmp_path / "out").exists()
+
+
+def test_validation_at_another_rate_is_refused_before_anything_is_written(csv, tmp_path, capsys):
+    other = record(tmp_path / "other.csv", 2, 4e-3)
+    assert code_of(csv, *QUICK, "--validate", other, "--out", tmp_path / "out") == 1
+    assert capsys.readouterr().err == (
+        f"micromanip: {other}: sampled every 0.004 s, the fitted record every 0.002 s; record both at one rate\n"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_validation_record_is_named(csv, tmp_path, capsys):
+    assert code_of(csv, *QUICK, "--validate", tmp_path / "none.csv") == 1
+    assert capsys.readouterr().err == f"micromanip: {tmp_path / 'none.csv'}: no such file\n"
+
+
+def test_unknown_model_is_wrong_usage(csv, capsys):
+    assert code_of(csv, *COLUMNS, "--model", "cubic") == 64
+    assert "'cubic' is not one of" in capsys.readouterr().err
+
+
+def test_missing_option_is_wrong_usage(csv, capsys):
+    assert code_of(csv, "--input", "u_V") == 64
+    assert "--output" in capsys.readouterr().err

@@ -1,0 +1,178 @@
+"""``identify``: a recording from the simulation, in virtual time and through the running loop."""
+
+import json
+import os
+import signal
+import subprocess
+import uuid
+from pathlib import Path
+
+import numpy as np
+import pytest
+from host.cell import MICROMANIP, PATIENCE_S, TAG, changed, command_line, descriptor_of, tagged, until
+
+from micromanip.cli.main import main
+from micromanip.host.segments import STATUS, Segment
+from micromanip.rt import words as w
+from micromanip.rt.states import TRACKING
+
+FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+SHORT = (
+    ("cpu: 1 ", "cpu: null "),
+    ("spin_us: 60 ", "spin_us: 10 "),
+    ("loop:\n", "start: {lift_s: 0.2, settle_s: 0.1, authority_s: 0.2}\n\nloop:\n"),
+)
+
+
+def code_of(*arguments):
+    try:
+        main(["identify", *map(str, arguments)])
+    except SystemExit as ended:
+        return ended.code
+    return 0
+
+
+def table(file):
+    return np.genfromtxt(file, delimiter=",", names=True)
+
+
+@pytest.mark.parametrize("kind", ["multisine", "triangle", "step"])
+def test_virtual_time(kind, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert code_of(FACTORY, "--axis", "y", "--kind", kind, "--seconds", "2", "--out", out) == 0
+    file = out / f"y_{kind}.csv"
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith(f"{file}: ")
+    assert ", t_s, voltage_V, strain_um, stage_um; stroke " in said[0].replace(" rows,", ",")
+    assert said[1] == f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1"
+    assert [path.name for path in out.iterdir()] == [file.name]
+    columns = table(file)
+    assert columns.dtype.names == ("t_s", "voltage_V", "strain_um", "stage_um")
+    assert len(columns) >= 2000
+    np.testing.assert_allclose(np.diff(columns["t_s"]), 1e-3, atol=1e-9)
+    assert np.ptp(columns["strain_um"]) > 50.0
+
+
+def test_json_and_seed(tmp_path, capsys):
+    recordings = []
+    for seed in (1, 1, 2):
+        out = tmp_path / uuid.uuid4().hex
+        assert code_of(FACTORY, "--axis", "x", "--seconds", "1", "--seed", seed, "--out", out, "--json") == 0
+        report = json.loads(capsys.readouterr().out)
+        assert set(report) == {"file", "rows", "columns", "stroke_um"}
+        columns = table(report["file"])
+        assert report["rows"] == len(columns)
+        assert report["columns"] == list(columns.dtype.names)
+        assert report["stroke_um"] == pytest.approx(np.ptp(columns["strain_um"]))
+        recordings.append(columns["voltage_V"])
+    np.testing.assert_array_equal(recordings[0], recordings[1])
+    assert np.abs(recordings[0] - recordings[2]).max() > 1.0
+
+
+def test_the_next_step_is_a_command_that_works(tmp_path, capsys):
+    assert code_of(FACTORY, "--axis", "x", "--out", tmp_path) == 0
+    following = capsys.readouterr().out.splitlines()[1].removeprefix("next: micromanip ").split()
+    main([*following, "--model", "pi-tanh"])
+    assert capsys.readouterr().out.startswith("pi-tanh: rms 0.3")
+
+
+def test_unknown_axis(tmp_path, capsys):
+    assert code_of(FACTORY, "--axis", "w", "--out", tmp_path / "out") == 64
+    assert capsys.readouterr().err == f"micromanip: there is no axis w in {FACTORY}; its axes are x, y, z\n"
+    assert not (tmp_path / "out").exists()
+
+
+class Live:
+    """``micromanip identify --live`` in a session of its own."""
+
+    def __init__(self, folder, seconds):
+        self.tag, self.folder, self.out = uuid.uuid4().hex, folder, folder / "out"
+        config = folder / "cell.yaml"
+        config.write_text(changed(FACTORY.read_text(), *SHORT))
+        arguments = ["--axis", "x", "--live", "--seconds", str(seconds), "--out", str(self.out)]
+        with (folder / "stdout").open("wb") as out, (folder / "stderr").open("wb") as err:
+            self.process = subprocess.Popen(
+                [str(MICROMANIP), "identify", str(config), *arguments, "--socket", str(folder / "control.sock")],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                start_new_session=True,
+                cwd=folder,
+                env=os.environ | {TAG: self.tag, "TMPDIR": str(folder), "COLUMNS": "200"},
+            )
+
+    @property
+    def said(self):
+        return (self.folder / "stderr").read_text()
+
+    def loop(self):
+        """Process number of its loop process, once it is tracking."""
+
+        def found():
+            assert self.process.poll() is None, self.said
+            return [pid for pid in tagged(self.tag) if "micromanip.host.loop_process" in command_line(pid)]
+
+        return until(found, lambda: self.said)[0]
+
+    def reach_tracking(self):
+        descriptor = until(lambda: descriptor_of(self.process.pid, "micromanip-status"), lambda: self.said)
+        try:
+            until(lambda: os.fstat(descriptor).st_size >= STATUS.itemsize, "the status")
+            status = Segment.attach(descriptor, writable=False).record(STATUS)
+            until(lambda: self.process.poll() is not None or status["words"][w.STATE] == TRACKING, lambda: self.said)
+        finally:
+            os.close(descriptor)
+        assert self.process.poll() is None, self.said
+
+    def end(self):
+        """Exit code; nothing of it may be left."""
+        code = self.process.wait(PATIENCE_S)
+        until(lambda: not tagged(self.tag), "processes are left behind")
+        return code
+
+
+@pytest.fixture
+def live(tmp_path):
+    started = []
+
+    def start(seconds):
+        started.append(Live(tmp_path, seconds))
+        return started[-1]
+
+    yield start
+    for each in started:
+        for pid in tagged(each.tag):
+            os.kill(pid, signal.SIGKILL)
+        each.process.wait()
+
+
+def test_live_on_the_simulation(live):
+    run = live(1)
+    assert run.end() == 0, run.said
+    said = (run.folder / "stdout").read_text().splitlines()
+    assert said[1].startswith("next: micromanip fit hysteresis ")
+    columns = table(run.out / "x_multisine.csv")
+    assert len(columns) == 1000
+    assert 40.0 < np.ptp(columns["strain_um"]) < 130.0
+    # the record is the experiment, not its beginning: the voltage is that of the upper three quarters
+    assert columns["voltage_V"].min() > 15.0
+
+
+def test_a_fault_leaves_no_file(live):
+    run = live(30)
+    loop = run.loop()
+    run.reach_tracking()
+    os.kill(loop, signal.SIGKILL)
+    assert run.end() == 1
+    assert "X-104 the loop process was killed by signal 9" in " ".join(run.said.split())
+    assert not run.out.exists()
+    assert not (run.folder / "control.sock").exists()
+
+
+def test_an_interrupted_experiment_leaves_no_file(live):
+    run = live(30)
+    run.reach_tracking()
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 1
+    assert "the experiment was cut short, nothing is written" in " ".join(run.said.split())
+    assert not run.out.exists()

@@ -1,0 +1,232 @@
+"""What is wrong with a recording is said in one sentence, with what to record instead; nothing is half-written."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.cli.main import main
+from micromanip.design.record import load_record
+from micromanip.errors import CheckFailed
+
+FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+
+
+def good(samples=1000):
+    """Columns of a record that can be used: a play operator moved up and down ten times."""
+    t = np.arange(samples) * 0.01
+    u = 50.0 + 40.0 * np.sin(2 * np.pi * t)
+    y, state = np.empty(samples), u[0]
+    for k, value in enumerate(u):
+        state = max(value - 5.0, min(value + 5.0, state))
+        y[k] = value + state
+    return {"t_s": t, "voltage_V": u, "strain_um": y}
+
+
+def write(file, columns):
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(file, table, "%.9g", ",", header=",".join(columns), comments="")
+    return file
+
+
+def constant_input(columns):
+    columns["voltage_V"][:] = 60.0
+
+
+def constant_output(columns):
+    columns["strain_um"][:] = 0.0
+
+
+def not_a_number(columns):
+    columns["strain_um"][[40, 41, 90]] = np.nan
+
+
+def not_a_time(columns):
+    columns["t_s"][40] = np.nan
+
+
+def too_short(columns):
+    for name, values in columns.items():
+        columns[name] = values[:150]
+
+
+def one_row(columns):
+    for name, values in columns.items():
+        columns[name] = values[:1]
+
+
+def clipped_above(columns):
+    np.minimum(columns["strain_um"], 170.0, out=columns["strain_um"])
+
+
+def clipped_below(columns):
+    np.maximum(columns["strain_um"], 40.0, out=columns["strain_um"])
+
+
+def swapped(columns):
+    columns["voltage_V"], columns["strain_um"] = columns["strain_um"], columns["voltage_V"]
+
+
+def uneven(columns):
+    columns["t_s"][500:] += 0.004
+
+
+def standing_time(columns):
+    columns["t_s"][:] = 0.0
+
+
+def no_time(columns):
+    del columns["t_s"]
+
+
+def falling(columns):
+    columns["strain_um"] *= -1.0
+
+
+def unrelated(columns):
+    columns["strain_um"] = np.random.default_rng(1).standard_normal(len(columns["t_s"]))
+
+
+def one_way(columns):
+    for name, values in columns.items():
+        columns[name] = np.linspace(values[0], values[0] + 10.0, len(values))
+
+
+def other_name(columns):
+    columns["strain_z_um"] = columns.pop("strain_um")
+
+
+def unlike_name(columns):
+    columns["q"] = columns.pop("strain_um")
+
+
+BAD = {
+    constant_input: "{file}: voltage_V is constant: record while the actuator moves over the stroke that it will use",
+    constant_output: "{file}: strain_um is constant: record while the actuator moves over the stroke that it will use",
+    not_a_number: "{file}:42: strain_um has no number here (3 in all); cut the record, or repair the sensor",
+    not_a_time: "{file}:42: the time column t_s has no number here",
+    too_short: "{file}: 150 samples are too few; record at least 200",
+    one_row: "{file}: 1 sample is too few; record at least 200",
+    clipped_above: "{file}: strain_um sticks at its top value 170 for 8 samples while the input moves: "
+    "the sensor is clipped; shift its range, or record a smaller movement",
+    clipped_below: "{file}: strain_um sticks at its bottom value 40 for 12 samples while the input moves: "
+    "the sensor is clipped; shift its range, or record a smaller movement",
+    swapped: "{file}: strain_um runs ahead of voltage_V: the columns are probably mixed up "
+    "(--input is the voltage, --output the displacement)",
+    uneven: "{file}:502: t_s does not rise evenly (steps of 0.01 s, here 0.014 s); "
+    "record at a fixed rate, or resample first",
+    standing_time: "{file}:3: t_s does not rise evenly (steps of 0 s, here 0 s); "
+    "record at a fixed rate, or resample first",
+    no_time: "{file}: there is no time column (a name that begins with t); name it with --time, or give --dt",
+    falling: "{file}: strain_um falls when voltage_V rises: turn the sensor's sign, or name the right columns",
+    unrelated: "{file}: strain_um hardly follows voltage_V (correlation {any}): "
+    "are these the columns of one axis, recorded together?",
+    one_way: "{file}: voltage_V passes its middle only {any} times: record at least two full periods",
+    other_name: "{file}: there is no column strain_um; did you mean strain_z_um?",
+    unlike_name: "{file}: there is no column strain_um; its columns are t_s, voltage_V, q",
+}
+TEXTS = {
+    b"": "{file}: not a table of numbers with a header of as many names, separated by commas",
+    b"t_s,voltage_V,strain_um\n": "{file}: not a table of numbers with a header of as many names, separated by commas",
+    b"\x89PNG\r\n\x1a\n\xff": "{file}: not a table of numbers with a header, separated by commas",
+    b"Dear reader,\nthis is a letter.\n": "{file}: not a table of numbers with a header of as many names, "
+    "separated by commas",
+    b"t_s,voltage_V,strain_um\n0,1,2\n1,2\n": "{file}:3: this row has not as many values as there are columns",
+    b"t_s;voltage_V;strain_um\n0;1;2\n": "{file}: there is no column voltage_V; "
+    "its columns are t_s;voltage_V;strain_um",
+}
+
+
+def sentence(pattern, file):
+    """The whole sentence as a regular expression."""
+    return "^" + re.escape(pattern).replace(r"\{file\}", re.escape(str(file))).replace(r"\{any\}", r"-?[\d.]+") + "$"
+
+
+def load(file, **options):
+    return load_record(file, "voltage_V", "strain_um", **options)
+
+
+def refused_by_the_command(tmp_path, file, capsys):
+    """What the command line says; it must end with 1 and write nothing."""
+    out, into = tmp_path / "out", tmp_path / "cell.yaml"
+    shutil.copy(FACTORY, into)
+    before = into.read_bytes()
+    columns = ["--input", "voltage_V", "--output", "strain_um", "--model", "pi-affine"]
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", "hysteresis", str(file), *columns, "--out", str(out), "--into", str(into), "--axis", "x"])
+    assert ended.value.code == 1
+    assert not out.exists()
+    assert into.read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} <= {file.name, "cell.yaml"}
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    return shown.err
+
+
+def test_a_good_record(tmp_path):
+    columns = good()
+    record = load(write(tmp_path / "good.csv", columns))
+    np.testing.assert_allclose(record.u, columns["voltage_V"], rtol=1e-8)
+    np.testing.assert_allclose(record.y, columns["strain_um"], rtol=1e-8)
+    assert record.step_s == pytest.approx(0.01)
+    assert record.burn_in(1.0) == 100
+
+
+@pytest.mark.parametrize("spoil", BAD, ids=lambda spoil: spoil.__name__)
+def test_bad_data_is_one_sentence(spoil, tmp_path, capsys):
+    columns = good()
+    spoil(columns)
+    file = write(tmp_path / "bad.csv", columns)
+    with pytest.raises(CheckFailed, match=sentence(BAD[spoil], file)):
+        load(file)
+    said = refused_by_the_command(tmp_path, file, capsys)
+    assert re.match(sentence("micromanip: " + BAD[spoil] + "\n", file), said)
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=["empty", "header", "picture", "letter", "ragged", "semicolons"])
+def test_no_table_is_one_sentence(text, tmp_path, capsys):
+    file = tmp_path / "bad.csv"
+    file.write_bytes(text)
+    with pytest.raises(CheckFailed, match=sentence(TEXTS[text], file)):
+        load(file)
+    assert re.match(sentence("micromanip: " + TEXTS[text] + "\n", file), refused_by_the_command(tmp_path, file, capsys))
+
+
+def test_missing_file(tmp_path, capsys):
+    file = tmp_path / "none.csv"
+    assert refused_by_the_command(tmp_path, file, capsys) == f"micromanip: {file}: no such file\n"
+
+
+def test_burn_in_must_leave_enough(tmp_path):
+    file = write(tmp_path / "good.csv", good())
+    pattern = "{file}: 1000 samples less 900 of burn-in are too few to fit to: record at least 200 more, "
+    pattern += "several periods of the slowest movement"
+    with pytest.raises(CheckFailed, match=sentence(pattern, file)):
+        load(file).burn_in(9.0)
+
+
+def test_sampling_interval_by_name_or_by_number(tmp_path):
+    columns = good()
+    columns["clock"] = columns.pop("t_s")
+    file = write(tmp_path / "named.csv", columns)
+    assert load(file, time_name="clock").step_s == pytest.approx(0.01)
+    assert load(file, step_s=0.5).step_s == 0.5
+
+
+def test_what_spreadsheets_add_is_read(tmp_path):
+    file = write(tmp_path / "plain.csv", good())
+    header, rest = file.read_text().split("\n", 1)
+    quoted = ",".join(f'"{name}"' for name in header.split(","))
+    (tmp_path / "sheet.csv").write_bytes(b"\xef\xbb\xbf" + f"{quoted}\n{rest}".replace("\n", "\r\n").encode())
+    np.testing.assert_array_equal(load(tmp_path / "sheet.csv").y, load(file).y)
+
+
+def test_dwells_at_the_turning_points_are_not_clipping(tmp_path):
+    """An output that rests while the input rests is no fault of the sensor."""
+    columns = good()
+    columns["strain_um"] = np.clip(columns["voltage_V"], 15.0, 85.0)
+    columns["voltage_V"] = columns["strain_um"].copy()
+    record = load(write(tmp_path / "dwell.csv", columns))
+    assert np.count_nonzero(record.y == record.y.max()) > 50

@@ -1,0 +1,68 @@
+"""What the pages point at exists: files, headings, functions; and every picture is shown somewhere."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+LINK = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)\s]+)\)")
+FUNCTION = re.compile(r"`(?P<file>\w+\.py)::(?P<name>\w+)`")
+
+
+def links(page):
+    """(text, path, anchor) of every relative link on a page, code blocks left out."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for match in LINK.finditer(text):
+        target = match["target"]
+        if not target.startswith(("http://", "https://")):
+            path, _, anchor = target.partition("#")
+            yield match["text"], (page.parent / path).resolve() if path else page, anchor
+
+
+def anchors(page):
+    """Names of a page's headings, as code hosts make them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    for text, path, anchor in links(page):
+        assert path.exists(), f"{page.name}: [{text}] leads to {path}, which is not there"
+        assert not anchor or anchor in anchors(path), f"{page.name}: {path.name} has no heading #{anchor}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_functions_named_beside_a_link_are_in_that_file(page):
+    for text, path, _ in links(page):
+        named = FUNCTION.fullmatch(text)
+        if named is None:
+            continue
+        assert path.name == named["file"]
+        source = path.read_text(encoding="utf-8")
+        assert re.search(rf"^\s*(async def|def|class) {named['name']}\b|^{named['name']} = ", source, re.MULTILINE), (
+            f"{page.name}: there is no {named['name']} in {path.relative_to(ROOT)}"
+        )
+
+
+def test_pages_name_functions_at_all():
+    named = [text for page in PAGES for text, _, _ in links(page) if FUNCTION.fullmatch(text)]
+    assert len(named) > 30, "the pattern finds what it should check"
+
+
+def test_every_page_and_picture_is_reached_from_the_index():
+    reached, ahead = set(), [ROOT / "docs" / "index.md"]
+    while ahead:
+        page = ahead.pop()
+        reached.add(page)
+        ahead += [path for _, path, _ in links(page) if path not in reached and path.suffix == ".md"]
+        reached |= {path for _, path, _ in links(page)}
+    wanted = {*PAGES, *(ROOT / "docs" / "pictures").glob("*.svg")}
+    assert {str(path.relative_to(ROOT)) for path in wanted - reached} == set()
+
+
+def test_pictures_are_small():
+    for picture in (ROOT / "docs" / "pictures").iterdir():
+        assert picture.stat().st_size < 300_000, f"{picture.name} is too large"

@@ -1,0 +1,91 @@
+"""The simulated cell called as the loop does: by the addresses of its four functions."""
+
+import ctypes
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+from micromanip_drivers.simulated.driver import SimulatedCell
+from micromanip_drivers.simulated.options import Options
+from micromanip_drivers.simulated.records import CHANNELS, CONTEXT
+
+from micromanip.rt.intrinsics import call_context
+from micromanip.rt.records import SIGNAL
+from micromanip.settings.check import prepare
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
+PERIOD_NS = 100_000
+_EXCHANGE = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
+)
+
+QUIET_PLANT = {
+    "amplifier_noise_mV": 0.0,
+    "strain_noise_nm": 0.0,
+    "strain_hum_nm": 0.0,
+    "stage_noise_nm": 0.0,
+    "acceleration_noise": 0.0,
+    "ambient_step_K": 0.0,
+}
+NO_FORCE = {"static_N": 0.0, "tooth_N": 0.0, "noise_N": 0.0}
+STILL = {"amplitudes_um": [0.0, 0.0, 0.0], "joint_um": 0.0}
+QUIET_TRACKER = {"noise_um": 0.0}
+
+
+def quiet(**options):
+    """Options of one axis without noise, force, deviation and coupling, but for what is given."""
+    given = {
+        "axes": ["x"],
+        "coupling": 0.0,
+        "plant": QUIET_PLANT,
+        "force": NO_FORCE,
+        "deviation": STILL,
+        "tracker": QUIET_TRACKER,
+    }
+    return {**given, **options}
+
+
+class Bench:
+    """An opened simulated cell, exchanged with by hand."""
+
+    def __init__(self, options=None, *, opened=True):
+        self.driver = SimulatedCell(Options.model_validate_json(json.dumps(options or {})), PERIOD_NS)
+        self.bytes = self.driver.context()
+        self.c = self.bytes.view(CONTEXT)[0]
+        self.functions = self.driver.functions()
+        self._exchange = _EXCHANGE(self.functions.exchange)
+        self.outputs = np.zeros(len(self.driver.outputs))
+        self.inputs = np.zeros(len(self.driver.inputs), SIGNAL)
+        self.now_ns = 0
+        if opened:
+            assert self.call("open") == 0
+
+    def call(self, name):
+        return call_context(getattr(self.functions, name), self.bytes.ctypes.data)
+
+    def exchange(self, *volts, periods=1):
+        """One exchange; its return code."""
+        if volts:
+            self.outputs[:] = volts
+        self.now_ns += periods * PERIOD_NS
+        addresses = (self.bytes.ctypes.data, self.outputs.ctypes.data, self.inputs.ctypes.data)
+        return self._exchange(*addresses, self.now_ns, periods)
+
+    def signal(self, channel, axis="x"):
+        return self.inputs[self.driver.inputs.index(f"{channel}_{axis}")]
+
+    def record(self, cycles, *channels, volts=None):
+        """Values (cycles, channels) of axis x; `volts` is a function of the cycle."""
+        where = [CHANNELS.index(channel) for channel in channels]
+        out = np.zeros((cycles, len(where)))
+        for k in range(cycles):
+            assert self.exchange(*([volts(k)] if volts else [])) == 0
+            out[k] = self.inputs["value"][where]
+        return out
+
+
+@functools.cache
+def tuned_cell():
+    """The configuration simulated.yaml, checked and compiled."""
+    return prepare(CONFIG / "simulated.yaml")

@@ -1,0 +1,399 @@
+"""The simulated cell: timing, converters, sensors, mechanics, force, path; and its contract."""
+
+import numpy as np
+import pytest
+from micromanip_drivers.simulated import mechanics
+from micromanip_drivers.simulated.driver import SimulatedCell
+from micromanip_drivers.simulated.noise import normal, uniform
+from micromanip_drivers.simulated.options import Options, Plant
+from micromanip_drivers.simulated.records import AXIS_STATE, CHANNELS
+from pydantic import ValidationError
+from scipy import signal, stats
+
+from micromanip.errors import ConfigError
+from micromanip.io.contract import CyclicDriver
+from micromanip.io.registry import driver_class, installed
+
+from .simulated_bench import NO_FORCE, PERIOD_NS, QUIET_PLANT, QUIET_TRACKER, STILL, Bench, quiet
+
+PERIOD_S = PERIOD_NS * 1e-9
+
+# -- found, configured, opened -------------------------------------------------------------------------
+
+
+def test_it_is_found_by_its_entry_point():
+    assert "simulated" in installed()
+    assert driver_class("simulated") is SimulatedCell
+    assert issubclass(SimulatedCell, CyclicDriver)
+    assert SimulatedCell.simulated
+
+
+def test_an_unknown_driver_is_named_with_its_neighbour():
+    with pytest.raises(ConfigError, match="did you mean simulated"):
+        driver_class("simulatd")
+
+
+def test_options_are_strict():
+    with pytest.raises(ValidationError, match="sede"):
+        Options.model_validate({"sede": 1})
+    with pytest.raises(ConfigError, match="there is no axis w"):
+        SimulatedCell(Options(variation={"w": Plant()}), PERIOD_NS)
+
+
+def test_channels_of_three_axes():
+    driver = SimulatedCell(Options(), PERIOD_NS)
+    assert driver.outputs == ("voltage_x", "voltage_y", "voltage_z")
+    assert len(driver.inputs) == 3 * len(CHANNELS)
+    assert driver.inputs[:2] == ("strain_x", "stage_x")
+
+
+def test_exchange_before_open_and_after_close_returns_a_code():
+    bench = Bench(opened=False)
+    assert bench.exchange() != 0
+    assert (bench.inputs["sequence"] == 0).all()
+    assert bench.call("open") == 0
+    assert bench.exchange() == 0
+    assert (bench.inputs["sequence"][0], bench.inputs["time_ns"][0]) == (1, bench.now_ns)
+    assert bench.call("close") == 0
+    assert bench.exchange() != 0
+    assert bench.inputs["sequence"][0] == 1
+
+
+def test_safe_discharges():
+    bench = Bench(quiet())
+    bench.record(200, "strain", volts=lambda k: 100.0)
+    assert bench.c["s"][0]["amplifier_V"] == pytest.approx(100.0, abs=0.01)
+    assert bench.call("safe") == 0
+    assert bench.c["safe"] == 1
+    assert bench.c["s"][0]["latched_V"] == 0.0
+    bench.record(200, "strain", volts=lambda k: 0.0)
+    assert bench.c["s"][0]["amplifier_V"] == pytest.approx(0.0, abs=0.01)
+
+
+def test_at_rest_nothing_moves():
+    rows = Bench(quiet()).record(500, "true_strain", "true_stage", "strain", volts=lambda k: 0.0)
+    assert np.ptp(rows[:, :2], axis=0).max() < 1e-4
+    assert np.ptp(rows[:, 2]) <= 360.0 / 2**16 + 1e-12
+
+
+# -- determinism, overruns -----------------------------------------------------------------------------
+
+
+def test_all_its_state_is_in_the_context():
+    """A copy of the bytes goes on exactly as the original does."""
+    one, other = Bench(), Bench()
+    for k in range(50):
+        one.exchange(k, 0.5 * k, 20.0)
+    other.bytes[:] = one.bytes
+    other.inputs[:], other.now_ns = one.inputs, one.now_ns
+    for k in range(50):
+        one.exchange(30.0, k, 20.0)
+        other.exchange(30.0, k, 20.0)
+    assert one.inputs.tobytes() == other.inputs.tobytes()
+
+
+@pytest.mark.parametrize("periods", [2, 3, 50])
+def test_an_overrun_advances_by_the_periods_that_passed(periods):
+    """With a voltage held, one exchange over n periods is n exchanges, in the plant's time."""
+    options = quiet(force={"start_s": 0.0, "noise_N": 0.0}, deviation={}, plant={**QUIET_PLANT, "ambient_step_K": 2.0})
+    once, each = Bench(options), Bench(options)
+    for bench in (once, each):
+        bench.record(30, "strain", volts=lambda k: 60.0)
+    assert once.exchange(60.0, periods=periods) == 0
+    for _ in range(periods):
+        each.exchange(60.0)
+    assert once.c["periods"] == each.c["periods"] == 30 + periods
+    for name in ("strain", "stage", "true_strain", "true_stage", "path_error", "uncompensated"):
+        assert once.signal(name)["value"] == pytest.approx(each.signal(name)["value"], abs=1e-12), name
+    assert once.c["s"][0]["force_N"] == each.c["s"][0]["force_N"] != 0.0
+    assert once.signal("strain")["time_ns"] == each.signal("strain")["time_ns"]
+
+
+def test_an_overrun_does_not_lose_the_trackers_samples():
+    """One comes each ms, also where every exchange is three periods after the other."""
+    bench = Bench(quiet(deviation={}))
+    for _ in range(100):
+        bench.exchange(0.0, periods=3)
+    assert bench.signal("deviation")["sequence"] == 30
+    age_ns = bench.now_ns - bench.signal("deviation")["time_ns"]
+    assert 1_000_000 <= age_ns < 2_000_000 + 3 * PERIOD_NS
+
+
+# -- amplifier and converters --------------------------------------------------------------------------
+
+
+def test_a_voltage_acts_one_sample_late():
+    bench = Bench(quiet())
+    bench.exchange(0.0)
+    bench.exchange(50.0)
+    assert bench.c["s"][0]["amplifier_V"] == 0.0
+    bench.exchange(50.0)
+    assert bench.c["s"][0]["amplifier_V"] > 1.0
+
+
+def test_amplifier_is_first_order_of_900_Hz():
+    bench = Bench(quiet())
+    bench.exchange(2.0)  # small: no slewing
+    course = []
+    for _ in range(10):
+        bench.exchange(2.0)
+        course.append(float(bench.c["s"][0]["amplifier_V"]))
+    t = PERIOD_S * np.arange(1, 11)
+    assert course == pytest.approx(bench.c["s"][0]["latched_V"] * (1 - np.exp(-2 * np.pi * 900.0 * t)), rel=1e-9)
+
+
+@pytest.mark.parametrize("target", [150.0, -20.0])
+def test_amplifier_slews_40_V_per_ms_inside_its_range(target):
+    bench = Bench(quiet())
+    course = [0.0]
+    for _ in range(200):
+        bench.exchange(10.0 * target)
+        course.append(float(bench.c["s"][0]["amplifier_V"]))
+    assert np.abs(np.diff(course)).max() <= 4.0 + 1e-9
+    assert course[-1] == pytest.approx(target, abs=0.01)
+    if target > 100.0:
+        assert np.abs(np.diff(course)).max() == pytest.approx(4.0)
+
+
+def test_output_converter_has_16_bits_over_300_V():
+    bench = Bench(quiet())
+    step = 300.0 / 2**16
+    for volts in (0.3 * step, 0.7 * step, 77.123456):
+        bench.exchange(volts)
+        latched = float(bench.c["s"][0]["latched_V"])
+        assert abs(latched - volts) <= 0.5 * step + 1e-12
+        assert latched / step == pytest.approx(round(latched / step), abs=1e-6)
+
+
+# -- mechanics -------------------------------------------------------------------------------------------
+
+
+A, B = mechanics.continuous(Plant())
+FREQUENCIES = np.linspace(10.0, 200.0, 20_000)
+
+
+def response(row, column, frequencies_Hz):
+    """Transfer function from an input to a state, by solving at each frequency."""
+    return np.array(
+        [np.linalg.solve(2j * np.pi * f * np.eye(5) - A, B[:, column])[row] for f in np.atleast_1d(frequencies_Hz)]
+    )
+
+
+def test_modes():
+    modes = np.linalg.eigvals(A[:4, :4])
+    frequencies = np.sort(np.abs(modes))[::2] / (2 * np.pi)
+    assert frequencies == pytest.approx([63.0, 2400.0], rel=0.02)
+    assert -modes.real / np.abs(modes) == pytest.approx(0.04, rel=1e-6)
+
+
+def test_antiresonance_of_the_strain_gauge():
+    gain = np.abs(response(4, 0, FREQUENCIES))
+    assert FREQUENCIES[np.argmax(gain)] == pytest.approx(63.0, abs=2.0)
+    assert FREQUENCIES[np.argmin(gain[FREQUENCIES < 90])] == pytest.approx(67.0, abs=1.5)
+
+
+def test_gain_and_compliance():
+    static = -np.linalg.solve(A, B)
+    assert static[2, 0] / static[0, 0] == pytest.approx(5.0, abs=0.02)
+    assert static[2, 1] == pytest.approx(0.53, abs=0.01)
+    assert static[4] == pytest.approx(static[0])
+    assert mechanics.rest(Plant()) == pytest.approx(static[:, 0])
+
+
+def test_discretisation_is_exact_for_held_inputs():
+    a, b = mechanics.discrete(Plant(), 0.5e-4)
+    expected_a, expected_b, *_ = signal.cont2discrete((A, B, np.eye(5), np.zeros((5, 2))), 0.5e-4)
+    assert a == pytest.approx(expected_a, rel=1e-9, abs=1e-12)
+    assert b == pytest.approx(expected_b, rel=1e-9, abs=1e-15)
+
+
+def test_stroke_at_the_strain_gauge():
+    """135 um of the 143 um are left there in a sweep of a second: flexure's load, and creep that has no time."""
+    bench = Bench(quiet())
+    rows = bench.record(12_000, "true_strain", volts=lambda k: max(-20.0, min(140.0, -20.0 + 0.016 * (k - 1000))))
+    assert rows[-1, 0] - rows[900, 0] == pytest.approx(135.0, abs=3.0)
+
+
+def test_the_running_plant_rings_at_its_first_mode():
+    """A small step of the voltage: frequency and decay of what the stage then does."""
+    bench = Bench(quiet())
+    bench.record(3000, "true_stage", volts=lambda k: 60.0)
+    ringing = bench.record(4000, "true_stage", volts=lambda k: 61.0)[100:, 0]
+    ringing = ringing - np.polyval(np.polyfit(np.arange(len(ringing)), ringing, 2), np.arange(len(ringing)))
+    power = np.abs(np.fft.rfft(ringing * np.hanning(len(ringing)), 1 << 17))
+    assert np.argmax(power) / (1 << 17) / PERIOD_S == pytest.approx(63.0, abs=1.5)
+    crests = np.array([np.abs(ringing[k : k + 160]).max() for k in range(0, 1600, 160)])
+    assert np.log(crests[0] / crests[5]) / (5 * 160 * PERIOD_S * 2 * np.pi * 63.0) == pytest.approx(0.04, abs=0.008)
+
+
+# -- sensors ---------------------------------------------------------------------------------------------
+
+
+def test_noise_figures():
+    bench = Bench({"axes": ["x"], "force": NO_FORCE, "deviation": STILL})
+    names = ("strain", "true_strain", "stage", "true_stage", "acceleration", "deviation")
+    rows = bench.record(20_000, *names, volts=lambda k: 60.0)[4000:]
+    strain = rows[:, 0] - rows[:, 1]
+    t = PERIOD_S * np.arange(len(strain))
+    hum = 2 * np.abs(np.mean(strain * np.exp(-2j * np.pi * 50.0 * t)))
+    assert hum == pytest.approx(0.010, abs=0.002)
+    quiet_strain = bench.c["s"][0]["x"][4]  # the gauge's own filter makes it lag what is true, at rest not at all
+    assert np.isfinite(quiet_strain)
+    assert np.sqrt(strain.var() - hum**2 / 2) == pytest.approx(0.055, rel=0.05)
+    assert (rows[:, 2] - rows[:, 3]).std() == pytest.approx(0.012, rel=0.05)
+    assert rows[8000:, 4].std() == pytest.approx(0.02, rel=0.3)
+    assert np.unique(rows[:, 5]).std() == pytest.approx(0.5, rel=0.1)
+    # white: hardly any correlation from sample to sample
+    white = rows[:, 2] - rows[:, 3]
+    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
+
+
+def test_amplifier_noise():
+    bench = Bench({"axes": ["x"], "force": NO_FORCE})
+    noise = []
+    for _ in range(4000):
+        bench.exchange(60.0)
+        s = bench.c["s"][0]
+        noise.append(s["memory"]["input_V"] - s["amplifier_V"])
+    assert np.std(noise[500:]) == pytest.approx(2e-3, rel=0.06)
+
+
+def test_converters_of_the_sensors():
+    bench = Bench(quiet())
+    rows = np.vstack(
+        [
+            bench.record(300, "strain", "true_strain", volts=lambda k: 40.0),
+            Bench(quiet()).record(50, "strain", "true_strain", volts=lambda k: 0.0),
+        ]
+    )
+    step = 360.0 / 2**16
+    assert rows[:, 0] / step == pytest.approx(np.round(rows[:, 0] / step), abs=1e-6)
+    assert np.abs(rows[-50:, 0] - rows[-50:, 1]).max() < step
+
+
+def test_capacitive_sensor_at_the_end_of_its_range():
+    """At rest the stage is beyond it: the reading is the end, and it says so if there is a status for it."""
+    bench = Bench(quiet())
+    bench.exchange(0.0)
+    assert bench.signal("true_stage")["value"] == pytest.approx(-329.9, abs=3.0)
+    assert bench.signal("stage")["value"] == -300.0
+    assert bench.signal("stage")["status"] != 0
+    bench.record(3000, "stage", volts=lambda k: min(75.0, 0.05 * k))
+    assert abs(bench.signal("stage")["value"]) < 300.0
+    assert bench.signal("stage")["status"] == 0
+
+
+def test_tracker_has_its_own_rate_and_latency():
+    bench = Bench(quiet(deviation={}))
+    seen = []
+    for _ in range(100):
+        before = int(bench.signal("deviation")["sequence"])
+        bench.exchange(0.0)
+        if bench.signal("deviation")["sequence"] > before:
+            s = bench.signal("deviation")
+            seen.append((bench.now_ns, int(s["time_ns"]), float(s["value"])))
+    assert len(seen) == 10
+    assert {now - taken for now, taken, _ in seen} == {1_000_000}
+    # what it saw then is where the path was then: the path error is deviation minus stage
+    fresh = Bench(quiet(deviation={}))
+    path = {}
+    for _ in range(100):
+        fresh.exchange(0.0)
+        path[fresh.now_ns] = fresh.signal("path_error")["value"] + fresh.signal("true_stage")["value"]
+    for _, taken, value in seen[1:]:
+        assert value == pytest.approx(path[taken], abs=1e-9)
+
+
+# -- force, path, coupling, drift -----------------------------------------------------------------------
+
+
+def test_machining_force():
+    bench = Bench({"axes": ["x"], "force": {"start_s": 0.1}})
+    force = []
+    for _ in range(22_000):
+        bench.exchange(60.0)
+        force.append(float(bench.c["s"][0]["force_N"]))
+    force = np.array(force)
+    assert (force[:999] == 0.0).all()
+    rising, late = force[1000:1600], force[2000:22_000]
+    t = PERIOD_S * np.arange(len(late))
+    assert late.mean() == pytest.approx(80.0, abs=2.0)
+    assert 2 * np.abs(np.mean(late * np.exp(-2j * np.pi * 200.0 * t))) == pytest.approx(40.0, abs=1.0)
+    assert np.sqrt(late.var() - 40.0**2 / 2) == pytest.approx(5.0, rel=0.25)
+    smooth = np.convolve(rising, np.ones(50) / 50, "valid")  # over one tooth
+    assert smooth[175] == pytest.approx(80.0 * (1 - np.exp(-1.0)), abs=12.0)
+
+
+def test_path_deviation():
+    bench = Bench(quiet(deviation={}, tracker={**QUIET_TRACKER, "latency_ms": 0.0, "rate_Hz": 100.0}))
+    path = bench.record(100_000, "deviation")[::100, 0]
+    t = 0.01 * np.arange(len(path)) + PERIOD_S
+    frequencies = np.array([0.11, 0.29, 0.83, 8.0])
+    angle = 2 * np.pi * frequencies * t[:, None]
+    fit, *_ = np.linalg.lstsq(np.hstack([np.sin(angle), np.cos(angle)]), path, rcond=None)
+    assert np.hypot(fit[:4], fit[4:]) == pytest.approx([130.0, 60.0, 30.0, 30.0], rel=0.02)
+    assert 200.0 < np.abs(path).max() <= 250.0
+
+
+def test_compensation_is_the_difference_of_path_and_stage():
+    """Uncompensated is the same path error with a free copy of the stage under the same force."""
+    bench = Bench(quiet(force={"start_s": 0.0, "noise_N": 0.0}, deviation={}))
+    rows = bench.record(2000, "path_error", "true_stage", "uncompensated", volts=lambda k: 60.0)
+    free_stage = rows[:, 0] + rows[:, 1] - rows[:, 2]
+    # it moves as the force says: 80 N and 0.53 um/N
+    assert free_stage[-500:].mean() == pytest.approx(80.0 * 0.53, abs=8.0)
+
+
+def test_axes_are_coupled():
+    bench = Bench({**quiet(), "axes": ["x", "y", "z"], "coupling": 0.015})
+    for _ in range(3000):
+        bench.exchange(0.0, 0.0, 0.0)
+    still = {axis: float(bench.signal("true_stage", axis)["value"]) for axis in "xyz"}
+    for k in range(8000):
+        bench.exchange(min(60.0, 0.02 * k), 0.0, 0.0)
+    moved = {axis: float(bench.signal("true_stage", axis)["value"]) - still[axis] for axis in "xyz"}
+    assert moved["x"] > 200.0
+    ratios = sorted([moved["y"] / moved["x"], moved["z"] / moved["x"]])
+    assert ratios == pytest.approx([0.010, 0.015], abs=5e-4)
+
+
+def test_thermal_drift():
+    """0.5 um a kelvin, 2 K, 600 s."""
+    bench = Bench(quiet(plant={**QUIET_PLANT, "ambient_step_K": 2.0}))
+    for _ in range(100):
+        bench.exchange(0.0, periods=1000)
+    assert bench.c["s"][0]["drift_um"] == pytest.approx(1.0 * (1 - np.exp(-10.0 / 600.0)), rel=1e-6)
+
+
+# -- noise generator -------------------------------------------------------------------------------------
+
+
+def state(a, b):
+    s = np.zeros(1, AXIS_STATE)[0]
+    s["random"] = a, b
+    return s
+
+
+def test_uniform_is_xoroshiro128_plus():
+    """Against the published algorithm in unbounded integers."""
+    mask = (1 << 64) - 1
+
+    def rotate(x, k):
+        return ((x << k) | (x >> (64 - k))) & mask
+
+    s0, s1 = 0x0123456789ABCDEF, 0xFEDCBA9876543210
+    s = state(s0, s1)
+    for _ in range(200):
+        expected = ((s0 + s1) & mask) >> 11
+        s1 ^= s0
+        s0, s1 = rotate(s0, 24) ^ s1 ^ ((s1 << 16) & mask), rotate(s1, 37)
+        assert uniform(s) == expected / 2**53
+        assert (int(s["random"][0]), int(s["random"][1])) == (s0, s1)
+
+
+def test_normal_is_normal():
+    s = state(12345, 67890)
+    values = np.array([normal(s) for _ in range(20_000)])
+    assert stats.kstest(values, "norm").pvalue > 0.01
+    assert np.abs(np.corrcoef(values[1:], values[:-1])[0, 1]) < 0.02
+    assert np.abs(values).max() > 3.5

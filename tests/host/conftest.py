@@ -1,0 +1,37 @@
+"""Each test gets controllers of its own, and must leave nothing of them behind."""
+
+import gc
+from pathlib import Path
+
+import pytest
+
+from .cell import Running, command_line, until
+
+
+def memory_files():
+    """Descriptors of this process on a controller's shared memory."""
+    links = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
+    return sorted(link for link in links if link.startswith("/memfd:micromanip-"))
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Starts a controller: ``run(text, "--duration", "3")``."""
+    gc.collect()
+    before = memory_files()
+    started = []
+
+    def start(text, *arguments, **options):
+        started.append(Running(tmp_path, text, *arguments, **options))
+        return started[-1]
+
+    yield start
+    ended = [each.process.poll() is not None for each in started]
+    left = [{pid: command_line(pid) for pid in each.kill()} for each in started]
+    for each in started:
+        each.release()
+    gc.collect()
+    assert all(ended), f"the test left a host running: {left}"
+    assert not any(left), f"processes left behind: {left}"
+    until(lambda: not any(each.socket.exists() for each in started), "a control socket is left behind", 5.0)
+    assert memory_files() == before

@@ -1,0 +1,178 @@
+"""Clients of a running controller may do what they like: the loop does not notice."""
+
+import json
+import resource
+from contextlib import ExitStack, suppress
+
+import pytest
+
+from micromanip.client import Client
+from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
+from micromanip.rt import words as w
+from micromanip.rt.states import ARM
+
+from .cell import QUICK, SLOW, WAITING, Running, simulated, until
+
+STATUS = b'{"version": 1, "verb": "status"}'
+
+
+@pytest.fixture(scope="module")
+def tracking(tmp_path_factory):
+    """One controller for all who abuse it; it ends cleanly in the end."""
+    cell = Running(tmp_path_factory.mktemp("abuse"), simulated(*QUICK))
+    try:
+        yield cell.reach("TRACKING")
+        assert cell.end() == 0, cell.said
+        assert "Traceback" not in cell.said
+        assert "exception" not in cell.said
+        assert cell.report["faults"] == []
+        assert not cell.socket.exists()
+    finally:
+        left = cell.kill()
+        cell.release()
+    assert left == []
+
+
+@pytest.fixture
+def cell(tracking):
+    """A controller that tracks; after each test it still does."""
+    assert tracking.state == "TRACKING"
+    tracking.go_on(500)
+    yield tracking
+    tracking.go_on(500)
+    assert tracking.state == "TRACKING"
+    assert tracking.control["words"][w.COMMAND] == ARM
+    assert tracking.control["words"][w.VERSION] == 1
+    with tracking.talk() as talk:
+        assert talk.ask(STATUS)["result"]["state"] == "TRACKING"
+
+
+def test_nonsense(cell):
+    with cell.talk() as talk:
+        for line in (b"arm!", b"\xff\x00", b"[[[[", b'{"version": 9, "verb": "disarm"}', b'{"version": 1, "verb": 1}'):
+            answer = talk.ask(line)
+            assert answer["ok"] is False
+            assert answer["exit_code"] == 64
+    with cell.talk() as talk:
+        with suppress(BrokenPipeError):  # the connection is closed before all of it is taken
+            talk.send(b"x" * 1_000_000)
+        assert talk.hear()["error"] == "a request is at most 65536 bytes long"
+
+
+def test_wrong_commands_for_the_state(cell):
+    with Client(cell.socket) as client:
+        with pytest.raises(CheckFailed, match=r"^reset refused: the state is TRACKING$"):
+            client.reset()
+        with pytest.raises(CheckFailed, match=r"^arm refused: the state is TRACKING$"):
+            client.arm()
+        with pytest.raises(UsageError, match="unknown verb 'stop'; known are arm, disarm, reset, status"):
+            client.request("stop")
+        assert client.status()["state"] == "TRACKING"
+
+
+def test_two_hundred_connections(cell):
+    """Some of them silent, some in the middle of a line; each is answered, and none leaves a descriptor behind."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    assert soft > 500 or hard > 500, "too few descriptors for this test"
+    before = cell.descriptors
+    with ExitStack() as stack:
+        talks = [stack.enter_context(cell.talk()) for _ in range(200)]
+        for talk in talks[::2]:
+            talk.send(STATUS[:10])
+        assert all(talk.ask(STATUS)["ok"] for talk in talks[1::2])
+        for talk in talks[::2]:
+            talk.send(STATUS[10:] + b"\n")
+        assert all(talk.hear()["ok"] for talk in talks[::2])
+    until(lambda: cell.descriptors <= before, lambda: f"{cell.descriptors} descriptors are open, before {before}")
+
+
+def fill(talk):
+    """Send requests until no more are taken."""
+    sent = 0
+    with suppress(BlockingIOError):
+        while sent < 1 << 26:
+            sent += talk.socket.send((STATUS + b"\n") * 100)
+    assert sent < 1 << 26, "the host takes requests without end from one who reads no answers"
+
+
+def test_client_that_never_reads(cell):
+    """Its answers pile up for itself only: others are served, and the host's memory stays as it is."""
+    with cell.talk() as deaf:
+        deaf.socket.setblocking(False)
+        fill(deaf)
+        resident = cell.resident_bytes
+        with cell.talk() as other:
+            for _ in range(50):
+                assert other.ask(STATUS)["ok"]
+        fill(deaf)
+        assert cell.resident_bytes - resident < 20_000_000
+
+
+def test_clients_that_hang_up(cell):
+    """In the middle of a request, and of the answer."""
+    before = cell.descriptors
+    for k in range(50):
+        with cell.talk() as talk:
+            talk.send(STATUS[: k % 20] if k % 2 else (STATUS + b"\n") * 20)
+    until(lambda: cell.descriptors <= before, lambda: f"{cell.descriptors} descriptors are open, before {before}")
+
+
+def test_second_daemon_is_refused(cell, run):
+    """And does the first one no harm."""
+    second = run(simulated(), "--socket", str(cell.socket))
+    assert second.wait() == 1
+    assert f"another controller answers on {cell.socket}; stop it first" in " ".join(second.said.split())
+    assert second.out == ""
+    assert cell.socket.is_socket()
+
+
+def test_commands_from_beginning_to_end(run):
+    """READY, refused, arm, TRACKING, disarm, READY again; each state told as it is."""
+    cell = run(simulated(*QUICK, *WAITING)).reach("READY")
+    with Client(cell.socket) as client:
+        with pytest.raises(CheckFailed, match=r"^reset refused: the state is READY$"):
+            client.reset()
+        client.disarm()  # disarmed it is
+        client.arm()
+        cell.reach("TRACKING")
+        client.disarm()
+        cell.reach("READY")
+        client.arm()
+        cell.reach("TRACKING")
+        report = client.status()
+        assert report["state"] == "TRACKING"
+        assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert cell.end() == 0
+
+
+def test_client_of_a_controller_that_ends(run):
+    cell = run(simulated(*QUICK, *WAITING)).reach("READY")
+    with Client(cell.socket) as client:
+        assert client.status()["state"] == "READY"
+        assert cell.end() == 0
+        with pytest.raises(DeviceUnavailable, match=r"^the controller on .* went away$"):
+            client.status()
+    with pytest.raises(DeviceUnavailable, match=r"^no controller answers on .*; start one with `micromanip run"):
+        Client(cell.socket)
+
+
+def test_fault_is_latched_until_reset(run):
+    """A fault shows in the status, refuses to arm, and is cleared by reset only; then nothing moves by itself."""
+    cell = run(SLOW).reach("TRACKING")
+    cell.stall(0.1)
+    cell.reach("FAULT")
+    with Client(cell.socket) as client:
+        until(lambda: "X-102" in cell.said, cell.last_words)
+        (fault,) = client.status()["faults"]
+        assert fault.startswith("X-102")
+        with pytest.raises(CheckFailed, match=r"^arm refused: the state is FAULT; X-102 "):
+            client.arm()
+        client.reset()
+        assert client.status()["faults"] == []
+        cell.go_on(20)
+        assert cell.state == "READY"
+        client.arm()
+        cell.reach("TRACKING")
+    assert cell.end() == 0
+    assert cell.report["faults"] == []
+    assert cell.said.count("X-102") == 1  # told once

@@ -1,0 +1,194 @@
+"""Any process may die or stall: the outputs go smoothly to park, nobody hides it, nothing is left."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from micromanip_drivers.simulated.records import CONTEXT
+
+from micromanip.host.segments import Segment
+from micromanip.rt import words as w
+from micromanip.rt.states import FAULT, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
+
+from .cell import QUICK, SLOW, WAITING, descriptor_of, rows_of, simulated, until
+
+SLEW_V = 4.0  # 40 V/ms, a cycle
+RAMP_CYCLES = 5000
+
+
+def assert_smooth_ramp(rows, park_V=0.0):
+    """The last ramp in `rows` is the minimum-jerk course to park: no step, no detour."""
+    ramp = rows[np.flatnonzero(rows["state"] == TRACKING)[-1] :]
+    assert set(ramp["state"][1:-1]) == {RAMPING}
+    assert ramp["state"][-1] == OFF
+    assert ramp["cycle"][-1] - ramp["cycle"][1] == pytest.approx(RAMP_CYCLES, abs=2 + int(ramp["periods"][-1]))
+    for i in range(3):
+        voltage = ramp["axis"]["voltage_V"][:, i]
+        stroke = abs(voltage[0] - park_V)
+        assert stroke > 20.0  # the loop really was up
+        fastest = 1.875 * stroke / RAMP_CYCLES  # of a minimum-jerk course, a period
+        assert np.abs(np.diff(voltage) / ramp["periods"][1:]).max() <= 1.05 * fastest < SLEW_V
+        assert (np.diff(voltage) * np.sign(park_V - voltage[0]) >= 0).all()
+        assert voltage[-1] == park_V
+
+
+def test_host_killed_while_tracking(run):
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    cell.go_on(2000)
+    cell.process.kill()
+    assert cell.wait() == -signal.SIGKILL
+    cell.gone()  # the loop ends by itself, and takes the socket's file with it
+    assert not cell.socket.exists()
+    assert cell.state == "OFF"
+    assert cell.status["words"][w.FINISHED] == 1
+    rows = rows_of(cell.ring)
+    assert rows["fault"][-1] == HOST_DEAD
+    assert_smooth_ramp(rows)
+    silent_s = (rows["time_ns"][rows["fault"] == HOST_DEAD][0] - cell.control["words"][w.HEARTBEAT_NS]) * 1e-9
+    assert silent_s >= 0.999  # it is not given up sooner than its limit
+
+
+def test_host_killed_and_started_again_at_once(run, tmp_path):
+    """The old loop, still on its way to park, must not take the new host's socket away."""
+    path = tmp_path / "shared.sock"
+    old = run(simulated(*QUICK), "--socket", str(path)).reach("TRACKING")
+    old.process.kill()
+    old.wait()
+    new = run(simulated(*QUICK), "--socket", str(path)).watch()  # it has its socket before its shared memory is used
+    old.gone()
+    new.reach("TRACKING")
+    assert path.is_socket()
+    assert new.end() == 0
+    assert not path.exists()
+
+
+def test_host_stalls_longer_than_its_heartbeat_allows(run):
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    loop = cell.loop
+    os.kill(cell.process.pid, signal.SIGSTOP)
+    try:
+        until(lambda: cell.state == "OFF", lambda: f"the loop's end without its host, it is {cell.state}")
+    finally:
+        os.kill(cell.process.pid, signal.SIGCONT)
+    assert cell.wait() == 1
+    assert "X-101 no sign of life from the host" in cell.said
+    assert cell.report["state"] == "OFF"
+    assert cell.report["faults"][0].startswith("X-101")
+    assert_smooth_ramp(rows_of(cell.ring))
+    assert not Path(f"/proc/{loop}").exists()
+
+
+def test_the_whole_machine_stalls(run):
+    """A virtual machine is paused; the loop wakes up late, the host later still: there is no step all the same."""
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    loop = cell.loop
+    os.kill(loop, signal.SIGSTOP)
+    os.kill(cell.process.pid, signal.SIGSTOP)
+    try:
+        heard_ns = int(cell.control["words"][w.HEARTBEAT_NS])
+        until(lambda: time.monotonic_ns() - heard_ns > 1_500_000_000, "the time to pass")
+        os.kill(loop, signal.SIGCONT)
+        until(lambda: cell.state == "OFF", lambda: f"the loop's end without its host, it is {cell.state}")
+    finally:
+        os.kill(loop, signal.SIGCONT)
+        os.kill(cell.process.pid, signal.SIGCONT)
+    assert cell.wait() == 1
+    assert "X-101 no sign of life from the host" in cell.said
+    assert_smooth_ramp(rows_of(cell.ring))
+
+
+def test_loop_killed_while_tracking(run):
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    context = Segment.attach(descriptor_of(cell.process.pid, "micromanip-contexts"), writable=False)
+    try:
+        driver = context.record(CONTEXT)
+        assert driver["s"]["latched_V"].min() > 20.0
+        os.kill(cell.loop, signal.SIGKILL)
+        assert cell.wait() == 1
+        lines = [line for line in cell.said.splitlines() if "X-104" in line]
+        assert len(lines) == 1
+        assert "X-104 the loop process was killed by signal 9. Look for the cause" in lines[0]
+        assert "driver cell: outputs at their safe value" in cell.said
+        assert driver["safe"] == 1
+        assert not driver["s"]["latched_V"].any()
+    finally:
+        os.close(context.descriptor)
+    assert cell.out == ""  # no report is better than half of one
+    assert "Traceback" not in cell.said
+    cell.gone()
+
+
+def test_loop_that_stands_still(run):
+    """Alive, but it does not turn: ended by the host, outputs brought to their safe value."""
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    os.kill(cell.loop, signal.SIGSTOP)
+    assert cell.wait() == 1
+    assert "X-105 the loop has stood still for " in cell.said
+    assert "X-104 the loop process was killed by signal 9" in cell.said
+    assert "driver cell: outputs at their safe value" in cell.said
+    cell.gone()
+
+
+def test_both_killed(run):
+    """Nothing but memory without a name, which the kernel takes back; the stale socket is replaced later."""
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    loop = cell.loop
+    cell.process.kill()
+    os.kill(loop, signal.SIGKILL)
+    cell.wait()
+    cell.gone()
+    assert cell.socket.is_socket()  # stale: nobody was left to remove it
+    again = run(simulated(*WAITING), "--socket", str(cell.socket)).reach("READY")
+    assert again.end() == 0
+    assert not cell.socket.exists()
+
+
+def test_stall_is_counted_and_told_under_simulation_limits(run):
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    before = int(cell.status["words"][w.OVERRUNS])
+    cell.stall(0.05)
+    cell.go_on(3000)
+    assert cell.state == "TRACKING"
+    rows = rows_of(cell.ring)
+    late = rows[np.argmax(rows["periods"])]
+    assert late["periods"] > 300
+    assert late["lateness_ns"] > 30_000_000
+    assert rows["axis"]["voltage_V"].min() >= -20.0
+    assert rows["axis"]["voltage_V"].max() <= 150.0
+    assert np.abs(np.diff(rows["axis"]["voltage_V"], axis=0)).max() <= SLEW_V * (1 + 1e-9)
+    assert cell.status["words"][w.OVERRUNS] - before >= late["periods"] - 1
+    cycle = rows["cycle"]
+    assert (np.diff(cycle) == rows["periods"][1:]).all()  # the missed cycles are skipped, not made up
+    assert cell.end() == 0
+    assert cell.report["state"] == "OFF"
+    assert cell.report["faults"] == []
+    assert cell.report["overruns"] >= late["periods"] - 1
+    assert cell.report["lateness_ns"]["max"] >= late["lateness_ns"]
+
+
+def test_stall_is_latched_under_hardware_limits(run):
+    """Three missed deadlines in a row, by one long stall: ramp down, FAULT, exit 1 with X-102."""
+    cell = run(SLOW).reach("TRACKING")  # 200 Hz: what a noisy machine does by itself is no overrun
+    cell.stall(0.1)
+    cell.reach("FAULT")
+    cell.go_on(50)
+    assert cell.state == "FAULT"  # latched
+    rows = rows_of(cell.ring)
+    late = int(np.flatnonzero(rows["periods"] > 3)[0])
+    assert rows["state"][late - 1] == TRACKING
+    assert rows["state"][late] == RAMPING  # in that very cycle
+    assert (rows["fault"][late:] == OVERRUNS).all()
+    after = rows[late:]["state"]
+    assert list(after[np.flatnonzero(np.diff(after, prepend=-1))]) == [RAMPING, FAULT]
+    voltage = rows["axis"]["voltage_V"][late - 1 :, 0]
+    assert voltage[0] == pytest.approx(60.0)
+    assert np.abs(np.diff(voltage)).max() <= 1.05 * 1.875 * 60.0 / 40  # 0.2 s are 40 cycles: no step after the stall
+    assert voltage[-1] == 0.0
+    assert cell.end() == 1
+    assert cell.report["state"] == "OFF"
+    (fault,) = cell.report["faults"]
+    assert fault.startswith(f"X-102 {rows['periods'][late] - 1} deadlines missed in a row. ")
+    assert f"micromanip: {fault}" in " ".join(cell.said.split())

@@ -1,0 +1,57 @@
+"""Without real-time rights: the simulation says so loudly, hardware limits refuse."""
+
+import os
+import shutil
+
+import pytest
+
+from .cell import SLOW, WAITING, changed, simulated
+
+RIGHTS = "-sys_nice,-ipc_lock,-sys_resource"
+
+if os.geteuid() == 0:
+    WITHOUT_RIGHTS = ("setpriv", f"--bounding-set={RIGHTS}", f"--inh-caps={RIGHTS}", "prlimit", "--memlock=65536:65536")
+    WITHOUT_RIGHTS += ("--rtprio=0:0",)
+else:
+    WITHOUT_RIGHTS = ("prlimit", "--memlock=65536:65536", "--rtprio=0:0")
+
+pytestmark = pytest.mark.skipif(
+    any(shutil.which(tool) is None for tool in WITHOUT_RIGHTS if tool in ("setpriv", "prlimit")),
+    reason="setpriv and prlimit (util-linux) take the rights away, and are not installed",
+)
+
+
+def warnings(cell):
+    return [line for line in cell.said.splitlines() if line.startswith("WARNING")]
+
+
+def test_simulation_runs_and_warns(run):
+    pinned = simulated(*WAITING, ("cpu: null", "cpu: 511"))
+    cell = run(pinned, "--duration", "1", prefix=WITHOUT_RIGHTS)
+    assert cell.wait() == 0, cell.said
+    assert [line.split(":")[1].strip() for line in warnings(cell)] == [
+        "no SCHED_FIFO",
+        "memory not locked",
+        "not pinned to the configured CPU",
+    ]
+    assert "rtprio in /etc/security/limits.d" in cell.said  # and what to do about it
+    assert cell.report["state"] == "OFF"
+    assert cell.report["cycles"] > 1000
+
+
+def test_hardware_limits_refuse(run):
+    cell = run(SLOW, prefix=WITHOUT_RIGHTS)
+    assert cell.wait() == 77
+    (line,) = cell.said.splitlines()
+    assert line.startswith("micromanip: no SCHED_FIFO: ")
+    assert "memory not locked: " in line
+    assert "READY" not in cell.said
+    assert cell.out == ""
+    assert cell.left == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs the rights, as root has them")
+def test_with_rights_there_is_no_warning(run):
+    cell = run(changed(SLOW, ("limits: hardware", "limits: simulation")), "--duration", "0.5")
+    assert cell.wait() == 0
+    assert warnings(cell) == []

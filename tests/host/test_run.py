@@ -1,0 +1,69 @@
+"""``micromanip run --json``: the document that other tools rely on."""
+
+import math
+
+import pytest
+
+from .cell import WAITING, Running, simulated
+
+DURATIONS = {"p50", "p99", "p99_9", "p99_99", "max"}
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    cell = Running(tmp_path_factory.mktemp("run"), simulated(), "--duration", "3.5")
+    try:
+        assert cell.wait() == 0, cell.said
+        return cell.report  # nothing but one JSON document on standard output, or this fails
+    finally:
+        assert cell.kill() == []
+
+
+def test_one_document_with_everything_in_it(report):
+    assert {"cycles", "overruns", "period_ns", "lateness_ns", "compute_ns"} <= report.keys()
+    assert report["state"] == "OFF"
+    assert report["faults"] == []
+    assert report["period_ns"] == 100_000
+    assert 35_000 <= report["cycles"] + report["overruns"] <= 35_000 + 200_000
+    assert report["cycles"] > 10_000
+    for key in ("lateness_ns", "compute_ns"):
+        figures = report[key]
+        assert figures.keys() == DURATIONS
+        assert all(isinstance(value, int) for value in figures.values())
+        assert 0 <= figures["p50"] <= figures["p99"] <= figures["p99_9"] <= figures["p99_99"] <= figures["max"]
+    assert report["compute_ns"]["p50"] > 100  # nobody computes three axes in less
+
+
+def test_path_error(report):
+    assert report["path_error_um"].keys() == {"x", "y", "z"}
+    for figures in report["path_error_um"].values():
+        assert figures.keys() == {"uncompensated_rms", "rms", "max"}
+        assert all(math.isfinite(value) for value in figures.values())
+        assert 0.05 < figures["rms"] < figures["max"]
+        assert figures["rms"] < figures["uncompensated_rms"] / 5
+
+
+def test_signals_have_their_rates_and_ages(report):
+    signals, cycles, overruns = (report[key] for key in ("signals", "cycles", "overruns"))
+    assert signals.keys() == {f"{role}_{axis}" for role in ("strain", "stage", "deviation") for axis in "xyz"}
+    seen = cycles / (cycles + overruns)  # a missed cycle sees no sample, which is its right
+    for name, figures in signals.items():
+        assert figures.keys() == {"rate_hz", "age_p50_us", "age_max_us", "lost"}
+        if name.startswith("deviation"):
+            assert 1000 * seen - 30 <= figures["rate_hz"] <= 1005
+            assert 1000 <= figures["age_p50_us"] <= 1900
+            assert 1900 <= figures["age_max_us"] <= 1900 + 1000 * overruns
+        else:
+            assert figures["rate_hz"] == pytest.approx(10_000 * seen, rel=0.02)
+            assert figures["age_p50_us"] == 0
+        if name.startswith("strain"):
+            assert figures["age_max_us"] == 0
+        assert figures["lost"] == 0  # the simulation takes no sample while the loop is away
+
+
+def test_without_arm_on_start_it_waits_in_ready(run):
+    cell = run(simulated(*WAITING), "--duration", "1")
+    assert cell.wait() == 0, cell.said
+    assert cell.report["state"] == "OFF"
+    assert cell.report["path_error_um"]["x"] == {"uncompensated_rms": None, "rms": None, "max": None}
+    assert "TRACKING" not in cell.said

@@ -1,0 +1,86 @@
+"""Stopping on purpose: Ctrl-C, SIGTERM, the duration; each ends with the outputs at park."""
+
+import os
+import signal
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from micromanip.rt import words as w
+from micromanip.rt.states import RAMPING
+
+from .cell import QUICK, rows_of, simulated, until
+
+
+def interrupt(cell):
+    """Ctrl-C as a terminal sends it: to the whole foreground process group."""
+    os.killpg(cell.process.pid, signal.SIGINT)
+
+
+def assert_stopped_cleanly(cell):
+    assert cell.wait() == 0, cell.said
+    assert cell.report["state"] == "OFF"
+    assert cell.report["faults"] == []
+    assert "Traceback" not in cell.said
+    cell.gone()
+    assert not cell.socket.exists()
+
+
+def test_ctrl_c_while_tracking(run):
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    assert os.getpgid(cell.loop) != cell.process.pid  # the loop is out of Ctrl-C's reach
+    interrupt(cell)
+    assert_stopped_cleanly(cell)
+    assert cell.status["words"][w.FINISHED] == 1
+    rows = rows_of(cell.ring)
+    assert np.count_nonzero(rows["state"] == RAMPING) > 1000  # ramped, not cut
+    assert not rows["axis"]["voltage_V"][-1].any()
+
+
+def test_ctrl_c_again_and_again_does_not_cut_the_ramp_short(run):
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    interrupt(cell)
+    cell.reach("RAMPING")
+    interrupt(cell)
+    interrupt(cell)
+    assert_stopped_cleanly(cell)
+    assert not rows_of(cell.ring)["axis"]["voltage_V"][-1].any()
+
+
+@pytest.mark.parametrize("state", ["READY", "ARMED"])
+def test_ctrl_c_before_tracking(run, state):
+    arm = str(state == "ARMED").lower()
+    cell = run(simulated(("arm_on_start: true", f"arm_on_start: {arm}"))).reach(state)
+    interrupt(cell)
+    assert_stopped_cleanly(cell)
+
+
+def test_ctrl_c_while_the_loop_is_coming_up(run):
+    cell = run(simulated(*QUICK))
+    until(lambda: cell.child("loop_process"), cell.last_words)
+    interrupt(cell)
+    assert_stopped_cleanly(cell)
+
+
+def test_sigterm_with_a_recording_and_clients_on_the_line(run):
+    cell = run(simulated(*QUICK), "--record", "run.h5").reach("TRACKING")
+    with cell.talk() as idle, cell.talk() as busy:
+        assert busy.ask(b'{"version": 1, "verb": "status"}')["result"]["state"] == "TRACKING"
+        assert cell.end(signal.SIGTERM) == 0
+        assert idle.hear() is None
+    assert_stopped_cleanly(cell)
+    assert "recorded" in cell.said
+    assert "0 lost" in cell.said
+
+
+def test_sigterm_with_a_deaf_client(run):
+    """One that has asked for more than it reads does not hold up the end."""
+    cell = run(simulated(*QUICK)).reach("TRACKING")
+    with cell.talk() as deaf:
+        deaf.socket.setblocking(False)
+        with suppress(BlockingIOError):
+            for _ in range(1000):
+                deaf.socket.send(b'{"version": 1, "verb": "status"}\n' * 100)
+        assert cell.end(signal.SIGTERM) == 0
+    assert_stopped_cleanly(cell)

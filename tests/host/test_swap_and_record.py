@@ -1,0 +1,253 @@
+"""A controller driven from Python: parameters swapped while it tracks, everything recorded."""
+
+import asyncio
+import contextlib
+import os
+import re
+
+import h5py
+import numpy as np
+import pytest
+
+from micromanip.errors import CheckFailed
+from micromanip.host.controller import Controller
+from micromanip.host.recording import PARAMETERS, ROWS, STATE, RecorderProcess
+from micromanip.host.ring import RingReader
+from micromanip.rt import words as w
+from micromanip.rt.records import ROW
+from micromanip.rt.states import ARM, STOP, TRACKING
+from micromanip.settings.check import prepare
+from micromanip.settings.compile import compile_cell
+
+from .cell import PATIENCE_S, QUICK, WAITING, rows_of, simulated
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory):
+    file = tmp_path_factory.mktemp("prepared") / "cell.yaml"
+    file.write_text(simulated(*QUICK, *WAITING))
+    return prepare(file)
+
+
+@contextlib.asynccontextmanager
+async def tracking(prepared, folder):
+    """The controller, TRACKING; afterwards its loop has ended by itself."""
+    controller = Controller(prepared, folder / "none.sock")
+
+    async def beat():
+        while True:
+            controller.beat()
+            await asyncio.sleep(0.02)
+
+    try:
+        await controller.start()
+        beating = asyncio.create_task(beat())
+        ended = asyncio.create_task(controller.wait())
+        try:
+            await controller.command(ARM)
+            await until(lambda: controller.state == "TRACKING", controller)
+            yield controller
+            await controller.command(STOP)
+            assert await asyncio.wait_for(ended, PATIENCE_S) == 0
+        finally:
+            if not ended.done():
+                controller.process.kill()
+                await ended
+            beating.cancel()
+    finally:
+        for descriptor in controller.segments.descriptors:
+            os.close(descriptor)
+
+
+async def until(condition, controller):
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            assert controller.process.returncode is None, "the loop has ended"
+            await asyncio.sleep(0.005)
+
+
+async def pass_cycles(controller, count):
+    goal = controller.words[w.CYCLES_RUN] + count
+    await until(lambda: controller.words[w.CYCLES_RUN] >= goal, controller)
+
+
+def variant(prepared, **updates):
+    """Parameters in which fields of every axis are replaced."""
+    axes = {
+        name: axis.model_copy(update={key: value(axis) for key, value in updates.items()})
+        for name, axis in prepared.configuration.axes.items()
+    }
+    return compile_cell(prepared.configuration.model_copy(update={"axes": axes}), prepared.wiring)
+
+
+SWAPS = {
+    "PID gain": {"inner": lambda axis: axis.inner.model_copy(update={"K_V_per_um": 0.4})},
+    "PID times": {"inner": lambda axis: axis.inner.model_copy(update={"Ti_ms": 1.0, "Td_ms": 0.05, "filter_ms": 0.5})},
+    "hysteresis model": {"hysteresis": lambda axis: axis.hysteresis_affine},
+    "feedforward off": {"inner": lambda axis: axis.inner.model_copy(update={"mode": "pid"})},
+    "outer loop": {"outer": lambda axis: axis.outer.model_copy(update={"effort": 30.0, "disturbance_um": 0.03})},
+}
+
+
+@pytest.fixture(scope="module")
+def swapped(prepared, tmp_path_factory):
+    """Rows around each of SWAPS, all made in one run, and back again in between."""
+    sets = {name: variant(prepared, **updates) for name, updates in SWAPS.items()}
+
+    async def main():
+        rows = {}
+        async with tracking(prepared, tmp_path_factory.mktemp("swap")) as controller:
+            for name, new in sets.items():
+                await pass_cycles(controller, 3000)
+                before = int(controller.words[w.VERSION_ACTIVE])
+                await controller.apply(new)
+                assert controller.words[w.VERSION_ACTIVE] == before + 1
+                await pass_cycles(controller, 2000)
+                assert controller.state == "TRACKING"
+                assert controller.fault() is None
+                near = rows_of(controller.ring)[-10_000:]
+                rows[name] = near[(near["version"] >= before) & (near["state"] == TRACKING)]
+                await controller.apply(prepared.parameters)
+        return rows
+
+    return asyncio.run(main())
+
+
+@pytest.mark.parametrize("name", SWAPS)
+def test_swap_while_tracking(swapped, name):
+    """At a cycle boundary, all at once, without a step."""
+    rows = swapped[name]
+    assert set(rows["state"]) == {TRACKING}
+    first = int(rows["version"][0])
+    at = int(np.argmax(rows["version"] == first + 1))
+    assert set(rows["version"][:at]) == {first}
+    assert set(rows["version"][at:]) == {first + 1}
+    assert at >= 1000
+    assert len(rows) - at >= 1000
+    voltage, periods = rows["axis"]["voltage_V"], rows["periods"][1:, None]
+    step = np.abs(np.diff(voltage, axis=0)) / periods  # after an overrun a larger step is right
+    usual = step[max(0, at - 3001) : at - 1].max(axis=0)
+    assert (step[at - 1] <= 1.2 * usual).all(), f"{step[at - 1]} V at the swap, else up to {usual} V"
+    assert (step[at : at + 20].max(axis=0) <= 3.0 * usual).all(), "a step right after the swap"
+    assert np.abs(rows["axis"]["path_error_um"][at:]).max() < 20.0
+
+
+def record(prepared, folder, during):
+    """Record while `during(controller)` goes on: (what the recorder said, rows seen beside it, the file)."""
+    file = folder / "run.h5"
+
+    async def main():
+        async with tracking(prepared, folder) as controller:
+            beside, seen = RingReader(controller.ring), []
+            recorder = RecorderProcess(controller, file)
+            await recorder.start()
+            await during(controller)
+            seen.append(beside.read(1 << 15))
+            said = await recorder.stop()
+            seen.append(beside.read(1 << 15))
+            assert beside.lost == 0, "the test's own reader was too slow"
+            return said, np.concatenate(seen)
+
+    said, seen = asyncio.run(main())
+    return said, seen, file
+
+
+def test_recording_has_every_cycle(prepared, tmp_path):
+    said, seen, file = record(prepared, tmp_path, lambda controller: pass_cycles(controller, 8000))
+    with h5py.File(file) as recording:
+        rows, state = recording[ROWS][:], recording[STATE][0]
+        assert recording.attrs["configuration"] == prepared.source.text
+        assert recording.attrs["sha256"] == prepared.source.hash
+        assert recording.attrs["period_ns"] == 100_000
+        assert recording.attrs["lost"] == 0
+        assert list(recording.attrs["axes"]) == ["x", "y", "z"]
+        assert list(recording[PARAMETERS]["version"]) == [1]
+        assert recording[PARAMETERS][0].tobytes() == prepared.parameters[0].tobytes()
+    assert said == f"recorded {len(rows)} cycles to {file}, 0 lost"
+    assert len(rows) >= 8000
+    assert rows.dtype == ROW
+    assert rows["cycle"][0] == state["cycle"] + rows["periods"][0]  # right after the snapshot
+    assert (np.diff(rows["cycle"]) == rows["periods"][1:]).all()  # each cycle once, overruns told
+    same = seen[np.searchsorted(seen["cycle"], rows["cycle"][0]) :][: len(rows)]
+    assert same.tobytes() == rows[: len(same)].tobytes()
+    assert len(same) >= 8000
+    axis = state["axis"]
+    assert np.abs(axis["voltage_V"] - rows["axis"]["voltage_V"][0]).max() < 4.0 * rows["periods"][0]
+
+
+def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
+    new = variant(prepared, **SWAPS["PID gain"])
+
+    async def during(controller):
+        await pass_cycles(controller, 4000)
+        await controller.apply(new)
+        await pass_cycles(controller, 4000)
+
+    said, _, file = record(prepared, tmp_path, during)
+    assert said.endswith(", 0 lost")
+    with h5py.File(file) as recording:
+        rows, sets = recording[ROWS][:], recording[PARAMETERS][:]
+    assert list(sets["version"]) == [1, 2]
+    assert list(sets["axis"]["pid"]["gain"][:, 0]) == [0.6, 0.4]
+    assert list(np.unique(rows["version"])) == [1, 2]
+    assert (np.diff(rows["version"]) >= 0).all()
+
+
+def test_recording_over_quick_swaps_has_every_set(prepared, tmp_path):
+    """A row's version names a set in the file, however quickly they followed each other."""
+    new = prepared.parameters.copy()
+
+    async def during(controller):
+        for k in range(20):
+            new[0]["axis"]["pid"]["gain"] = 0.4 + 0.01 * k
+            await controller.apply(new)
+        await pass_cycles(controller, 2000)
+
+    _, _, file = record(prepared, tmp_path, during)
+    with h5py.File(file) as recording:
+        rows, sets = recording[ROWS][:], recording[PARAMETERS][:]
+    assert rows["version"][-1] == 21
+    assert len(np.unique(rows["version"])) >= 20
+    assert list(sets["version"]) == list(np.unique(rows["version"]))
+    gains = dict(zip(sets["version"].tolist(), sets["axis"]["pid"]["gain"][:, 0], strict=True))
+    assert all(gains[version] == pytest.approx(0.4 + 0.01 * (version - 2)) for version in gains if version > 1)
+
+
+def test_recording_to_an_impossible_place(prepared, tmp_path):
+    (tmp_path / "file").touch()
+
+    async def main():
+        async with tracking(prepared, tmp_path) as controller:
+            for place in ("no/such/folder/run.h5", "file/run.h5", "."):
+                recorder = RecorderProcess(controller, tmp_path / place)
+                with pytest.raises(CheckFailed, match=r"^nothing is recorded: .* can't be written: "):
+                    await recorder.start()
+            await pass_cycles(controller, 100)
+            assert controller.state == "TRACKING"
+
+    asyncio.run(main())
+
+
+def test_run_with_a_record_that_cannot_be_written(run):
+    """It ends with one clear line; its loop was stopped in order, and nothing goes on behind its back."""
+    cell = run(simulated(*QUICK), "--record", "no/such/folder/run.h5")
+    assert cell.wait() == 1
+    (line,) = [line for line in cell.said.splitlines() if line.startswith("micromanip: ")]
+    assert line.startswith("micromanip: nothing is recorded: ")
+    assert "no/such/folder/run.h5 can't be written: " in line
+    assert "Traceback" not in cell.said
+    assert cell.out == ""
+    assert cell.left == []
+
+
+def test_arming_refused_at_the_start(run):
+    """A gauge that reads nonsense: the reason is told, and the loop is stopped before its host goes."""
+    gauge = "strain_x: {driver: cell, max_age_us: 300"
+    text, count = re.subn(gauge + "[^}]*}", gauge + ", range_um: [500, 600]}", simulated(*QUICK))
+    assert count == 1
+    cell = run(text)
+    assert cell.wait() == 1
+    assert "micromanip: arm refused: the state is READY; strain_x is not valid\n" in cell.said
+    assert "Traceback" not in cell.said
+    assert cell.out == ""
+    assert cell.left == []

@@ -1,0 +1,111 @@
+"""Loops over whole signals around the laws under test, compiled like them and with a cache of their own."""
+
+from typing import Any
+
+from micromanip.rt.estimator import output, predict, predict_to, remember, start_estimator, update
+from micromanip.rt.histogram import bin_of, lower_edge
+from micromanip.rt.hysteresis import inverse_output, model_output, play
+from micromanip.rt.jit import Compiler
+from micromanip.rt.lqg import outer_setpoint
+from micromanip.rt.network import network_output
+from micromanip.rt.pid import pid_output, unwind
+from micromanip.rt.reference import extrapolate
+
+compiled = Compiler(__file__)
+
+
+@compiled
+def play_course(x: Any, r: float, w: float, out: Any) -> float:
+    """Play operator along `x` from state `w`; returns the last state."""
+    for k in range(len(x)):
+        w = play(x[k], r, w)
+        out[k] = w
+    return w
+
+
+@compiled
+def model_course(p: Any, w: Any, v: Any, out: Any) -> None:
+    """Hysteresis model along the voltages `v`."""
+    for k in range(len(v)):
+        out[k] = model_output(p, w, v[k])
+
+
+@compiled
+def inverse_course(p: Any, z: Any, y: Any, out: Any) -> None:
+    """Inverse model along the displacements `y`."""
+    for k in range(len(y)):
+        out[k] = inverse_output(p, z, y[k])
+
+
+@compiled
+def network_course(p: Any, s: Any, y: Any, out: Any) -> None:
+    """Recurrent network along the displacements `y`."""
+    for k in range(len(y)):
+        out[k] = network_output(p, s, y[k])
+
+
+@compiled
+def pid_course(p: Any, s: Any, error: Any, periods: int, out: Any) -> None:
+    """PID along the errors, `periods` cycles apart."""
+    for k in range(len(error)):
+        out[k] = pid_output(p, s, error[k], periods)
+
+
+@compiled
+def saturated_course(
+    p: Any, s: Any, reference: Any, gain: float, pole: float, low: float, high: float, out: Any
+) -> None:
+    """PID with back-calculation around a first-order plant whose input saturates; columns y, u, integrator."""
+    y = 0.0
+    for k in range(len(reference)):
+        wanted = pid_output(p, s, reference[k] - y, 1)
+        u = max(low, min(high, wanted))
+        unwind(p, s, wanted - u)
+        y = pole * y + (1.0 - pole) * gain * u
+        out[k, 0], out[k, 1], out[k, 2] = y, u, s["integrator"]
+
+
+@compiled
+def estimator_course(p: Any, s: Any, cycles: Any, u: Any, y: Any, age: Any, out: Any, taken: Any) -> None:
+    """Estimator stepped at `cycles`: prediction, a sample `age` cycles old where that is not negative, set-point."""
+    for k in range(len(cycles)):
+        predict_to(p, s, cycles[k])
+        taken[k] = False
+        if age[k] >= 0:
+            taken[k] = update(p, s, cycles[k] - age[k], y[k])
+        for i in range(p["states"]):
+            out[k, i] = s["x"][i]
+        remember(s, u[k])
+
+
+@compiled
+def outer_course(p: Any, s: Any, plant: Any, exogenous: Any, w: Any, omega: float, period_s: float, out: Any) -> None:
+    """Estimator and LQG around their own model (state `plant`, its disturbances last); column 0 y, 1 reference, 2 u."""
+    start_estimator(p, s, 0, 0.0, output(p, plant))
+    for k in range(len(out)):
+        if k > 0:
+            predict_to(p, s, k)
+        y = output(p, plant)
+        if k > 0:
+            update(p, s, k, y)
+        u = outer_setpoint(p, s["x"], w)
+        remember(s, u)
+        out[k, 0], out[k, 1], out[k, 2] = y, w[0] + w[3], u
+        predict(p, plant, s["scratch"], u)
+        extrapolate(w, omega, period_s, exogenous)
+        for i in range(len(w)):
+            w[i] = exogenous[i]
+
+
+@compiled
+def bins_course(values: Any, bins: Any) -> None:
+    """Histogram bin of each value."""
+    for k in range(len(values)):
+        bins[k] = bin_of(values[k])
+
+
+@compiled
+def edges_course(bins: Any, edges: Any) -> None:
+    """Lower edge of each bin."""
+    for k in range(len(bins)):
+        edges[k] = lower_edge(bins[k])

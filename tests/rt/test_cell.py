@@ -1,0 +1,469 @@
+"""State machine of the cell, and what its axes do on the way."""
+
+import math
+
+import numpy as np
+import pytest
+
+from micromanip.rt.cell import raise_fault, smooth
+from micromanip.rt.limiter import limit
+from micromanip.rt.states import (
+    ARM,
+    ARMED,
+    DISARM,
+    DRIVER_ERROR,
+    FAULT,
+    NO_COMMAND,
+    NO_FAULT,
+    NOT_FINITE,
+    OFF,
+    RAMPING,
+    READY,
+    RESET,
+    STAGE_INVALID,
+    STOP,
+    STRAIN_INVALID,
+    TRACKING,
+)
+
+from .bench_cell import BenchCell, X, Y, Z, parameters
+
+
+def ready():
+    cell = BenchCell()
+    cell.run(5)
+    return cell
+
+
+def armed():
+    cell = ready()
+    assert cell.step(ARM)
+    cell.run(20)
+    return cell
+
+
+def tracking():
+    return BenchCell().arm()
+
+
+def ramping(command=DISARM):
+    cell = tracking()
+    assert cell.step(command)
+    cell.run(10)
+    return cell
+
+
+def faulting():
+    cell = tracking()
+    raise_fault(cell.p, cell.s, DRIVER_ERROR, -1, 7.0)
+    cell.run(10)
+    return cell
+
+
+def fault():
+    cell = faulting()
+    cell.run(100)
+    return cell
+
+
+def off():
+    cell = ready()
+    assert cell.step(STOP)
+    return cell
+
+
+TO_READY, TO_OFF, TO_FAULT = (RAMPING, READY), (RAMPING, OFF), (RAMPING, FAULT)
+TABLE = {
+    # from: (how to get there, what it is, {command: (accepted, state after it)})
+    "OFF": (off, OFF, {ARM: (False, OFF), DISARM: (False, OFF), STOP: (True, OFF), RESET: (False, OFF)}),
+    "READY": (ready, READY, {ARM: (True, ARMED), DISARM: (True, READY), STOP: (True, OFF), RESET: (False, READY)}),
+    "ARMED": (
+        armed,
+        ARMED,
+        {ARM: (False, ARMED), DISARM: (True, TO_READY), STOP: (True, TO_OFF), RESET: (False, ARMED)},
+    ),
+    "TRACKING": (
+        tracking,
+        TRACKING,
+        {ARM: (False, TRACKING), DISARM: (True, TO_READY), STOP: (True, TO_OFF), RESET: (False, TRACKING)},
+    ),
+    "RAMPING to READY": (
+        ramping,
+        TO_READY,
+        {ARM: (False, TO_READY), DISARM: (False, TO_READY), STOP: (True, TO_OFF), RESET: (False, TO_READY)},
+    ),
+    "RAMPING to OFF": (
+        lambda: ramping(STOP),
+        TO_OFF,
+        {ARM: (False, TO_OFF), DISARM: (False, TO_OFF), STOP: (True, TO_OFF), RESET: (False, TO_OFF)},
+    ),
+    "RAMPING to FAULT": (
+        faulting,
+        TO_FAULT,
+        {ARM: (False, TO_FAULT), DISARM: (False, TO_FAULT), STOP: (True, TO_OFF), RESET: (False, TO_FAULT)},
+    ),
+    "FAULT": (fault, FAULT, {ARM: (False, FAULT), DISARM: (False, FAULT), STOP: (True, OFF), RESET: (True, READY)}),
+}
+
+
+def where(cell):
+    state = int(cell.s["state"])
+    return (state, int(cell.s["after_ramp"])) if state == RAMPING else state
+
+
+@pytest.mark.parametrize("command", [ARM, DISARM, STOP, RESET])
+@pytest.mark.parametrize("start", TABLE)
+def test_commands(start, command):
+    reach, state, outcomes = TABLE[start]
+    cell = reach()
+    assert where(cell) == state
+    latched = int(cell.s["fault"])
+    accepted, after = outcomes[command]
+    assert cell.step(command) == accepted
+    assert where(cell) == after
+    assert cell.s["fault"] == (NO_FAULT if (command, accepted) == (RESET, True) else latched)
+
+
+@pytest.mark.parametrize("start", TABLE)
+def test_a_fault_from_every_state(start):
+    reach, state, _ = TABLE[start]
+    cell = reach()
+    before = int(cell.s["fault"])
+    raise_fault(cell.p, cell.s, NOT_FINITE, 2, 1.5)
+    after = {OFF: FAULT, READY: FAULT, FAULT: FAULT, TO_OFF: TO_OFF}.get(state, TO_FAULT)
+    assert where(cell) == after
+    if before == NO_FAULT:
+        assert (cell.s["fault"], cell.s["fault_axis"], cell.s["fault_value"]) == (NOT_FINITE, 2, 1.5)
+        assert cell.s["fault_cycle"] == cell.s["cycle"]
+    else:
+        assert cell.s["fault"] == before  # the first one stays
+    cell.run(100)
+    assert cell.s["state"] == (OFF if state == TO_OFF else FAULT)
+    assert cell.s["fault"] != NO_FAULT
+    assert cell.voltages == [0.0, 0.0, 0.0]
+
+
+def test_the_way_through_a_shift():
+    cell = ready()
+    assert cell.step(ARM)
+    course = [where(cell)]
+    for _ in range(90):
+        cell.step()
+        course.append(where(cell))
+    assert course == [ARMED] * 90 + [TRACKING]
+    assert cell.s["tracking_cycle"] == cell.s["cycle"]
+    assert cell.step(DISARM)
+    course = [where(cell)]
+    for _ in range(60):
+        cell.step()
+        course.append(where(cell))
+    assert course == [TO_READY] * 60 + [READY]
+    assert cell.step(ARM)  # and again
+    cell.run(90)
+    assert cell.s["state"] == TRACKING
+    assert cell.step(STOP)
+    cell.run(60)
+    assert cell.s["state"] == OFF
+
+
+@pytest.mark.parametrize("reach", [ready, off, fault])
+def test_at_rest_it_stays_where_it_is_at_the_park_voltage(reach):
+    cell = reach()
+    state = where(cell)
+    course = cell.run(300)
+    assert where(cell) == state
+    assert (course == 0.0).all()
+
+
+def test_park_voltages_may_differ():
+    record = parameters()
+    for i, park in enumerate((10.0, -5.0, 0.0)):
+        record[0]["axis"][i]["limiter"]["park_V"] = park
+    cell = BenchCell(record)
+    assert (cell.run(50) == [10.0, -5.0, 0.0]).all()
+    cell.arm()
+    assert cell.step(DISARM)
+    cell.run(60)
+    assert (cell.run(50) == [10.0, -5.0, 0.0]).all()
+
+
+# -- smoothness --------------------------------------------------------------------------------------
+
+
+def test_smooth_is_minimum_jerk():
+    x = np.linspace(0.0, 1.0, 1001)
+    y = np.array([smooth(value) for value in x])
+    assert (y[0], y[-1], smooth(0.5)) == (0.0, 1.0, 0.5)
+    assert (smooth(-3.0), smooth(7.0)) == (0.0, 1.0)
+    assert (np.diff(y) >= 0.0).all()
+    assert y == pytest.approx(10 * x**3 - 15 * x**4 + 6 * x**5, abs=1e-12)
+    speed, acceleration = np.gradient(y, x), np.gradient(np.gradient(y, x), x)
+    assert max(speed[0], speed[-1]) < 1e-4
+    assert np.abs(acceleration[[0, -1]]).max() < 0.1
+    assert speed.max() == pytest.approx(1.875, rel=1e-3)
+    assert np.abs(acceleration).max() == pytest.approx(5.7735, rel=1e-2)
+
+
+@pytest.mark.parametrize("after", [DISARM, STOP, NO_COMMAND])
+def test_the_way_to_park_is_smooth(after):
+    """Speed and acceleration stay below those of the minimum-jerk course; nothing overshoots."""
+    cell = BenchCell(parameters(ramp=200)).arm()
+    cell.run(50)
+    start = np.array(cell.voltages)
+    if after == NO_COMMAND:
+        raise_fault(cell.p, cell.s, DRIVER_ERROR, -1, 1.0)
+        assert cell.step() is True
+    else:
+        assert cell.step(after)
+    first = np.array(cell.voltages)
+    course = np.vstack([start, first, cell.run(210)])
+    n = 200.0
+    assert np.abs(start).min() > 5.0  # there is a way to go
+    assert (np.abs(np.diff(course, axis=0)) <= 1.9 * np.abs(start) / n + 1e-12).all()
+    assert (np.abs(np.diff(course, 2, axis=0)) <= 6.0 * np.abs(start) / n**2 + 1e-12).all()
+    assert (np.diff(course, axis=0) * np.sign(start) <= 1e-12).all()
+    assert (course[-5:] == 0.0).all()
+
+
+def test_a_ramp_too_quick_for_the_slew_still_ends_at_park():
+    record = parameters(ramp=3)
+    cell = BenchCell(record).arm()
+    before = np.array(cell.voltages)
+    assert cell.step(DISARM)
+    course = np.vstack([before, cell.voltages, cell.run(60)])
+    slew = record[0]["axis"][0]["limiter"]["slew_V"]
+    assert (np.abs(np.diff(course, axis=0)) <= slew + 1e-12).all()
+    assert (course[-1] == 0.0).all()
+    assert cell.s["state"] == READY
+
+
+def test_arming_is_bumpless():
+    """The first cycle changes next to nothing, the lift is smooth, and the end is the working point."""
+    cell = BenchCell(parameters(lift=600, settle=100, authority=100))
+    cell.run(5)
+    assert cell.step(ARM)
+    assert np.abs(cell.voltages).max() < 1e-9
+    course = np.vstack([cell.voltages, cell.run(800)])
+    assert np.abs(np.diff(course[:20], axis=0)).max() < 0.02
+    assert np.abs(np.diff(course[:700], axis=0)).max() < 1.0
+    assert cell.strain[X] == pytest.approx(66.0, abs=15.0)
+    assert cell.strain[Y] == pytest.approx(60.0, abs=5.0)
+    assert cell.voltages[Z] == pytest.approx(50.0, abs=1.0)
+
+
+def test_arming_away_from_park():
+    """Where an actuator stands is where it is taken over, in each mode."""
+    record = parameters()
+    for i, park in enumerate((40.0, 30.0, 20.0)):
+        record[0]["axis"][i]["limiter"]["park_V"] = park
+    cell = BenchCell(record)
+    cell.run(60)
+    assert cell.step(ARM)
+    assert cell.voltages == pytest.approx([40.0, 30.0, 20.0], abs=1e-6)
+    cell.run(3)
+    assert cell.voltages == pytest.approx([40.0, 30.0, 20.0], abs=0.5)
+
+
+def test_strain_axis_follows_its_sines():
+    cell = tracking()
+    errors = []
+    for _ in range(1000):
+        cell.step()
+        errors.append(cell.strain[Y] - float(cell.s["axis"][Y]["setpoint_um"]))
+    assert np.abs(errors[300:]).max() < 1.0
+    assert np.ptp([cell.s["axis"][Y]["reference"]["w"][0]]) == 0.0
+    assert cell.s["axis"][Y]["errors"] > 900
+
+
+# -- sensors -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("role", "axis", "code"),
+    [("strain", X, STRAIN_INVALID), ("strain", Y, STRAIN_INVALID), ("stage", X, STAGE_INVALID)],
+)
+@pytest.mark.parametrize("spoil", [(math.nan, 0), (math.inf, 0), (1.0, 5), None])
+def test_three_bad_samples_of_a_sensor_in_use_are_a_fault(role, axis, code, spoil):
+    cell = tracking()
+    cell.spoiled[role, axis] = spoil
+    bad_cycles = 2 if spoil else 5  # silent: 300 us pass before the last sample is too old
+    cell.run(bad_cycles)
+    assert cell.s["state"] == TRACKING
+    cell.run(1)
+    assert where(cell) == TO_FAULT
+    assert (cell.s["fault"], cell.s["fault_axis"]) == (code, axis)
+    cell.run(60)
+    assert cell.s["state"] == FAULT
+    cell.spoiled.clear()
+    cell.run(200)
+    assert cell.s["state"] == FAULT  # latched
+
+
+@pytest.mark.parametrize(("role", "axis"), [("stage", Y), ("strain", Z), ("stage", Z), ("deviation", Y)])
+def test_a_sensor_that_is_not_used_does_no_harm(role, axis):
+    cell = tracking()
+    cell.spoiled[role, axis] = (math.nan, 1)
+    cell.run(50)
+    assert cell.s["state"] == TRACKING
+
+
+def test_two_bad_samples_are_ridden_out():
+    cell = tracking()
+    for _ in range(10):
+        cell.spoiled["strain", Y] = (math.nan, 0)
+        cell.run(2)
+        cell.spoiled.clear()
+        cell.run(1)
+    assert cell.s["state"] == TRACKING
+
+
+@pytest.mark.parametrize("axis", [X, Y])
+def test_arming_is_refused_with_a_bad_strain_gauge(axis):
+    cell = ready()
+    cell.spoiled["strain", axis] = (math.nan, 0)
+    cell.step()
+    assert not cell.step(ARM)
+    assert cell.s["state"] == READY
+    cell.spoiled.clear()
+    cell.step()
+    assert cell.step(ARM)
+
+
+def test_the_stage_may_be_out_of_its_sensors_range_until_the_outer_loop_is_closed():
+    """At rest it is: the lift brings it in, or closing the loop is a fault."""
+    record = parameters(lift=600, settle=100, authority=100, ramp=600)
+    record[0]["axis"][X]["stage_range_um"] = -300.0, 300.0
+    cell = BenchCell(record)
+    cell.run(10)
+    assert cell.s["axis"][X]["stage"]["bad"] == 10
+    assert cell.step(ARM)
+    cell.run(750)
+    assert cell.s["axis"][X]["stage"]["bad"] == 0
+    assert cell.s["axis"][X]["estimator"]["running"] == 1
+    cell.run(50)
+    assert cell.s["state"] == TRACKING
+
+    lost = BenchCell(record)
+    lost.spoiled["stage", X] = (-300.0, 1)
+    lost.run(10)
+    assert lost.step(ARM)
+    course = lost.run(699)
+    assert lost.s["state"] == ARMED
+    course = np.vstack([course, lost.run(10)])
+    assert where(lost) == TO_FAULT
+    assert (lost.s["fault"], lost.s["fault_axis"]) == (STAGE_INVALID, X)
+    assert np.abs(np.diff(course[-20:], axis=0)).max() < 0.5
+
+
+def test_arming_is_refused_before_a_sensor_has_spoken():
+    record = parameters()
+    record[0]["axis"][Y]["strain_age_ns"] = 2**61
+    cell = BenchCell(record)
+    cell.spoiled["strain", Y] = None
+    cell.run(5)
+    assert not cell.step(ARM)
+
+
+def test_a_set_point_that_is_not_finite_is_a_fault_and_the_output_goes_home():
+    cell = tracking()
+    cell.s["axis"][X]["estimator"]["x"][0] = math.nan
+    before = np.array(cell.voltages)
+    cell.step()
+    assert (cell.s["fault"], cell.s["fault_axis"]) == (NOT_FINITE, X)
+    assert where(cell) == TO_FAULT
+    assert np.abs(np.array(cell.voltages) - before).max() <= 4.0
+    course = cell.run(70)
+    assert np.isfinite(course).all()
+    assert (course[-1] == 0.0).all()
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 1e300])
+def test_one_absurd_but_finite_strain_sample_does_not_poison_the_loop(value):
+    """Either it is a fault, or the axis works again once the sensor does: an output frozen for good is neither."""
+    cell = tracking()
+    cell.spoiled["strain", Y] = (value, 0)
+    cell.run(1)
+    cell.spoiled.clear()
+    cell.run(400)
+    if cell.s["state"] == TRACKING:
+        assert np.isfinite(cell.s["axis"][Y]["pid"]["integrator"])
+        assert abs(cell.strain[Y] - cell.s["axis"][Y]["setpoint_um"]) < 2.0
+    else:
+        assert cell.s["fault"] != NO_FAULT
+
+
+# -- held samples, overruns ----------------------------------------------------------------------------
+
+
+def test_a_held_strain_sample_is_neither_integrated_nor_differentiated():
+    cell = tracking()
+    cell.run(5)
+    pid = cell.s["axis"][Y]["pid"]
+    integrator, derivative = float(pid["integrator"]), float(pid["derivative"])
+    cell.spoiled["strain", Y] = None
+    for held in (1, 2):
+        cell.step()
+        assert (pid["integrator"], pid["derivative"]) == (integrator, derivative)
+        assert cell.s["axis"][Y]["strain_cycles"] == held
+    cell.spoiled.clear()
+    error_before = float(pid["error"])
+    cell.step()
+    error, p = float(pid["error"]), cell.p["axis"][Y]["pid"]
+    assert error != error_before
+    # one backward Euler step over the three cycles since the last fresh sample
+    assert pid["integrator"] == pytest.approx(integrator + 3 * p["integral"] * error, abs=1e-9)
+    filtered = (p["filter_s"] * derivative + p["derivative"] * (error - error_before)) / (p["filter_s"] + 3e-4)
+    assert pid["derivative"] == pytest.approx(filtered, abs=1e-9)
+    assert cell.s["axis"][Y]["strain_cycles"] == 0
+
+
+@pytest.mark.parametrize("periods", [2, 7])
+def test_periods_that_an_overrun_skipped_are_predicted_but_not_integrated(periods):
+    """The estimator knows how many passed; the error seen after them did not stand while they passed."""
+    cell = tracking()
+    cell.run(20)
+    before = int(cell.s["cycle"])
+    a, p = cell.s["axis"][Y], cell.p["axis"][Y]["pid"]
+    integrator = float(a["pid"]["integrator"])
+    cell.step(periods=periods)
+    assert cell.s["cycle"] == before + periods
+    assert cell.s["axis"][X]["estimator"]["cycle"] == before + periods
+    expected = integrator + p["integral"] * a["pid"]["error"] - p["tracking"] * (a["request_V"] - a["voltage_V"])
+    assert a["pid"]["integrator"] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("periods", [20, 500])
+def test_a_long_stall_is_survived(periods):
+    """A stall of 2 or 50 ms (a virtual machine) is followed by no more than a short disturbance."""
+    cell = tracking()
+    cell.run(200)
+    cell.step(periods=periods)
+    errors = []
+    for _ in range(600):
+        cell.step()
+        errors.append(abs(cell.strain[Y] - float(cell.s["axis"][Y]["setpoint_um"])))
+    moved_um = 2.0 * 20.0 * math.sin(min(0.5, 0.5 * 31.4 * periods * 1e-4)) + 1.0
+    assert max(errors) < 1.5 * moved_um
+    assert max(errors[300:]) < 1.0
+
+
+def test_an_axis_without_feedback_does_not_save_up_cycles():
+    """Feedforward alone: once the feedback is switched on, the time before that is not integrated."""
+    record = parameters()
+    record[0]["axis"][Y]["feedback"] = 0
+    cell = BenchCell(record).arm()
+    cell.run(500)
+    assert cell.s["axis"][Y]["strain_cycles"] <= 1
+
+
+# -- outputs -------------------------------------------------------------------------------------------
+
+
+def test_what_is_written_is_what_the_gate_let_through():
+    cell = tracking()
+    for _ in range(50):
+        before = [float(cell.s["axis"][i]["voltage_V"]) for i in range(3)]
+        cell.step()
+        for i in range(3):
+            gate = limit(cell.p["axis"][i]["limiter"], before[i], cell.s["axis"][i]["request_V"], True)
+            assert cell.voltages[i] == gate == cell.s["axis"][i]["voltage_V"]

@@ -1,0 +1,279 @@
+"""Prandtl-Ishlinskii model (6), its inverse (7)-(9), the map between their states."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from micromanip.rt import shaping
+from micromanip.rt.feedforward import feedforward_voltage, start_feedforward
+from micromanip.rt.hysteresis import admit, inverse_output, inverse_state, model_output
+from micromanip.rt.records import HYSTERESIS_STATE, SHAPING
+from micromanip.rt.shaping import shape, unshape
+
+from .builders import VOLTS, admissible, courses, hysteresis, models, plays, record, shapes
+from .kernels import inverse_course, model_course
+
+# like the fitted one of config/simulated.yaml, and one with negative weights
+TANH = {"kind": shaping.TANH, "c": [121.58, 0.005505, -0.3134, 32.39]}
+FITTED = hysteresis([6.0, 12.0, 18.0, 24.0, 30.0, 36.0], [0.113, 0.109, 0.105, 0.101, 0.098, 0.094], 1.0, TANH)
+
+
+def predicted(p, w, v):
+    out = np.zeros(len(v))
+    model_course(p, w, np.asarray(v, dtype=float), out)
+    return out
+
+
+def inverted(p, z, y):
+    out = np.zeros(len(y))
+    inverse_course(p, z, np.asarray(y, dtype=float), out)
+    return out
+
+
+# -- the inverse undoes the model -----------------------------------------------------------------
+
+
+@given(models(), courses())
+def test_inverse_of_the_model_is_the_identity(p, v):
+    y = predicted(p, plays(), v)
+    assert inverted(p, plays(), y) == pytest.approx(v, rel=0, abs=1e-9)
+
+
+@given(models(), courses())
+def test_model_of_the_inverse_is_the_identity(p, v):
+    y = predicted(p, plays(), v)  # displacements that the model can reach
+    again = predicted(p, plays(), inverted(p, plays(), y))
+    assert again == pytest.approx(y, rel=1e-12, abs=1e-9)
+
+
+@given(st.data(), models(), VOLTS, courses())
+def test_inverse_from_any_admissible_state(data, p, v0, v):
+    w = data.draw(admissible(p, shape(p["shaping"], v0)))
+    z = plays()
+    inverse_state(p, w, z)
+    y = predicted(p, w, [v0, *v])
+    assert inverted(p, z, y) == pytest.approx(np.array([v0, *v]), rel=0, abs=1e-9)
+
+
+@given(models(), courses(), courses())
+def test_state_map_along_a_history(p, before, after):
+    """The inverse that ran along has, at any time, the state that the map gives."""
+    w, z, mapped = plays(), plays(), plays()
+    inverted(p, z, predicted(p, w, before))
+    inverse_state(p, w, mapped)
+    n = p["plays"]
+    assert z[:n] == pytest.approx(mapped[:n], rel=1e-12, abs=1e-9)
+
+
+def test_without_the_state_map_the_inverse_is_micrometres_off():
+    """Negative control: z = 0 or z = w are wrong for a model with a history."""
+    w = plays()
+    predicted(FITTED, w, [0.0, 120.0, 40.0])
+    states = {"zero": plays(), "same": w.copy(), "mapped": plays()}
+    inverse_state(FITTED, w, states["mapped"])
+    v = np.linspace(40.0, 50.0, 11)
+    y = predicted(FITTED, w, v)
+    slope_um_per_V = 0.9
+    off = {name: np.abs(inverted(FITTED, z, y) - v).max() * slope_um_per_V for name, z in states.items()}
+    assert off["zero"] > 1.0
+    assert off["same"] > 1.0
+    assert off["mapped"] < 1e-9
+
+
+# -- against the formulas as printed, in exact arithmetic ---------------------------------------------
+
+
+@given(models(shape=st.just({"kind": shaping.IDENTITY})))
+def test_inverse_parameters_are_equations_8_and_9(p):
+    n = p["plays"]
+    alpha, r, rho = (
+        Fraction(float(p["alpha"])),
+        [Fraction(float(x)) for x in p["r"]],
+        [Fraction(float(x)) for x in p["rho"]],
+    )
+    for i in range(n):
+        r_hat = alpha * r[i] + sum((rho[j] * (r[i] - r[j]) for j in range(i)), Fraction(0))
+        rho_hat = -rho[i] / ((alpha + sum(rho[: i + 1])) * (alpha + sum(rho[:i])))
+        assert p["r_hat"][i] == pytest.approx(float(r_hat), rel=1e-12, abs=1e-12)
+        assert p["rho_hat"][i] == pytest.approx(float(rho_hat), rel=1e-9, abs=1e-12)
+    assert (np.diff(p["r_hat"][:n]) > 0).all()
+
+
+def _play(u, r, w):
+    return max(u - r, min(u + r, w))
+
+
+@given(models(shape=st.just({"kind": shaping.AFFINE, "c": [1.5, -7.0]})), courses())
+def test_model_and_inverse_in_plain_python(p, v):
+    """Equations (6) and (7) written out, each play on its own along the whole signal."""
+    n = p["plays"]
+    phi = [1.5 * x - 7.0 for x in v]
+    y = [p["alpha"] * u for u in phi]
+    for i in range(n):
+        w = 0.0
+        for k, u in enumerate(phi):
+            w = _play(u, p["r"][i], w)
+            y[k] += p["rho"][i] * w
+    assert predicted(p, plays(), v) == pytest.approx(np.array(y), rel=1e-12, abs=1e-10)
+    u = [value / p["alpha"] for value in y]
+    for i in range(n):
+        z = 0.0
+        for k, value in enumerate(y):
+            z = _play(value, p["r_hat"][i], z)
+            u[k] += p["rho_hat"][i] * z
+    assert inverted(p, plays(), y) == pytest.approx((np.array(u) + 7.0) / 1.5, rel=1e-12, abs=1e-10)
+
+
+def test_padding_is_never_touched():
+    w, z = np.full(32, 7.0), np.full(32, 7.0)
+    predicted(FITTED, w, [10.0, 100.0])
+    inverted(FITTED, z, [10.0, 100.0])
+    assert (w[6:] == 7.0).all()
+    assert (z[6:] == 7.0).all()
+    assert (w[:6] != 7.0).all()
+    assert (z[:6] != 7.0).all()
+
+
+# -- admissible states -----------------------------------------------------------------------------
+
+
+@given(models(), st.floats(-200.0, 200.0), st.lists(st.floats(-300.0, 300.0), min_size=8, max_size=8))
+def test_admit_projects_onto_the_admissible_states(p, y, start):
+    n = p["plays"]
+    z = plays()
+    z[:8] = start
+    admit(p, z, y)
+    chain = np.concatenate([[y], z[:n]])
+    room = np.diff(np.concatenate([[0.0], p["r_hat"][:n]]))
+    assert (np.abs(np.diff(chain)) <= room + 1e-10).all()
+    again = z.copy()
+    admit(p, again, y)
+    assert (again == z).all()
+    # the inverse, fed with the same displacement, has nothing to move
+    moved = z.copy()
+    inverse_output(p, moved, y)
+    assert moved[:n] == pytest.approx(z[:n], rel=0, abs=1e-10)
+
+
+@given(models(), courses())
+def test_admit_leaves_admissible_states_alone(p, v):
+    z = plays()
+    y = predicted(p, plays(), v)
+    inverted(p, z, y)
+    admitted = z.copy()
+    admit(p, admitted, y[-1])
+    assert admitted == pytest.approx(z, rel=0, abs=1e-10)
+
+
+def test_admit_does_move_what_is_not_admissible():
+    z = plays()
+    admit(FITTED, z, 80.0)
+    assert z[0] == pytest.approx(80.0 - FITTED["r_hat"][0])
+    assert z[:6] == pytest.approx(80.0 - FITTED["r_hat"][:6])
+
+
+# -- shaping ----------------------------------------------------------------------------------------
+
+
+@given(shapes(), courses(st.floats(-60.0, 200.0)))
+def test_shaping_is_increasing_and_invertible(fields, v):
+    s = hysteresis([], [], 1.0, fields)["shaping"]
+    v = np.unique(np.round(v, 3))
+    u = np.array([shape(s, x) for x in v])
+    assert (np.diff(u) > 0).all()
+    assert np.array([unshape(s, x) for x in u]) == pytest.approx(v, rel=0, abs=1e-9)
+
+
+def test_shaping_functions_are_15_and_16():
+    v = np.array([-20.0, 0.0, 33.0, 150.0])
+
+    def values(**fields):
+        s = record(SHAPING, **fields)
+        return np.array([shape(s, x) for x in v])
+
+    assert values(kind=shaping.IDENTITY) == pytest.approx(v)
+    assert values(kind=shaping.AFFINE, c=[0.65, -2.8]) == pytest.approx(0.65 * v - 2.8)
+    assert values(kind=shaping.TANH, c=[121.6, 0.0055, -0.31, 32.4]) == pytest.approx(
+        121.6 * np.tanh(0.0055 * v - 0.31) + 32.4
+    )
+
+
+@given(
+    st.lists(st.floats(0.5, 20.0), min_size=1, max_size=20),
+    st.lists(st.floats(0.5, 20.0), min_size=20, max_size=20),
+    courses(st.floats(-100.0, 300.0)),
+)
+def test_table_is_linear_interpolation_extended_at_both_ends(dv, du, v):
+    points = len(dv) + 1
+    x, y = np.cumsum([-20.0, *dv]), np.cumsum([-5.0, *du])[:points]
+    s = record(SHAPING, kind=shaping.TABLE, points=points, v=x, u=y)
+    inside = np.interp(v, x, y)
+    below = y[0] + (v - x[0]) * (y[1] - y[0]) / (x[1] - x[0])
+    above = y[-1] + (v - x[-1]) * (y[-1] - y[-2]) / (x[-1] - x[-2])
+    expected = np.where(v < x[0], below, np.where(v > x[-1], above, inside))
+    assert np.array([shape(s, value) for value in v]) == pytest.approx(expected, rel=1e-12, abs=1e-9)
+
+
+@given(st.floats(-1e300, 1e300), st.sampled_from([1.0, -1.0]))
+def test_tanh_guard_stays_finite(u, sign):
+    s = record(SHAPING, kind=shaping.TANH, c=[sign * 121.6, sign * 0.0055, -0.31, 32.4])
+    v = unshape(s, u)
+    assert np.isfinite(v)
+    low, high = unshape(s, 32.4 - 121.6), unshape(s, 32.4 + 121.6)
+    assert low <= v <= high
+
+
+# -- feedforward: clip before the inverse -------------------------------------------------------------
+
+
+def feedforward_course(p, s, y):
+    return np.array([feedforward_voltage(p, s, value) for value in y])
+
+
+def test_set_point_is_clipped_before_the_inverse():
+    """An excursion beyond the range leaves the same memory as one that goes just up to it."""
+    p = hysteresis([6.0, 12.0, 18.0], [0.11, 0.1, 0.1], 1.0, TANH, low_um=5.0, high_um=120.0)
+    way_back = [100.0, 60.0, 20.0]
+    states = [record(HYSTERESIS_STATE) for _ in range(3)]
+    beyond = feedforward_course(p, states[0], [50.0, 500.0, *way_back])
+    just = feedforward_course(p, states[1], [50.0, 120.0, *way_back])
+    assert (beyond == just).all()
+    assert (states[0]["z"] == states[1]["z"]).all()
+    assert states[0]["output_V"] == beyond[-1]
+    low = feedforward_course(p, states[2], [50.0, -1e9])
+    assert low[-1] == feedforward_course(p, record(HYSTERESIS_STATE), [50.0, 5.0])[-1]
+
+
+def test_clipping_the_voltage_instead_would_part_the_memories():
+    """Negative control for the rule above."""
+    p = hysteresis([6.0, 12.0, 18.0], [0.11, 0.1, 0.1], 1.0, TANH)
+    y = np.array([50.0, 160.0, 105.0])
+    w = plays()
+    v = np.clip(inverted(p, plays(), y), -20.0, 150.0)
+    assert v[1] == 150.0  # the clipping did something
+    assert abs(predicted(p, w, v)[2] - y[2]) > 1.0
+
+
+def test_feedforward_takes_over_where_it_is():
+    p = hysteresis([6.0, 12.0, 18.0], [0.11, 0.1, 0.1], 1.0, TANH, low_um=5.0, high_um=120.0)
+    s = record(HYSTERESIS_STATE, z=[500.0, -500.0, 3.0], count=3)
+    start_feedforward(p, s, 70.0, 80.0)
+    taken = s["z"].copy()
+    feedforward_voltage(p, s, 70.0)
+    assert (s["z"] == taken).all()
+    assert (s["y_memory"], s["v_memory"], s["count"]) == (70.0, 80.0, 0)
+
+
+def test_no_model_gives_no_voltage():
+    p, s = hysteresis([], [], low_um=0.0, high_um=100.0), record(HYSTERESIS_STATE, output_V=3.0)
+    p["kind"] = 0
+    assert feedforward_voltage(p, s, 50.0) == 0.0
+    assert s["output_V"] == 0.0
+
+
+def test_model_output_is_one_step():
+    w = plays()
+    assert model_output(FITTED, w, 100.0) == predicted(FITTED, plays(), [100.0])[0]

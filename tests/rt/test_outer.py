@@ -1,0 +1,202 @@
+"""Gains of the outer loop: against control and filterpy, and what they achieve in the model."""
+
+import control
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+
+from micromanip.rt.estimator import output
+from micromanip.rt.lqg import outer_setpoint
+from micromanip.rt.records import ESTIMATOR_STATE, OUTER_PARAMETERS
+from micromanip.settings.outer import reference_transition
+from micromanip.settings.reference import Tracker
+
+from .builders import PERIOD_S, record
+from .kernels import outer_course
+from .outer_loops import designed, process_noise
+
+TRACKER = Tracker(source="signal", oscillation_Hz=8.0)
+VARIANTS = [(0, None), (0, 200.0), (2, None), (2, 200.0), (5, 180.0)]
+variants = pytest.mark.parametrize(("delay", "oscillation_Hz"), VARIANTS)
+
+
+def split(settings, gains):
+    """Controllable part and, on it, what the disturbances do."""
+    n = len(settings.model.A) + settings.model.delay_cycles
+    return gains.A[:n, :n], gains.B[:n], gains.C[:n], n
+
+
+@variants
+def test_model_is_the_given_one_with_delay_and_disturbances(delay, oscillation_Hz):
+    """Impulse responses of the augmented model, from the set-point and from each disturbance."""
+    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz)
+    a, b, c = (np.array(m) for m in (settings.model.A, settings.model.B, settings.model.C))
+    plain = [c @ np.linalg.matrix_power(a, k) @ b for k in range(80)]
+
+    def response(x):
+        y = []
+        for _ in range(60):
+            y.append(gains.C @ x)
+            x = gains.A @ x
+        return np.array(y)
+
+    # set-point: B at cycle 0 is seen `delay` + 1 cycles later
+    assert response(gains.B)[delay:] == pytest.approx(plain[: 60 - delay], abs=1e-10)
+    assert response(gains.B)[:delay] == pytest.approx(0.0)
+    walk = np.zeros(len(gains.A))
+    walk[len(a) + delay] = 1.0
+    assert response(walk)[1:] == pytest.approx(np.cumsum(plain)[:59], abs=1e-10)
+    if oscillation_Hz is not None:
+        swing = np.zeros(len(gains.A))
+        swing[-2] = 1.0
+        wave = np.cos(2 * np.pi * oscillation_Hz * PERIOD_S * np.arange(60))
+        assert response(swing)[1:] == pytest.approx(np.convolve(wave, plain)[:59], abs=1e-9)
+
+
+@variants
+def test_feedback_is_dlqr(delay, oscillation_Hz):
+    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz, effort=3.0)
+    A, B, C, n = split(settings, gains)
+    K, _, poles = control.dlqr(A, B[:, None], np.outer(C, C), np.array([[3.0]]))
+    assert gains.feedback[:n] == pytest.approx(np.asarray(K)[0], rel=1e-6, abs=1e-8)
+    assert np.sort(np.abs(np.linalg.eigvals(A - np.outer(B, gains.feedback[:n])))) == pytest.approx(
+        np.sort(np.abs(poles)),
+        rel=1e-4,
+        abs=1e-3,  # delay poles at 0 are badly conditioned
+    )
+
+
+@variants
+def test_feedback_is_the_limit_of_the_finite_horizon(delay, oscillation_Hz):
+    """Dynamic programming backwards, without any Riccati solver."""
+    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz)
+    A, B, C, n = split(settings, gains)
+    P = np.outer(C, C)
+    for _ in range(4000):
+        K = (B @ P @ A) / (settings.effort + B @ P @ B)
+        P = np.outer(C, C) + A.T @ P @ (A - np.outer(B, K))
+    assert gains.feedback[:n] == pytest.approx(K, rel=1e-6, abs=1e-8)
+
+
+@pytest.mark.parametrize("sample_cycles", [1, 3, 10])
+@variants
+def test_observer_is_the_limit_of_the_kalman_filter(delay, oscillation_Hz, sample_cycles):
+    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz, sample_cycles=sample_cycles)
+    n = len(gains.A)
+    kf = KalmanFilter(dim_x=n, dim_z=1)
+    kf.F, kf.H, kf.Q = gains.A, gains.C[None, :], process_noise(settings, gains)
+    kf.R, kf.P = np.array([[settings.sensor_noise_um**2]]), np.eye(n)
+    for _ in range(6000 // sample_cycles):
+        for _ in range(sample_cycles):
+            kf.predict()
+        kf.update(np.zeros(1))
+    assert gains.observer == pytest.approx(kf.K[:, 0], rel=1e-3, abs=1e-5)
+
+
+@variants
+def test_observer_is_dlqe(delay, oscillation_Hz):
+    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz)
+    n = len(gains.A)
+    noise = process_noise(settings, gains) + 1e-12 * np.eye(n)
+    L, _, _ = control.dlqe(gains.A, np.eye(n), gains.C[None, :], noise, np.array([[settings.sensor_noise_um**2]]))
+    # dlqe's is the gain of the predictor: the correction, one cycle on
+    assert gains.A @ gains.observer == pytest.approx(np.asarray(L)[:, 0], rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("sample_cycles", [1, 10])
+@variants
+def test_closed_loop_poles_are_those_of_the_whole_loop(delay, oscillation_Hz, sample_cycles):
+    """Plant and estimator together in one matrix: its eigenvalues are A - B K's and the observer's."""
+    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz, sample_cycles=sample_cycles)
+    A, B, _, n = split(settings, gains)
+    poles = gains.closed_loop_poles
+    assert np.abs(poles).max() < 1.0
+    regulator = np.linalg.eigvals(A - np.outer(B, gains.feedback[:n]))
+    assert np.sort(np.abs(poles[:n])) == pytest.approx(np.sort(np.abs(regulator)))
+    if sample_cycles > 1:
+        return
+    N, F = len(gains.A), gains.A
+    correct = np.eye(N) - np.outer(gains.observer, gains.C)
+    # states: plant, and the estimate after its correction
+    whole = np.block(
+        [
+            [F, -np.outer(gains.B, gains.feedback)],
+            [np.outer(gains.observer, gains.C) @ F, correct @ F - np.outer(gains.B, gains.feedback)],
+        ]
+    )
+    eigenvalues = np.linalg.eigvals(whole)
+    # the disturbances themselves, on the unit circle, are no part of the loop
+    outside = np.linalg.eigvals(F[n:, n:])
+    expected = np.concatenate([poles, outside])
+    for value in expected:
+        if abs(value) > 0.3:  # delay poles at 0 are badly conditioned
+            assert np.abs(eigenvalues - value).min() < 1e-4
+    assert np.abs(eigenvalues).max() < 1.0 + 1e-6
+
+
+REFERENCES = {
+    "constant": [20.0, 0.0, 0.0, 0.0, 0.0],
+    "ramp": [20.0, 150.0, 0.0, 0.0, 0.0],
+    "parabola": [-20.0, 150.0, 400.0, 0.0, 0.0],
+    "oscillation": [0.0, 0.0, 0.0, 30.0, 500.0],
+    "all": [10.0, -100.0, 300.0, 10.0, -900.0],
+}
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+@pytest.mark.parametrize(("delay", "oscillation_Hz"), [(0, None), (2, 200.0), (5, 180.0)])
+def test_references_are_followed_and_disturbances_cancelled(delay, oscillation_Hz, reference):
+    """To 1e-6 um after the transient, by the very code that runs in the loop."""
+    _, gains, p = designed(delay, TRACKER, oscillation_Hz=oscillation_Hz, oscillation_um=0.01)
+    n = len(gains.A)
+    plant, omega = np.zeros(p["a_columns"].shape[0]), 2 * np.pi * TRACKER.oscillation_Hz
+    walk = n - 3 if oscillation_Hz is not None else n - 1
+    plant[walk] = 4.0  # um at the set-point
+    if oscillation_Hz is not None:
+        plant[-(len(plant) - n) - 2] = 2.0
+    w, scratch, out = np.array(REFERENCES[reference]), np.zeros(5), np.zeros((4000, 3))
+    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, w, omega, PERIOD_S, out)
+    error = out[:, 0] - out[:, 1]
+    assert np.abs(error[:200]).max() > 1.0  # there was something to do
+    assert np.abs(error[-500:]).max() < 1e-6
+    assert np.ptp(out[-500:, 2]) > (1e-3 if reference != "constant" or oscillation_Hz else -1.0)
+
+
+def test_without_the_regulator_equations_it_would_not_follow():
+    """Negative control: the feedforward of the velocity left out."""
+    _, gains, p = designed(2, TRACKER)
+    p["reference"][1] = 0.0
+    plant, out = np.zeros(p["a_columns"].shape[0]), np.zeros((4000, 3))
+    outer_course(
+        p, record(ESTIMATOR_STATE), plant, np.zeros(5), np.array(REFERENCES["ramp"]), 2 * np.pi * 8.0, PERIOD_S, out
+    )
+    assert np.abs(out[-500:, 0] - out[-500:, 1]).min() > 1e-3
+    assert len(gains.reference) == 5
+
+
+def test_steady_states():
+    """Of a set-point held, and of a sensor reading."""
+    for delay, oscillation_Hz in VARIANTS:
+        _, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz)
+        assert gains.A @ gains.steady_u + gains.B == pytest.approx(gains.steady_u, abs=1e-10)
+        assert gains.A @ gains.steady_y == pytest.approx(gains.steady_y, abs=1e-10)
+        assert gains.C @ gains.steady_y == pytest.approx(1.0)
+        assert gains.C @ gains.steady_u == pytest.approx(0.0, abs=1e-12)
+
+
+def test_law_is_a_sum_of_products():
+    rng = np.random.default_rng(3)
+    p = record(
+        OUTER_PARAMETERS, states=9, feedback=rng.normal(size=16), reference=rng.normal(size=5), c=rng.normal(size=16)
+    )
+    x, w = rng.normal(size=16), rng.normal(size=5)
+    assert outer_setpoint(p, x, w) == pytest.approx(p["reference"] @ w - p["feedback"][:9] @ x[:9])
+    assert output(p, x) == pytest.approx(p["c"][:9] @ x[:9])
+
+
+def test_reference_transition_is_that_of_extrapolate():
+    from micromanip.rt.reference import extrapolate
+
+    omega, w, out = 2 * np.pi * 8.0, np.array([1.0, 20.0, 300.0, 4.0, 50.0]), np.zeros(5)
+    extrapolate(w, omega, PERIOD_S, out)
+    assert out == pytest.approx(reference_transition(omega, PERIOD_S) @ w)

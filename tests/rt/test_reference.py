@@ -1,0 +1,260 @@
+"""The reference: own sources, and a tracker's signal predicted to now."""
+
+import math
+
+import numpy as np
+import pytest
+from filterpy.common import Q_continuous_white_noise
+from filterpy.kalman import KalmanFilter
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.linalg import block_diag
+
+from micromanip.rt.records import REFERENCE_PARAMETERS, REFERENCE_STATE
+from micromanip.rt.reference import (
+    HOLD,
+    SAMPLES,
+    SIGNAL,
+    SINES,
+    STEP,
+    extrapolate,
+    own_reference,
+    signal_reference,
+    signal_sample,
+)
+from micromanip.settings.outer import reference_transition, tracker_gain
+from micromanip.settings.reference import Tracker
+
+from .builders import record
+
+NO_SAMPLES = np.zeros((1, 3))
+MS = 1_000_000
+
+
+def own(p, t_s, samples=NO_SAMPLES):
+    w = np.full(5, np.nan)
+    own_reference(p, w, t_s, samples)
+    return w
+
+
+# -- extrapolation ----------------------------------------------------------------------------------
+
+
+@given(st.lists(st.floats(-100.0, 100.0), min_size=5, max_size=5), st.floats(10.0, 500.0), st.floats(-0.02, 0.02))
+def test_extrapolation_is_the_differential_equation(w, omega, tau_s):
+    w, out = np.array(w), np.zeros(5)
+    extrapolate(w, omega, tau_s, out)
+
+    def slope(_, x):
+        return [x[1], x[2], 0.0, x[4], -omega * omega * x[3]]
+
+    fine = solve_ivp(slope, (0.0, tau_s), w, rtol=1e-10, atol=1e-10).y[:, -1] if tau_s else w
+    assert out == pytest.approx(fine, rel=1e-6, abs=1e-5)
+
+
+@given(st.floats(0.0, 0.01), st.floats(0.0, 0.01))
+def test_extrapolations_add_up(first_s, second_s):
+    w, middle, end, direct = np.array([1.0, 20.0, 300.0, 4.0, -50.0]), np.zeros(5), np.zeros(5), np.zeros(5)
+    extrapolate(w, 50.0, first_s, middle)
+    extrapolate(middle, 50.0, second_s, end)
+    extrapolate(w, 50.0, first_s + second_s, direct)
+    assert end == pytest.approx(direct, rel=1e-9, abs=1e-9)
+
+
+# -- own sources --------------------------------------------------------------------------------------
+
+
+def test_hold_and_step():
+    hold = record(REFERENCE_PARAMETERS, kind=HOLD, offset_um=7.0, start_s=1.0)
+    step = record(REFERENCE_PARAMETERS, kind=STEP, offset_um=7.0, step_um=3.0, start_s=1.0)
+    for t in (-1.0, 0.0, 0.999, 1.0, 5.0):
+        assert own(hold, t).tolist() == [7.0, 0.0, 0.0, 0.0, 0.0]
+        assert own(step, t).tolist() == [10.0 if t >= 1.0 else 7.0, 0.0, 0.0, 0.0, 0.0]
+
+
+SINES_25 = record(
+    REFERENCE_PARAMETERS,
+    kind=SINES,
+    offset_um=70.0,
+    start_s=0.5,
+    sines=2,
+    amplitude_um=[30.0, 5.0],
+    omega=[2 * math.pi * 10.0, 2 * math.pi * 3.0],
+    phase=[0.0, 1.0],
+)
+
+
+def test_sines_are_equation_25_and_begin_without_a_step():
+    assert own(SINES_25, 0.4).tolist() == [70.0, 0.0, 0.0, 0.0, 0.0]
+    assert own(SINES_25, 0.5)[0] == pytest.approx(70.0)
+    t = 0.6137
+    expected = 70.0 + 30.0 * math.sin(20 * math.pi * (t - 0.5))
+    expected += 5.0 * (math.sin(6 * math.pi * (t - 0.5) + 1.0) - math.sin(1.0))
+    assert own(SINES_25, t)[0] == pytest.approx(expected)
+
+
+@given(st.floats(0.51, 3.0))
+def test_velocity_and_acceleration_are_the_derivatives(t):
+    h = 1e-5
+    before, here, after = (own(SINES_25, t + k * h) for k in (-1, 0, 1))
+    assert here[1] == pytest.approx((after[0] - before[0]) / (2 * h), rel=1e-5, abs=1e-3)
+    assert here[2] == pytest.approx((after[1] - before[1]) / (2 * h), rel=1e-5, abs=1e-1)
+
+
+PLAYED = np.column_stack([np.zeros(5), [1.0, 3.0, 7.0, 8.0, 6.0], np.zeros(5)])
+PLAYER = record(REFERENCE_PARAMETERS, kind=SAMPLES, column=1, samples_per_s=1000.0)
+
+
+@pytest.mark.parametrize(("t_s", "expected"), [(0.0, 1.0), (0.001, 3.0), (0.0024, 7.0), (0.0026, 8.0), (0.004, 6.0)])
+def test_samples_are_played_one_by_one(t_s, expected):
+    assert own(PLAYER, t_s, PLAYED)[0] == expected
+
+
+def test_samples_have_the_velocity_of_their_neighbours():
+    assert own(PLAYER, 0.002, PLAYED)[1] == pytest.approx((8.0 - 3.0) / 0.002)
+
+
+@pytest.mark.parametrize(("t_s", "position"), [(-1.0, 1.0), (-0.0011, 1.0), (0.0052, 6.0), (3600.0, 6.0)])
+def test_before_and_after_the_samples_it_stands_still(t_s, position):
+    """A held position has no velocity: fed forward it would be a lasting error."""
+    assert own(PLAYER, t_s, PLAYED).tolist() == [position, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_a_single_sample_is_a_constant():
+    assert own(PLAYER, 5.0, np.full((1, 3), 4.0)).tolist() == [4.0, 0.0, 0.0, 0.0, 0.0]
+
+
+# -- signal -------------------------------------------------------------------------------------------
+
+SETTINGS = Tracker(source="signal", sample_rate_Hz=1000.0, oscillation_Hz=8.0, noise_um=0.5)
+OMEGA = 2 * math.pi * 8.0
+
+
+def tracker(**fields):
+    defaults = {
+        "kind": SIGNAL,
+        "predict": 1,
+        "oscillator": OMEGA,
+        "gain": tracker_gain(SETTINGS),
+        "horizon_s": 0.02,
+        "low_um": -300.0,
+        "high_um": 300.0,
+    }
+    return record(REFERENCE_PARAMETERS, **{**defaults, **fields})
+
+
+def path(t):
+    return 130.0 * np.sin(2 * np.pi * 0.11 * t) + 30.0 * np.sin(OMEGA * t + 0.3)
+
+
+def test_gain_and_filter_are_filterpys():
+    kf = KalmanFilter(dim_x=5, dim_z=1)
+    h = 1e-3
+    kf.F = reference_transition(OMEGA, h)
+    kf.H = np.array([[1.0, 0.0, 0.0, 1.0, 0.0]])
+    smooth = Q_continuous_white_noise(3, dt=h, spectral_density=SETTINGS.jerk_um_per_s3**2)
+    kf.Q = block_diag(smooth, SETTINGS.oscillation_um_per_s**2 * h * np.diag([1.0, OMEGA**2]))
+    kf.R = np.array([[SETTINGS.noise_um**2]])
+    kf.P = np.diag([1.0, 1e2, 1e4, 1.0, 1e2])
+    for _ in range(20_000):
+        kf.predict()
+        kf.update(np.zeros(1))
+    assert tracker_gain(SETTINGS) == pytest.approx(kf.K[:, 0], rel=1e-4)
+    # the same states, sample by sample, from the first one on
+    rng, p, s = np.random.default_rng(5), tracker(), record(REFERENCE_STATE)
+    for k in range(1, 300):
+        y = path(k * h) + 0.5 * rng.normal()
+        signal_sample(p, s, y, k * MS)
+        if k == 1:
+            kf.x = np.array([[y], [0.0], [0.0], [0.0], [0.0]])
+        else:
+            kf.predict()
+            kf.update(np.array([y]))
+        assert s["filtered"] == pytest.approx(kf.x[:, 0], rel=1e-3, abs=1e-3 * max(1.0, np.abs(kf.x).max()))
+    assert s["rejected"] == 0
+
+
+def test_it_predicts_to_now():
+    """Latency of 1 ms and samples every ms: held, the reference is micrometres late; predicted, hardly."""
+    errors = {}
+    for predict in (0, 1):
+        p, s, error = tracker(predict=predict), record(REFERENCE_STATE), []
+        for k in range(1, 10_000):
+            now = k * MS // 10
+            if k % 10 == 0:
+                signal_sample(p, s, path(now * 1e-9 - 1e-3), now - MS)
+            signal_reference(p, s, now)
+            error.append(path(now * 1e-9) - s["w"][0] - s["w"][3])
+        errors[predict] = np.std(error[5000:])
+    assert errors[0] > 1.0
+    assert errors[1] < 0.1 * errors[0]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 300.001, -301.0])
+def test_bad_samples_are_rejected_and_counted(value):
+    p, s = tracker(), record(REFERENCE_STATE)
+    for k in range(1, 5):
+        signal_sample(p, s, 10.0 * k, k * MS)
+    before = s.copy()
+    signal_sample(p, s, value, 5 * MS)
+    assert s["rejected"] == 1
+    s["rejected"] = 0
+    assert s == before
+
+
+def test_range_ends_are_accepted():
+    p, s = tracker(), record(REFERENCE_STATE)
+    signal_sample(p, s, 300.0, MS)
+    signal_sample(p, s, -300.0, 2 * MS)
+    assert s["rejected"] == 0
+    assert s["sampled_um"] == -300.0
+
+
+def test_past_the_horizon_the_last_position_is_held():
+    p, s = tracker(), record(REFERENCE_STATE)
+    for k in range(1, 100):
+        signal_sample(p, s, 2.0 * k, k * MS)
+    signal_reference(p, s, 99 * MS + 20 * MS)
+    assert s["w"][0] + s["w"][3] > 220.0  # still extrapolated: 2 um a ms
+    signal_reference(p, s, 99 * MS + 20 * MS + 1)
+    assert s["w"].tolist() == [198.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_after_a_gap_it_starts_anew():
+    p, s = tracker(), record(REFERENCE_STATE)
+    for k in range(1, 100):
+        signal_sample(p, s, 2.0 * k, k * MS)
+    signal_sample(p, s, -50.0, 99 * MS + 21 * MS)
+    assert s["filtered"].tolist() == [-50.0, 0.0, 0.0, 0.0, 0.0]
+    signal_reference(p, s, 121 * MS)
+    assert s["w"][0] == -50.0
+
+
+@pytest.mark.parametrize("late_ns", [0, MS // 2, 3 * MS])
+def test_a_sample_out_of_order_is_ignored(late_ns):
+    """Held or predicted: what is older than the newest sample says nothing about now."""
+    p, s = tracker(), record(REFERENCE_STATE)
+    for k in range(1, 10):
+        signal_sample(p, s, 2.0 * k, k * MS)
+    before = s.copy()
+    signal_sample(p, s, 77.0, 9 * MS - late_ns)
+    assert s == before
+
+
+def test_before_the_first_sample_the_reference_is_zero():
+    p, s = tracker(), record(REFERENCE_STATE)
+    signal_reference(p, s, 5 * MS)
+    assert s["w"].tolist() == [0.0] * 5
+
+
+@given(st.lists(st.tuples(st.floats(allow_nan=True, allow_infinity=True), st.integers(-5 * MS, 30 * MS)), max_size=60))
+def test_nothing_makes_it_not_finite(samples):
+    p, s, now = tracker(), record(REFERENCE_STATE), 100 * MS
+    for value, gap in samples:
+        now += abs(gap)
+        signal_sample(p, s, value, now - 5 * MS + gap // 8)
+        signal_reference(p, s, now)
+        assert np.isfinite(s["w"]).all()
+        assert np.isfinite(s["filtered"]).all()
+        assert -300.0 <= s["sampled_um"] <= 300.0

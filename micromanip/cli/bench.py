@@ -16,7 +16,7 @@ from .options import json_option, print_json
 
 
 @click.command("bench", epilog="Example: micromanip bench --only cycle --only offline")
-@click.option("--only", multiple=True, metavar="NAME", help="cycle, lateness, offline or startup; may be repeated.")
+@click.option("--only", multiple=True, metavar="NAME", help="One of the names below; may be repeated.")
 @click.option("--pairs", type=click.IntRange(min=1), default=15, show_default=True, help="Interleaved pairs.")
 @click.option(
     "--lateness-s",
@@ -31,6 +31,7 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
 
     cycle: three axes beside the same cycle in plain C. lateness: wake-ups of the loop process beside cyclictest.
     offline: simulation beside real time. startup: command to READY, and memory, beside Python's own.
+    hysteresis_gradient: derivatives of a hysteresis model beside loops in NumPy.
 
     Where the machine lacks what one of them needs (gcc, cyclictest, real-time rights), that is said and it is skipped.
     """

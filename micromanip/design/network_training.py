@@ -20,11 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.jit import compiled
+from micromanip.rt.jit import Compiler
 from micromanip.rt.network import sigmoid
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+compiled = Compiler(__file__, allocates=True)
 
 _DAMPING, _DAMPING_LOW, _DAMPING_HIGH = 1e-2, 1e-10, 1e8
 _PATIENCE = 10

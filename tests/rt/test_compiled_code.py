@@ -63,7 +63,7 @@ def allocates_in_a_callee(n):
 def grows(n):
     values = [0.0]
     for i in range(n):
-        values.append(float(i))
+        values.append(float(i))  # noqa: PERF401
     return values[-1]
 
 

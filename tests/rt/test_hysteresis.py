@@ -277,3 +277,60 @@ def test_no_model_gives_no_voltage():
 def test_model_output_is_one_step():
     w = plays()
     assert model_output(FITTED, w, 100.0) == predicted(FITTED, plays(), [100.0])[0]
+
+
+# -- creep and rate dependence ---------------------------------------------------------------------
+
+
+def extended(p, rate_cycles=0.0, gains=(), steps=()):
+    p["rate_cycles"], p["creeps"] = rate_cycles, len(gains)
+    p["creep_gain"][: len(gains)], p["creep_step"][: len(steps)] = gains, steps
+    return p
+
+
+def with_creep_and_rate(p, v):
+    """The forward model in plain Python: thresholds grow with the speed of phi(v), lags of phi(v) are added."""
+    n, creeps = int(p["plays"]), int(p["creeps"])
+    w, lags = [0.0] * n, [0.0] * creeps
+    u_before, change, y = 0.0, 0.0, []
+    for value in v:
+        u = float(shape(p["shaping"], float(value)))
+        wider = p["rate_cycles"] * abs(change)
+        w = [_play(u, p["r"][i] + wider, w[i]) for i in range(n)]
+        total = p["alpha"] * u + sum(p["rho"][i] * w[i] for i in range(n))
+        y.append(total + sum(p["creep_gain"][m] * lags[m] for m in range(creeps)))
+        lags = [lags[m] + p["creep_step"][m] * (u - lags[m]) for m in range(creeps)]
+        u_before, change = u, u - u_before
+    return np.array(y)
+
+
+@given(
+    models(),
+    courses(),
+    st.floats(0.0, 0.5),
+    st.lists(st.tuples(st.floats(-0.02, 0.05), st.floats(1e-4, 0.5)), max_size=8),
+)
+def test_inverse_with_creep_and_rate_dependence_undoes_its_model(p, v, rate_cycles, creep):
+    extended(p, rate_cycles, [g for g, _ in creep], [a for _, a in creep])
+    y, s = with_creep_and_rate(p, v), record(HYSTERESIS_STATE)
+    assert feedforward_course(p, s, y) == pytest.approx(v, rel=0, abs=1e-7)
+
+
+def test_creep_starts_in_balance():
+    """Taken over at rest, with all creep behind it, a set-point held needs no change of voltage."""
+    p = extended(hysteresis([6.0, 12.0], [0.11, 0.1], 1.0, TANH), 0.0, [0.03, 0.02], [1e-3, 1e-4])
+    s = record(HYSTERESIS_STATE)
+    u = shape(p["shaping"], 70.0)
+    w = np.zeros(32)
+    y = model_output(p, w, 70.0) + 0.05 * u  # up from 0, and long at rest
+    start_feedforward(p, s, y, 70.0)
+    held = feedforward_course(p, s, [y] * 200)
+    assert np.ptp(held) < 1e-3
+    assert held[0] == pytest.approx(70.0, abs=1e-6)
+    assert s["change_um"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_without_them_the_inverse_is_7():
+    p = hysteresis([6.0, 12.0], [0.11, 0.1], 1.0, TANH)
+    y = np.array([10.0, 80.0, 40.0, 60.0])
+    assert (feedforward_course(p, record(HYSTERESIS_STATE), y) == inverted(p, plays(), y)).all()

@@ -2,29 +2,36 @@
 
     X_k = [u_k, u_m, y_m],   y_k = w2^T sigma(W1 X_k + b1) + b2                                     (10)-(12)
 
-Forward: u in volts, y in um. Inverse, the feedforward: u in um, y in volts. The memory point ``(u_m, y_m)`` is the one
-before, as in the paper, or, with `every` > 1, moves on every so many samples, while the output is trained at all of
-them. So it is used in the loop, which runs faster than any record is sampled: the network has to be right on the whole
-branch that leaves the memory point, not only at its end.
+Forward: u in volts, y in um. Inverse, the feedforward: u in um, y in volts. In the paper the memory ``(u_m, y_m)`` is
+the sample before. Here it is the **last turning point** of u: the sample before u has come back by more than
+`reversal` from its extreme. A smooth network cannot have one slope upwards and another downwards within one sample,
+and what it makes of that depends on the sampling; but a branch that leaves a turning point is smooth, a function of u
+alone, whatever the speed. Every branch begins at the memory point exactly, by tied weights (see network_training), so
+that the output neither jumps when the memory moves nor drifts at rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.settings.hysteresis import Network
 
-from .network_training import Array, Course, Flags, levenberg_marquardt
+from .network_training import Array, Course, levenberg_marquardt, mark_reversals, run_network
 
-LINEAR_RANGE = 1e-4
-"""Input weight, relative, of the neuron that starts as the linear part of the model: sigma is a line so near to 0."""
-START_OUTPUT = 0.05
-"""Standard deviation of the other output weights at the start, in widths of the loop."""
-STAGES = ((1, 40), (10, 40), (100, 40))
-"""Memory moves a free run lasts and evaluations of the cost, before the free run over the whole record."""
+NEAR_ZERO = 1e-4
+"""Input weights of the neuron that is the line: sigma is straight there to 1e-9, while rounding stays below 1e-11."""
+START_OUTPUT = 0.1
+"""Standard deviation of the pairs' output weights at the start, in widths of the loop."""
+STAGES = ((1, 60), (5, 40), (20, 40))
+"""Branches a free run lasts and evaluations of the cost, before the free run over the whole record."""
+REVERSAL_SHARE, REVERSAL_NOISES = 0.005, 8.0
+"""A turning point counts beyond this share of the input's span, and so many standard deviations of its noise."""
+SAMPLES = 4500
+"""Samples of a record that are trained on; the turning points are found in all of them."""
 
 
 @dataclass(frozen=True)
@@ -51,40 +58,47 @@ class Weights:
     w2: Array
     b2: float
 
+    def output(self, X: Array) -> Array:
+        """(11)-(12) for inputs `X` (.., 3)."""
+        Z = 1.0 / (1.0 + np.exp(-(X @ self.w1.T + self.b1)))
+        return np.asarray(Z @ self.w2 + self.b2)
+
 
 @dataclass(frozen=True)
 class NetworkFit:
-    """A trained network; its memory moves every `every` samples of `sample_s` seconds."""
+    """A trained network. Free-run errors are those of the training record after its burn-in, in the output's unit."""
 
     weights: Weights
+    theta: Array
+    course: Course
+    scaling: Scaling
+    reversal: float
     sample_s: float
-    every: int
     rms: float
-    """Free-run error over the training record, after the burn-in, in the output's unit."""
     costs: tuple[float, ...]
-    """Final free-run error, as `rms`, of every start."""
+    """Free-run error of every start; `rms` is the least."""
 
-    @property
-    def period_s(self) -> float:
-        """Interval at which the memory moves."""
-        return self.every * self.sample_s
+    def moves(self, u: Array) -> NDArray[np.bool_]:
+        """Samples (n,) of `u` (n,) after which the memory moves."""
+        return reversals(u, self.reversal)
 
-    def predict(self, u: Array, y0: float) -> Array:
-        """Free run over `u` (n,), sampled at `sample_s`, from the memory point ``(u[0], y0)``: outputs (n,)."""
-        y, u_memory, y_memory, w = np.empty(len(u)), float(u[0]), y0, self.weights
-        for k, moves in enumerate(_moves(len(u), self.every)):
-            X = np.array([u[k], u_memory, y_memory])
-            y[k] = w.w2 @ (1.0 / (1.0 + np.exp(-(w.w1 @ X + w.b1)))) + w.b2
-            if moves:
-                u_memory, y_memory = float(u[k]), float(y[k])
-        return y
+    def predict(self, u: Array, y0: float | None = None) -> Array:
+        """Free run over `u` (n,), at any sampling, from the memory point ``(u[0], y0)``: outputs (n,).
+
+        Without `y0` from the mean line of the training record's loop.
+        """
+        s, c = self.scaling, self.course
+        us = np.ascontiguousarray((u - s.u_mean) / s.u_deviation)
+        start = c.slope * us[0] if y0 is None else (y0 - s.y_mean) / s.y_deviation
+        y = np.empty(len(us))
+        run_network(self.theta, c.scale, us, self.moves(u), float(start), y)
+        return y * s.y_deviation + s.y_mean
 
     def one_step(self, u: Array, y: Array) -> Array:
-        """Outputs (n,) for `u` (n,) with the memory on the measured `y` (n,): teacher forced."""
-        last = np.maximum(0, (np.arange(len(u)) - 1) // self.every * self.every)
-        X = np.stack([u, u[last], y[last]], axis=1)
-        Z = 1.0 / (1.0 + np.exp(-(X @ self.weights.w1.T + self.weights.b1)))
-        return np.asarray(Z @ self.weights.w2 + self.weights.b2)
+        """Outputs (n,) for `u` (n,) with the memory on the measured `y` (n,) at every turning point."""
+        last = np.maximum.accumulate(np.where(self.moves(u), np.arange(len(u)), 0))
+        last = np.concatenate(([0], last[:-1]))
+        return self.weights.output(np.stack([u, u[last], y[last]], axis=1))
 
     def to_settings(self, range_um: tuple[float, float]) -> Network:
         """The inverse, input um, output volts, as it stands in the configuration."""
@@ -92,7 +106,7 @@ class NetworkFit:
         return Network(
             model="network",
             range_um=range_um,
-            period_ms=self.period_s * 1e3,
+            period_ms=self.sample_s * 1e3,
             input_weights=tuple((float(a), float(b), float(c)) for a, b, c in w.w1),
             input_biases=tuple(float(value) for value in w.b1),
             output_weights=tuple(float(value) for value in w.w2),
@@ -100,49 +114,57 @@ class NetworkFit:
         )
 
 
-def _moves(samples: int, every: int) -> Flags:
-    return np.asarray(np.arange(samples) % every == 0)
+def reversals(u: Array, reversal: float) -> NDArray[np.bool_]:
+    """Samples (n,) after which the memory moves: those before `u` (n,) has come back by more than `reversal`."""
+    moves = np.zeros(len(u), dtype=bool)
+    mark_reversals(np.ascontiguousarray(u, dtype=float), reversal, moves)
+    return moves
 
 
-def _course(u: Array, y: Array, scaling: Scaling, every: int, burn_in: int) -> Course:
+def noise(u: Array) -> float:
+    """Standard deviation of white noise on the smooth signal `u` (n,), from its fourth differences."""
+    return float(np.median(np.abs(np.diff(u, 4))) / 0.6745 / np.sqrt(70.0))
+
+
+def _course(u: Array, y: Array, scaling: Scaling, moves: NDArray[np.bool_], burn_in: int) -> Course:
     us = (u - scaling.u_mean) / scaling.u_deviation
     ys = (y - scaling.y_mean) / scaling.y_deviation
-    slope = float(us @ ys / (us @ us))
+    counted = slice(burn_in, None)
+    slope = float(us[counted] @ ys[counted] / (us[counted] @ us[counted]))
+    width = float(np.std((ys - slope * us)[counted]))
     weight = np.ones(len(us))
     weight[:burn_in] = 0.0
+    used = np.arange(len(us)) % max(1, len(us) // SAMPLES) == 0
+    used |= moves
     return Course(
-        us,
-        ys,
-        _moves(len(us), every),
-        weight,
-        step=float(np.std(us[every:] - us[:-every])),
+        us[used],
+        ys[used],
+        moves[used],
+        weight[used],
+        step=float(np.std(np.diff(us[moves]))) if np.sum(moves) > 2 else 1.0,
         slope=slope,
-        width=max(float(np.std(ys - slope * us)), 1e-6),
+        width=max(width, 1e-6),
     )
 
 
-def _start(rng: np.random.Generator, neurons: int, course: Course) -> Array:
+def _start(rng: np.random.Generator, pairs: int, course: Course) -> Array:
     """Normally distributed weights; the line starts as the slope between the two signals."""
-    rows = rng.standard_normal((neurons // 2, 5))
-    rows[:, 4] *= START_OUTPUT * course.step
+    rows = rng.standard_normal((pairs, 5))
+    rows[:, 4] *= START_OUTPUT * course.width
     return np.append(rows.ravel(), course.slope * course.step)
 
 
 def _physical(theta: Array, course: Course, scaling: Scaling) -> Weights:
     """Weights of (11)-(12): a pair becomes two neurons, the line one that stays next to sigma's turning point."""
     p, q, g, b, w = theta[:-1].reshape(-1, 5).T
-    q, g, line = q / course.width, g / course.step, theta[-1] / course.step
-    zero = np.zeros_like(p)
-    ends = np.stack([g, p - q * course.slope - g, q], axis=1)
-    begins = np.stack([zero, p - q * course.slope, q], axis=1)
-    w1 = np.concatenate([ends, begins, [[LINEAR_RANGE * line, -LINEAR_RANGE * line, LINEAR_RANGE]]])
-    b1 = np.concatenate([b, b, [0.0]])
-    w2 = np.concatenate([w, -w, [4.0 / LINEAR_RANGE]])
-    deviations = np.array([scaling.u_deviation, scaling.u_deviation, scaling.y_deviation])
-    w1 = w1 / deviations
-    w2 = scaling.y_deviation * w2
-    b1 = b1 - w1 @ np.array([scaling.u_mean, scaling.u_mean, scaling.y_mean])
-    return Weights(w1, b1, w2, float(scaling.y_mean - 2.0 / LINEAR_RANGE * scaling.y_deviation))
+    q, g, line = q / course.width, g / course.step, float(theta[-1]) / course.step
+    begins = np.stack([np.zeros_like(p), p - q * course.slope, q], axis=1)
+    ends = begins + np.stack([g, -g, np.zeros_like(p)], axis=1)
+    w1 = np.concatenate([ends, begins, [[NEAR_ZERO * line, -NEAR_ZERO * line, NEAR_ZERO]]])
+    w1 /= np.array([scaling.u_deviation, scaling.u_deviation, scaling.y_deviation])
+    b1 = np.concatenate([b, b, [0.0]]) - w1 @ np.array([scaling.u_mean, scaling.u_mean, scaling.y_mean])
+    w2 = scaling.y_deviation * np.concatenate([w, -w, [4.0 / NEAR_ZERO]])
+    return Weights(w1, b1, w2, scaling.y_mean - 2.0 / NEAR_ZERO * scaling.y_deviation)
 
 
 def fit_network(
@@ -151,39 +173,37 @@ def fit_network(
     dt: float,
     *,
     neurons: int = 25,
-    every: int = 1,
-    samples: int = 6500,
-    starts: int = 2,
+    starts: int = 3,
     seed: int = 0,
     burn_in: int = 0,
-    iterations: int = 150,
+    reversal: float | None = None,
+    evaluations: int = 150,
     ridge: float = 1e-5,
-    smooth: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> NetworkFit:
-    """Train on input `u` and output `y` (n,), sampled every `dt` seconds; the best of some starts.
+    """Train a network of `neurons` for output `y` (n,) from input `u` (n,), sampled every `dt` seconds.
 
-    Long records are thinned to about `samples`; the network's sampling is then coarser. The first `burn_in`
-    samples (of the record) do not count. `every`, `ridge`: see above and ``levenberg_marquardt``.
+    Best of `starts`, seeded, each trained on single branches first and in ever longer free runs after that. The first
+    `burn_in` samples do not count. `reversal`, in the unit of u, tells a turning point from noise; chosen by default.
+    Raises ValueError for arrays that differ in length, or an even number of neurons.
     """
-    if smooth > 1:
-        from scipy.signal import savgol_filter
-
-        u = savgol_filter(u, smooth, 2)
-    decimation = max(1, -(-len(u) // samples))
-    u, y, burn_in = np.ascontiguousarray(u[::decimation]), np.ascontiguousarray(y[::decimation]), burn_in // decimation
+    if len(u) != len(y):
+        raise ValueError(f"input and output must be equally long, not {len(u)} and {len(y)} samples")
+    if neurons < 3 or neurons % 2 == 0:
+        raise ValueError(f"neurons come in pairs and one: an odd number from 3 on, not {neurons}")
+    if reversal is None:
+        reversal = max(REVERSAL_SHARE * float(np.ptp(u)), REVERSAL_NOISES * noise(u))
     scaling = Scaling.of(u, y)
-    course = _course(u, y, scaling, every, burn_in)
+    course = _course(u, y, scaling, reversals(u, reversal), burn_in)
     rng = np.random.default_rng(seed)
     trained = []
     for number in range(starts):
-        theta = _start(rng, neurons, course)
-        for segment, evaluations in (*STAGES, (0, iterations)):
-            theta = levenberg_marquardt(theta, course, segment, evaluations, ridge)
-        left = NetworkFit(_physical(theta, course, scaling), dt * decimation, every, 0.0, ())
-        rms = float(np.sqrt(np.mean((left.predict(u, y[0]) - y)[burn_in:] ** 2)))
-        trained.append((rms, left.weights))
+        theta = _start(rng, neurons // 2, course)
+        for segment, most in (*STAGES, (0, evaluations)):
+            theta = levenberg_marquardt(theta, course, segment, most, ridge)
+        fit = NetworkFit(_physical(theta, course, scaling), theta, course, scaling, reversal, dt, 0.0, ())
+        trained.append((float(np.sqrt(np.mean((fit.predict(u) - y)[burn_in:] ** 2))), number, fit))
         if progress is not None:
-            progress(f"start {number + 1} of {starts}: free-run error {rms:.4g} rms")
-    rms, weights = min(trained, key=lambda entry: entry[0])
-    return NetworkFit(weights, dt * decimation, every, rms, tuple(entry[0] for entry in trained))
+            progress(f"start {number + 1} of {starts}: free-run error {trained[-1][0]:.4g} rms")
+    rms, _, best = min(trained)
+    return replace(best, rms=rms, costs=tuple(entry[0] for entry in trained))

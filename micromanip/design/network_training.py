@@ -6,10 +6,9 @@ Everything here is in scaled signals. With the memory point ``(u_m, y_m)``, P pa
     y_k = y_m + c d + sum_j w_j (sigma(a_j + g_j d) - sigma(a_j))
 
 This is (12) with M = 2 P + 1 neurons, half of whose weights are tied so that every branch *begins at the memory point*:
-free weights leave a jump there, which the loop would put on the voltage at each move of the memory, and a drift at
-rest. Parameters ``theta`` (5 P + 1,): rows ``p, q, g, b, w`` of the pairs, then c. In these coordinates everything is
-of unit size, so that a normal distribution is a sensible start. The memory moves to ``(u_k, y_k)`` after samples that
-are marked as moves, as it does in the loop (rt.network).
+free weights leave a jump there, which the loop would put on the voltage, and a drift at rest. Parameters ``theta``
+(5 P + 1,): rows ``p, q, g, b, w`` of the pairs, then c. In these coordinates everything is of unit size, so that a
+normal distribution is a sensible start. The memory moves to ``(u_k, y_k)`` after samples that are marked as moves.
 """
 
 from __future__ import annotations
@@ -35,7 +34,8 @@ _PATIENCE = 10
 class Course:
     """A record for training, all arrays (n,) and scaled.
 
-    `moves` marks the samples after which the memory moves, `weight` is each error's weight in the cost.
+    `moves` marks the samples after which the memory moves, `weight` is each error's weight in the cost. The free run
+    begins on the mean line ``y = slope u``: a record may begin far outside its loop.
     """
 
     u: Array
@@ -57,6 +57,21 @@ class Course:
             return np.zeros(len(self.u), dtype=bool)
         count = np.cumsum(self.moves)
         return np.concatenate(([False], self.moves[:-1] & (count[:-1] % segment == 0)))
+
+
+@compiled
+def mark_reversals(u: Any, reversal: float, moves: Any) -> None:
+    """Mark in `moves` (n,) each sample of `u` (n,) before that at which `u` has come back by more than `reversal`."""
+    extreme, direction = u[0], 0.0
+    for k in range(1, len(u)):
+        way = u[k] - extreme
+        if direction * way >= 0.0 and way != 0.0:
+            if direction == 0.0:
+                direction = 1.0 if way > 0.0 else -1.0
+            extreme = u[k]
+        elif abs(way) > reversal:
+            moves[k - 1] = True
+            extreme, direction = u[k], -direction
 
 
 @compiled
@@ -85,7 +100,7 @@ def accumulate(
     """
     size = len(theta)
     row, kept = np.zeros(size), np.zeros(size)
-    u_memory, y_memory, cost = u[0], target[0], 0.0
+    u_memory, y_memory, cost = u[0], scale[1] * u[0], 0.0
     for k in range(len(u)):
         if restarts[k]:
             y_memory = target[k - 1]

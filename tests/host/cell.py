@@ -21,7 +21,7 @@ from micromanip.rt.states import STATE_NAMES
 MICROMANIP = Path(sys.executable).with_name("micromanip")
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 TAG = "MICROMANIP_TEST_TAG"
-PATIENCE_S = 60.0
+PATIENCE_S = 150.0  # compiling anew, on a busy machine, takes a minute
 
 # Two daemons may run at a time (pytest -n 2) on two CPUs: none is pinned, each leaves the CPU to others.
 SHARED = (

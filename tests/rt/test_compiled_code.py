@@ -69,7 +69,8 @@ def grows(n):
 
 def calls_python(n):
     with numba.objmode(x="float64"):
-        return float(np.random.default_rng(int(n)).random())
+        x = float(np.random.default_rng(int(n)).random())
+    return x + 1.0
 
 
 def is_harmless(n):

@@ -79,8 +79,16 @@ def with_models(configuration: Configuration, experiment: Experiment, say: Calla
         return configuration
     say(f"no hysteresis models for {', '.join(missing)} in the configuration: fitting them")
     fitted = fit_hysteresis(configuration, experiment, say)
-    axes = {name: fitted.axes[name] if name in missing else axis for name, axis in configuration.axes.items()}
+    axes = {name: _completed(axis, fitted.axes[name]) for name, axis in configuration.axes.items()}
     return configuration.model_copy(update={"axes": axes})
+
+
+def _completed(axis: Axis, fitted: Axis) -> Axis:
+    """`axis` with the models of `fitted` where it has none of its own."""
+    model = fitted.hysteresis if isinstance(axis.hysteresis, NoModel) else axis.hysteresis
+    return axis.model_copy(
+        update={"hysteresis": model, "hysteresis_affine": axis.hysteresis_affine or fitted.hysteresis_affine}
+    )
 
 
 def evaluate(

@@ -57,6 +57,9 @@ class RecorderProcess:
             except TimeoutError:
                 continue
         if answer != "open":
+            assert self._process.stdin is not None
+            self._process.stdin.close()
+            await self._process.wait()
             raise CheckFailed(f"nothing is recorded: {answer or 'the recorder ended at once'}")
         await self._tell(str(await self._controller.snapshot()))
 

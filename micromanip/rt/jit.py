@@ -21,7 +21,7 @@ import numba
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_KEPT_CACHES = 8
+_KEPT_CACHES = 24
 
 
 def cache_root() -> Path:

@@ -63,11 +63,11 @@ def structure_of(
 ) -> Structure:
     """One of the kinds ``pi-affine``, ``pi-tanh``, ``pi-free``, ``rate`` over the voltages (n,), sampled at `step_s`.
 
-    `creep` adds first-order lags, one a decade between ten samples and three times the record; `smoothness`
-    weighs how alike neighbouring steps of table and weights of ``pi-free`` are.
+    `creep` adds first-order lags, one a decade between ten samples and a quarter of the record (a longer one would
+    describe how this record began, and no other); `smoothness` weighs how alike neighbouring steps of table and weights of ``pi-free`` are.
     """
     duration = len(voltage_V) * step_s
-    creep_s = tuple(tau for tau in _CREEP_S if 10 * step_s <= tau <= 3 * duration) if creep else ()
+    creep_s = tuple(tau for tau in _CREEP_S if 10 * step_s <= tau <= duration / 4) if creep else ()
     name = kind + ("+creep" if creep else "")
     if kind == "pi-affine":
         return Structure(Affine(voltage_V), plays, False, step_s, creep_s, name=name)

@@ -64,7 +64,8 @@ def structure_of(
     """One of the kinds ``pi-affine``, ``pi-tanh``, ``pi-free``, ``rate`` over the voltages (n,), sampled at `step_s`.
 
     `creep` adds first-order lags, one a decade between ten samples and a quarter of the record (a longer one would
-    describe how this record began, and no other); `smoothness` weighs how alike neighbouring steps of table and weights of ``pi-free`` are.
+    describe how this record began, and no other); `smoothness` weighs how alike neighbouring steps of table
+    and weights of ``pi-free`` are.
     """
     duration = len(voltage_V) * step_s
     creep_s = tuple(tau for tau in _CREEP_S if 10 * step_s <= tau <= duration / 4) if creep else ()

@@ -30,8 +30,7 @@ STAGES = ((1, 60), (5, 40), (20, 40))
 """Branches a free run lasts and evaluations of the cost, before the free run over the whole record."""
 REVERSAL_SHARE, REVERSAL_NOISES = 0.005, 8.0
 """A turning point counts beyond this share of the input's span, and so many standard deviations of its noise."""
-SAMPLES = 3000
-ASTRAY, ASTRAY_EVERY, FORGET = 3.0, 20, 8
+SAMPLES = 4500
 """Samples of a record that are trained on; the turning points are found in all of them."""
 
 
@@ -142,39 +141,9 @@ def _course(u: Array, y: Array, scaling: Scaling, moves: NDArray[np.bool_], burn
         ys[used],
         moves[used],
         weight[used],
-        np.full(int(np.sum(used)), np.nan),
         step=float(np.std(np.diff(us[moves]))) if np.sum(moves) > 2 else 1.0,
         slope=slope,
         width=max(width, 1e-6),
-    )
-
-
-def _with_astray(course: Course, rng: np.random.Generator) -> Course:
-    """`course`, followed by itself with the memory put astray every so often; what follows at once does not count.
-
-    In the loop the memory begins wherever the actuator happens to be. A network that has seen nothing but its own loop
-    may stay astray for ever; the actuator forgets.
-    """
-    resets = np.full(len(course.u), np.nan)
-    weight = course.weight.copy()
-    after = np.flatnonzero(course.moves[:-1]) + 1
-    chosen = np.arange(0, len(after), ASTRAY_EVERY)
-    for index in chosen:
-        k = after[index]
-        resets[k] = course.y[k - 1] + ASTRAY * course.width * rng.uniform(-1.0, 1.0)
-        forgotten = after[index + FORGET] if index + FORGET < len(after) else len(course.u)
-        weight[k:forgotten] = 0.0
-    moves = course.moves.copy()
-    moves[0] = True
-    weight[0] = 0.0
-    resets[1] = course.y[0]
-    return replace(
-        course,
-        u=np.tile(course.u, 2),
-        y=np.tile(course.y, 2),
-        moves=np.concatenate([course.moves, moves]),
-        weight=np.concatenate([course.weight, weight]),
-        resets=np.concatenate([course.resets, resets]),
     )
 
 
@@ -230,9 +199,8 @@ def fit_network(
     trained = []
     for number in range(starts):
         theta = _start(rng, neurons // 2, course)
-        for segment, most in STAGES:
+        for segment, most in (*STAGES, (0, evaluations)):
             theta = levenberg_marquardt(theta, course, segment, most, ridge)
-        theta = levenberg_marquardt(theta, _with_astray(course, rng), 0, evaluations, ridge)
         fit = NetworkFit(_physical(theta, course, scaling), theta, course, scaling, reversal, dt, 0.0, ())
         trained.append((float(np.sqrt(np.mean((fit.predict(u) - y)[burn_in:] ** 2))), number, fit))
         if progress is not None:

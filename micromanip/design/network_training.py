@@ -35,15 +35,13 @@ class Course:
     """A record for training, all arrays (n,) and scaled.
 
     `moves` marks the samples after which the memory moves, `weight` is each error's weight in the cost. The free run
-    begins on the mean line ``y = slope u``: a record may begin far outside its loop. Where `resets` is a number, the
-    memory's output is set to it before the sample; NaN where it is not.
+    begins on the mean line ``y = slope u``: a record may begin far outside its loop.
     """
 
     u: Array
     y: Array
     moves: Flags
     weight: Array
-    resets: Array
     step: float
     slope: float
     width: float
@@ -53,13 +51,12 @@ class Course:
         """(step, slope, width) of the module's equations."""
         return np.array([self.step, self.slope, self.width])
 
-    def segmented(self, segment: int) -> Array:
-        """`resets` (n,), and the measured output after every `segment` moves; 0: never."""
+    def restarts(self, segment: int) -> Flags:
+        """Samples (n,) before which the memory's output is set to the measured one, every `segment` moves; 0: never."""
         if segment == 0:
-            return self.resets
-        due = self.moves[:-1] & (np.cumsum(self.moves)[:-1] % segment == 0)
-        measured = np.concatenate(([np.nan], np.where(due, self.y[:-1], np.nan)))
-        return np.where(np.isnan(self.resets), measured, self.resets)
+            return np.zeros(len(self.u), dtype=bool)
+        count = np.cumsum(self.moves)
+        return np.concatenate(([False], self.moves[:-1] & (count[:-1] % segment == 0)))
 
 
 @compiled
@@ -95,7 +92,7 @@ def run_network(theta: Any, scale: Any, u: Any, moves: Any, y0: float, y: Any) -
 
 @compiled
 def accumulate(
-    theta: Any, scale: Any, u: Any, moves: Any, resets: Any, target: Any, weight: Any, A: Any, g: Any
+    theta: Any, scale: Any, u: Any, moves: Any, restarts: Any, target: Any, weight: Any, A: Any, g: Any
 ) -> float:
     """Cost ``sum (weight e)^2``; adds ``J^T J`` to the lower triangle of `A` and ``J^T e`` to `g`.
 
@@ -105,8 +102,8 @@ def accumulate(
     row, kept = np.zeros(size), np.zeros(size)
     u_memory, y_memory, cost = u[0], scale[1] * u[0], 0.0
     for k in range(len(u)):
-        if not np.isnan(resets[k]):
-            y_memory = resets[k]
+        if restarts[k]:
+            y_memory = target[k - 1]
             kept[:] = 0.0
         d, h = (u[k] - u_memory) / scale[0], (y_memory - scale[1] * u_memory) / scale[2]
         total, feedback = y_memory + theta[size - 1] * d, 0.0
@@ -141,7 +138,7 @@ def accumulate(
     return cost
 
 
-def gradient(theta: Array, course: Course, resets: Array) -> tuple[float, Array, Array]:
+def gradient(theta: Array, course: Course, restarts: Flags) -> tuple[float, Array, Array]:
     """Cost, ``J^T J`` (p, p) and ``J^T e`` (p,), p parameters: half the cost's gradient is the last."""
     A, g = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
     cost = accumulate(theta, course.scale, course.u, course.moves, restarts, course.y, course.weight, A, g)
@@ -162,10 +159,10 @@ def levenberg_marquardt(
     ``|theta|^2`` against the sum of squares, so that parameters the record says nothing about stay small. Ends early
     when ten accepted steps together gain less than `tolerance` of the cost, or none is accepted however short.
     """
-    resets = course.segmented(segment)
+    restarts = course.restarts(segment)
 
     def evaluate(candidate: Array) -> tuple[float, Array, Array]:
-        cost, A, g = gradient(candidate, course, resets)
+        cost, A, g = gradient(candidate, course, restarts)
         return cost + ridge * float(candidate @ candidate), A + ridge * np.eye(len(candidate)), g + ridge * candidate
 
     cost, A, g = evaluate(theta)

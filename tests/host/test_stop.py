@@ -10,7 +10,7 @@ import pytest
 from micromanip.rt import words as w
 from micromanip.rt.states import RAMPING
 
-from .cell import calm, rows_of, simulated, until
+from .cell import QUICK, rows_of, simulated, until
 
 
 def interrupt(cell):
@@ -28,7 +28,7 @@ def assert_stopped_cleanly(cell):
 
 
 def test_ctrl_c_while_tracking(run):
-    cell = run(calm()).reach("TRACKING")
+    cell = run(simulated(*QUICK)).reach("TRACKING")
     assert os.getpgid(cell.loop) != cell.process.pid  # the loop is out of Ctrl-C's reach
     interrupt(cell)
     assert_stopped_cleanly(cell)
@@ -39,7 +39,7 @@ def test_ctrl_c_while_tracking(run):
 
 
 def test_ctrl_c_again_and_again_does_not_cut_the_ramp_short(run):
-    cell = run(calm()).reach("TRACKING")
+    cell = run(simulated(*QUICK)).reach("TRACKING")
     interrupt(cell)
     cell.reach("RAMPING")
     interrupt(cell)
@@ -57,14 +57,14 @@ def test_ctrl_c_before_tracking(run, state):
 
 
 def test_ctrl_c_while_the_loop_is_coming_up(run):
-    cell = run(calm())
+    cell = run(simulated(*QUICK))
     until(lambda: cell.child("loop_process"), cell.last_words)
     interrupt(cell)
     assert_stopped_cleanly(cell)
 
 
 def test_sigterm_with_a_recording_and_clients_on_the_line(run):
-    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+    cell = run(simulated(*QUICK), "--record", "run.h5").reach("TRACKING")
     with cell.talk() as idle, cell.talk() as busy:
         assert busy.ask(b'{"version": 1, "verb": "status"}')["result"]["state"] == "TRACKING"
         assert cell.end(signal.SIGTERM) == 0
@@ -76,7 +76,7 @@ def test_sigterm_with_a_recording_and_clients_on_the_line(run):
 
 def test_sigterm_with_a_deaf_client(run):
     """One that has asked for more than it reads does not hold up the end."""
-    cell = run(calm()).reach("TRACKING")
+    cell = run(simulated(*QUICK)).reach("TRACKING")
     with cell.talk() as deaf:
         deaf.socket.setblocking(False)
         with suppress(BlockingIOError):

@@ -24,7 +24,8 @@ def load_samples(configuration: Configuration, source: Source) -> NDArray[np.flo
     try:
         with path.open(encoding="utf-8") as file:
             names = file.readline().strip().split(",")
-            table = np.loadtxt(file, delimiter=",", ndmin=2)
+            rows = [row for row in file if row.partition("#")[0].strip()]
+        table = np.loadtxt(rows, delimiter=",", ndmin=2) if rows else np.empty((0, len(names)))
     except (OSError, ValueError) as problem:
         raise source.error(
             key, f"{reference.path} can't be read as a CSV of numbers with a header: {problem}"
@@ -32,6 +33,8 @@ def load_samples(configuration: Configuration, source: Source) -> NDArray[np.flo
     missing = [name for name in configuration.axes if name not in names]
     if missing:
         raise source.error(key, f"{reference.path} has no column {missing[0]}; its columns are {', '.join(names)}")
+    if table.shape[1] != len(names):
+        raise source.error(key, f"{reference.path} has {len(names)} names in its header and {table.shape[1]} columns")
     if len(table) < 2 or not np.isfinite(table).all():
         raise source.error(key, f"{reference.path} needs at least two rows of finite numbers")
     duration_s = (len(table) - 1) / reference.sample_rate_Hz

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import signal
 import socket
@@ -65,6 +66,15 @@ def changed(text, *changes):
 def simulated(*changes):
     """The tuned configuration, fit to run beside another one."""
     return changed(SIMULATED.read_text(), *SHARED, *changes)
+
+
+def calm(*changes):
+    """The same, but it holds a position without machining: a stall of a busy machine does not disturb it."""
+    text = simulated(*QUICK, *changes)
+    text, references = re.subn(r"(?m)^reference:\n(  .*\n)+", "reference: {source: hold, offset_um: 0}\n", text)
+    text, forces = re.subn(r"(?m)^    force: .*\n", "    force: {static_N: 0, tooth_N: 0, noise_N: 0}\n", text)
+    assert references == forces == 1
+    return text
 
 
 def until(condition, what, patience_s=PATIENCE_S):

@@ -11,7 +11,7 @@ from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 from micromanip.rt import words as w
 from micromanip.rt.states import ARM
 
-from .cell import QUICK, SLOW, WAITING, Running, simulated, until
+from .cell import SLOW, WAITING, Running, calm, until
 
 STATUS = b'{"version": 1, "verb": "status"}'
 
@@ -19,7 +19,7 @@ STATUS = b'{"version": 1, "verb": "status"}'
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory):
     """One controller for all who abuse it; it ends cleanly in the end."""
-    cell = Running(tmp_path_factory.mktemp("abuse"), simulated(*QUICK))
+    cell = Running(tmp_path_factory.mktemp("abuse"), calm())
     try:
         yield cell.reach("TRACKING")
         assert cell.end() == 0, cell.said
@@ -119,7 +119,7 @@ def test_clients_that_hang_up(cell):
 
 def test_second_daemon_is_refused(cell, run):
     """And does the first one no harm."""
-    second = run(simulated(), "--socket", str(cell.socket))
+    second = run(calm(), "--socket", str(cell.socket))
     assert second.wait() == 1
     assert f"another controller answers on {cell.socket}; stop it first" in " ".join(second.said.split())
     assert second.out == ""
@@ -128,7 +128,7 @@ def test_second_daemon_is_refused(cell, run):
 
 def test_commands_from_beginning_to_end(run):
     """READY, refused, arm, TRACKING, disarm, READY again; each state told as it is."""
-    cell = run(simulated(*QUICK, *WAITING)).reach("READY")
+    cell = run(calm(*WAITING)).reach("READY")
     with Client(cell.socket) as client:
         with pytest.raises(CheckFailed, match=r"^reset refused: the state is READY$"):
             client.reset()
@@ -146,7 +146,7 @@ def test_commands_from_beginning_to_end(run):
 
 
 def test_client_of_a_controller_that_ends(run):
-    cell = run(simulated(*QUICK, *WAITING)).reach("READY")
+    cell = run(calm(*WAITING)).reach("READY")
     with Client(cell.socket) as client:
         assert client.status()["state"] == "READY"
         assert cell.end() == 0

@@ -10,7 +10,7 @@ import pytest
 from micromanip.rt import words as w
 from micromanip.rt.states import RAMPING
 
-from .cell import QUICK, rows_of, simulated, until
+from .cell import calm, rows_of, simulated, until
 
 
 def interrupt(cell):
@@ -28,7 +28,7 @@ def assert_stopped_cleanly(cell):
 
 
 def test_ctrl_c_while_tracking(run):
-    cell = run(simulated(*QUICK)).reach("TRACKING")
+    cell = run(calm()).reach("TRACKING")
     assert os.getpgid(cell.loop) != cell.process.pid  # the loop is out of Ctrl-C's reach
     interrupt(cell)
     assert_stopped_cleanly(cell)
@@ -38,8 +38,22 @@ def test_ctrl_c_while_tracking(run):
     assert not rows["axis"]["voltage_V"][-1].any()
 
 
+def test_stall_on_the_way_to_park(run):
+    """The loop is late for longer than the whole ramp: the outputs still get to park before OFF, and not in a step."""
+    cell = run(calm()).reach("TRACKING")
+    interrupt(cell)
+    cell.reach("RAMPING")
+    cell.stall(0.7)
+    assert_stopped_cleanly(cell)
+    rows = rows_of(cell.ring)
+    voltage = rows["axis"]["voltage_V"][rows["state"] == RAMPING]
+    fastest = 1.875 * voltage.max() / 5000  # of a minimum-jerk course of 0.5 s, a cycle
+    assert not rows["axis"]["voltage_V"][-1].any(), f"OFF with {rows['axis']['voltage_V'][-1]} V on the outputs"
+    assert np.abs(np.diff(voltage, axis=0)).max() <= 1.1 * fastest
+
+
 def test_ctrl_c_again_and_again_does_not_cut_the_ramp_short(run):
-    cell = run(simulated(*QUICK)).reach("TRACKING")
+    cell = run(calm()).reach("TRACKING")
     interrupt(cell)
     cell.reach("RAMPING")
     interrupt(cell)
@@ -57,14 +71,14 @@ def test_ctrl_c_before_tracking(run, state):
 
 
 def test_ctrl_c_while_the_loop_is_coming_up(run):
-    cell = run(simulated(*QUICK))
+    cell = run(calm())
     until(lambda: cell.child("loop_process"), cell.last_words)
     interrupt(cell)
     assert_stopped_cleanly(cell)
 
 
 def test_sigterm_with_a_recording_and_clients_on_the_line(run):
-    cell = run(simulated(*QUICK), "--record", "run.h5").reach("TRACKING")
+    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
     with cell.talk() as idle, cell.talk() as busy:
         assert busy.ask(b'{"version": 1, "verb": "status"}')["result"]["state"] == "TRACKING"
         assert cell.end(signal.SIGTERM) == 0
@@ -76,7 +90,7 @@ def test_sigterm_with_a_recording_and_clients_on_the_line(run):
 
 def test_sigterm_with_a_deaf_client(run):
     """One that has asked for more than it reads does not hold up the end."""
-    cell = run(simulated(*QUICK)).reach("TRACKING")
+    cell = run(calm()).reach("TRACKING")
     with cell.talk() as deaf:
         deaf.socket.setblocking(False)
         with suppress(BlockingIOError):

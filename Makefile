@@ -46,6 +46,7 @@ tune: $(READY)    ## fit the models of config/simulated.yaml anew
 docs: $(READY)    ## generated pages and pictures
 	$(BIN)/python -m micromanip.settings.reference_doc > docs/configuration.md
 	$(BIN)/python scripts/draw_docs.py
+	$(BIN)/python scripts/draw_identification.py
 
 clean:            ## remove what the targets above made
 	rm -rf $(VENV) out .hypothesis .mypy_cache .ruff_cache

@@ -82,6 +82,14 @@ static bool apply_command(const struct cell_parameters *p, struct cell_state *s,
     return true;
 }
 
+static bool is_parked(const struct cell_parameters *p, const struct cell_state *s)
+{
+    for (int i = 0; i < p->axes; i++)
+        if (fabs(s->axis[i].voltage_V - p->axis[i].limiter.park_V) > p->axis[i].limiter.slew_V)
+            return false;
+    return true;
+}
+
 static void finish_phase(const struct cell_parameters *p, struct cell_state *s)
 {
     int64_t passed = s->cycle - s->entered_cycle;
@@ -89,7 +97,7 @@ static void finish_phase(const struct cell_parameters *p, struct cell_state *s)
     if (s->state == ARMED && passed >= p->lift_cycles + p->settle_cycles + p->authority_cycles) {
         s->tracking_cycle = s->cycle;
         enter(s, TRACKING);
-    } else if (s->state == RAMPING && passed >= p->ramp_cycles) {
+    } else if (s->state == RAMPING && passed >= p->ramp_cycles && is_parked(p, s)) {
         enter(s, s->after_ramp);
     }
 }
@@ -120,7 +128,9 @@ static void cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
 {
     double fraction;
 
-    s->cycle += periods;
+    s->cycle += periods;    /* arming and a ramp wait while the loop is late */
+    if (s->state == ARMED || s->state == RAMPING)
+        s->entered_cycle += periods - 1;
     bool closed = phase_of(p, s, &fraction) == CLOSED;
     for (int i = 0; i < p->axes; i++) {
         sample(&p->axis[i], &s->axis[i], signals, now_ns);

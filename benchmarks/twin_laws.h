@@ -140,7 +140,9 @@ static void start_feedforward(const struct hysteresis_parameters *p, struct hyst
     s->change_um = 0.0;
     s->y_memory = y;
     s->v_memory = v;
-    s->count = 0;
+    s->y_last = s->y_extreme = y;
+    s->v_last = v;
+    s->direction = 0.0;
 }
 
 static void pid_step(const struct pid_parameters *p, struct pid_state *s, double error_um, int64_t periods)

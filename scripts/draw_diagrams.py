@@ -144,9 +144,9 @@ def control_scheme() -> Figure:
 
 
 def network() -> Figure:
-    """The recurrent network as the inverse: displacement in, voltage out, memory on a stride."""
+    """The recurrent network as the inverse: displacement in, voltage out, the last turning point as memory."""
     s = Sheet(84, 42)
-    for y, name in ((33, "$y_k$"), (23, "$y_{k-1}$"), (13, "$v_{k-1}$")):
+    for y, name in ((33, "$y_k$"), (23, "$y_m$"), (13, "$v_m$")):
         s.box(8, y, 9, 6, name, OUTSIDE)
     neurons = ((35, 37, "1"), (35, 28, "2"), (35, 9, "M"))
     for x, y, name in neurons:
@@ -163,11 +163,11 @@ def network() -> Figure:
     s.text(56, 32.4, "$b^{(2)}$", "center", GREY)
     s.arrow((57.1, 23), (77, 23))
     s.text(78, 23, "$v_k$", "left")
-    s.box(62, 3.5, 30, 5, "memory: moves on every\nstride cycles", MEMORY)
+    s.box(62, 3.5, 30, 5, "memory: moves when\n$y$ turns back", MEMORY)
     s.arrow((68, 23), (68, 6))
     s.arrow((47, 3.5), (1.5, 3.5), (1.5, 13), (3.5, 13))
     s.arrow((1.5, 13), (1.5, 23), (3.5, 23))
-    s.text(24, 2.1, "the pair of the last memory point", "center", GREY, 7.5)
+    s.text(24, 2.1, "the pair of the last turning point", "center", GREY, 7.5)
     return s.figure
 
 

@@ -77,8 +77,11 @@ def command(
         return
     print_table(rows)
     for row in alone:
-        frequency, sigma = row["frequency_hz"], row["true_std_error_um"]
-        click.echo(f"feedforward alone, axis {row['axis']}, {frequency:g} Hz: sigma {sigma:.3f} um (true position)")
+        sigma, where = row["true_std_error_um"], "true"
+        if sigma is None:
+            sigma, where = row["std_error_um"], "measured"
+        what = f"feedforward alone, axis {row['axis']}, {row['frequency_hz']:g} Hz"
+        click.echo(f"{what}: sigma {sigma:.3f} um ({where} position)")
     if written:
         click.echo(f"{len(written)} figures in {folder}/")
 
@@ -105,8 +108,8 @@ def print_table(rows: list[dict[str, Any]]) -> None:
             f"{row['std_error_um']:.3f} ({paper.SIGMA_UM[config][frequency]:.3f})",
             f"{row['max_error_um']:.2f} ({paper.MAXIMUM_UM[config][frequency]:.2f})",
             f"{row['max_error_with_start_um']:.2f}",
-            f"{row['true_std_error_um']:.3f}",
-            f"{row['true_max_error_um']:.2f}",
+            "-" if row["true_std_error_um"] is None else f"{row['true_std_error_um']:.3f}",
+            "-" if row["true_max_error_um"] is None else f"{row['true_max_error_um']:.2f}",
             end_section=config == "C",
         )
     Console(highlight=False).print(report)

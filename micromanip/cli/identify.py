@@ -18,9 +18,21 @@ from .options import config_argument, json_option, print_json, socket_option
 @click.option(
     "--out", "folder", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV."
 )
-@click.option("--kind", type=click.Choice(["multisine", "triangle", "step"]), default="multisine", show_default=True)
-@click.option("--seconds", type=click.FloatRange(1.0, 600.0), help="Length  [default: 13, 24 and 60 by kind]")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws the multisine's phases.")
+@click.option(
+    "--kind",
+    type=click.Choice(["multisine", "turns", "triangle", "step"]),
+    default="multisine",
+    show_default=True,
+    help="turns: random turning points, what a network needs; triangle: major loop; step: creep.",
+)
+@click.option("--seconds", type=click.FloatRange(1.0, 600.0), help="Length  [default: 13, 60, 24 and 60 by kind]")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Draws the multisine's phases, the turning points.",
+)
 @click.option(
     "--live", is_flag=True, help="Through the running loop, in real time; a simulation otherwise runs in virtual time."
 )

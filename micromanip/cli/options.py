@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,5 +27,13 @@ socket_option = click.option(
 
 
 def print_json(document: Any) -> None:
-    """Print `document` as the only thing on standard output."""
-    click.echo(json.dumps(document, indent=2))
+    """Print `document` as the only thing on standard output; JSON has no word for what is not a finite number."""
+    click.echo(json.dumps(_plain(document), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -54,9 +54,14 @@ class Run:
             "std_error_um": float(settled.std()),
             "max_error_um": float(np.abs(settled).max()),
             "max_error_with_start_um": float(np.abs(error).max()),
-            "true_std_error_um": float(true_settled.std()),
-            "true_max_error_um": float(np.abs(true_settled).max()),
+            "true_std_error_um": _known(true_settled.std()),
+            "true_max_error_um": _known(np.abs(true_settled).max()),
         }
+
+
+def _known(value: np.floating[Any]) -> float | None:
+    """`value`; None where a real cell knows no true position."""
+    return float(value) if np.isfinite(value) else None
 
 
 def _variant(axis: Axis, config: str, own_pid: bool) -> Axis:

@@ -1,4 +1,4 @@
-"""Excitation signals: the multisine of equation (13), the shrinking triangle of figure 2, seeded noise."""
+"""Excitation signals: the multisine (13), the shrinking triangle of figure 2, random turning points, seeded noise."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ IDENTIFICATION_SHARE = (20.0, 13.0, 10.0, 8.0, 5.0)
 _SLEW_SHARE = 0.5
 _PHASE_TRIALS = 300
 _RAMP_S = 0.5
+_BRANCH_S = (0.04, 0.5)
+_SHORTEST_BRANCH = 0.02
 
 
 def soft(wave: Array, rest: float, rate_hz: float, slew_per_s: float = np.inf) -> Array:
@@ -64,6 +66,28 @@ def shrinking_triangle(low: float, high: float, turns: int, samples_per_turn: in
         corners += [centre + size, centre - size]
     pieces = [np.linspace(a, b, samples_per_turn, endpoint=False) for a, b in itertools.pairwise(corners)]
     return np.concatenate([*pieces, [corners[-1]]])
+
+
+def random_turns(low: float, high: float, slew_per_s: float, rate_hz: float, seconds: float, seed: int) -> Array:
+    """Half cosines (n,) between random turning points in `low` .. `high`, well below the slew limit.
+
+    Branches of every length begin at every place, at speeds spread evenly in proportion: the multisine has few long
+    ones. What is learnt from examples, not from a structure, has to have seen them.
+    """
+    rng = np.random.default_rng(seed)
+    samples, here, upwards = round(seconds * rate_hz), 0.5 * (low + high), True
+    pieces, count = [np.array([here])], 1
+    while count < samples:
+        there = rng.uniform(here, high) if upwards else rng.uniform(low, here)
+        upwards = not upwards
+        way = there - here
+        if abs(way) < _SHORTEST_BRANCH * (high - low):
+            continue
+        branch_s = max(np.exp(rng.uniform(*np.log(_BRANCH_S))), 0.5 * np.pi * abs(way) / (_SLEW_SHARE * slew_per_s))
+        steps = max(2, int(np.ceil(branch_s * rate_hz)))
+        pieces.append(here + way * (0.5 - 0.5 * np.cos(np.pi * np.arange(1, steps + 1) / steps)))
+        here, count = there, count + steps
+    return np.concatenate(pieces)[:samples]
 
 
 def band_noise(rms: float, cutoff_hz: float, rate_hz: float, samples: int, seed: int) -> Array:

@@ -28,11 +28,11 @@ _SIZE, _DPI = (7.0, 4.5), 130
 Array = NDArray[np.float64]
 
 
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI) -> list[Path]:
     """Write `figure` as PNG and SVG; the files."""
     files = [folder / f"{name}.png", folder / f"{name}.svg"]
     for file in files:
-        figure.savefig(file, dpi=_DPI, metadata={"Date": None} if file.suffix == ".svg" else None)
+        figure.savefig(file, dpi=dpi, metadata={"Date": None} if file.suffix == ".svg" else None)
     return files
 
 

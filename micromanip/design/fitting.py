@@ -14,7 +14,8 @@ from micromanip.errors import CheckFailed
 from micromanip.settings.hysteresis import Network, PrandtlIshlinskii
 
 from .hysteresis import Candidate, HysteresisFit, candidates, choose, fit, structure_of
-from .network import NetworkFit, fit_network
+from .network import NetworkFit, smoothed
+from .network_fit import fit_network
 from .record import Record
 
 Array = NDArray[np.float64]
@@ -132,28 +133,21 @@ def _fit_network(
         def say(what: str) -> None:
             progress(f"{name} network, {what}")
 
-        return fit_network(u, y, record.step_s, seed=request.seed, burn_in=burn_in, progress=say)
+        return fit_network(u, y, seed=request.seed, burn_in=burn_in, progress=say)
 
-    forward, inverse = train("forward", record.u, record.y), train("inverse", record.y, record.u)
-    thin = max(1, round(forward.sample_s / record.step_s))
-    slope, offset = np.polyfit(record.u, record.y, 1)
-
-    def predict(u: Array) -> Array:
-        """Free run at the network's own sampling, straight lines between; it begins on the mean line of the loop."""
-        coarse = np.arange(0, len(u), thin)
-        return np.interp(np.arange(len(u)), coarse, forward.predict(u[coarse], slope * u[0] + offset))
-
-    error = (predict(record.u) - record.y)[burn_in:]
+    progress("smoothing the measured displacement")
+    forward, inverse = train("forward", record.u, record.y), train("inverse", smoothed(record.y), record.u)
+    error = (forward.predict(record.u) - record.y)[burn_in:]
     stroke = float(np.ptp(record.y[burn_in:]))
     validation = None
     if held_out is not None:
         _same_rate(record.step_s, held_out)
         first = held_out.burn_in(request.burn_in_s)
-        other = (predict(held_out.u) - held_out.y)[first:]
+        other = (forward.predict(held_out.u) - held_out.y)[first:]
         validation = _percent(other - other.mean(), float(np.ptp(held_out.y[first:])))
     own = _percent(error, stroke)
     model = inverse.to_settings(range_um)
-    return Fitted("network", model, predict, burn_in, own["rms_percent"], own["max_percent"], validation)
+    return Fitted("network", model, forward.predict, burn_in, own["rms_percent"], own["max_percent"], validation)
 
 
 def _percent(error: Array, stroke: float) -> dict[str, float]:

@@ -13,15 +13,15 @@ from micromanip.rt.records import MAX_AXES
 from micromanip.settings.model import Configuration
 from micromanip.settings.reference import File
 
-from .excitation import multisine, shrinking_triangle, soft
+from .excitation import multisine, random_turns, shrinking_triangle, soft
 from .experiment import with_axes, with_reference
 
-Kind = Literal["multisine", "triangle", "step"]
+Kind = Literal["multisine", "turns", "triangle", "step"]
 Array = NDArray[np.float64]
 
-DEFAULT_SECONDS = {"multisine": 13.0, "triangle": 24.0, "step": 60.0}
+DEFAULT_SECONDS = {"multisine": 13.0, "turns": 60.0, "triangle": 24.0, "step": 60.0}
 RECORD_RATE_HZ = 1000.0
-_USED_SHARE = (0.22, 0.92)
+_USED_SHARE, _WHOLE_SHARE = (0.22, 0.92), (0.05, 0.95)
 _TURNS = 6
 
 
@@ -38,13 +38,17 @@ class Excitation:
 def design(configuration: Configuration, axis: str, kind: Kind, seconds: float, seed: int) -> Excitation:
     """An excitation inside the voltage, slew and current limits of the axis' output, from and to its park voltage.
 
-    It uses the upper three quarters of the output's range, where an actuator under preload works.
+    It uses the upper three quarters of the output's range, where an actuator under preload works; random turning
+    points use nearly all of it, because a network knows nothing of where it has not been.
     """
     output = configuration.outputs[f"voltage_{axis}"]
-    low, high = (output.range_V[0] + share * (output.range_V[1] - output.range_V[0]) for share in _USED_SHARE)
+    used = _WHOLE_SHARE if kind == "turns" else _USED_SHARE
+    low, high = (output.range_V[0] + share * (output.range_V[1] - output.range_V[0]) for share in used)
     rate, slew = configuration.loop.rate_hz, output.fastest_V_per_s
     if kind == "multisine":
         wave = multisine(low, high, slew, rate, seconds, seed)
+    elif kind == "turns":
+        wave = random_turns(low, high, slew, rate, seconds, seed)
     elif kind == "triangle":
         travelled = (high - low) * (_TURNS + 1)
         seconds = max(seconds, 2.0 * travelled / slew)

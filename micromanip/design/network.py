@@ -12,26 +12,15 @@ that the output neither jumps when the memory moves nor drifts at rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_smoothing_spline
 
 from micromanip.settings.hysteresis import Network
 
-from .network_training import Array, Course, levenberg_marquardt, mark_reversals, run_network
-
-NEAR_ZERO = 1e-4
-"""Input weights of the neuron that is the line: sigma is straight there to 1e-9, while rounding stays below 1e-11."""
-START_OUTPUT = 0.1
-"""Standard deviation of the pairs' output weights at the start, in widths of the loop."""
-STAGES = ((1, 60), (5, 40), (20, 40))
-"""Branches a free run lasts and evaluations of the cost, before the free run over the whole record."""
-REVERSAL_SHARE, REVERSAL_NOISES = 0.005, 8.0
-"""A turning point counts beyond this share of the input's span, and so many standard deviations of its noise."""
-SAMPLES = 4500
-"""Samples of a record that are trained on; the turning points are found in all of them."""
+from .network_training import Array, Course, mark_reversals, run_network
 
 
 @dataclass(frozen=True)
@@ -73,7 +62,6 @@ class NetworkFit:
     course: Course
     scaling: Scaling
     reversal: float
-    sample_s: float
     rms: float
     costs: tuple[float, ...]
     """Free-run error of every start; `rms` is the least."""
@@ -106,7 +94,7 @@ class NetworkFit:
         return Network(
             model="network",
             range_um=range_um,
-            period_ms=self.sample_s * 1e3,
+            reversal_um=self.reversal,
             input_weights=tuple((float(a), float(b), float(c)) for a, b, c in w.w1),
             input_biases=tuple(float(value) for value in w.b1),
             output_weights=tuple(float(value) for value in w.w2),
@@ -121,89 +109,16 @@ def reversals(u: Array, reversal: float) -> NDArray[np.bool_]:
     return moves
 
 
+def smoothed(signal: Array) -> Array:
+    """`signal` (n,) without its noise: the smoothing spline that generalised cross-validation chooses.
+
+    The inverse has the measured displacement as its *input*: noise there would hide small turning points, and bias
+    the slopes.
+    """
+    place = np.arange(len(signal), dtype=float)
+    return np.asarray(make_smoothing_spline(place, signal)(place))
+
+
 def noise(u: Array) -> float:
     """Standard deviation of white noise on the smooth signal `u` (n,), from its fourth differences."""
     return float(np.median(np.abs(np.diff(u, 4))) / 0.6745 / np.sqrt(70.0))
-
-
-def _course(u: Array, y: Array, scaling: Scaling, moves: NDArray[np.bool_], burn_in: int) -> Course:
-    us = (u - scaling.u_mean) / scaling.u_deviation
-    ys = (y - scaling.y_mean) / scaling.y_deviation
-    counted = slice(burn_in, None)
-    slope = float(us[counted] @ ys[counted] / (us[counted] @ us[counted]))
-    width = float(np.std((ys - slope * us)[counted]))
-    weight = np.ones(len(us))
-    weight[:burn_in] = 0.0
-    used = np.arange(len(us)) % max(1, len(us) // SAMPLES) == 0
-    used |= moves
-    return Course(
-        us[used],
-        ys[used],
-        moves[used],
-        weight[used],
-        step=float(np.std(np.diff(us[moves]))) if np.sum(moves) > 2 else 1.0,
-        slope=slope,
-        width=max(width, 1e-6),
-    )
-
-
-def _start(rng: np.random.Generator, pairs: int, course: Course) -> Array:
-    """Normally distributed weights; the line starts as the slope between the two signals."""
-    rows = rng.standard_normal((pairs, 5))
-    rows[:, 4] *= START_OUTPUT * course.width
-    return np.append(rows.ravel(), course.slope * course.step)
-
-
-def _physical(theta: Array, course: Course, scaling: Scaling) -> Weights:
-    """Weights of (11)-(12): a pair becomes two neurons, the line one that stays next to sigma's turning point."""
-    p, q, g, b, w = theta[:-1].reshape(-1, 5).T
-    q, g, line = q / course.width, g / course.step, float(theta[-1]) / course.step
-    begins = np.stack([np.zeros_like(p), p - q * course.slope, q], axis=1)
-    ends = begins + np.stack([g, -g, np.zeros_like(p)], axis=1)
-    w1 = np.concatenate([ends, begins, [[NEAR_ZERO * line, -NEAR_ZERO * line, NEAR_ZERO]]])
-    w1 /= np.array([scaling.u_deviation, scaling.u_deviation, scaling.y_deviation])
-    b1 = np.concatenate([b, b, [0.0]]) - w1 @ np.array([scaling.u_mean, scaling.u_mean, scaling.y_mean])
-    w2 = scaling.y_deviation * np.concatenate([w, -w, [4.0 / NEAR_ZERO]])
-    return Weights(w1, b1, w2, scaling.y_mean - 2.0 / NEAR_ZERO * scaling.y_deviation)
-
-
-def fit_network(
-    u: Array,
-    y: Array,
-    dt: float,
-    *,
-    neurons: int = 25,
-    starts: int = 3,
-    seed: int = 0,
-    burn_in: int = 0,
-    reversal: float | None = None,
-    evaluations: int = 150,
-    ridge: float = 1e-5,
-    progress: Callable[[str], None] | None = None,
-) -> NetworkFit:
-    """Train a network of `neurons` for output `y` (n,) from input `u` (n,), sampled every `dt` seconds.
-
-    Best of `starts`, seeded, each trained on single branches first and in ever longer free runs after that. The first
-    `burn_in` samples do not count. `reversal`, in the unit of u, tells a turning point from noise; chosen by default.
-    Raises ValueError for arrays that differ in length, or an even number of neurons.
-    """
-    if len(u) != len(y):
-        raise ValueError(f"input and output must be equally long, not {len(u)} and {len(y)} samples")
-    if neurons < 3 or neurons % 2 == 0:
-        raise ValueError(f"neurons come in pairs and one: an odd number from 3 on, not {neurons}")
-    if reversal is None:
-        reversal = max(REVERSAL_SHARE * float(np.ptp(u)), REVERSAL_NOISES * noise(u))
-    scaling = Scaling.of(u, y)
-    course = _course(u, y, scaling, reversals(u, reversal), burn_in)
-    rng = np.random.default_rng(seed)
-    trained = []
-    for number in range(starts):
-        theta = _start(rng, neurons // 2, course)
-        for segment, most in (*STAGES, (0, evaluations)):
-            theta = levenberg_marquardt(theta, course, segment, most, ridge)
-        fit = NetworkFit(_physical(theta, course, scaling), theta, course, scaling, reversal, dt, 0.0, ())
-        trained.append((float(np.sqrt(np.mean((fit.predict(u) - y)[burn_in:] ** 2))), number, fit))
-        if progress is not None:
-            progress(f"start {number + 1} of {starts}: free-run error {trained[-1][0]:.4g} rms")
-    rms, _, best = min(trained)
-    return replace(best, rms=rms, costs=tuple(entry[0] for entry in trained))

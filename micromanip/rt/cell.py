@@ -143,13 +143,31 @@ def phase_of(p: Record, s: Record) -> tuple[int, float]:
 
 
 @compiled
+def pass_missed(s: Record, missed: int) -> None:
+    """Let `missed` cycles go by; arming and a ramp have waited where they were, so that they never jump."""
+    s["cycle"] += missed
+    if s["state"] == ARMED or s["state"] == RAMPING:
+        s["entered_cycle"] += missed
+
+
+@compiled
+def is_parked(p: Record, s: Record) -> bool:
+    """Whether every output gets to its park voltage within this cycle, however slow its slew limit is."""
+    for i in range(p["axes"]):
+        limiter = p["axis"][i]["limiter"]
+        if abs(s["axis"][i]["voltage_V"] - limiter["park_V"]) > limiter["slew_V"]:
+            return False
+    return True
+
+
+@compiled
 def finish_phase(p: Record, s: Record) -> None:
     """Go on to the next state where arming or a ramp has come to its end."""
     passed = s["cycle"] - s["entered_cycle"]
     if s["state"] == ARMED and passed >= p["lift_cycles"] + p["settle_cycles"] + p["authority_cycles"]:
         s["tracking_cycle"] = s["cycle"]
         enter(s, TRACKING)
-    elif s["state"] == RAMPING and passed >= p["ramp_cycles"]:
+    elif s["state"] == RAMPING and passed >= p["ramp_cycles"] and is_parked(p, s):
         enter(s, s["after_ramp"])
 
 
@@ -177,7 +195,8 @@ def cell_cycle(
     p: Record, s: Record, signals: Any, outputs: Any, samples: Any, command: int, now_ns: int, periods: int
 ) -> bool:
     """One cycle of all axes, `periods` after the one before; False where `command` was refused."""
-    s["cycle"] += periods
+    pass_missed(s, periods - 1)
+    s["cycle"] += 1
     closed = phase_of(p, s)[0] == CLOSED
     for i in range(p["axes"]):
         sample(p["axis"][i], s["axis"][i], signals, now_ns)

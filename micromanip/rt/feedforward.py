@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from .hysteresis import NETWORK, PRANDTL_ISHLINSKII, admit, inverse_plays
 from .jit import compiled
-from .network import network_output
+from .network import network_output, start_network
 from .records import Record
 from .shaping import shape, unshape
 
@@ -54,6 +54,4 @@ def start_feedforward(p: Record, s: Record, y_um: float, v: float) -> None:
     admit(p, s["z"], y)
     s["u_um"] = u
     s["change_um"] = 0.0
-    s["y_memory"] = y
-    s["v_memory"] = v
-    s["count"] = 0
+    start_network(s, y, v)

@@ -12,7 +12,7 @@ from typing import Any
 
 from numba import types
 
-from .cell import begin_ramp, cell_cycle, enter, raise_fault
+from .cell import begin_ramp, cell_cycle, enter, pass_missed, raise_fault
 from .clock import now_ns, wait_until
 from .exchange import exchange_all
 from .histogram import count
@@ -51,7 +51,7 @@ def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> bool:
 
     The cycles that were missed have passed before anything is decided: a ramp that begins now begins at its beginning.
     """
-    s["cycle"] += missed
+    pass_missed(s, missed)
     s["overruns"] += missed
     s["overruns_in_a_row"] = s["overruns_in_a_row"] + missed if missed > 0 else 0
     if s["overruns_in_a_row"] >= p["overruns_in_a_row"] and s["state"] != FAULT and s["fault"] == NO_FAULT:

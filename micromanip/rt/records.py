@@ -56,7 +56,7 @@ HYSTERESIS_PARAMETERS = _record(
     ("low_um", "f8"),
     ("high_um", "f8"),
     ("neurons", "i8"),
-    ("stride", "i8"),
+    ("reversal_um", "f8"),
     ("w_in", "f8", (MAX_NEURONS, 3)),
     ("b_in", "f8", (MAX_NEURONS,)),
     ("w_out", "f8", (MAX_NEURONS,)),
@@ -69,7 +69,10 @@ HYSTERESIS_STATE = _record(
     ("change_um", "f8"),
     ("y_memory", "f8"),
     ("v_memory", "f8"),
-    ("count", "i8"),
+    ("y_last", "f8"),
+    ("v_last", "f8"),
+    ("y_extreme", "f8"),
+    ("direction", "f8"),
     ("output_V", "f8"),
 )
 

@@ -71,18 +71,19 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
         s["rejected"] += 1
         return
     gap_s = (time_ns - s["time_ns"]) * 1e-9
-    filtered = s["filtered"]
-    if s["time_ns"] == 0 or gap_s > p["horizon_s"]:
+    if s["time_ns"] != 0 and gap_s <= 0.0:
+        return
+    filtered, innovation = s["filtered"], math.nan
+    if s["time_ns"] != 0 and gap_s <= p["horizon_s"]:
+        extrapolate(filtered, p["oscillator"], gap_s, s["w"])
+        innovation = value_um - s["w"][0] - s["w"][3]
+    if math.isfinite(innovation):
+        for i in range(REFERENCE_STATES):
+            filtered[i] = s["w"][i] + p["gain"][i] * innovation
+    else:  # the first sample, the first after a gap, or a memory that was lost
         for i in range(REFERENCE_STATES):
             filtered[i] = 0.0
         filtered[0] = value_um
-    elif gap_s <= 0.0:
-        return
-    else:
-        extrapolate(filtered, p["oscillator"], gap_s, s["w"])
-        innovation = value_um - s["w"][0] - s["w"][3]
-        for i in range(REFERENCE_STATES):
-            filtered[i] = s["w"][i] + p["gain"][i] * innovation
     s["sampled_um"] = value_um
     s["time_ns"] = time_ns
 

@@ -38,7 +38,7 @@ def _inverse_differs(old: Record, new: Record) -> bool:
         or old["low_um"] != new["low_um"]
         or old["high_um"] != new["high_um"]
         or old["neurons"] != new["neurons"]
-        or old["stride"] != new["stride"]
+        or old["reversal_um"] != new["reversal_um"]
         or old["b_out"] != new["b_out"]
         or a["kind"] != b["kind"]
         or a["points"] != b["points"]

@@ -108,7 +108,7 @@ def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
     if isinstance(model, Network):
         n = len(model.input_weights)
         h["kind"], h["neurons"] = rt_hysteresis.NETWORK, n
-        h["stride"] = max(1, round(model.period_ms * 1e-3 / period_s))
+        h["reversal_um"] = model.reversal_um
         h["w_in"][:n], h["b_in"][:n] = model.input_weights, model.input_biases
         h["w_out"][:n], h["b_out"] = model.output_weights, model.output_bias
         return

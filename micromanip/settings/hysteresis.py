@@ -98,9 +98,11 @@ class Network(_Ranged):
     """Recurrent-network inverse (10)-(12), displacement (um) to voltage (V)."""
 
     model: Literal["network"]
-    period_ms: Positive = Field(description="Sampling interval of the record it was trained on.")
+    reversal_um: Positive = Field(
+        description="The memory moves to the last turning point once the set-point has come back by more than this."
+    )
     input_weights: tuple[Weights3, ...] = Field(
-        min_length=1, max_length=MAX_NEURONS, description="w(1): a row [y_k, y_k-1, v_k-1] a neuron."
+        min_length=1, max_length=MAX_NEURONS, description="w(1): a row [y_k, y_m, v_m] a neuron."
     )
     input_biases: tuple[Real, ...] = Field(description="b(1), one a neuron.")
     output_weights: tuple[Real, ...] = Field(description="w(2), one a neuron.")

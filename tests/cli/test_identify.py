@@ -36,7 +36,7 @@ def table(file):
     return np.genfromtxt(file, delimiter=",", names=True)
 
 
-@pytest.mark.parametrize("kind", ["multisine", "triangle", "step"])
+@pytest.mark.parametrize("kind", ["multisine", "turns", "triangle", "step"])
 def test_virtual_time(kind, tmp_path, capsys):
     out = tmp_path / "out"
     assert code_of(FACTORY, "--axis", "y", "--kind", kind, "--seconds", "2", "--out", out) == 0

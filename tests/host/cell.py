@@ -69,11 +69,12 @@ def simulated(*changes):
 
 
 def calm(*changes):
-    """The same, but it holds a position without machining: a stall of a busy machine does not disturb it."""
+    """The same, but it holds the actuators without machining: no stall of a busy machine disturbs the inner loops."""
     text = simulated(*QUICK, *changes)
-    text, references = re.subn(r"(?m)^reference:\n(  .*\n)+", "reference: {source: hold, offset_um: 0}\n", text)
+    text, references = re.subn(r"(?m)^reference:\n(  .*\n)+", "reference: {source: hold, offset_um: 65}\n", text)
     text, forces = re.subn(r"(?m)^    force: .*\n", "    force: {static_N: 0, tooth_N: 0, noise_N: 0}\n", text)
-    assert references == forces == 1
+    text, modes = re.subn("    mode: stage  ", "    mode: strain ", text)
+    assert (references, forces, modes) == (1, 1, 3)
     return text
 
 

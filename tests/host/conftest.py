@@ -8,6 +8,13 @@ import pytest
 from .cell import Running, command_line, until
 
 
+def pytest_collection_modifyitems(items):
+    """All in one worker: two loops that share a CPU would disturb each other."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.xdist_group("loop"))
+
+
 def memory_files():
     """Descriptors of this process on a controller's shared memory."""
     links = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]

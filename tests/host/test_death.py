@@ -26,13 +26,13 @@ def assert_smooth_ramp(rows, park_V=0.0):
     ramp = rows[np.flatnonzero(rows["state"] == TRACKING)[-1] :]
     assert set(ramp["state"][1:-1]) == {RAMPING}
     assert ramp["state"][-1] == OFF
-    assert ramp["cycle"][-1] - ramp["cycle"][1] == pytest.approx(RAMP_CYCLES, abs=2 + int(ramp["periods"][-1]))
+    assert len(ramp) == pytest.approx(RAMP_CYCLES, abs=4)  # cycles that were run: the ramp waits while the loop is late
     for i in range(3):
         voltage = ramp["axis"]["voltage_V"][:, i]
         stroke = abs(voltage[0] - park_V)
         assert stroke > 20.0  # the loop really was up
         fastest = 1.875 * stroke / RAMP_CYCLES  # of a minimum-jerk course, a period
-        assert np.abs(np.diff(voltage) / ramp["periods"][1:]).max() <= 1.05 * fastest < SLEW_V
+        assert np.abs(np.diff(voltage)).max() <= 1.05 * fastest < SLEW_V
         assert (np.diff(voltage) * np.sign(park_V - voltage[0]) >= 0).all()
         assert voltage[-1] == park_V
 

@@ -259,12 +259,12 @@ def test_clipping_the_voltage_instead_would_part_the_memories():
 
 def test_feedforward_takes_over_where_it_is():
     p = hysteresis([6.0, 12.0, 18.0], [0.11, 0.1, 0.1], 1.0, TANH, low_um=5.0, high_um=120.0)
-    s = record(HYSTERESIS_STATE, z=[500.0, -500.0, 3.0], count=3)
+    s = record(HYSTERESIS_STATE, z=[500.0, -500.0, 3.0], direction=-1.0)
     start_feedforward(p, s, 70.0, 80.0)
     taken = s["z"].copy()
     feedforward_voltage(p, s, 70.0)
     assert (s["z"] == taken).all()
-    assert (s["y_memory"], s["v_memory"], s["count"]) == (70.0, 80.0, 0)
+    assert (s["y_memory"], s["v_memory"], s["y_extreme"], s["direction"]) == (70.0, 80.0, 70.0, 0.0)
 
 
 def test_no_model_gives_no_voltage():

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.rt.hysteresis import NETWORK
-from micromanip.rt.network import sigmoid
+from micromanip.rt.network import sigmoid, start_network
 from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE, MAX_NEURONS
 
 from .builders import courses, record
@@ -15,12 +15,12 @@ from .kernels import network_course
 WEIGHT = st.floats(-2.0, 2.0)
 
 
-def network(w_in, b_in, w_out, b_out, stride=1):
+def network(w_in, b_in, w_out, b_out, reversal_um=1e-9):
     return record(
         HYSTERESIS_PARAMETERS,
         kind=NETWORK,
         neurons=len(b_in),
-        stride=stride,
+        reversal_um=reversal_um,
         w_in=w_in,
         b_in=b_in,
         w_out=w_out,
@@ -34,13 +34,28 @@ def along(p, s, y):
     return out
 
 
-def by_the_book(w_in, b_in, w_out, b_out, y, y_before, v_before):
-    """(10)-(12) with matrices, X = [y_k, y_k-1, v_k-1]."""
+def turning_points(y, reversal):
+    """Samples before which the memory moves, looked at all at once: back from the extreme of the branch."""
+    moves, first, way = set(), 0, 0.0
+    for k in range(1, len(y)):
+        branch = np.asarray(y[first : k + 1])
+        if way == 0.0:
+            way = np.sign(branch[-1] - branch[0])
+        extreme = branch.max() if way > 0 else branch.min()
+        if way * (extreme - branch[-1]) > reversal:
+            moves.add(k)
+            first, way = k, -way
+    return moves
+
+
+def by_the_book(w_in, b_in, w_out, b_out, y, y_memory, v_memory, moves):
+    """(10)-(12) with matrices, X = [y_k, y_m, v_m]."""
     out = []
-    for value in y:
-        Z = 1.0 / (1.0 + np.exp(-(w_in @ np.array([value, y_before, v_before]) + b_in)))
-        y_before, v_before = value, w_out @ Z + b_out
-        out.append(v_before)
+    for k, value in enumerate(y):
+        if k in moves:
+            y_memory, v_memory = y[k - 1], out[k - 1]
+        Z = 1.0 / (1.0 + np.exp(-(w_in @ np.array([value, y_memory, v_memory]) + b_in)))
+        out.append(w_out @ Z + b_out)
     return np.array(out)
 
 
@@ -54,40 +69,46 @@ def weights(draw):
     return numbers(3 * m).reshape(m, 3), numbers(m), numbers(m), draw(WEIGHT)
 
 
-@given(weights(), courses(st.floats(-3.0, 3.0)), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
-def test_equations_10_to_12(w, y, y_before, v_before):
-    s = record(HYSTERESIS_STATE, y_memory=y_before, v_memory=v_before)
-    assert along(network(*w), s, y) == pytest.approx(by_the_book(*w, y, y_before, v_before), rel=1e-12, abs=1e-12)
-    assert s["y_memory"] == y[-1]
+@given(weights(), courses(st.floats(-3.0, 3.0)), st.floats(-3.0, 3.0), st.floats(0.0, 1.0))
+def test_equations_10_to_12_with_the_last_turning_point_as_memory(w, y, v_before, reversal):
+    s = record(HYSTERESIS_STATE)
+    start_network(s, y[0], v_before)
+    expected = by_the_book(*w, y, y[0], v_before, turning_points(y, reversal))
+    assert along(network(*w, reversal), s, y) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
-@given(weights(), courses(st.floats(-3.0, 3.0)), st.integers(2, 7))
-def test_stride_moves_the_memory_on_at_the_pace_of_the_training(w, y, stride):
-    """With the displacement held over each stride the memory sees just the training's samples."""
-    p, s = network(*w, stride=stride), record(HYSTERESIS_STATE)
-    out = along(p, s, np.repeat(y, stride))
-    expected = by_the_book(*w, y, 0.0, 0.0)
-    assert out[stride - 1 :: stride] == pytest.approx(expected, rel=1e-12, abs=1e-12)
-    assert out[::stride] == pytest.approx(expected, rel=1e-12, abs=1e-12)
-
-
-def test_between_strides_the_output_follows_the_displacement_and_the_memory_waits():
+def test_the_memory_is_the_sample_before_the_one_that_came_back_far_enough():
     w = np.array([[1.0, 0.5, -0.3]]), np.array([0.1]), np.array([2.0]), 0.2
-    p, s = network(*w, stride=3), record(HYSTERESIS_STATE, y_memory=0.4, v_memory=0.7)
-    y = [0.5, 0.6, 0.7]
-    out = along(p, s, y[:2])
-    assert (s["y_memory"], s["v_memory"], s["count"]) == (0.4, 0.7, 2)
-    assert out == pytest.approx([by_the_book(*w, [value], 0.4, 0.7)[0] for value in y[:2]])
-    assert out[1] > out[0]
-    last = along(p, s, y[2:])
-    assert (s["y_memory"], s["v_memory"], s["count"]) == (0.7, last[0], 0)
+    p, s = network(*w, 0.25), record(HYSTERESIS_STATE)
+    start_network(s, 0.0, 0.7)
+    rising = along(p, s, [0.5, 1.0, 0.9, 0.8])  # 0.2 back from the extreme: not yet
+    assert (s["y_memory"], s["v_memory"]) == (0.0, 0.7)
+    along(p, s, [0.7])
+    assert (s["y_memory"], s["v_memory"]) == (0.8, rising[-1])
+    along(p, s, [0.2, 0.1, 0.3])
+    assert (s["y_memory"], s["v_memory"]) == (0.8, rising[-1])
+    along(p, s, [0.4])
+    assert s["y_memory"] == 0.3
+
+
+@given(weights(), courses(st.floats(-3.0, 3.0)), st.integers(2, 5))
+def test_a_branch_does_not_depend_on_the_loops_rate(w, y, times):
+    """Sampled more often on its way, the displacement gets the same voltage where both look."""
+    coarse, fine = record(HYSTERESIS_STATE), record(HYSTERESIS_STATE)
+    start_network(coarse, y[0], 0.1)
+    start_network(fine, y[0], 0.1)
+    p = network(*w, 0.5)
+    held = along(p, fine, np.repeat(y, times))
+    assert along(p, coarse, y) == pytest.approx(held[::times], rel=1e-12, abs=1e-12)
 
 
 def test_full_width_and_padding():
     rng = np.random.default_rng(1)
     w = rng.normal(size=(MAX_NEURONS, 3)), rng.normal(size=MAX_NEURONS), rng.normal(size=MAX_NEURONS), 0.0
     y = rng.normal(size=50)
-    assert along(network(*w), record(HYSTERESIS_STATE), y) == pytest.approx(by_the_book(*w, y, 0.0, 0.0))
+    s = record(HYSTERESIS_STATE)
+    start_network(s, y[0], 0.0)
+    assert along(network(*w), s, y) == pytest.approx(by_the_book(*w, y, y[0], 0.0, turning_points(y, 1e-9)))
     few = network(w[0][:4], w[1][:4], w[2][:4], 0.0)
     few["w_in"][4:], few["b_in"][4:], few["w_out"][4:] = np.nan, np.nan, np.nan
     assert np.isfinite(along(few, record(HYSTERESIS_STATE), y)).all()

@@ -231,6 +231,16 @@ def test_after_a_gap_it_starts_anew():
     assert s["w"][0] == -50.0
 
 
+@pytest.mark.parametrize("state", range(5))
+def test_a_lost_memory_starts_anew_with_the_next_sample(state):
+    p, s = tracker(), record(REFERENCE_STATE)
+    for k in range(1, 10):
+        signal_sample(p, s, 2.0 * k, k * MS)
+    s["filtered"][state] = math.nan
+    signal_sample(p, s, 20.0, 10 * MS)
+    assert s["filtered"].tolist() == [20.0, 0.0, 0.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize("late_ns", [0, MS // 2, 3 * MS])
 def test_a_sample_out_of_order_is_ignored(late_ns):
     """Held or predicted: what is older than the newest sample says nothing about now."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .axis import Axis
 from .compile import compile_cell
-from .hysteresis import NoModel
+from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from .load import load_with_source
 from .model import Configuration
 from .outer import outer_gains
@@ -118,6 +118,13 @@ def _reach(configuration: Configuration) -> Iterator[Finding]:
                     ("axes", name, "setpoint", "range_um"),
                     f"{list(reachable)} um goes beyond the hysteresis model's range_um {[least, most]}",
                 )
+            if isinstance(axis.hysteresis, PrandtlIshlinskii):
+                lowest, highest = attainable_um(axis.hysteresis)
+                if least < lowest or most > highest:
+                    yield (
+                        ("axes", name, "hysteresis", "range_um"),
+                        f"{[least, most]} um is more than the tanh shaping can reach: {lowest:.4g} to {highest:.4g} um",
+                    )
         wanted = low, high
         if axis.mode == "stage":
             wanted = axis.centre_um + low / _dc_gain(axis), axis.centre_um + high / _dc_gain(axis)

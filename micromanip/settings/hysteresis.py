@@ -128,12 +128,14 @@ class NoModel(Settings):
 Hysteresis = Annotated[PrandtlIshlinskii | Network | NoModel, Field(discriminator="model")]
 
 
-def phi_range(model: PrandtlIshlinskii) -> Range:
-    """Values the shaping can take: the attainable range of the inverse's argument."""
-    if model.shaping == "tanh":
-        centre, half = model.coefficients[3], abs(model.coefficients[0])
-        return centre - half, centre + half
-    return -math.inf, math.inf
+def attainable_um(model: PrandtlIshlinskii) -> Range:
+    """Displacements on the major loop between the ends of the shaping function: beyond them there is no inverse."""
+    if model.shaping != "tanh":
+        return -math.inf, math.inf
+    centre, half = model.coefficients[3], abs(model.coefficients[0])
+    gain = model.alpha + sum(model.weights) + sum(model.creep_gains)
+    width = sum(weight * r for weight, r in zip(model.weights, model.thresholds_um, strict=True))
+    return gain * (centre - half) + width, gain * (centre + half) - width
 
 
-__all__ = ["Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "phi_range"]
+__all__ = ["Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "attainable_um"]

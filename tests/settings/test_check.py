@@ -1,18 +1,22 @@
 """Mistakes that only show when sections are seen together: one line each, with the place and the way out."""
 
+import math
 import os
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from micromanip.cli.main import main
+from micromanip.design.hysteresis import predict
 from micromanip.errors import ConfigError
 from micromanip.io import registry
 from micromanip.io.contract import CyclicDriver
 from micromanip.io.registry import driver_class
 from micromanip.settings import wiring
 from micromanip.settings.check import prepare
+from micromanip.settings.hysteresis import PrandtlIshlinskii, attainable_um
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 TEXT = CONFIG.read_text(encoding="utf-8")
@@ -314,3 +318,27 @@ def test_a_broken_configuration_starts_nothing(tmp_path, monkeypatch, capsys):
         assert shown.out == ""
         assert shown.err.startswith(f"micromanip: {file}:{line_of(CELL, 'reference:')}: reference: axis x can't reach")
     assert [entry.name for entry in tmp_path.iterdir()] == ["cell.yaml"]
+
+
+@pytest.mark.parametrize("c3", [10.0, -10.0])
+def test_what_a_tanh_can_reach(c3):
+    """Driven far to both sides, the model ends at the limits that `check` holds the range against."""
+    model = PrandtlIshlinskii(
+        model="pi",
+        shaping="tanh",
+        coefficients=(c3, math.copysign(0.02, c3), -1.0, 40.0),
+        thresholds_um=(2.0, 5.0),
+        weights=(0.2, 0.1),
+        range_um=(0.0, 1.0),
+    )
+    ends = predict(model, np.array([0.0, 1e4, -1e4]))[1:]
+    assert attainable_um(model) == pytest.approx(sorted(ends))
+
+
+def test_a_range_that_the_tanh_cannot_reach(tmp_path):
+    text = TEXT.replace("[180.3023655, ", "[60.3023655, ")
+    line = line_of(text, "    hysteresis:") + 1
+    said = complaint(tmp_path, text)
+    assert said.startswith(
+        f"{line}: axes.x.hysteresis.range_um: [2.0, 128.0] um is more than the tanh shaping can reach: "
+    )

@@ -85,7 +85,8 @@ def fit_actuator(voltage_V: Array, strain_um: Array, period_s: float) -> Actuato
     fit_percent = float(model.errors(u[part:], y[part:])[0][0])
     if fit_percent < _LEAST_FIT_PERCENT:
         raise CheckFailed(
-            f"the strain gauge follows the voltage too little for a model (free run on held-out data {fit_percent:.0f} %)"
+            f"the strain gauge follows the voltage too little for a model: the free run on held-out data fits "
+            f"{fit_percent:.0f} %, at least {_LEAST_FIT_PERCENT:.0f} % are needed; is it the right axis?"
         )
     A, B, C, _ = model.modes.state_space()
     swing_um = float(np.sqrt(2.0) * y.std())

@@ -29,8 +29,7 @@ class VariedCell:
     prepared: Prepared
     axis: str
 
-    @property
-    def driver(self) -> str:
+    def require_simulated(self) -> str:
         """Name of the simulated driver that moves the axis; raises UsageError where another one does."""
         configuration = self.prepared.configuration
         name = configuration.outputs[f"voltage_{self.axis}"].driver
@@ -64,7 +63,7 @@ class VariedCell:
 
     def _varied(self, factors: Mapping[str, float], seed: int) -> Prepared:
         """The configuration with the plant of this axis changed."""
-        name, wiring = self.driver, self.prepared.wiring
+        name, wiring = self.require_simulated(), self.prepared.wiring
         options: Any = wiring.options[name]
         plant = options.variation.get(self.axis, options.plant)
         period_s = self.prepared.configuration.loop.period_ns * 1e-9

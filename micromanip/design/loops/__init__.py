@@ -4,7 +4,7 @@ from .margins import Margins, curve_margins, grid, margins, refined
 from .monte_carlo import Sample, StageSide, StrainSide, cluster, each, monte_carlo, worst
 from .perturbation import SPREAD, Perturbation, draw
 from .stage_loop import model_system, stage_loop
-from .strain_loop import pid_system, closed_ratio, strain_loop
+from .strain_loop import closed_ratio, pid_system, strain_loop
 from .system import System, delay, from_state_space
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "StageSide",
     "StrainSide",
     "System",
+    "closed_ratio",
     "cluster",
     "curve_margins",
     "delay",
@@ -27,7 +28,6 @@ __all__ = [
     "monte_carlo",
     "pid_system",
     "refined",
-    "closed_ratio",
     "stage_loop",
     "strain_loop",
     "worst",

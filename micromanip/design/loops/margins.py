@@ -54,7 +54,7 @@ class Margins:
     @property
     def sensitivity(self) -> float:
         """Ms: the peak of 1/|1 + L|."""
-        return 1.0 / self.modulus
+        return 1.0 / self.modulus if self.modulus > 0.0 else np.inf
 
     @property
     def stable(self) -> bool:
@@ -116,7 +116,9 @@ def curve_margins(response: Response, omega: Array) -> Margins:
 
     k = int(np.argmin(np.abs(1.0 + L)))
     low, high = omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)]
-    least = minimize_scalar(lambda w: abs(1.0 + at(w)), bounds=(low, high), method="bounded", options={"xatol": 1e-10 * high})
+    least = minimize_scalar(
+        lambda w: abs(1.0 + at(w)), bounds=(low, high), method="bounded", options={"xatol": 1e-10 * high}
+    )
     modulus, peak = min((float(least.fun), float(least.x)), (float(abs(1.0 + L[k])), float(omega[k])))
     real = response(_roots(lambda w: response(w).imag, omega, L.imag)).real.tolist()
     real += [float(L[i].real) for i in (0, -1) if abs(L[i].imag) < 1e-9 * abs(L[i])]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import joblib
 import numpy as np
@@ -80,19 +80,13 @@ class Sample:
         """Every loop that there is, is stable."""
         return all(loop.stable for loop in (self.strain, self.stage) if loop is not None)
 
-    @property
-    def sensitivity(self) -> float:
-        """The larger Ms of both loops; inf for an unstable one."""
-        loops = [loop for loop in (self.strain, self.stage) if loop is not None]
-        return max((loop.sensitivity if loop.stable else np.inf for loop in loops), default=0.0)
-
 
 def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period_s: float) -> Sample:
     """Draw the plant of `seed` and take the margins of its loops."""
     drawn = draw(seed)
     slope = strain.slope(drawn) if strain else 1.0
     if not np.isfinite(slope):
-        return Sample(seed, drawn, strain and _UNSTABLE, stage and _UNSTABLE)
+        return Sample(seed, drawn, _UNSTABLE if strain else None, _UNSTABLE if stage else None)
     inner = outer = None
     change: System | None = None
     if strain is not None:
@@ -123,9 +117,16 @@ def monte_carlo(
     return each(partial(sample, strain=strain, stage=stage, period_s=period_s), seeds, jobs)
 
 
-def worst(samples: list[Sample]) -> Sample:
-    """The sample with the largest Ms; an unstable one before all others."""
-    return max(samples, key=lambda s: s.sensitivity)
+def worst(samples: list[Sample], of_stage: bool) -> Sample:
+    """The sample whose outer loop (or strain loop) has the largest Ms; unstable ones before all others."""
+
+    def badness(case: Sample) -> tuple[bool, float]:
+        loop = case.stage if of_stage else case.strain
+        if loop is None:
+            raise ValueError("the samples have no such loop")
+        return not loop.stable, loop.radius if not loop.stable else loop.sensitivity
+
+    return max(samples, key=badness)
 
 
 @contextmanager
@@ -139,7 +140,8 @@ def cluster(address: str) -> Iterator[None]:
     except ImportError as problem:
         raise UsageError("a cluster needs the packages of the extra: pip install 'micromanip[cluster]'") from problem
     try:
-        client = Client(address, timeout=10)
+        connect: Any = Client
+        client = connect(address, timeout=10)
     except (OSError, ValueError) as problem:
         raise DeviceUnavailable(f"no Dask scheduler answers at {address}: {problem}") from problem
     with client, joblib.parallel_config(backend="dask"):

@@ -41,7 +41,7 @@ class System:
         return T, Q.conj().T @ self.B, self.C @ Q
 
     def response(self, omega: Array) -> Complex:
-        """Frequency response (n,): back substitution in the Schur form, well conditioned for delays and repeated poles."""
+        """Frequency response (n,), by back substitution in the Schur form: delays and repeated poles do no harm."""
         z = np.exp(1j * np.asarray(omega, dtype=float) * self.period_s)
         if not len(self.A):
             return np.full(len(z), self.D, complex)
@@ -57,7 +57,7 @@ class System:
         return self.A - np.outer(self.B, self.C) / (1.0 + self.D)
 
     def then(self, after: System) -> System:
-        """This system followed by `after`."""
+        """Series connection: `after` takes the output of this system."""
         n, m = len(self.A), len(after.A)
         A = np.zeros((n + m, n + m))
         A[:n, :n], A[n:, n:], A[n:, :n] = self.A, after.A, np.outer(after.B, self.C)

@@ -30,7 +30,8 @@ def limit_cycles(
     `gain` gives N at one amplitude, `amplitudes` (k,) is the grid; `response` gives L at `omega` (n,), rad/s.
     An amplitude where N is not finite interrupts the locus.
     """
-    locus = -1.0 / np.array([gain(float(a)) for a in amplitudes], dtype=complex)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        locus = np.asarray(-1.0 / np.array([gain(float(a)) for a in amplitudes]), dtype=complex)
     curve = response(omega)
     found: list[LimitCycle] = []
     for i, j in _crossings(locus, curve):

@@ -76,7 +76,7 @@ def antiresonance(system: System, pole: complex) -> complex | None:
     """The zero that lies by the oscillating `pole`, where there is one: the stage swinging on a held actuator."""
     n = len(system.A)
     pencil = np.block([[system.A, system.B[:, None]], [system.C[None, :], np.zeros((1, 1))]])
-    zeros: Complex = eigvals(pencil, np.diag([1.0] * n + [0.0]))
+    zeros = np.asarray(eigvals(pencil, np.diag([1.0] * n + [0.0])), dtype=complex)
     zeros = zeros[np.isfinite(zeros) & (zeros.imag > 1e-9) & (np.abs(zeros) < 1.0)]
     if not len(zeros):
         return None

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 SECONDS, SETTLE_S = 4.0, 0.1
 LOW_RMS_V, LOW_HZ = 1.0, 80.0
 WIDE_RMS_V, WIDE_HZ = 0.7, 3000.0
-ORDER, _BLOCK_ROWS = 8, 50
+ORDER, _BLOCK_ROWS, _REFINEMENTS = 8, 50, 3
 _DRIFT_HZ = 5.0
 """Below it creep and hysteresis, not the linear dynamics, make the movement."""
 _LEAST_FIT_PERCENT = 50.0
@@ -81,7 +81,9 @@ def fit_actuator(voltage_V: Array, strain_um: Array, period_s: float) -> Actuato
     drift = butter(2, _DRIFT_HZ, "high", fs=1.0 / period_s, output="sos")
     u, y = (sosfiltfilt(drift, signal)[:, None] for signal in (voltage_V, strain_um))
     part = 3 * len(u) // 4
-    model = fit_linear([(u[:part], y[:part])], period_s, ORDER, block_rows=_BLOCK_ROWS, direct=False)
+    model = fit_linear(
+        [(u[:part], y[:part])], period_s, ORDER, block_rows=_BLOCK_ROWS, direct=False, refinements=_REFINEMENTS
+    )
     fit_percent = float(model.errors(u[part:], y[part:])[0][0])
     if fit_percent < _LEAST_FIT_PERCENT:
         raise CheckFailed(

@@ -76,16 +76,16 @@ def test_closed_outer_loop_has_the_poles_of_regulator_and_observer(sample_cycles
 
 
 def test_broken_at_the_set_point_or_at_the_sensor_is_the_same():
-    """L at the set-point: the compensator's transfer from sensor to set-point, written down by itself, times the plant."""
+    """L at the set-point: the compensator's transfer from sensor to set-point, by itself, times the plant's."""
     settings, gains, _ = designed(2)
     plant = model_system(settings.model, PERIOD_S)
     omega = np.geomspace(10.0, 3e4, 40)
-    I = np.eye(len(gains.A))
-    correct, F = I - np.outer(gains.observer, gains.C), gains.A - np.outer(gains.B, gains.feedback)
+    one = np.eye(len(gains.A))
+    correct, F = one - np.outer(gains.observer, gains.C), gains.A - np.outer(gains.B, gains.feedback)
     compensator = []
     for z in np.exp(1j * omega * PERIOD_S):
         # estimate after its correction: x = (I - L C) F x / z + L y
-        x = np.linalg.solve(I - correct @ F / z, gains.observer.astype(complex))
+        x = np.linalg.solve(one - correct @ F / z, gains.observer.astype(complex))
         compensator.append(gains.feedback @ x)
     expected = np.array(compensator) * plant.response(omega)
     assert stage_loop(gains, plant).response(omega) == pytest.approx(expected, rel=1e-7)

@@ -139,7 +139,10 @@ def test_an_unstable_loop_with_a_good_ms_is_called_unstable():
 
 def test_response_is_that_of_control():
     rng = np.random.default_rng(2)
-    system = from_state_space(control.ss(control.drss(7, 1, 1).A * 0.9, rng.normal(size=(7, 1)), rng.normal(size=(1, 7)), 0.3, PERIOD_S))
+    A = rng.normal(size=(7, 7))
+    A *= 0.95 / np.abs(np.linalg.eigvals(A)).max()
+    system = System(A, rng.normal(size=7), rng.normal(size=7), 0.3, PERIOD_S)
+    assert from_state_space(system.state_space()).poles == pytest.approx(system.poles)
     omega = np.geomspace(1.0, np.pi / PERIOD_S, 50)
     expected = system.state_space()(np.exp(1j * omega * PERIOD_S))
     assert system.response(omega) == pytest.approx(expected, rel=1e-9)

@@ -44,9 +44,12 @@ def test_drawn_plants_are_the_same_on_a_cluster():
     from micromanip.design.loops import monte_carlo
     from tests.design.test_perturbation import PERIOD_S, sides
 
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, host="127.0.0.1", protocol="tcp"
-    ) as local, cluster(local.scheduler_address):
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, host="127.0.0.1", protocol="tcp"
+        ) as local,
+        cluster(local.scheduler_address),
+    ):
         there = list(monte_carlo(*sides(), PERIOD_S, range(3)))
     assert there == list(monte_carlo(*sides(), PERIOD_S, range(3), 1))
 

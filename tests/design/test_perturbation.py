@@ -133,7 +133,12 @@ def test_draws_stay_in_their_spread_and_follow_their_seed():
 def sides(weights=(0.08, 0.07, 0.06)):
     settings, gains, _ = designed(2)
     model = PrandtlIshlinskii(
-        model="pi", range_um=(2, 128), shaping="affine", coefficients=(0.63, 0.0), thresholds_um=(3.5, 7.0, 10.5), weights=weights
+        model="pi",
+        range_um=(2, 128),
+        shaping="affine",
+        coefficients=(0.63, 0.0),
+        thresholds_um=(3.5, 7.0, 10.5),
+        weights=weights,
     )
     return (
         StrainSide(PID, actuator(), model, (2.0, 128.0), 0.63),

@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
-from .analysis import AxisAnalysis, Inverse
+from .analysis import AxisAnalysis
 from .criteria import LEAST_GAIN_DB, LEAST_PHASE_DEG
 from .figures import panels, save
+from .judged import Inverse
 from .loops import Margins, Sample, System, grid, refined
 
 Array = NDArray[np.float64]

@@ -13,6 +13,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from draw_analysis import analysis_drawings
 from draw_diagrams import DIAGRAMS
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks
@@ -173,6 +174,7 @@ def drawings() -> Iterator[tuple[str, Figure]]:
     yield "creep", creep(prepared)
     yield "force_step", force_step(prepared)
     yield "path_error", path_error(prepared)
+    yield from analysis_drawings(prepared)
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ COMMANDS = {
     "identify": "play a safe excitation on one axis and record it",
     "fit": "models from a recording",
     "evaluate": "the paper's experiment in virtual time",
+    "analyse": "describing function, margins and robustness, with a verdict",
     "status": "what the running controller does",
     "arm": "start tracking, softly",
     "disarm": "stop tracking, softly",

@@ -1,0 +1,125 @@
+"""``micromanip analyse``: describing function, margins and robustness of the axes, with a verdict."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import click
+
+from micromanip.errors import CheckFailed, UsageError
+
+from .options import config_argument, json_option, print_json
+
+
+@click.command("analyse", epilog="Example: micromanip analyse config/simulated.yaml --axis x --out out/analyse")
+@config_argument
+@click.option(
+    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the figures."
+)
+@click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@click.option(
+    "--samples", type=click.IntRange(min=0), default=100, show_default=True, help="Plants that are drawn, an axis."
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the first plant; the next follow."
+)
+@click.option(
+    "--simulate", is_flag=True, help="Also run the whole cell, in virtual time, with every plant (driver simulated)."
+)
+@click.option(
+    "--jobs", type=int, default=-1, show_default="one a CPU", help="Processes that share the plants; 1: this one alone."
+)
+@click.option("--cluster", "address", help="Dask scheduler that takes the plants instead, e.g. tcp://host:8786.")
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
+@json_option
+def command(
+    config: Path, folder: Path, only: str, samples: int, seed: int, simulate: bool, jobs: int, address: str | None,
+    figures: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Judge the control of each axis before it runs: is the inverse regular, are the loops stable, with what margin?
+
+    A simulated cell's actuator is recorded in virtual time; on real hardware nothing moves, and the strain loop is
+    not judged. Exit code 1 where a criterion fails. docs/analysis.md explains the figures.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from micromanip.design.analysis import analyse_axis
+    from micromanip.design.criteria import criteria, notes, report
+    from micromanip.design.loops import cluster
+    from micromanip.settings.check import prepare
+    from micromanip.sim.experiment import VirtualExperiment
+    from micromanip.sim.variation import VariedCell
+
+    prepared = prepare(config)
+    names = list(prepared.configuration.axes)
+    if only != "all" and only not in names:
+        raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
+    if jobs == 0:
+        raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
+    shown = names if only == "all" else [only]
+    simulated = all(driver.simulated for driver in prepared.wiring.drivers.values())
+    cells = {name: VariedCell(prepared, name) for name in shown} if simulate else {}
+    for cell in cells.values():
+        cell.require_simulated()
+    seeds = range(seed, seed + samples)
+    analyses, written = [], []
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("analyse", total=None)
+        for name in shown:
+
+            def say(what: str, axis: str = name) -> None:
+                bar.update(task, description=f"axis {axis}: {what}")
+
+            with cluster(address) if address else nullcontext():
+                analysis = analyse_axis(
+                    prepared.configuration,
+                    name,
+                    VirtualExperiment(prepared) if simulated else None,
+                    seeds,
+                    play=cells.get(name),
+                    jobs=None if address else jobs,
+                    progress=say,
+                )
+            analyses.append(analysis)
+            if figures:
+                from micromanip.design.analysis_figures import draw_analysis
+
+                say("drawing")
+                folder.mkdir(parents=True, exist_ok=True)
+                written += draw_analysis(analysis, folder)
+    judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
+    failed = [criterion for criterion in judged if not criterion.passed]
+    if as_json:
+        files = [str(file) for file in written]
+        print_json({"passed": not failed, "axes": [report(analysis) for analysis in analyses], "figures": files})
+    else:
+        _print(judged)
+        for analysis in analyses:
+            for line in notes(analysis):
+                click.echo(f"axis {analysis.axis}: {line}")
+        if written:
+            click.echo(f"{len(written)} figures in {folder}/")
+    if failed:
+        worst = failed[0]
+        raise CheckFailed(
+            f"{len(failed)} of {len(judged)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
+            f"(wanted: {worst.limit})"
+        )
+
+
+def _print(judged: list[Any]) -> None:
+    """A line a criterion."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Analysis")
+    for column in ("axis", "criterion", "found", "wanted", ""):
+        table.add_column(column, overflow="fold")
+    for criterion in judged:
+        verdict = "[green]PASS[/]" if criterion.passed else "[red]FAIL[/]"
+        table.add_row(criterion.axis, criterion.name, criterion.value, criterion.limit, verdict)
+    if judged:
+        Console(highlight=False).print(table)

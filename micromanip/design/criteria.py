@@ -1,0 +1,185 @@
+"""PASS or FAIL for what an analysis found, each criterion with its figure, its limit and where it comes from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from .analysis import AxisAnalysis
+from .describing import LimitCycle
+from .loops import Margins, worst
+
+LEAST_GAIN_DB, LEAST_PHASE_DEG = 6.0, 35.0
+_LOST = 0.2
+"""A played cell has lost its path where the rms error is above this share of the movement."""
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """``name`` of what was judged, whether it ``passed``, the ``value`` found and the ``limit`` in words."""
+
+    axis: str
+    name: str
+    passed: bool
+    value: str
+    limit: str
+
+
+def criteria(analysis: AxisAnalysis) -> list[Criterion]:
+    """All criteria that the analysis of one axis allows to judge."""
+    found: list[Criterion] = []
+
+    def add(name: str, passed: bool, value: str, limit: str) -> None:
+        found.append(Criterion(analysis.axis, name, passed, value, limit))
+
+    if analysis.inverse is not None:
+        verdict = analysis.inverse.verdict
+        least, most = verdict.gain_range_V_per_um
+        value = "; ".join(verdict.problems) or f"|N| {least:.2f}..{most:.2f} V/um, no jump, no pole"
+        add("invertible over the set-points", not verdict.problems, value, "regular everywhere")
+    if analysis.strain is not None:
+        slopes = analysis.strain.slopes
+        for part in _loop("strain loop", analysis.strain.margins, [f"at {s:.2f} times the slope" for s in slopes]):
+            add(*part)
+        if analysis.inverse is not None:
+            add("strain loop: limit cycle", not analysis.strain.cycles, _cycles(analysis.strain.cycles, "V"), "none")
+    if analysis.stage is not None:
+        for part in _loop("outer loop", (analysis.stage.margins,), [""]):
+            add(*part)
+        if analysis.inverse is not None and analysis.settings.inner.mode != "pid":
+            add("outer loop: limit cycle", not analysis.stage.cycles, _cycles(analysis.stage.cycles, "um"), "none")
+    if analysis.samples:
+        for part in _drawn(analysis):
+            add(*part)
+    if analysis.played:
+        lost = [p for p in analysis.played if p["stopped"] or p["rms_um"] > _LOST * p["range_um"]]
+        far = max((p for p in analysis.played if not p["stopped"]), key=lambda p: p["rms_um"], default=None)
+        value = f"{len(analysis.played) - len(lost)} of {len(analysis.played)}"
+        if far is not None:
+            value += f", largest error {far['rms_um']:.3g} um rms with seed {far['seed']}"
+        stopped = [p for p in lost if p["stopped"]]
+        if stopped:
+            value += f"; seed {stopped[0]['seed']}: {stopped[0]['stopped']}"
+        add("played cells hold the path", not lost, value, "all")
+    return found
+
+
+Part = tuple[str, bool, str, str]
+
+
+def _loop(name: str, found: tuple[Margins, ...], where: list[str]) -> list[Part]:
+    """Stability and both margins of a loop at the worst of its variants."""
+
+    def said(i: int, text: str) -> str:
+        return f"{text} {where[i]}".strip()
+
+    numbers = range(len(found))
+    r = max(numbers, key=lambda i: found[i].radius)
+    g = min(numbers, key=lambda i: found[i].gain_dB)
+    p = min(numbers, key=lambda i: found[i].phase_deg)
+    s = max(numbers, key=lambda i: found[i].sensitivity)
+    peak = f"{found[s].sensitivity:.2f} at {found[s].peak_Hz:.3g} Hz"
+    return [
+        (
+            f"{name}: stable",
+            all(m.stable for m in found),
+            f"largest eigenvalue {found[r].radius:.5f}, Ms " + said(s, peak),
+            "inside the unit circle",
+        ),
+        (
+            f"{name}: gain margin",
+            all(m.stable and m.gain_dB >= LEAST_GAIN_DB for m in found),
+            said(g, f"{found[g].gain_dB:.1f} dB"),
+            f">= {LEAST_GAIN_DB:g} dB",
+        ),
+        (
+            f"{name}: phase margin",
+            all(m.stable and m.phase_deg >= LEAST_PHASE_DEG for m in found),
+            said(p, f"{found[p].phase_deg:.0f} deg at {found[p].phase_Hz:.3g} Hz"),
+            f">= {LEAST_PHASE_DEG:g} deg",
+        ),
+    ]
+
+
+def _cycles(cycles: tuple[LimitCycle, ...], unit: str) -> str:
+    if not cycles:
+        return "-1/N does not meet the Nyquist curve"
+    smallest = min(cycles, key=lambda c: c.amplitude)
+    return f"amplitude {smallest.amplitude:.3g} {unit} at {smallest.frequency_Hz:.4g} Hz"
+
+
+def _drawn(analysis: AxisAnalysis) -> list[Part]:
+    """Share of drawn plants that are stable. With an outer loop it is the whole loop that counts."""
+    name, whole = ("outer loop", True) if analysis.stage is not None else ("strain loop", False)
+    loops = [(s, s.stage if whole else s.strain) for s in analysis.samples]
+    stable = sum(m is not None and m.stable for _, m in loops)
+    case = worst(list(analysis.samples), of_stage=whole)
+    margin = case.stage if whole else case.strain
+    size = "unstable" if margin is None or not margin.stable else f"Ms {margin.sensitivity:.2f}"
+    value = f"{stable} of {len(loops)}, worst {size} with seed {case.seed}"
+    return [(f"{name}: stable for drawn plants", stable == len(loops), value, "all")]
+
+
+def notes(analysis: AxisAnalysis) -> list[str]:
+    """What is no criterion but worth knowing: plants for which only the outer loop keeps the strain loop stable."""
+    said = list(analysis.missing)
+    alone = [s for s in analysis.samples if s.strain is not None and s.stage is not None]
+    lost = [s for s in alone if s.strain is not None and not s.strain.stable]
+    if lost:
+        said.append(
+            f"by itself, while the outer loop is not closed, the strain loop is unstable for {len(lost)} of "
+            f"{len(alone)} drawn plants, e.g. seed {lost[0].seed}: it takes damping from the flexure's mode"
+        )
+    return said
+
+
+def report(analysis: AxisAnalysis) -> dict[str, Any]:
+    """Everything of one axis as plain values, ready for JSON; what is not finite becomes null."""
+    document: dict[str, Any] = {
+        "axis": analysis.axis,
+        "criteria": [asdict(c) for c in criteria(analysis)],
+        "notes": notes(analysis),
+    }
+    if analysis.inverse is not None:
+        swept, gain = analysis.inverse.swept, analysis.inverse.swept.gain_V_per_um
+        document["describing"] = asdict(analysis.inverse.verdict) | {
+            "offset_um": swept.offset_um,
+            "thresholds_um": analysis.inverse.thresholds_um.tolist(),
+            "amplitude_um": swept.amplitude_um.tolist(),
+            "v0_V": swept.v0_V.tolist(),
+            "gain_V_per_um": abs(gain).tolist(),
+        }
+    if analysis.strain is not None:
+        strain = analysis.strain
+        document["strain"] = {
+            "fit_percent": strain.actuator.fit_percent,
+            "slopes": list(strain.slopes),
+            "margins": [_margins(m) for m in strain.margins],
+            "limit_cycles": [asdict(c) for c in strain.cycles],
+        }
+    if analysis.stage is not None:
+        document["stage"] = {
+            "margins": _margins(analysis.stage.margins),
+            "limit_cycles": [asdict(c) for c in analysis.stage.cycles],
+        }
+    document["samples"] = [
+        {"seed": s.seed, "drawn": s.drawn.factors(), "stable": s.stable}
+        | {name: _margins(m) for name, m in (("strain", s.strain), ("stage", s.stage)) if m is not None}
+        for s in analysis.samples
+    ]
+    document["played"] = list(analysis.played)
+    plain: dict[str, Any] = _plain(document)
+    return plain
+
+
+def _margins(m: Margins) -> dict[str, Any]:
+    return asdict(m) | {"gain_dB": m.gain_dB, "sensitivity": m.sensitivity, "stable": m.stable}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

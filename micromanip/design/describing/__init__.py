@@ -1,0 +1,31 @@
+"""Describing function of the hysteresis model and its inverse (section 4.6, equations (18)-(24)).
+
+closed_form(model, amplitude_um)                        # (22)-(24): identity and affine shaping
+harmonics(inverse_operator(model), amplitude, offset)   # (18)-(21): any shaping, any offset
+"""
+
+from .closed_form import closed_form
+from .limit_cycles import LimitCycle, limit_cycles
+from .operator import actuator_operator, inverse_operator
+from .quadrature import Harmonics, gains, harmonics
+from .singularities import Verdict, attainable, judge
+from .sweep import GainMap, Sweep, amplitudes_up_to, gain_map, sweep
+
+__all__ = [
+    "GainMap",
+    "Harmonics",
+    "LimitCycle",
+    "Sweep",
+    "Verdict",
+    "actuator_operator",
+    "amplitudes_up_to",
+    "attainable",
+    "closed_form",
+    "gain_map",
+    "gains",
+    "harmonics",
+    "inverse_operator",
+    "judge",
+    "limit_cycles",
+    "sweep",
+]

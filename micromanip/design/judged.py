@@ -1,0 +1,160 @@
+"""The parts of an axis that an analysis looks at one by one: its inverse, its strain loop, its outer loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.settings.axis import Axis
+from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.outer import outer_gains
+from micromanip.settings.reference import Tracker
+
+from .actuation import Actuator
+from .describing import (
+    GainMap,
+    LimitCycle,
+    Sweep,
+    Verdict,
+    actuator_operator,
+    amplitudes_up_to,
+    gain_map,
+    harmonics,
+    inverse_operator,
+    judge,
+    limit_cycles,
+    sweep,
+)
+from .loops import (
+    SPREAD,
+    Margins,
+    StageSide,
+    StrainSide,
+    System,
+    grid,
+    margins,
+    model_system,
+    refined,
+    stage_loop,
+    strain_loop,
+)
+
+Array = NDArray[np.float64]
+
+_AMPLITUDES = 200
+
+
+@dataclass(frozen=True)
+class Inverse:
+    """Describing function of the inverse over the set-points: figure 7, the map, the verdict."""
+
+    thresholds_um: Array
+    swept: Sweep
+    over_offsets: GainMap
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class Strain:
+    """The strain loop for the slopes (multiples of the identified one) that the describing function allows."""
+
+    actuator: Actuator
+    side: StrainSide
+    slopes: tuple[float, ...]
+    loops: tuple[System, ...]
+    margins: tuple[Margins, ...]
+    cycles: tuple[LimitCycle, ...]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The whole outer loop around its model; limit cycles where the inverse does not fit the actuator."""
+
+    side: StageSide
+    loop: System
+    margins: Margins
+    cycles: tuple[LimitCycle, ...]
+
+
+def analyse_inverse(model: PrandtlIshlinskii, settings: Axis) -> Inverse:
+    """Figure 7 about the axis' working point, and the map and verdict over its set-points."""
+    low, high = settings.setpoint.range_um
+    thresholds = inverse_operator(model).thresholds
+    room = min(settings.centre_um - low, high - settings.centre_um)
+    # a working point at the end of the range has no room: then the middle
+    offset, room = (settings.centre_um, room) if room > 0 else (0.5 * (low + high), 0.5 * (high - low))
+    swept = sweep(model, offset, amplitudes_up_to(room, thresholds, _AMPLITUDES))
+    over = gain_map(model, (low, high))
+    return Inverse(thresholds, swept, over, judge(model, (low, high), over))
+
+
+def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) -> Strain:
+    """Margins for the identified slope and the flattest and steepest of the map; limit cycles about the centre."""
+    model = settings.hysteresis if isinstance(settings.hysteresis, PrandtlIshlinskii) else None
+    identified, slopes = 1.0, [1.0]
+    if model is not None and inverse is not None:
+        operator = inverse_operator(model)
+        identified = 1.0 / abs(harmonics(operator, actuator.swing_um, settings.centre_um).gain)
+        slopes += [1.0 / (identified * gain) for gain in inverse.verdict.gain_range_V_per_um if np.isfinite(gain)]
+    slopes = sorted(slopes)
+    loops = tuple(strain_loop(settings.inner, actuator.dynamics, slope) for slope in slopes)
+    cycles: tuple[LimitCycle, ...] = ()
+    if model is not None:
+        forward, swing_V = actuator_operator(model), actuator.swing_um / identified
+        unit = harmonics(forward, swing_V, actuator.centre_V).gain
+        nominal = strain_loop(settings.inner, actuator.dynamics)
+        amplitudes = np.geomspace(0.1, 100.0, _AMPLITUDES)
+        found = _cycles(lambda a: harmonics(forward, a, actuator.centre_V).gain / unit, amplitudes, nominal)
+        cycles = tuple(found)
+    side = StrainSide(settings.inner, actuator.dynamics, model, settings.setpoint.range_um, identified)
+    return Strain(actuator, side, tuple(slopes), loops, tuple(margins(loop) for loop in loops), cycles)
+
+
+def analyse_stage(settings: Axis, tracker: Tracker | None, period_s: float) -> Stage:
+    """Margins of the loop broken at the set-point; limit cycles with an inverse that is wrong by ``SPREAD``."""
+    outer = settings.outer
+    if outer is None:
+        raise ValueError("the axis has no section outer")
+    gains = outer_gains(outer, tracker, period_s)
+    loop = stage_loop(gains, model_system(outer.model, period_s), outer.sample_cycles)
+    cycles: list[LimitCycle] = []
+    if isinstance(settings.hysteresis, PrandtlIshlinskii) and settings.inner.mode != "pid":
+        low, high = settings.setpoint.range_um
+        amplitudes = np.geomspace(0.1, 0.5 * (high - low), _AMPLITUDES)
+        for mismatch in mismatches(settings.hysteresis, 0.5 * (low + high)):
+            cycles += _cycles(mismatch, amplitudes, loop)
+    side = StageSide(gains, outer.model, outer.sample_cycles)
+    return Stage(side, loop, margins(loop), tuple(cycles))
+
+
+def mismatches(model: PrandtlIshlinskii, offset_um: float) -> list[Callable[[float], complex]]:
+    """Describing functions of inverse and actuator in series, over the set-point's amplitude (um), nominally 1.
+
+    The actuator's gain and its hysteresis are wrong by ``SPREAD``, all four corners: a real actuator's response, over
+    that of the model, to the voltage that the inverse gives.
+    """
+    inverse, forward = inverse_operator(model), actuator_operator(model)
+
+    def corner(gain: float, hysteresis: float) -> Callable[[float], complex]:
+        weights = tuple(hysteresis * w for w in model.weights)
+        real = actuator_operator(model.model_copy(update={"weights": weights}))
+
+        def mismatch(amplitude_um: float) -> complex:
+            asked = harmonics(inverse, amplitude_um, offset_um)
+            if not np.isfinite(asked.v0):
+                return complex(np.nan, np.nan)
+            swing_V = amplitude_um * abs(asked.gain)
+            return gain * harmonics(real, swing_V, asked.v0).gain / harmonics(forward, swing_V, asked.v0).gain
+
+        return mismatch
+
+    g, h = SPREAD.piezo_gain, SPREAD.hysteresis_gain
+    return [corner(1.0 + a * g, 1.0 + b * h) for a in (-1, 1) for b in (-1, 1)]
+
+
+def _cycles(gain: Callable[[float], complex], amplitudes: Array, loop: System) -> list[LimitCycle]:
+    omega, _ = refined(loop.response, grid(loop.period_s, loop.poles))
+    return limit_cycles(gain, amplitudes, loop.response, omega)

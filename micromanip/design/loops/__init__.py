@@ -1,0 +1,34 @@
+"""Loop transfers of the strain loop and the outer loop, their margins, and how both bear another plant."""
+
+from .margins import Margins, curve_margins, grid, margins, refined
+from .monte_carlo import Sample, StageSide, StrainSide, cluster, each, monte_carlo, worst
+from .perturbation import SPREAD, Perturbation, draw
+from .stage_loop import model_system, stage_loop
+from .strain_loop import closed_ratio, pid_system, strain_loop
+from .system import System, delay, from_state_space
+
+__all__ = [
+    "SPREAD",
+    "Margins",
+    "Perturbation",
+    "Sample",
+    "StageSide",
+    "StrainSide",
+    "System",
+    "closed_ratio",
+    "cluster",
+    "curve_margins",
+    "delay",
+    "draw",
+    "each",
+    "from_state_space",
+    "grid",
+    "margins",
+    "model_system",
+    "monte_carlo",
+    "pid_system",
+    "refined",
+    "stage_loop",
+    "strain_loop",
+    "worst",
+]

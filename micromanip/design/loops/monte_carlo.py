@@ -1,0 +1,148 @@
+"""Margins of both loops for plants drawn around the nominal one, in parallel through joblib.
+
+A sample is known by its seed: the same seed gives the same plant whatever else is drawn, on any worker. Run inside
+``joblib.parallel_config(backend="dask")`` (or ``cluster``), the samples go to a Dask cluster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+import joblib
+import numpy as np
+
+from micromanip.errors import DeviceUnavailable, UsageError
+from micromanip.settings.axis import Inner, LinearModel
+from micromanip.settings.hysteresis import PrandtlIshlinskii, Range
+from micromanip.settings.outer import OuterGains
+
+from ..describing import harmonics, inverse_operator
+from .margins import Margins, margins
+from .perturbation import Perturbation, draw, model_dynamics, perturbed, perturbed_delay, shift
+from .stage_loop import stage_loop
+from .strain_loop import closed_ratio, strain_loop
+from .system import System, delay
+
+Result = TypeVar("Result")
+_SMALLEST_UM = 0.5
+_UNSTABLE = Margins(1.0, 1.0, 0.0, np.nan, 0.0, 0.0, np.nan, (), np.inf)
+
+
+@dataclass(frozen=True)
+class StrainSide:
+    """What the strain loop is made of: PID, actuator (volts to um), and its hysteresis for the range of slopes."""
+
+    inner: Inner
+    actuator: System
+    hysteresis: PrandtlIshlinskii | None
+    range_um: Range
+    identified_slope: float
+
+    def slope(self, p: Perturbation) -> float:
+        """Slope of the actuator as a multiple of the identified one; nan where its hysteresis has no inverse."""
+        if self.hysteresis is None:
+            return p.piezo_gain
+        weights = tuple(p.hysteresis_gain * w for w in self.hysteresis.weights)
+        if self.hysteresis.alpha + np.cumsum(weights).min(initial=0.0) <= 0.0:
+            return np.nan
+        low, high = self.range_um
+        offset = low + p.place * (high - low)
+        room = max(min(offset - low, high - offset), 2.0 * _SMALLEST_UM)
+        amplitude = _SMALLEST_UM * (room / _SMALLEST_UM) ** p.swing
+        operator = inverse_operator(self.hysteresis.model_copy(update={"weights": weights}))
+        return p.piezo_gain / (self.identified_slope * abs(harmonics(operator, amplitude, offset).gain))
+
+
+@dataclass(frozen=True)
+class StageSide:
+    """What the outer loop is made of: the compensator's gains, and the plant that it was made for."""
+
+    gains: OuterGains
+    model: LinearModel
+    sample_cycles: int
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One plant: its seed, what was drawn, and the margins of the loops that there are."""
+
+    seed: int
+    drawn: Perturbation
+    strain: Margins | None
+    stage: Margins | None
+
+    @property
+    def stable(self) -> bool:
+        """Every loop that there is, is stable."""
+        return all(loop.stable for loop in (self.strain, self.stage) if loop is not None)
+
+
+def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period_s: float) -> Sample:
+    """Draw the plant of `seed` and take the margins of its loops."""
+    drawn = draw(seed)
+    slope = strain.slope(drawn) if strain else 1.0
+    if not np.isfinite(slope):
+        return Sample(seed, drawn, _UNSTABLE if strain else None, _UNSTABLE if stage else None)
+    inner = outer = None
+    change: System | None = None
+    if strain is not None:
+        moved = shift(strain.actuator, drawn)
+        # what the actuator has of delay lies in its own states: it can only be added to
+        late = delay(max(0.0, drawn.delay_cycles), period_s)
+        inner = margins(strain_loop(strain.inner, late.then(perturbed(strain.actuator, drawn)), slope))
+        change = closed_ratio(strain.inner, strain.actuator, moved, late, slope)
+    if stage is not None:
+        dynamics = model_dynamics(stage.model, period_s)
+        mechanics = perturbed(dynamics, drawn) if change is None else change.then(dynamics)
+        plant = perturbed_delay(stage.model, drawn, period_s).then(mechanics)
+        outer = margins(stage_loop(stage.gains, plant, stage.sample_cycles))
+    return Sample(seed, drawn, inner, outer)
+
+
+def each(function: Callable[[int], Result], seeds: range, jobs: int | None = None) -> Iterator[Result]:
+    """``function(seed)`` for every seed, in their order, on `jobs` processes or wherever joblib is told to go."""
+    run = joblib.Parallel(n_jobs=jobs, return_as="generator")
+    results: Iterator[Result] = run(joblib.delayed(function)(seed) for seed in seeds)
+    return results
+
+
+def monte_carlo(
+    strain: StrainSide | None, stage: StageSide | None, period_s: float, seeds: range, jobs: int | None = None
+) -> Iterator[Sample]:
+    """A sample a seed, in the order of the seeds."""
+    return each(partial(sample, strain=strain, stage=stage, period_s=period_s), seeds, jobs)
+
+
+def worst(samples: list[Sample], of_stage: bool) -> Sample:
+    """The sample whose outer loop (or strain loop) has the largest Ms; unstable ones before all others."""
+
+    def badness(case: Sample) -> tuple[bool, float]:
+        loop = case.stage if of_stage else case.strain
+        if loop is None:
+            raise ValueError("the samples have no such loop")
+        return not loop.stable, loop.radius if not loop.stable else loop.sensitivity
+
+    return max(samples, key=badness)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[None]:
+    """All parallel work inside goes to the Dask scheduler at `address`, e.g. tcp://host:8786.
+
+    Raises UsageError without the extra `cluster`, DeviceUnavailable where nobody answers.
+    """
+    try:
+        from distributed import Client
+    except ImportError as problem:
+        raise UsageError("a cluster needs the packages of the extra: pip install 'micromanip[cluster]'") from problem
+    try:
+        connect: Any = Client
+        client = connect(address, timeout=10)
+    except (OSError, ValueError) as problem:
+        raise DeviceUnavailable(f"no Dask scheduler answers at {address}: {problem}") from problem
+    with client, joblib.parallel_config(backend="dask"):
+        yield

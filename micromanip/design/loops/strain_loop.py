@@ -1,0 +1,65 @@
+"""The strain loop of one axis: PID (17) as it runs, around the actuator from voltage to strain gauge."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from micromanip.settings.axis import Inner
+
+from .perturbation import Shift, section_ratio, shifted
+from .system import System
+
+
+def pid_system(inner: Inner, period_s: float) -> System:
+    """The PID of the loop, set-point error (um) to voltage (V), without limits; states: integrator, derivative, error.
+
+    ``I+ = I + K T/Ti e``, ``D+ = (Tf D + K Td (e - e_before)) / (Tf + T)``, output ``K e + I+ + D+``.
+    """
+    K, filter_s = inner.K_V_per_um, inner.filter_ms * 1e-3
+    integral = K * period_s / (inner.Ti_ms * 1e-3)
+    decay = filter_s / (filter_s + period_s)
+    derivative = K * inner.Td_ms * 1e-3 / (filter_s + period_s)
+    A = np.array([[1.0, 0.0, 0.0], [0.0, decay, -derivative], [0.0, 0.0, 0.0]])
+    B = np.array([integral, derivative, 1.0])
+    return System(A, B, np.array([1.0, decay, -derivative]), K + integral + derivative, period_s)
+
+
+def strain_loop(inner: Inner, actuator: System, slope: float = 1.0) -> System:
+    """Loop transfer, broken at the voltage; `slope` is the actuator's gain as a multiple of that of `actuator`."""
+    return pid_system(inner, actuator.period_s).then(actuator.scaled(slope))
+
+
+def closed_ratio(inner: Inner, actuator: System, moved: Shift | None, late: System, slope: float) -> System:
+    """What other mechanics, delay or slope inside the closed strain loop make of the plant outside: G'/G.
+
+    With PID C and actuator P, the set-point reaches the stage through ``P (F + C) / (1 + P C)`` (F the feedforward)
+    and the flexure, whose resonance is P's antiresonance. With another stage and slope g the ratio is
+
+        G'/G = g s (1 + P C) / (1 + g P' C)
+
+    with s the ratio of the sections of P's own mode. `late` is a delay added to P'. The PID has one copy of its
+    states, so that no integrator is left that is only cancelled.
+    """
+    pid = pid_system(inner, actuator.period_s)
+    behind = actuator if moved is None else shifted(actuator, moved)
+    ahead = actuator if moved is None else shifted(actuator, moved.poles_only())
+    section = None if moved is None else section_ratio(moved, actuator.period_s)
+    back = late.then(behind).scaled(slope)
+    sizes = [len(pid.A), len(back.A), len(ahead.A), 0 if section is None else len(section.A)]
+    i, j, k, n = np.cumsum(sizes)
+    A, B, C = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    # w = u - back(c), c = pid(w), output slope (section(w) + ahead(c)); `back` never feeds through
+    A[:i, :i], A[:i, i:j], B[:i] = pid.A, -np.outer(pid.B, back.C), pid.B
+    c_from_x = np.concatenate([pid.C, -pid.D * back.C])
+    for first, last, block in ((i, j, back), (j, k, ahead)):
+        A[first:last, first:last] += block.A
+        A[first:last, :j] += np.outer(block.B, c_from_x)
+        B[first:last] = block.B * pid.D
+    C[j:k] = slope * ahead.C
+    direct = slope
+    if section is not None:
+        A[k:, k:], A[k:, i:j], B[k:] = section.A, -np.outer(section.B, back.C), section.B
+        C[k:] = slope * section.C
+        direct = slope * section.D
+    C[i:j] = -direct * back.C
+    return System(A, B, C, direct, actuator.period_s)

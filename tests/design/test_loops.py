@@ -1,0 +1,138 @@
+"""Both loops as systems: they are what runs, and their margins are those of the design table."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.design.loops import (
+    System,
+    delay,
+    margins,
+    model_system,
+    pid_system,
+    stage_loop,
+    strain_loop,
+)
+from micromanip.rt.pid import pid_output
+from micromanip.rt.records import PID_PARAMETERS, PID_STATE
+from micromanip.settings.axis import Inner
+from micromanip.settings.load import load_with_source
+from micromanip.settings.outer import outer_gains
+from tests.rt.builders import PERIOD_S, record
+from tests.rt.outer_loops import designed
+
+CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)
+
+
+def simulated(system, u):
+    x, y = np.zeros(len(system.A)), np.empty(len(u))
+    for k, value in enumerate(u):
+        y[k] = system.C @ x + system.D * value
+        x = system.A @ x + system.B * value
+    return y
+
+
+def test_the_pid_is_the_one_that_runs():
+    p = record(
+        PID_PARAMETERS,
+        gain=PID.K_V_per_um,
+        period_s=PERIOD_S,
+        integral=PID.K_V_per_um * PERIOD_S / (PID.Ti_ms * 1e-3),
+        derivative=PID.K_V_per_um * PID.Td_ms * 1e-3,
+        filter_s=PID.filter_ms * 1e-3,
+    )
+    s, e = record(PID_STATE), np.random.default_rng(1).normal(size=300)
+    running = [pid_output(p, s, float(value), 1) for value in e]
+    assert simulated(pid_system(PID, PERIOD_S), e) == pytest.approx(running, abs=1e-12)
+
+
+def test_strain_loop_is_the_product():
+    plant = System(np.array([[0.7]]), np.array([0.3]), np.array([0.6]), 0.0, PERIOD_S)
+    omega = np.geomspace(10.0, 3e4, 30)
+    z = np.exp(1j * omega * PERIOD_S)
+    K, Ti, Td, Tf = PID.K_V_per_um, PID.Ti_ms * 1e-3, PID.Td_ms * 1e-3, PID.filter_ms * 1e-3
+    difference = 1.0 - 1.0 / z
+    pid = K + K * PERIOD_S / (Ti * difference) + K * Td * difference / (Tf * difference + PERIOD_S)
+    expected = 1.3 * pid * 0.18 / (z - 0.7)
+    assert strain_loop(PID, plant, 1.3).response(omega) == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("sample_cycles", [1, 10])
+@pytest.mark.parametrize("oscillation_Hz", [None, 200.0])
+def test_closed_outer_loop_has_the_poles_of_regulator_and_observer(sample_cycles, oscillation_Hz):
+    settings, gains, _ = designed(2, sample_cycles=sample_cycles, oscillation_Hz=oscillation_Hz)
+    loop = stage_loop(gains, model_system(settings.model, PERIOD_S), sample_cycles)
+    closed = np.linalg.eigvals(loop.closed())
+    controllable = len(settings.model.A) + 2
+    regulator, observer = gains.closed_loop_poles[:controllable], gains.closed_loop_poles[controllable:]
+    for value in [*regulator**sample_cycles, *observer]:
+        if abs(value) > 0.3:  # the delay's poles at 0 are badly conditioned
+            assert np.abs(closed - value).min() < 1e-4
+    assert np.abs(closed).max() == pytest.approx(
+        max(np.abs(regulator).max() ** sample_cycles, np.abs(observer).max()), abs=1e-6
+    )
+
+
+def test_broken_at_the_set_point_or_at_the_sensor_is_the_same():
+    """L at the set-point: the compensator's transfer from sensor to set-point, by itself, times the plant's."""
+    settings, gains, _ = designed(2)
+    plant = model_system(settings.model, PERIOD_S)
+    omega = np.geomspace(10.0, 3e4, 40)
+    one = np.eye(len(gains.A))
+    correct, F = one - np.outer(gains.observer, gains.C), gains.A - np.outer(gains.B, gains.feedback)
+    compensator = []
+    for z in np.exp(1j * omega * PERIOD_S):
+        # estimate after its correction: x = (I - L C) F x / z + L y
+        x = np.linalg.solve(one - correct @ F / z, gains.observer.astype(complex))
+        compensator.append(gains.feedback @ x)
+    expected = np.array(compensator) * plant.response(omega)
+    assert stage_loop(gains, plant).response(omega) == pytest.approx(expected, rel=1e-7)
+
+
+# Ms, dB, degrees of three designs that were tried on the simulated plant. Their plant was another order-6 model of the
+# same cell, identified from another recording: models of this order differ by some per cent from 500 Hz on, where
+# the sensitivity peaks, so Ms is asserted to 12 % and the margins to 1.7 dB and 4 degrees. Axis y has the model that is
+# nearest to the plant there.
+TABLE = [
+    ({"effort": 30.0, "disturbance_um": 0.03, "oscillation_Hz": None}, 1.67, 9.8, 49.0),
+    ({"effort": 10.0, "disturbance_um": 0.1, "oscillation_Hz": 200.0, "oscillation_um": 1e-3}, 1.87, 7.5, 45.0),
+    ({"effort": 3.0, "disturbance_um": 0.3, "oscillation_Hz": 200.0, "oscillation_um": 2e-3}, 2.06, 5.9, 42.0),
+]
+
+
+@pytest.fixture(scope="module")
+def outer():
+    return load_with_source(CONFIG)[0].axes["y"].outer
+
+
+def found_margins(outer, knobs, extra_delay=0.0):
+    settings = outer.model_copy(update=knobs)
+    gains = outer_gains(settings, None, PERIOD_S)
+    return margins(stage_loop(gains, model_system(settings.model, PERIOD_S, extra_delay)))
+
+
+@pytest.mark.parametrize(("knobs", "Ms", "gain_dB", "phase_deg"), TABLE)
+def test_margins_of_the_designs_that_were_tried(outer, knobs, Ms, gain_dB, phase_deg):
+    found = found_margins(outer, knobs)
+    assert found.stable
+    assert found.sensitivity == pytest.approx(Ms, rel=0.12)
+    assert found.gain_dB == pytest.approx(gain_dB, abs=1.7)
+    assert found.phase_deg == pytest.approx(phase_deg, abs=4.0)
+
+
+def test_more_speed_costs_margin_and_so_does_delay(outer):
+    slow, middle, fast = (found_margins(outer, knobs) for knobs, *_ in TABLE)
+    assert slow.sensitivity < middle.sensitivity < fast.sensitivity
+    assert slow.gain_dB > middle.gain_dB > fast.gain_dB
+    later = [found_margins(outer, TABLE[2][0], cycles).sensitivity for cycles in (0.0, 0.5, 1.0, 2.0)]
+    assert later == sorted(later)
+    assert later[2] == pytest.approx(3.1, rel=0.15)
+    assert later[3] == pytest.approx(6.9, rel=0.2)
+
+
+def test_a_plant_that_feeds_through_is_refused():
+    _, gains, _ = designed(2)
+    with pytest.raises(ValueError, match="must not feed through"):
+        stage_loop(gains, delay(0.0, PERIOD_S))

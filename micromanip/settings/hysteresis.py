@@ -128,14 +128,20 @@ class NoModel(Settings):
 Hysteresis = Annotated[PrandtlIshlinskii | Network | NoModel, Field(discriminator="model")]
 
 
-def attainable_um(model: PrandtlIshlinskii) -> Range:
-    """Displacements on the major loop between the ends of the shaping function: beyond them there is no inverse."""
+def phi_range(model: PrandtlIshlinskii) -> Range:
+    """Values the shaping can take."""
     if model.shaping != "tanh":
         return -math.inf, math.inf
     centre, half = model.coefficients[3], abs(model.coefficients[0])
+    return centre - half, centre + half
+
+
+def attainable_um(model: PrandtlIshlinskii) -> Range:
+    """Displacements on the major loop between the ends of the shaping function: beyond them there is no inverse."""
+    low, high = phi_range(model)
     gain = model.alpha + sum(model.weights) + sum(model.creep_gains)
     width = sum(weight * r for weight, r in zip(model.weights, model.thresholds_um, strict=True))
-    return gain * (centre - half) + width, gain * (centre + half) - width
+    return gain * low + width, gain * high - width
 
 
-__all__ = ["Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "attainable_um"]
+__all__ = ["Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "attainable_um", "phi_range"]

@@ -1,0 +1,1 @@
+"""From raw excitation to a tuned, validated axis, with the evidence for it."""

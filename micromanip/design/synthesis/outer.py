@@ -1,0 +1,79 @@
+"""The outer loop by two human knobs: how fast (bandwidth), and how noisy the capacitive sensor is.
+
+The LQG of `settings/outer.py` has five figures; along one line through them everything that matters changes together,
+from calm to fast: the less effort counts, the more disturbance is expected. The line is that of three designs that
+were tried on the plant (effort 30, 10, 3 with a random walk of 0.03, 0.1, 0.3 um a cycle).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from micromanip.errors import CheckFailed
+from micromanip.settings.axis import LinearModel, Outer
+from micromanip.settings.outer import outer_gains
+
+from ..loops import Margins, margins, model_system, stage_loop
+
+GAIN_DB, PHASE_DEG = 6.0, 35.0
+_RESERVE_DB, _RESERVE_DEG = 0.3, 2.0
+"""What is asked for beyond the least margins: the next identification gives a slightly other model."""
+_EFFORTS = np.geomspace(1.0, 1000.0, 25)
+_OSCILLATION = 1e-2
+"""Noise of the tooth-passing oscillator in terms of that of the random walk."""
+
+
+@dataclass(frozen=True)
+class OuterDesign:
+    """The tuning with its margins; `tried` has (effort, bandwidth_Hz, gain margin dB, phase margin deg) a design."""
+
+    outer: Outer
+    margins: Margins
+    bandwidth_Hz: float
+    tried: tuple[tuple[float, float, float, float], ...]
+
+
+def tune_outer(
+    model: LinearModel,
+    period_s: float,
+    noise_um: float,
+    *,
+    bandwidth_Hz: float | None = None,
+    oscillation_Hz: float | None = 200.0,
+    sample_cycles: int = 1,
+) -> OuterDesign:
+    """The fastest outer loop for `model` with at least 6 dB and 35 degrees, or the one of `bandwidth_Hz`.
+
+    `noise_um` is the sensor's rms; `bandwidth_Hz` the highest crossover of the loop. Raises CheckFailed where the
+    margins are not to be had, with what is.
+    """
+    tried, best = [], None
+    for effort in _EFFORTS:
+        walk = 1.0 / effort
+        outer = Outer(
+            model=model,
+            effort=float(f"{effort:.4g}"),
+            disturbance_um=float(f"{walk:.4g}"),
+            oscillation_Hz=oscillation_Hz,
+            oscillation_um=float(f"{_OSCILLATION * walk:.4g}"),
+            sensor_noise_um=float(f"{max(noise_um, 1e-4):.3g}"),
+            sample_cycles=sample_cycles,
+        )
+        gains = outer_gains(outer, None, period_s)
+        found = margins(stage_loop(gains, model_system(model, period_s), sample_cycles))
+        crossover = max(found.crossovers_Hz, default=0.0)
+        tried.append((float(effort), crossover, found.gain_dB, found.phase_deg))
+        if not found.stable or found.gain_dB < GAIN_DB + _RESERVE_DB or found.phase_deg < PHASE_DEG + _RESERVE_DEG:
+            continue
+        if best is None or (bandwidth_Hz is not None and abs(crossover - bandwidth_Hz) < abs(best[2] - bandwidth_Hz)):
+            best = outer, found, crossover
+    if best is None or (bandwidth_Hz is not None and best[2] < 0.8 * bandwidth_Hz):
+        closest = max(tried, key=lambda entry: min(entry[2] - GAIN_DB, (entry[3] - PHASE_DEG) / 6.0))
+        asked = "" if bandwidth_Hz is None else f" at {bandwidth_Hz:g} Hz"
+        raise CheckFailed(
+            f"no outer loop{asked} has margins of {GAIN_DB:g} dB and {PHASE_DEG:g} deg; the best has "
+            f"{closest[2]:.1f} dB and {closest[3]:.0f} deg at {closest[1]:.0f} Hz: ask for less bandwidth, or identify the model again"
+        )
+    return OuterDesign(best[0], best[1], best[2], tuple(tried))

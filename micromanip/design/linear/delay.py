@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from .subspace import Array, Experiment, block_hankel
+from .subspace import Experiment, block_hankel
 
 _SIGNIFICANT = 6.0
 """Standard errors; some hundred coefficients are looked at."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .delay import first_answers
 from .choice import choose, modes_of
+from .delay import first_answers
 from .modal import Array, Modes
 from .model import LinearFit, delayed
 from .noise import kalman_gain

@@ -59,7 +59,8 @@ def frequency_response(experiments: Sequence[Experiment], dt: float, segment: in
     used = slice(1, None)  # the mean has been taken off
     power = np.trace(s_uu[used], axis1=1, axis2=2).real / inputs
     regular = s_uu[used] + 1e-14 * max(float(power.max()), 1e-300) * np.eye(inputs)
-    response = np.linalg.solve(regular.transpose(0, 2, 1), s_yu[used].transpose(0, 2, 1)).transpose(0, 2, 1)
+    solved = np.linalg.solve(regular.transpose(0, 2, 1), s_yu[used].transpose(0, 2, 1))
+    response: Complex = np.asarray(solved.transpose(0, 2, 1), dtype=np.complex128)
     explained = np.einsum("fab,fab->fa", response, s_yu[used].conj()).real
     coherence = np.clip(explained / np.maximum(s_yy[used], 1e-300), 0.0, 1.0)
     frequency = np.arange(1, bins) / (segment * dt)

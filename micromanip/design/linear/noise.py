@@ -43,7 +43,7 @@ def kalman_gain(modes: Modes, data: Compressed) -> tuple[Complex, Array]:
     Q, R = Q + _TRACE * np.eye(n), R + _TRACE * np.eye(outputs)
     P = solve_discrete_are(A.T, C.T, Q, R, s=S)
     innovations = C @ P @ C.T + R
-    gain = np.linalg.solve(innovations, (A @ P @ C.T + S).T).T
+    gain: Array = np.asarray(np.linalg.solve(innovations, (A @ P @ C.T + S).T).T, dtype=np.float64)
     return modes.complex_rows(gain), np.asarray(innovations)
 
 

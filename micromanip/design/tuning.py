@@ -25,7 +25,7 @@ HYSTERESIS_S = 13.0
 PLAYS, STARTS = 10, 4
 OUTER_S, OUTER_SETTLE_S = 6.0, 0.3
 OUTER_RMS_UM, OUTER_CUTOFF_HZ = 1.5, 400.0
-OUTER_ORDER, OUTER_BLOCK_ROWS, OUTER_FITTED = 6, 40, 0.75
+OUTER_ORDER, OUTER_DELAY, OUTER_BLOCK_ROWS, OUTER_FITTED = 6, 2, 40, 0.75
 
 
 def record_hysteresis(
@@ -75,20 +75,20 @@ def fit_outer(configuration: Configuration, experiment: Experiment, say: Progres
         u = rows["axis"]["setpoint_um"][:, i] - axis.centre_um
         y = rows["axis"]["stage_um"][:, i]
         fitted = round(OUTER_FITTED * len(u))
-        # not refined: creep and hum colour the error, so least squares on the free run is no better, and worse above
-        # the excitation's band, where the margins are decided
+        # the delay is given: the excitation's band is too narrow to tell one cycle from the next. Not refined: creep
+        # and hum colour the error, so least squares on the free run is no better, and worse above that band
         model = fit_linear(
             [(u[:fitted], y[:fitted])],
             1.0 / rate_hz,
             OUTER_ORDER,
+            delays=[OUTER_DELAY],
             direct=False,
             block_rows=OUTER_BLOCK_ROWS,
             refinements=0,
         )
         held_out, _ = model.errors(u[fitted:, None], y[fitted:, None])
-        (delay,) = model.delays
         say(
-            f"axis {name}: linear model of order {model.order} behind {delay} cycles, "
+            f"axis {name}: linear model of order {model.order} behind {OUTER_DELAY} cycles, "
             f"free run on held-out data {held_out[0]:.1f} %"
         )
         A, B, C, _ = model.modes.state_space()
@@ -96,7 +96,7 @@ def fit_outer(configuration: Configuration, experiment: Experiment, say: Progres
             A=tuple(tuple(float(v) for v in row) for row in A),
             B=tuple(float(v) for v in B[:, 0]),
             C=tuple(float(v) for v in C[0]),
-            delay_cycles=delay,
+            delay_cycles=OUTER_DELAY,
         )
         knobs = axis.outer.model_copy(update={"model": linear}) if axis.outer else Outer(model=linear)
         configuration = with_axis(configuration, name, outer=knobs)

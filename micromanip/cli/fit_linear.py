@@ -71,7 +71,7 @@ def command(
     if as_json:
         print_json(report)
     else:
-        _print(report, seen)
+        _print(report, seen, "held out" if split < 1.0 else "not fitted to")
 
 
 def _names(columns: str, option: str) -> list[str]:
@@ -81,10 +81,12 @@ def _names(columns: str, option: str) -> list[str]:
     return names
 
 
-def _print(report: dict[str, Any], outputs: list[str]) -> None:
+def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
     delays = ", ".join(map(str, report["delay_samples"]))
     click.echo(f"order {report['order']}, delay {delays} samples of {report['dt_s']:.6g} s")
-    parts = [("held out", report)] + ([("validation", report["validation"])] if report["validation"] else [])
+    parts = [(held_out, report)]
+    if report["validation"] and held_out == "held out":
+        parts.append(("not fitted to", report["validation"]))
     for where, figures in parts:
         for name, fit, rms in zip(outputs, figures["fit_percent"], figures["rms_error_percent"], strict=True):
             click.echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")

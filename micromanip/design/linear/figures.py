@@ -13,6 +13,7 @@ from .judged import Judged
 
 _SHOWN = 2000
 _VALUES = 30
+_POINTS = 500
 _TRUSTED = 0.6
 """Coherence below which the measured response is drawn faintly."""
 
@@ -20,11 +21,12 @@ _TRUSTED = 0.6
 def singular_values(result: Judged) -> Figure:
     """Singular values of the projection; below, the held-out error of each order, where orders were tried."""
     model = result.model
-    figure, both = panels(2 if model.tried else 1, f"Order {model.order}", 1.4 if model.tried else 1.0)
+    compared = len(model.tried) > 1
+    figure, both = panels(1 + compared, f"Order {model.order}", 1.0 + 0.4 * compared)
     values = model.singular_values[: max(_VALUES, 2 * model.order)]
     both[0].semilogy(np.arange(1, len(values) + 1), values, "o", ms=4)
     both[0].set(xlabel="number", ylabel="singular value")
-    if model.tried:
+    if compared:
         both[1].semilogy(list(model.tried), list(model.tried.values()), "o-", ms=4)
         both[1].set(xlabel="order", ylabel="held-out error, % of the outputs")
     for panel in both:
@@ -37,8 +39,11 @@ def bode(result: Judged, output: int, driven: int) -> Figure:
     """Model beside the measured frequency response, from input number `driven` to `output`, and the coherence."""
     measured, record = result.measured, result.held_out[0]
     figure, (gain, phase, coherence) = panels(3, f"{record.outputs[output]} over {record.inputs[driven]}", 1.8)
-    hz, seen = measured.frequency_Hz, measured.coherence[:, output]
-    points, model = measured.response[:, output, driven], result.model.frequency_response(hz)[:, output, driven]
+    # evenly over the logarithmic axis: all points would hide one another
+    shown = np.unique(np.geomspace(1, len(measured.frequency_Hz), _POINTS).astype(int)) - 1
+    hz, seen = measured.frequency_Hz[shown], measured.coherence[shown, output]
+    points = measured.response[shown, output, driven]
+    model = result.model.frequency_response(hz)[:, output, driven]
     # degrees of the measurement are unwrapped to those of the model
     angle = np.rad2deg(np.unwrap(np.angle(model)))
     beside = angle + np.rad2deg(np.angle(points / np.where(model == 0, 1.0, model)))
@@ -49,7 +54,8 @@ def bode(result: Judged, output: int, driven: int) -> Figure:
     gain.loglog(hz, np.abs(model), color="tab:orange", lw=1.2, label=f"model, order {result.model.order}")
     phase.semilogx(hz, angle, color="tab:orange", lw=1.2)
     coherence.semilogx(hz, seen, lw=0.8)
-    gain.set(ylabel="gain")
+    sizes = np.abs(np.concatenate([model, points[seen >= _TRUSTED]]))
+    gain.set(ylabel="gain", ylim=(0.5 * max(sizes.min(), 1e-5 * sizes.max()), 2.0 * sizes.max()))
     gain.legend()
     phase.set(ylabel="phase, degrees")
     coherence.set(xlabel="frequency, Hz", ylabel="coherence", ylim=(0.0, 1.05))

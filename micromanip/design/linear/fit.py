@@ -8,8 +8,8 @@ import numpy as np
 
 from .choice import choose, modes_of
 from .delay import first_answers
-from .modal import Array, Modes
-from .model import LinearFit, delayed
+from .modal import Modes
+from .model import LinearFit, as_columns, delayed
 from .noise import kalman_gain
 from .refinement import refine
 from .subspace import Experiment, compress, observability
@@ -38,7 +38,8 @@ def fit_linear(
     an output answers within the same sample. Raises ValueError for signals that stand still or are not finite, and
     for records too short for the order.
     """
-    pairs = [(_table(u), _table(y)) for u, y in experiments]
+    pairs = [(as_columns(u), as_columns(y)) for u, y in experiments]
+    _check(pairs, dt, delays)
     every_u, every_y = (np.concatenate([pair[side] for pair in pairs]) for side in (0, 1))
     offsets_u, offsets_y, scale_u, scale_y = every_u.mean(axis=0), every_y.mean(axis=0), every_u.std(0), every_y.std(0)
     for name, scale in (("input", scale_u), ("output", scale_y)):
@@ -52,6 +53,8 @@ def fit_linear(
     if shortest < 4 * rows * channels or rows < 3:
         needed = 4 * max(rows, 3) * channels
         raise ValueError(f"an experiment of {shortest} samples is too short; at least {needed} are needed")
+    if order is not None and not 1 <= order <= (rows - 1) * len(scale_y):
+        raise ValueError(f"order {order} is not in 1 .. {(rows - 1) * len(scale_y)}, what {rows} block rows can show")
     tried: dict[int, float] = {}
     if delays is None or order is None or direct is None:
         progress("delays")
@@ -83,6 +86,14 @@ def fit_linear(
     )
 
 
-def _table(signal: Array) -> Array:
-    values = np.asarray(signal, dtype=float)
-    return values[:, None] if values.ndim == 1 else values
+def _check(pairs: Sequence[Experiment], dt: float, delays: Sequence[int] | None) -> None:
+    if not dt > 0:
+        raise ValueError(f"the sampling interval must be positive, not {dt}")
+    if not pairs:
+        raise ValueError("there is no experiment")
+    inputs, outputs = pairs[0][0].shape[1], pairs[0][1].shape[1]
+    for number, (u, y) in enumerate(pairs, 1):
+        if len(u) != len(y) or u.shape[1] != inputs or y.shape[1] != outputs:
+            raise ValueError(f"experiment {number} has arrays of {u.shape} and {y.shape}: (n, inputs), (n, outputs)")
+    if delays is not None and (len(delays) != inputs or min(delays) < 0):
+        raise ValueError(f"delays must be {inputs} numbers of samples from 0, not {list(delays)}")

@@ -50,11 +50,12 @@ class LinearFit:
         The samples before the longest delay depend on inputs before the record: with `y` (n, outputs) they are its
         own, otherwise the first input is taken to have been there before.
         """
-        first = max(self.delays)
+        u, first = as_columns(u), max(self.delays)
         if y is None:
             held = np.vstack([np.repeat(u[:1], first, axis=0), u])
             driven, _ = delayed((held - self.offsets_u, held), self.delays)
             return self.modes.simulate(driven) + self.offsets_y
+        y = as_columns(y)
         driven, measured = delayed((u - self.offsets_u, y), self.delays)
         return np.vstack([y[:first], start(self.modes, driven, measured).run(self.modes, driven)])
 
@@ -63,7 +64,7 @@ class LinearFit:
 
         State and offset at the start are fitted, as is usual for a record that the model has never seen.
         """
-        first = max(self.delays)
+        y, first = as_columns(y), max(self.delays)
         error = (y - self.simulate(u, y))[first:]
         size = np.sqrt(((y - y.mean(axis=0))[first:] ** 2).mean(axis=0))
         rms = 100.0 * np.sqrt((error**2).mean(axis=0)) / size
@@ -100,6 +101,12 @@ class LinearFit:
     def kalman_gain(self) -> Array:
         """Gain (states, outputs) for `state_space`: ``x+ = A x + B u + K (y - C x - D u)``; delays need none."""
         return np.vstack([self.modes.real_rows(self.gain), np.zeros((sum(self.delays), self.modes.C.shape[0]))])
+
+
+def as_columns(signal: Array) -> Array:
+    """A signal (n,) or (n, channels) as (n, channels)."""
+    values = np.asarray(signal, dtype=float)
+    return values[:, None] if values.ndim == 1 else values
 
 
 def delayed(experiment: Experiment, delays: tuple[int, ...]) -> Experiment:

@@ -190,3 +190,43 @@ def test_units_do_not_matter(seed, size_u, size_y):
 def test_what_can_not_be_fitted_is_said(spoil, sentence):
     with pytest.raises(ValueError, match=sentence):
         fit_linear([spoil(*experiments(1)[0])], 1e-3)
+
+
+def test_arguments_that_make_no_sense_are_refused():
+    u, y = experiments(1)[0]
+    for arguments, sentence in (
+        (([(u, y[:-1])], 1e-3), r"experiment 1 has arrays of \(700, 2\) and \(699, 3\)"),
+        (([(u, y), (u[:, 0], y)], 1e-3), "experiment 2 has arrays"),
+        (([], 1e-3), "there is no experiment"),
+        (([(u, y)], 0.0), "the sampling interval must be positive"),
+        (([(u, y)], 1e-3, 0), r"order 0 is not in 1 \.\."),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            fit_linear(*arguments)
+    for delays in ([1], [1, -1]):
+        with pytest.raises(ValueError, match="delays must be 2 numbers of samples from 0"):
+            fit_linear([(u, y)], 1e-3, 5, delays=delays)
+    with pytest.raises(ValueError, match=r"order 60 is not in 1 \.\. 27"):
+        fit_linear([(u, y)], 1e-3, 60, block_rows=10)
+
+
+def test_single_channels_may_be_vectors():
+    A, B, C, D = system(3, 1, 1)
+    u = np.random.default_rng(1).normal(size=500)
+    y = response(A, B, C, D, u[:, None])[:, 0]
+    model = fit_linear([(u, y)], 1e-3)
+    assert model.simulate(u, y)[:, 0] == pytest.approx(y, abs=1e-6 * y.std())
+    assert model.errors(u, y)[0] == pytest.approx([100.0], abs=1e-3)
+
+
+def test_an_input_without_effect_and_an_output_of_noise():
+    """Nothing is made up: the gain of the idle input is small, and noise is not explained."""
+    A, B, C, D = system(3, 1, 1)
+    rng = np.random.default_rng(1)
+    u, idle = rng.normal(size=(4000, 1)), rng.normal(size=(4000, 1))
+    y = response(A, B, C, D, u)
+    y += 0.1 * y.std() * rng.normal(size=y.shape)
+    model = fit_linear([(np.hstack([u, idle]), np.hstack([y, rng.normal(size=y.shape)]))], 1e-3)
+    size = np.linalg.norm(model.frequency_response(np.linspace(1.0, 400.0, 50)), axis=0)
+    assert size[0, 1] < 0.03 * size[0, 0]
+    assert model.errors(np.hstack([u, idle]), np.hstack([y, rng.normal(size=y.shape)]))[0][1] < 2.0

@@ -91,7 +91,7 @@ def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
         for name, fit, rms in zip(outputs, figures["fit_percent"], figures["rms_error_percent"], strict=True):
             click.echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
     for name, coherence in zip(outputs, report["coherence"], strict=True):
-        click.echo(f"coherence of {name}: {coherence:.3f}, weighted by its response")
+        click.echo(f"coherence of {name}: {coherence:.3f} over all frequencies")
     for pole, hertz, damping in zip(report["poles_z"], report["poles_Hz"], report["poles_damping"], strict=True):
         if pole[1] >= 0.0:
             click.echo(f"  pole {pole[0]:.5f} {pole[1]:+.5f}j: {hertz:.4g} Hz, damping {damping:.4f}")

@@ -170,6 +170,10 @@ def hardly_long_enough(table):
         table[name] = table[name][:200]
 
 
+def still_later(table):
+    table["u1"][1000:] = 0.0
+
+
 def copied(table):
     table["u2"] = 2.0 * table["u1"] + 1.0
 
@@ -190,6 +194,7 @@ def no_time(table):
         (not_a_number, r"x.csv:42: y2 has no number here \(2 in all\)"),
         (too_short, "150 samples are too few; record at least 200"),
         (hardly_long_enough, "an experiment of 100 samples is too short; at least"),
+        (still_later, "split at 0.5, u1 stands still in the last 1000 samples"),
         (copied, "the inputs u1, u2 move together"),
         (uneven, "x.csv:502: t_s does not rise evenly"),
         (no_time, "there is no time column"),

@@ -14,7 +14,9 @@ from .subspace import Experiment, compress, dynamics, observability
 
 LARGEST_ORDER = 12
 _ENOUGH = 1.02
-"""The smallest order, and the longest delay, whose held-out error is within this factor of the best is chosen."""
+"""The smallest order whose held-out error is within this factor of the best one is chosen."""
+_WORTH = 1.1
+"""A delay is shortened, which is as good as a state more, only where the held-out error falls by this factor."""
 _EXACT = 1e-6
 """Held-out errors below this share of the output are all alike: rounding."""
 _HELD_OUT = 4
@@ -54,7 +56,7 @@ def choose(
     """The best structure for experiments that first answer each input after `lags` samples, or a little earlier.
 
     An answer that is too small to be seen in a regression can still be worth its place in the model, so each lag is
-    lowered as long as the error falls, unless they are `fixed`.
+    lowered as long as the error falls well, unless they are `fixed`.
     """
     orders = range(1, min(LARGEST_ORDER, (rows - 1) * experiments[0][1].shape[1]) + 1) if order is None else (order,)
 
@@ -71,7 +73,7 @@ def choose(
     for i in range(len(now)):
         while now[i] > 0 and not fixed:
             earlier = attempt([*now[:i], now[i] - 1, *now[i + 1 :]])
-            if _ENOUGH * max(earlier.error, 100.0 * _EXACT) > best.error:
+            if _WORTH * max(earlier.error, 100.0 * _EXACT) > best.error:
                 break
             best, now[i] = earlier, now[i] - 1
     return best
@@ -92,6 +94,7 @@ def _errors(
         for (u, y), count in zip(shifted, counts, strict=True):
             error = (y - start(modes, u[:count], y[:count]).run(modes, u))[count:]
             left_over += float(np.sum((error - error.mean(axis=0)) ** 2))
-            size += float(np.sum((y[count:] - y[count:].mean(axis=0)) ** 2))
+            # of the whole record: the output may stand still where it is held out
+            size += float(np.sum(y.var(axis=0))) * (len(y) - count)
         errors[order] = 100.0 * float(np.sqrt(left_over / size))
     return errors

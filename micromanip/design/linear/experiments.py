@@ -43,6 +43,18 @@ class LinearRecord:
                     f"{self.file}: split at {share:g}, a part of {len(record.u)} samples is left, which is too short; "
                     f"at least {_LEAST_SAMPLES // 2} are needed"
                 )
+            still = [
+                name
+                for names, values in ((self.inputs, record.u), (self.outputs, record.y))
+                for name, moved in zip(names, np.ptp(values, axis=0), strict=True)
+                if moved <= 1e-12 * max(1.0, float(np.abs(values).max()))
+            ]
+            if still:
+                part = "first" if record is records[0] else "last"
+                raise CheckFailed(
+                    f"{self.file}: split at {share:g}, {still[0]} stands still in the {part} {len(record.u)} samples: "
+                    "split elsewhere, or give --split 1 and another record that moves with --validate"
+                )
         return records[0], records[1] if len(records) > 1 else None
 
 

@@ -24,11 +24,15 @@ _LONGEST = 1 << 14
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """At frequencies (f,) in Hz the response (f, outputs, inputs) and the coherence (f, outputs), 0 .. 1."""
+    """At frequencies (f,) in Hz the response (f, outputs, inputs) and the coherence (f, outputs), 0 .. 1.
+
+    `explained` (outputs,) is the coherence over all frequencies: the share of the output's whole power.
+    """
 
     frequency_Hz: Array
     response: Complex
     coherence: Array
+    explained: Array
     averages: int
 
 
@@ -63,8 +67,9 @@ def frequency_response(experiments: Sequence[Experiment], dt: float, segment: in
     response: Complex = np.asarray(solved.transpose(0, 2, 1), dtype=np.complex128)
     explained = np.einsum("fab,fab->fa", response, s_yu[used].conj()).real
     coherence = np.clip(explained / np.maximum(s_yy[used], 1e-300), 0.0, 1.0)
+    whole = np.clip(explained.sum(axis=0) / s_yy[used].sum(axis=0), 0.0, 1.0)
     frequency = np.arange(1, bins) / (segment * dt)
-    return FrequencyResponse(frequency, response, coherence, averages)
+    return FrequencyResponse(frequency, response, coherence, whole, averages)
 
 
 def _count(experiments: Sequence[Experiment], segment: int) -> int:

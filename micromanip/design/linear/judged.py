@@ -34,10 +34,8 @@ class Judged:
         """The machine-readable result."""
         model = self.model
         poles = model.poles[np.lexsort((model.poles.imag, -np.abs(model.poles)))]
-        s = np.log(poles.astype(complex)) / model.dt
+        s = np.log(np.where(poles == 0, 1e-300, poles).astype(complex)) / model.dt
         matrices = model.state_space()
-        power = np.abs(self.measured.response) ** 2
-        coherence = np.average(self.measured.coherence, axis=0, weights=power.sum(axis=2))
         return {
             "order": model.order,
             "delay_samples": list(model.delays),
@@ -50,7 +48,7 @@ class Judged:
             "poles_damping": [float(-value.real / abs(value)) for value in s],
             "singular_values": model.singular_values[:_SHOWN_VALUES].tolist(),
             "tried": {str(order): error for order, error in model.tried.items()},
-            "coherence": coherence.tolist(),
+            "coherence": self.measured.explained.tolist(),
             "dt_s": model.dt,
             "A": matrices.A.tolist(),
             "B": matrices.B.tolist(),

@@ -43,6 +43,17 @@ def test_coherence_is_the_share_that_the_inputs_explain(noise):
     assert np.mean(measured.coherence[:, 0] - expected) == pytest.approx(0.0, abs=0.01)
 
 
+def test_explained_share_is_that_of_the_power():
+    """Noise of the output's own size: half of the power is explained, whatever the frequencies."""
+    A, B, C, D = (np.array([[value]]) for value in (0.8, 1.0, 2.0, 0.0))
+    rng = np.random.default_rng(4)
+    u = rng.normal(size=(60_000, 1))
+    y = response(A, B, C, D, u)
+    for noise in (0.0, 0.5, 1.0):
+        measured = frequency_response([(u, y + noise * y.std() * rng.normal(size=y.shape))], DT, segment=512)
+        assert measured.explained[0] == pytest.approx(1.0 / (1.0 + noise**2), abs=0.02)
+
+
 def test_it_falls_with_noise_and_with_nonlinearity():
     u, y = record(20_000, 0.0)
     means = [frequency_response([record(20_000, noise)], DT).coherence.mean() for noise in (0.0, 0.3, 1.0, 3.0)]

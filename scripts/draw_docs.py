@@ -15,6 +15,7 @@ import matplotlib as mpl
 import numpy as np
 from draw_analysis import analysis_drawings
 from draw_diagrams import DIAGRAMS
+from draw_linear import linear_fit
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks
 
@@ -175,6 +176,7 @@ def drawings() -> Iterator[tuple[str, Figure]]:
     yield "force_step", force_step(prepared)
     yield "path_error", path_error(prepared)
     yield from analysis_drawings(prepared)
+    yield from linear_fit(prepared)
 
 
 def main() -> None:

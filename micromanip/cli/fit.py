@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from .fit_hysteresis import command as hysteresis
+from .fit_linear import command as linear
 
 
 @click.group("fit")
@@ -13,3 +14,4 @@ def command() -> None:
 
 
 command.add_command(hysteresis)
+command.add_command(linear)

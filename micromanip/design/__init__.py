@@ -1,1 +1,5 @@
 """Identification, synthesis and evaluation: plain functions on arrays, offline."""
+
+from .linear import LinearFit, fit_linear
+
+__all__ = ["LinearFit", "fit_linear"]

@@ -25,6 +25,8 @@ def test_every_command_shows_an_example(name, capsys):
     assert code_of(name, "--help") == 0
     shown = capsys.readouterr().out
     if name == "fit":
+        assert code_of("fit", "linear", "--help") == 0
+        assert "Example: " in capsys.readouterr().out
         assert code_of("fit", "hysteresis", "--help") == 0
         shown = capsys.readouterr().out
     assert "Example: " in shown

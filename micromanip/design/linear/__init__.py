@@ -1,6 +1,7 @@
 """Linear dynamics from recordings by subspace identification: one or many inputs, outputs, experiments."""
 
-from .fit import LinearFit, fit_linear
+from .fit import fit_linear
 from .modal import Modes
+from .model import LinearFit
 
 __all__ = ["LinearFit", "Modes", "fit_linear"]

@@ -1,72 +1,22 @@
-"""``fit_linear``: a linear model of given or chosen order from recordings, judged by free run."""
+"""``fit_linear``: a linear model of given or chosen order from recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .modal import Complex, Modes, decompose
-from .regression import initial_state, refine, regress
-from .subspace import Experiment, dynamics, observability
+from .choice import choose, modes_of
+from .delay import first_answers
+from .modal import Modes
+from .model import LinearFit, as_columns, delayed
+from .noise import kalman_gain
+from .refinement import refine
+from .subspace import Experiment, compress, observability
 
-if TYPE_CHECKING:
-    import control
-
-Array = NDArray[np.float64]
-
-_REFINEMENTS = 6
-_LARGEST_ORDER = 12
-_ENOUGH = 1.02
-"""The smallest order whose held-out error is within this factor of the best one is chosen."""
-
-
-@dataclass(frozen=True)
-class LinearFit:
-    """A model in physical units, sampled every `dt` seconds."""
-
-    modes: Modes
-    dt: float
-    singular_values: Array
-    offsets_u: Array
-    offsets_y: Array
-
-    @property
-    def order(self) -> int:
-        """Number of states."""
-        return self.modes.order
-
-    @property
-    def poles(self) -> Complex:
-        """All poles (n,), both of each pair."""
-        pairs = self.modes.poles[self.modes.weights == 2.0]
-        return np.concatenate([self.modes.poles, np.conj(pairs)])
-
-    def simulate(self, u: Array, y: Array | None = None) -> Array:
-        """Free run (n, outputs) over `u` (n, inputs); `y` (n, outputs) only gives the state at the start."""
-        driven = u - self.offsets_u
-        x0 = None if y is None else initial_state(self.modes, driven, y - self.offsets_y)
-        return self.modes.simulate(driven, x0) + self.offsets_y
-
-    def errors(self, u: Array, y: Array) -> tuple[Array, Array]:
-        """Of the free run over a record: fit (percent, one an output) and rms error in percent of the output's rms.
-
-        The offset is refitted, as always where another record, or another part of one, is predicted.
-        """
-        error, centred = y - self.simulate(u, y), y - y.mean(axis=0)
-        error = error - error.mean(axis=0)
-        size = np.sqrt((centred**2).mean(axis=0))
-        rms = np.sqrt((error**2).mean(axis=0))
-        return 100.0 * (1.0 - rms / size), 100.0 * rms / size
-
-    def state_space(self) -> control.StateSpace:
-        """The model for `control`."""
-        import control
-
-        return control.ss(*self.modes.state_space(), self.dt)
+_REFINEMENTS = 8
+_CHANNEL_ROWS, _SAMPLES_A_ROW = 120, 10
+_LONGEST_DELAY = 20
 
 
 def fit_linear(
@@ -74,63 +24,76 @@ def fit_linear(
     dt: float,
     order: int | None = None,
     *,
+    delays: Sequence[int] | None = None,
+    direct: bool | None = None,
     block_rows: int | None = None,
-    direct: bool = True,
     refinements: int = _REFINEMENTS,
     progress: Callable[[str], None] = lambda _: None,
 ) -> LinearFit:
     """Linear model from experiments ``[(u (n, inputs), y (n, outputs)), ..]`` sampled every `dt` seconds.
 
-    Without an `order` the smallest is taken whose free run on the last quarter of each experiment is within 2 %
-    of the best up to order 12. Raises ValueError for records too short for the order.
+    Every experiment has an initial state and an offset of its own. Without an `order` the smallest is taken whose
+    free run on the last quarter of each experiment is within 2 % of the best up to order 12. `delays` (samples, one
+    an input) are estimated where they are not given, and so is whether there is a `direct` term, that is, whether
+    an output answers within the same sample. Raises ValueError for signals that stand still or are not finite, and
+    for records too short for the order.
     """
-    pairs = [(_table(u), _table(y)) for u, y in experiments]
-    offsets_u = np.mean(np.concatenate([u for u, _ in pairs]), axis=0)
-    offsets_y = np.mean(np.concatenate([y for _, y in pairs]), axis=0)
-    scale_u = np.std(np.concatenate([u for u, _ in pairs]), axis=0)
-    scale_y = np.std(np.concatenate([y for _, y in pairs]), axis=0)
-    if not (np.isfinite(scale_u).all() and np.isfinite(scale_y).all() and (scale_u > 0).all() and (scale_y > 0).all()):
-        raise ValueError("every input and output must be finite and move")
+    pairs = [(as_columns(u), as_columns(y)) for u, y in experiments]
+    _check(pairs, dt, delays)
+    every_u, every_y = (np.concatenate([pair[side] for pair in pairs]) for side in (0, 1))
+    offsets_u, offsets_y, scale_u, scale_y = every_u.mean(axis=0), every_y.mean(axis=0), every_u.std(0), every_y.std(0)
+    for name, scale in (("input", scale_u), ("output", scale_y)):
+        bad = np.flatnonzero(~(np.isfinite(scale) & (scale > 0)))
+        if len(bad):
+            raise ValueError(f"{name} {bad[0] + 1} is constant or not finite")
     scaled = [((u - offsets_u) / scale_u, (y - offsets_y) / scale_y) for u, y in pairs]
-    rows = block_rows or max(15, -(-3 * (order or _LARGEST_ORDER) // (2 * len(scale_y))))
-    shortest = min(len(u) for u, _ in scaled)
-    if shortest < 4 * rows * (len(scale_u) + 1):
-        raise ValueError(
-            f"an experiment of {shortest} samples is too short; at least {4 * rows * (len(scale_u) + 1)} are needed"
-        )
-    if order is None:
-        order = _choose(scaled, rows, direct, progress)
+    shortest, channels = min(len(u) for u, _ in scaled), len(scale_u) + len(scale_y)
+    least = -(-3 * (order or 1) // (2 * len(scale_y))) + 1
+    rows = block_rows or max(least, min(_CHANNEL_ROWS, shortest // _SAMPLES_A_ROW) // channels)
+    if shortest < 4 * rows * channels or rows < 3:
+        needed = 4 * max(rows, 3) * channels
+        raise ValueError(f"an experiment of {shortest} samples is too short; at least {needed} are needed")
+    if order is not None and not 1 <= order <= (rows - 1) * len(scale_y):
+        raise ValueError(f"order {order} is not in 1 .. {(rows - 1) * len(scale_y)}, what {rows} block rows can show")
+    tried: dict[int, float] = {}
+    if delays is None or order is None or direct is None:
+        progress("delays")
+        lags = [delay + 1 for delay in delays or ()]
+        if delays is None:
+            lags = first_answers(scaled, min(_LONGEST_DELAY, shortest // (4 * channels)))
+        found = choose(scaled, order, lags, direct, rows, progress, fixed=delays is not None)
+        order, delays, direct, tried = found.order, found.delays, found.direct, found.tried
+    late = tuple(int(delay) for delay in delays)
+    shifted = [delayed(pair, late) for pair in scaled]
     progress(f"subspace, order {order}")
-    left, values = observability(scaled, rows)
-    modes = _model(left, order, scaled, direct)
+    data = compress(shifted, rows)
+    left, values = observability(data)
+    modes = modes_of(left, order, shifted, direct)
     progress("refining")
-    modes = refine(modes, scaled, refinements, direct=direct)
+    modes = refine(modes, shifted, refinements, direct=direct)
+    gain, innovations = kalman_gain(modes, data)
     physical = Modes(modes.poles, modes.B / scale_u, modes.C * scale_y[:, None], modes.D * scale_y[:, None] / scale_u)
-    return LinearFit(physical, dt, values, offsets_u, offsets_y)
+    return LinearFit(
+        physical,
+        dt,
+        late,
+        offsets_u,
+        offsets_y,
+        gain / scale_y,
+        innovations * np.outer(scale_y, scale_y),
+        values,
+        tried,
+    )
 
 
-def _table(signal: Array) -> Array:
-    values = np.asarray(signal, dtype=float)
-    return values[:, None] if values.ndim == 1 else values
-
-
-def _model(left: Array, order: int, experiments: Sequence[Experiment], direct: bool) -> Modes:
-    A, C = dynamics(left, order, experiments[0][1].shape[1])
-    return regress(*decompose(A, C), experiments, direct=direct)
-
-
-def _choose(experiments: Sequence[Experiment], rows: int, direct: bool, progress: Callable[[str], None]) -> int:
-    """Order by the free run on what was left out."""
-    fitted = [(u[: 3 * len(u) // 4], y[: 3 * len(u) // 4]) for u, y in experiments]
-    left, _ = observability(fitted, rows)
-    errors = {}
-    for order in range(1, _LARGEST_ORDER + 1):
-        progress(f"trying order {order}")
-        modes = _model(left, order, fitted, direct)
-        total = 0.0
-        for u, y in experiments:
-            x0 = initial_state(modes, u, y)
-            total += float(np.sum((y - modes.simulate(u, x0))[3 * len(u) // 4 :] ** 2))
-        errors[order] = total
-    best = min(errors.values())
-    return next(order for order, error in errors.items() if error <= _ENOUGH * _ENOUGH * best)
+def _check(pairs: Sequence[Experiment], dt: float, delays: Sequence[int] | None) -> None:
+    if not dt > 0:
+        raise ValueError(f"the sampling interval must be positive, not {dt}")
+    if not pairs:
+        raise ValueError("there is no experiment")
+    inputs, outputs = pairs[0][0].shape[1], pairs[0][1].shape[1]
+    for number, (u, y) in enumerate(pairs, 1):
+        if len(u) != len(y) or u.shape[1] != inputs or y.shape[1] != outputs:
+            raise ValueError(f"experiment {number} has arrays of {u.shape} and {y.shape}: (n, inputs), (n, outputs)")
+    if delays is not None and (len(delays) != inputs or min(delays) < 0):
+        raise ValueError(f"delays must be {inputs} numbers of samples from 0, not {list(delays)}")

@@ -2,12 +2,13 @@
 
 Future outputs, freed of what future inputs explain, are projected on past inputs and outputs; the column space
 is the extended observability matrix. The block Hankel matrices of all experiments go through one QR factorisation
-block by block, so that memory does not grow with the record.
+block by block, so that memory does not grow with the record. An offset of each experiment is an input that is 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,37 +20,60 @@ Experiment = tuple[Array, Array]
 _BLOCK_COLUMNS = 4096
 
 
+@dataclass(frozen=True)
+class Compressed:
+    """Lower triangular factor of the stacked ``[offsets; U future; U past; Y past; Y future]``, and its parts."""
+
+    lower: Array
+    columns: int
+    offsets: int
+    inputs: int
+    outputs: int
+    block_rows: int
+
+    @property
+    def future_u(self) -> slice:
+        return slice(self.offsets, self.offsets + self.block_rows * self.inputs)
+
+    @property
+    def past(self) -> slice:
+        first = self.future_u.stop
+        return slice(first, first + self.block_rows * (self.inputs + self.outputs))
+
+    @property
+    def future_y(self) -> slice:
+        return slice(self.past.stop, None)
+
+
 def block_hankel(signal: Array, rows: int, first: int, last: int) -> Array:
     """Columns `first` .. `last` of the block Hankel matrix of a signal (n, channels), `rows` block rows."""
     window = np.lib.stride_tricks.sliding_window_view(signal[first : last + rows - 1], rows, axis=0)
     return np.asarray(window.transpose(2, 1, 0).reshape(rows * signal.shape[1], -1))
 
 
-def compressed(experiments: Sequence[Experiment], block_rows: int) -> Array:
-    """Lower triangular factor of the stacked ``[U future; U past; Y past; Y future]`` of all experiments."""
+def compress(experiments: Sequence[Experiment], block_rows: int) -> Compressed:
+    """QR factorisation of the data ``(u (n, inputs), y (n, outputs))`` of all experiments."""
     i = block_rows
-    triangle: Array | None = None
-    for u, y in experiments:
+    inputs, outputs = experiments[0][0].shape[1], experiments[0][1].shape[1]
+    size = len(experiments) + 2 * i * (inputs + outputs)
+    triangle, total = np.zeros((0, size)), 0
+    for e, (u, y) in enumerate(experiments):
         columns = len(u) - 2 * i + 1
-        inputs, outputs = u.shape[1], y.shape[1]
+        total += columns
         for first in range(0, columns, _BLOCK_COLUMNS):
             last = min(columns, first + _BLOCK_COLUMNS)
+            offsets = np.zeros((len(experiments), last - first))
+            offsets[e] = 1.0
             hu, hy = block_hankel(u, 2 * i, first, last), block_hankel(y, 2 * i, first, last)
-            stacked = np.vstack([hu[i * inputs :], hu[: i * inputs], hy[: i * outputs], hy[i * outputs :]]).T
-            if triangle is not None:
-                stacked = np.vstack([triangle, stacked])
-            triangle = np.asarray(qr(stacked, mode="r", check_finite=False)[0][: stacked.shape[1]])
-    assert triangle is not None
-    return triangle.T
+            parts = [offsets, hu[i * inputs :], hu[: i * inputs], hy[: i * outputs], hy[i * outputs :]]
+            stacked = np.vstack([triangle, np.vstack(parts).T])
+            triangle = np.asarray(qr(stacked, mode="r", check_finite=False)[0][:size])
+    return Compressed(triangle.T, total, len(experiments), inputs, outputs, i)
 
 
-def observability(experiments: Sequence[Experiment], block_rows: int) -> tuple[Array, Array]:
+def observability(data: Compressed) -> tuple[Array, Array]:
     """Left singular vectors (block_rows outputs, ..) of the projection, and its singular values."""
-    inputs, outputs = experiments[0][0].shape[1], experiments[0][1].shape[1]
-    lower = compressed(experiments, block_rows)
-    past = slice(block_rows * inputs, block_rows * (2 * inputs + outputs))
-    future = slice(block_rows * (2 * inputs + outputs), None)
-    left, values, _ = svd(lower[future, past], full_matrices=False)
+    left, values, _ = svd(data.lower[data.future_y, data.past], full_matrices=False)
     return np.asarray(left), np.asarray(values)
 
 

@@ -1,0 +1,101 @@
+"""``micromanip fit linear``: linear dynamics from recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from micromanip.errors import UsageError
+
+from .options import json_option, print_json
+
+
+@click.command("linear", epilog="Example: micromanip fit linear x.csv --input setpoint_um --output stage_um --dt 1e-4")
+@click.argument("files", type=click.Path(path_type=Path), metavar="FILE...", nargs=-1, required=True)
+@click.option(
+    "--input", "inputs", required=True, metavar="COLUMNS",
+    help="Columns of the inputs, separated by commas: names in the header, or numbers from 1 in a text without one.",
+)  # fmt: skip
+@click.option("--output", "outputs", required=True, metavar="COLUMNS", help="Columns of the outputs, likewise.")
+@click.option("--time", "time_name", help="Column of the time, s.  [default: the first whose name begins with t]")
+@click.option(
+    "--dt", type=click.FloatRange(min=0.0, min_open=True),
+    help="Sampling interval of the model, s: needed without a time column; with one, a whole multiple thins the data.",
+)  # fmt: skip
+@click.option("--order", type=click.IntRange(1, 60), help="States  [default: chosen up to 12 by the held-out error]")
+@click.option(
+    "--split", type=click.FloatRange(0.1, 1.0), default=0.5, show_default=True,
+    help="Share of each file, from its start, that is fitted to; the rest is held out. 1 goes with --validate.",
+)  # fmt: skip
+@click.option(
+    "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
+)
+@click.option("--out", "folder", type=click.Path(path_type=Path, file_okay=False), help="Folder for the figures.")
+@json_option
+def command(
+    files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, dt: float | None, order: int | None,
+    split: float, validate: Path | None, folder: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Fit a linear model to FILE (CSV, plain text or a recording of ours); several FILEs are several experiments.
+
+    Delays are estimated. The fit of an output is 100 % less the rms error of the free run in percent of the output's
+    rms, on the part held out, with state and offset at its start fitted. Exit code 1 where the data is unusable.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from micromanip.design.linear.experiments import load_linear
+    from micromanip.design.linear.judged import fit_records
+
+    driven, seen = _names(inputs, "--input"), _names(outputs, "--output")
+    both = set(driven) & set(seen)
+    if both:
+        raise UsageError(f"the column {min(both)} can't be input and output")
+    if split == 1.0 and validate is None:
+        raise UsageError("--split 1 leaves nothing to judge the model by: give --validate FILE, or a smaller split")
+    records = [load_linear(file, driven, seen, dt, time_name) for file in files]
+    held_out = load_linear(validate, driven, seen, dt, time_name) if validate else None
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("fitting", total=None)
+        result = fit_records(records, held_out, order, split, lambda what: bar.update(task, description=what))
+        written: list[Path] = []
+        if folder is not None:
+            from micromanip.design.linear.figures import draw_linear
+
+            bar.update(task, description="drawing")
+            folder.mkdir(parents=True, exist_ok=True)
+            written = draw_linear(result, folder)
+    report = result.report() | {"figures": [str(path) for path in written]}
+    if as_json:
+        print_json(report)
+    else:
+        _print(report, seen, "held out" if split < 1.0 else "not fitted to")
+
+
+def _names(columns: str, option: str) -> list[str]:
+    names = [name.strip() for name in columns.split(",")]
+    if not all(names) or len(set(names)) < len(names):
+        raise UsageError(f"{option} {columns}: name each column once, separated by commas")
+    return names
+
+
+def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
+    delays = ", ".join(map(str, report["delay_samples"]))
+    click.echo(f"order {report['order']}, delay {delays} samples of {report['dt_s']:.6g} s")
+    parts = [(held_out, report)]
+    if report["validation"] and held_out == "held out":
+        parts.append(("not fitted to", report["validation"]))
+    for where, figures in parts:
+        for name, fit, rms in zip(outputs, figures["fit_percent"], figures["rms_error_percent"], strict=True):
+            click.echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
+    for name, coherence in zip(outputs, report["coherence"], strict=True):
+        click.echo(f"coherence of {name}: {coherence:.3f} over all frequencies")
+    for pole, hertz, damping in zip(report["poles_z"], report["poles_Hz"], report["poles_damping"], strict=True):
+        if pole[1] >= 0.0:
+            click.echo(f"  pole {pole[0]:.5f} {pole[1]:+.5f}j: {hertz:.4g} Hz, damping {damping:.4f}")
+    for order, error in report["tried"].items():
+        click.echo(f"  tried order {order}: {error:.3f} % on the part left out")
+    if report["figures"]:
+        click.echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")

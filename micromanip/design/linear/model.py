@@ -1,0 +1,116 @@
+"""The fitted model: free run, frequency response, errors, and `control.StateSpace` with its Kalman gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .modal import Array, Complex, Modes
+from .regression import start
+from .subspace import Experiment
+
+if TYPE_CHECKING:
+    import control
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """A model in physical units, sampled every `dt` seconds; input i acts `delays[i]` samples late.
+
+    `gain` (k, outputs) drives the modes by the innovations, whose covariance is `innovations` (outputs, outputs);
+    `tried` tells for each order that was tried the held-out rms error, percent of the outputs'.
+    """
+
+    modes: Modes
+    dt: float
+    delays: tuple[int, ...]
+    offsets_u: Array
+    offsets_y: Array
+    gain: Complex
+    innovations: Array
+    singular_values: Array
+    tried: dict[int, float]
+
+    @property
+    def order(self) -> int:
+        """Number of states, without those of the delays."""
+        return self.modes.order
+
+    @property
+    def poles(self) -> Complex:
+        """All poles (n,) in z, both of each pair, without those of the delays (which are 0)."""
+        pairs = self.modes.poles[self.modes.weights == 2.0]
+        return np.concatenate([self.modes.poles, np.conj(pairs)])
+
+    def simulate(self, u: Array, y: Array | None = None) -> Array:
+        """Free run (n, outputs) over `u` (n, inputs), from rest; or from state and offset that explain `y` best.
+
+        The samples before the longest delay depend on inputs before the record: with `y` (n, outputs) they are its
+        own, otherwise the first input is taken to have been there before.
+        """
+        u, first = as_columns(u), max(self.delays)
+        if y is None:
+            held = np.vstack([np.repeat(u[:1], first, axis=0), u])
+            driven, _ = delayed((held - self.offsets_u, held), self.delays)
+            return self.modes.simulate(driven) + self.offsets_y
+        y = as_columns(y)
+        driven, measured = delayed((u - self.offsets_u, y), self.delays)
+        return np.vstack([y[:first], start(self.modes, driven, measured).run(self.modes, driven)])
+
+    def errors(self, u: Array, y: Array) -> tuple[Array, Array]:
+        """Of the free run: fit (percent) and rms error in percent of the output's rms, both (outputs,).
+
+        State and offset at the start are fitted, as is usual for a record that the model has never seen.
+        """
+        y, first = as_columns(y), max(self.delays)
+        error = (y - self.simulate(u, y))[first:]
+        size = np.sqrt(((y - y.mean(axis=0))[first:] ** 2).mean(axis=0))
+        rms = 100.0 * np.sqrt((error**2).mean(axis=0)) / size
+        return 100.0 - rms, rms
+
+    def frequency_response(self, frequency_Hz: Array) -> Complex:
+        """Response (f, outputs, inputs), delays included."""
+        z = np.exp(2j * np.pi * np.asarray(frequency_Hz) * self.dt)
+        late = z[:, None, None] ** -np.array(self.delays, dtype=float)
+        return np.asarray(self.modes.frequency_response(z) * late)
+
+    def state_space(self) -> control.StateSpace:
+        """The model, its delays as states after those of the dynamics, for `control`."""
+        import control
+
+        A, B, C, D = self.modes.state_space()
+        n, m, late = len(A), len(self.delays), sum(self.delays)
+        whole = np.zeros((n + late, n + late))
+        drive, show, direct = np.zeros((n + late, m)), np.zeros((len(C), n + late)), D.copy()
+        whole[:n, :n], show[:, :n] = A, C
+        at = n
+        for i, delay in enumerate(self.delays):
+            if delay == 0:
+                drive[:n, i] = B[:, i]
+                continue
+            # the oldest set-point stands first: it drives the dynamics
+            whole[:n, at], show[:, at], direct[:, i] = B[:, i], D[:, i], 0.0
+            whole[range(at, at + delay - 1), range(at + 1, at + delay)] = 1.0
+            drive[at + delay - 1, i] = 1.0
+            at += delay
+        return control.ss(whole, drive, show, direct, self.dt)
+
+    @property
+    def kalman_gain(self) -> Array:
+        """Gain (states, outputs) for `state_space`: ``x+ = A x + B u + K (y - C x - D u)``; delays need none."""
+        return np.vstack([self.modes.real_rows(self.gain), np.zeros((sum(self.delays), self.modes.C.shape[0]))])
+
+
+def as_columns(signal: Array) -> Array:
+    """A signal (n,) or (n, channels) as (n, channels)."""
+    values = np.asarray(signal, dtype=float)
+    return values[:, None] if values.ndim == 1 else values
+
+
+def delayed(experiment: Experiment, delays: tuple[int, ...]) -> Experiment:
+    """Inputs as they act, and outputs, from the first sample at which all inputs are known."""
+    u, y = experiment
+    first = max(delays)
+    return np.column_stack([u[first - d : len(u) - d, i] for i, d in enumerate(delays)]), y[first:]

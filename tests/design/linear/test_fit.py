@@ -1,0 +1,232 @@
+"""`fit_linear` on systems that are known: exact without noise, and honest with it."""
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from micromanip.design import fit_linear
+
+from .known import circle, response, sorted_poles, system, transfer
+
+
+def late(u, delays):
+    """Inputs that act so many samples later; before the record they were something else."""
+    rng = np.random.default_rng(99)
+    return np.column_stack([np.concatenate([rng.normal(size=d), u[: len(u) - d, i]]) for i, d in enumerate(delays)])
+
+
+def experiments(count=3, samples=700, delays=(0, 0), noise=0.0, model=None):
+    """Records of one system from different states, with different offsets of the outputs."""
+    A, B, C, D = model or system()
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(count):
+        u = rng.normal(size=(samples, B.shape[1])) + [3.0, -1.0][: B.shape[1]]
+        y = response(A, B, C, D, late(u, delays), x0=5 * rng.normal(size=len(A)))
+        y += 10 * rng.normal(size=len(C)) + noise * y.std(axis=0) * rng.normal(size=y.shape)
+        found.append((u, y))
+    return found
+
+
+def of_state_space(model, z):
+    return transfer(model.A, model.B, model.C, model.D, z)
+
+
+def test_exact_without_noise():
+    """Several inputs, outputs, experiments with states and offsets of their own; the order is found, too."""
+    A, B, C, D = system()
+    data = experiments()
+    model = fit_linear(data, 1e-3)
+    assert model.order == 5
+    assert model.delays == (0, 0)
+    assert sorted_poles(model.poles) == pytest.approx(sorted_poles(np.linalg.eigvals(A)), abs=1e-7)
+    truth = transfer(A, B, C, D, circle())
+    assert of_state_space(model.state_space(), circle()) == pytest.approx(truth, abs=1e-6 * np.abs(truth).max())
+    hertz = np.angle(circle()) / (2 * np.pi * 1e-3)
+    assert model.frequency_response(hertz) == pytest.approx(truth, abs=1e-6 * np.abs(truth).max())
+    assert model.singular_values[4] > 1e6 * model.singular_values[5]
+    for u, y in experiments(count=5)[3:]:  # the last ones were not fitted to
+        assert model.simulate(u, y) == pytest.approx(y, abs=1e-5 * y.std())
+        assert model.errors(u, y)[0] == pytest.approx(100.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("delays", [(0, 3), (4, 1), (2, 2)])
+def test_delays_are_found(delays):
+    A, B, C, D = system()
+    model = fit_linear(experiments(delays=delays), 1e-3)
+    assert (model.order, model.delays) == (5, delays)
+    z = circle()
+    truth = transfer(A, B, C, D, z) * z[:, None, None] ** -np.array(delays)
+    whole = model.state_space()
+    assert whole.nstates == 5 + sum(delays)
+    assert of_state_space(whole, z) == pytest.approx(truth, abs=1e-6 * np.abs(truth).max())
+    u, y = experiments(count=4, delays=delays)[3]
+    assert model.simulate(u, y) == pytest.approx(y, abs=1e-5 * y.std())
+
+
+@pytest.mark.parametrize("delay", [0, 1, 5])
+def test_delay_is_found_in_noise(delay):
+    model = fit_linear(experiments(1, 3000, (delay, 0), noise=0.1), 1e-3, 5)
+    assert model.delays == (delay, 0)
+
+
+def test_from_rest_the_first_input_was_there_before():
+    data = experiments(1, delays=(3, 0))
+    model = fit_linear(data, 1e-3)
+    u = np.ones((50, 2))
+    gain = model.frequency_response(np.array([0.0]))[0].real
+    settled = model.simulate(np.ones((2000, 2)))[-1] - model.offsets_y
+    assert settled == pytest.approx(gain @ (1.0 - model.offsets_u), rel=1e-6)
+    _, forced = control.forced_response(model.state_space(), U=(u - model.offsets_u).T)
+    assert (model.simulate(u) - model.offsets_y)[3:] != pytest.approx(forced.T[3:])  # the delay line began empty there
+    chain = np.concatenate([[u[0]] * 3, u]) - model.offsets_u
+    chain[:3, 1] = 0.0
+    _, forced = control.forced_response(model.state_space(), U=chain.T)
+    assert (model.simulate(u) - model.offsets_y) == pytest.approx(forced.T[3:], abs=1e-6)
+
+
+def test_direct_term_is_found():
+    A, B, C, _ = system(outputs=2)
+    D = np.array([[0.5, 0.0], [0.0, -2.0]])
+    model = fit_linear(experiments(model=(A, B, C, D)), 1e-3)
+    assert model.order == 5
+    assert model.state_space().D == pytest.approx(D, abs=1e-6)
+    strict = fit_linear(experiments(), 1e-3)
+    assert (strict.state_space().D == 0.0).all()
+
+
+def test_noise_costs_what_it_must():
+    """The free run misses the noise and little more; poles and response are close."""
+    A, B, C, D = system()
+    model = fit_linear(experiments(2, 4000, noise=0.05), 1e-3)
+    assert model.order == 5
+    assert sorted_poles(model.poles) == pytest.approx(sorted_poles(np.linalg.eigvals(A)), abs=5e-3)
+    truth = transfer(A, B, C, D, circle())
+    assert of_state_space(model.state_space(), circle()) == pytest.approx(truth, abs=0.02 * np.abs(truth).max())
+    u, y = experiments(3, 4000, noise=0.05)[2]
+    assert model.errors(u, y)[1] == pytest.approx(100 * 0.05 / np.sqrt(1 + 0.05**2), rel=0.05)
+    moved = y + np.array([5.0, -7.0, 1.0])
+    assert model.errors(u, moved)[1] == pytest.approx(model.errors(u, y)[1])
+
+
+def test_refinement_never_hurts_the_fit_and_pays():
+    """A subspace of few block rows is a poor one; the free run puts it right."""
+    data = experiments(1, 1500, noise=0.3)
+    plain, refined = (fit_linear(data, 1e-3, 5, block_rows=4, refinements=steps) for steps in (0, 8))
+    truth = transfer(*system(), circle())
+    errors = [np.abs(of_state_space(model.state_space(), circle()) - truth).max() for model in (plain, refined)]
+    assert errors[1] < 0.5 * errors[0]
+    assert (refined.errors(*data[0])[1] <= plain.errors(*data[0])[1] + 1e-6).all()
+
+
+def test_too_low_an_order_shows_on_held_out_data():
+    data = experiments(2)
+    low, right = (fit_linear(data[:1], 1e-3, order).errors(*data[1])[0].min() for order in (3, 5))
+    assert low < right - 1.0
+
+
+def test_kalman_gain_is_that_of_the_known_noise():
+    """Innovation form from the data, against the Riccati equation on the system that made them."""
+    A, B, C, D = system(outputs=2)
+    samples, rng, Q, R = 20_000, np.random.default_rng(2), 0.02 * np.eye(5), np.diag([0.4, 0.8])
+    u = rng.normal(size=(samples, 2))
+    process = rng.multivariate_normal(np.zeros(5), Q, samples)
+    sensor = rng.multivariate_normal(np.zeros(2), R, samples)
+    y = response(A, B, C, D, u, None, process, sensor)
+    model = fit_linear([(u, y)], 1e-3, 5)
+    filtering, P, _ = control.dlqe(A, np.eye(5), C, Q, R)
+    truth = transfer(A, filtering, C, np.eye(2), circle())
+    found = model.state_space()
+    gain = model.kalman_gain
+    assert transfer(found.A, gain, found.C, np.eye(2), circle()) == pytest.approx(truth, abs=0.1 * np.abs(truth).max())
+    assert np.abs(np.linalg.eigvals(found.A - gain @ found.C)).max() < 1.0
+    innovations = C @ P @ C.T + R
+    assert model.innovations == pytest.approx(innovations, rel=0.1, abs=0.1 * R.max())
+    # and it predicts better than the free run, to the innovations
+    A, B, C, D = found.A, found.B, found.C, found.D
+    x, error = np.zeros(found.nstates), np.zeros((samples, 2))
+    for k in range(samples):
+        error[k] = (y[k] - model.offsets_y) - C @ x - D @ (u[k] - model.offsets_u)
+        x = A @ x + B @ (u[k] - model.offsets_u) + gain @ error[k]
+    assert np.cov(error[200:].T) == pytest.approx(innovations, rel=0.05, abs=0.05 * R.max())
+    assert (error.std(axis=0) < 0.8 * (y - model.simulate(u, y)).std(axis=0)).all()
+
+
+def test_kalman_gain_belongs_to_the_states_behind_a_delay():
+    model = fit_linear(experiments(1, 3000, (2, 1), noise=0.1), 1e-3, 5)
+    whole, gain = model.state_space(), model.kalman_gain
+    assert gain.shape == (8, 3)
+    assert (gain[5:] == 0.0).all()
+    assert np.abs(np.linalg.eigvals(whole.A - gain @ whole.C)).max() < 1.0
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10_000), st.floats(1e-6, 1e6), st.floats(1e-6, 1e6))
+def test_units_do_not_matter(seed, size_u, size_y):
+    """The same record in other units gives the same poles and the same fit."""
+    A, B, C, D = system(seed, 1, 2)
+    rng = np.random.default_rng(seed)
+    u = rng.normal(size=(600, 1))
+    y = response(A, B, C, D, u, x0=rng.normal(size=5))
+    y += 0.01 * y.std(axis=0) * rng.normal(size=y.shape)
+    one, other = fit_linear([(u, y)], 1e-3, 5), fit_linear([(size_u * u, size_y * y)], 1e-3, 5)
+    assert sorted_poles(other.poles) == pytest.approx(sorted_poles(one.poles), abs=1e-5)
+    assert other.errors(size_u * u, size_y * y)[0] == pytest.approx(one.errors(u, y)[0], abs=1e-3)
+    z = circle()
+    truth = of_state_space(one.state_space(), z) * size_y / size_u
+    assert of_state_space(other.state_space(), z) == pytest.approx(truth, abs=1e-4 * np.abs(truth).max())
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (lambda u, y: (u[:30], y[:30]), "an experiment of 30 samples is too short; at least 60 are needed"),
+        (lambda u, y: (u * [0.0, 1.0], y), "input 1 is constant or not finite"),
+        (lambda u, y: (u, y * [1.0, 1.0, np.nan]), "output 3 is constant or not finite"),
+    ],
+)
+def test_what_can_not_be_fitted_is_said(spoil, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        fit_linear([spoil(*experiments(1)[0])], 1e-3)
+
+
+def test_arguments_that_make_no_sense_are_refused():
+    u, y = experiments(1)[0]
+    for arguments, sentence in (
+        (([(u, y[:-1])], 1e-3), r"experiment 1 has arrays of \(700, 2\) and \(699, 3\)"),
+        (([(u, y), (u[:, 0], y)], 1e-3), "experiment 2 has arrays"),
+        (([], 1e-3), "there is no experiment"),
+        (([(u, y)], 0.0), "the sampling interval must be positive"),
+        (([(u, y)], 1e-3, 0), r"order 0 is not in 1 \.\."),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            fit_linear(*arguments)
+    for delays in ([1], [1, -1]):
+        with pytest.raises(ValueError, match="delays must be 2 numbers of samples from 0"):
+            fit_linear([(u, y)], 1e-3, 5, delays=delays)
+    with pytest.raises(ValueError, match=r"order 60 is not in 1 \.\. 27"):
+        fit_linear([(u, y)], 1e-3, 60, block_rows=10)
+
+
+def test_single_channels_may_be_vectors():
+    A, B, C, D = system(3, 1, 1)
+    u = np.random.default_rng(1).normal(size=500)
+    y = response(A, B, C, D, u[:, None])[:, 0]
+    model = fit_linear([(u, y)], 1e-3)
+    assert model.simulate(u, y)[:, 0] == pytest.approx(y, abs=1e-6 * y.std())
+    assert model.errors(u, y)[0] == pytest.approx([100.0], abs=1e-3)
+
+
+def test_an_input_without_effect_and_an_output_of_noise():
+    """Nothing is made up: the gain of the idle input is small, and noise is not explained."""
+    A, B, C, D = system(3, 1, 1)
+    rng = np.random.default_rng(1)
+    u, idle = rng.normal(size=(4000, 1)), rng.normal(size=(4000, 1))
+    y = response(A, B, C, D, u)
+    y += 0.1 * y.std() * rng.normal(size=y.shape)
+    model = fit_linear([(np.hstack([u, idle]), np.hstack([y, rng.normal(size=y.shape)]))], 1e-3)
+    size = np.linalg.norm(model.frequency_response(np.linspace(1.0, 400.0, 50)), axis=0)
+    assert size[0, 1] < 0.03 * size[0, 0]
+    assert model.errors(np.hstack([u, idle]), np.hstack([y, rng.normal(size=y.shape)]))[0][1] < 2.0

@@ -74,6 +74,7 @@ def tune_outer(
         asked = "" if bandwidth_Hz is None else f" at {bandwidth_Hz:g} Hz"
         raise CheckFailed(
             f"no outer loop{asked} has margins of {GAIN_DB:g} dB and {PHASE_DEG:g} deg; the best has "
-            f"{closest[2]:.1f} dB and {closest[3]:.0f} deg at {closest[1]:.0f} Hz: ask for less bandwidth, or identify the model again"
+            f"{closest[2]:.1f} dB and {closest[3]:.0f} deg at {closest[1]:.0f} Hz: ask for less bandwidth, or identify "
+            "the model again"
         )
     return OuterDesign(best[0], best[1], best[2], tuple(tried))

@@ -53,7 +53,7 @@ def command(
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         task = bar.add_task("evaluate", total=12 + (5 * len(shown) if figures else 0))
-        runs = evaluate(configuration, experiment, own_pid, lambda: bar.advance(task))
+        runs = evaluate(configuration, experiment, own_pid, progress=lambda: bar.advance(task))
         if figures:
             from micromanip.design.figures import draw_all
 

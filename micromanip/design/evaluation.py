@@ -22,6 +22,8 @@ HOLD_S = 0.5
 SETTLE_S = 1.0
 """Sigma and maximum count after the first period, and at least so long, of the sine."""
 WINDOW_S = 2.0
+TUNED = "D"
+"""Configuration C with the PID that `commission` found."""
 
 Array = NDArray[np.float64]
 
@@ -65,9 +67,11 @@ def _known(value: np.floating[Any]) -> float | None:
 
 
 def _variant(axis: Axis, config: str, own_pid: bool) -> Axis:
-    pid = axis.inner if own_pid else paper.ANCHOR_PID
+    pid = axis.inner if own_pid or config == TUNED else paper.ANCHOR_PID
     mode = {"A": "pid", paper.FEEDFORWARD_ALONE: "feedforward"}.get(config, "pid+feedforward")
     model = axis.hysteresis_affine if config == "B" else axis.hysteresis
+    if model is None or isinstance(model, NoModel):  # an axis that is not judged yet
+        mode, model = "pid", NoModel(model="none")
     return axis.model_copy(
         update={"mode": "strain", "inner": pid.model_copy(update={"mode": mode}), "hysteresis": model}
     )
@@ -100,12 +104,16 @@ def evaluate(
     configuration: Configuration,
     experiment: Experiment,
     own_pid: bool = False,
+    tuned: bool = False,
     progress: Callable[[], None] = lambda: None,
 ) -> list[Run]:
-    """Twelve runs (A, B, C and feedforward alone at each frequency); `progress` is called after each."""
+    """Twelve runs (A, B, C and feedforward alone at each frequency); `progress` is called after each.
+
+    `tuned` adds D: C with the configuration's own PID instead of the anchor's.
+    """
     runs = []
     rate_hz = configuration.loop.rate_hz
-    for config in (*paper.SIGMA_UM, paper.FEEDFORWARD_ALONE):
+    for config in (*paper.SIGMA_UM, *([TUNED] if tuned else []), paper.FEEDFORWARD_ALONE):
         axes = {name: _variant(axis, config, own_pid) for name, axis in configuration.axes.items()}
         variant = configuration.model_copy(update={"axes": axes})
         for frequency_hz in paper.FREQUENCIES_HZ:

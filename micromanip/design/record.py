@@ -58,11 +58,11 @@ def load_record(
             )
         step_s = sampling(file, name, column(file, table, name))
     record = Record(file, input_name, output_name, u, y, step_s)
-    _judge(record)
+    judge_record(record)
     return record
 
 
-def _judge(record: Record) -> None:
+def judge_record(record: Record) -> None:
     """Raise for a record that no hysteresis model can be fitted to."""
     file = record.file
     require_numbers(file, {record.input_name: record.u, record.output_name: record.y})

@@ -1,0 +1,60 @@
+"""All axes of a cell, one after the other; then the paper's experiment with the new tuning, and the verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from micromanip.settings.model import Configuration
+
+from ..analysis import analyse_axis
+from ..evaluation import evaluate
+from ..experiment import Experiment
+from .axis import Commissioned, Knobs, Watched, commission_axis
+from .evidence import Evidence
+from .story import evidence
+
+DRAWN = range(1, 21)
+"""Seeds of the plants on which the tuning is tried on paper."""
+
+
+def _say(say: Callable[[str], None], axis: str, what: str) -> None:
+    say(f"axis {axis}: {what}")
+
+
+@dataclass(frozen=True)
+class CommissionedCell:
+    """The new `configuration`, what was found, and the evidence, an entry an axis."""
+
+    configuration: Configuration
+    axes: tuple[Commissioned, ...]
+    evidence: tuple[Evidence, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every criterion of every axis holds."""
+        return all(each.passed for each in self.evidence)
+
+
+def commission_cell(
+    configuration: Configuration,
+    experiment: Experiment,
+    axes: Sequence[str],
+    say: Callable[[str], None],
+    knobs: Knobs | None = None,
+    seed: int = 1,
+) -> CommissionedCell:
+    """Commission `axes` of `configuration`; the other axes keep what they have. Raises CheckFailed, see `axis`."""
+    watched, found = Watched(experiment), []
+    for name in axes:
+        found.append(commission_axis(configuration, watched, name, partial(_say, say, name), knobs, seed))
+        configuration = found[-1].configuration
+    say("the paper's experiment")
+    runs = evaluate(configuration, watched, tuned=True)
+    stories, names = [], list(configuration.axes)
+    for each in found:
+        say(f"axis {each.axis}: analysis")
+        analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1)
+        stories.append(evidence(each, analysis, runs, names.index(each.axis)))
+    return CommissionedCell(configuration, tuple(found), tuple(stories))

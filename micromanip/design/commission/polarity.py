@@ -1,0 +1,95 @@
+"""The first move of all: does the axis move, which way, how far, and does the right gauge see it?
+
+Open loop and small: a wrong sign or a crossed cable would make every later feedback run away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from micromanip.errors import CheckFailed
+from micromanip.rt.records import MAX_AXES
+from micromanip.settings.model import Configuration
+
+from ..experiment import Experiment
+from ..identification import variant
+
+MOVE_SHARE = 0.12
+"""Of the output's range: about 20 V, 13 um."""
+_RISE_S, _HOLD_S = 0.5, 0.3
+_LEAST, _MOST = 0.05, 5.0
+_ACROSS = 0.3
+_NOISES = 8.0
+
+
+@dataclass(frozen=True)
+class Polarity:
+    """Slope (um/V) of the axis' own gauge, and how far (um) every gauge moved with the axis' `moved_V`."""
+
+    slope_um_per_V: float
+    moved_V: float
+    moved_um: dict[str, float]
+
+    def share(self, other: str, axis: str) -> float:
+        """How far gauge `other` moved, in terms of the own one of `axis`."""
+        return abs(self.moved_um[other] / self.moved_um[axis])
+
+
+def check_polarity(configuration: Configuration, experiment: Experiment, axis: str) -> Polarity:
+    """Move `axis` a little up from its park voltage and back; raises CheckFailed where that looks wrong."""
+    output, rate_hz, names = (
+        configuration.outputs[f"voltage_{axis}"],
+        configuration.loop.rate_hz,
+        list(configuration.axes),
+    )
+    move_V = MOVE_SHARE * (output.range_V[1] - output.range_V[0])
+    if output.park_V + move_V > output.range_V[1]:
+        move_V = -move_V
+    rise, hold = round(_RISE_S * rate_hz), round(_HOLD_S * rate_hz)
+    ramp = 0.5 - 0.5 * np.cos(np.pi * np.arange(rise) / rise)
+    shape = np.concatenate([np.zeros(hold), ramp, np.ones(hold), ramp[::-1]])
+    samples = np.zeros((len(shape), MAX_AXES))
+    samples[:, : len(names)] = [configuration.outputs[f"voltage_{name}"].park_V for name in names]
+    samples[:, names.index(axis)] += move_V * shape
+    strain = experiment(variant(configuration), len(shape) / rate_hz, samples)["axis"]["strain_um"]
+    before, after = strain[hold // 4 : hold], strain[hold + rise + hold // 4 : 2 * hold + rise]
+    moved = {name: float(after[:, i].mean() - before[:, i].mean()) for i, name in enumerate(names)}
+    noise_um = {name: float(before[:, i].std()) for i, name in enumerate(names)}
+    return judged(axis, move_V, moved, noise_um)
+
+
+def judged(axis: str, move_V: float, moved: dict[str, float], noise_um: dict[str, float]) -> Polarity:
+    """What the gauges' movements mean; CheckFailed with what to do where the axis must not be closed."""
+    slope = moved[axis] / move_V
+    seen = f"axis {axis}: {move_V:+.0f} V moved its strain gauge by {moved[axis]:+.2f} um"
+    others = {name: value for name, value in moved.items() if name != axis}
+    if others:
+        other = max(others, key=lambda name: abs(others[name]))
+        if abs(others[other]) > _NOISES * noise_um[other] and abs(others[other]) > max(3.0 * abs(moved[axis]), 0.5):
+            raise CheckFailed(
+                f"{seen}, but that of axis {other} by {others[other]:+.2f} um: the gauges or the outputs are swapped; "
+                "check cables and the channels in the sections signals and outputs. Nothing was closed"
+            )
+    if abs(moved[axis]) < max(_NOISES * noise_um[axis] / 10.0, _LEAST * abs(move_V)):
+        raise CheckFailed(
+            f"{seen}: the actuator does not move, or the gauge does not see it; check the amplifier's enable and "
+            "fuse, and the gauge's supply. Nothing was closed"
+        )
+    if slope < 0.0:
+        raise CheckFailed(
+            f"{seen}: the wrong way, feedback would run away; swap the gauge's leads, or change the sign of its "
+            "scale. Nothing was closed"
+        )
+    if slope > _MOST:
+        raise CheckFailed(
+            f"{seen}, {slope:.2g} um/V: more than {_MOST:g} um/V is no piezo actuator; check the gauge's scale and "
+            "unit. Nothing was closed"
+        )
+    if others and abs(others[other]) > _ACROSS * abs(moved[axis]):
+        raise CheckFailed(
+            f"{seen}, and that of axis {other} by {others[other]:+.2f} um: more than {100 * _ACROSS:.0f} % across; "
+            "look for a loose flexure or a gauge on the wrong stack. Nothing was closed"
+        )
+    return Polarity(slope, move_V, moved)

@@ -1,0 +1,60 @@
+"""Whether a recording is good enough to build on: coverage, saturation, and what the model says of unseen data."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+from micromanip.settings.hysteresis import Range
+
+Array = NDArray[np.float64]
+
+COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT, COHERENCE = 0.6, 2.0, 80.0, 0.8
+_BINS, _FLAT = 12, 0.35
+
+
+@dataclass(frozen=True)
+class Quality:
+    """`coverage` of the set-point's range by the record; `flattest` slope in terms of the median one."""
+
+    coverage: float
+    flattest: float
+
+
+def judge_coverage(axis: str, voltage_V: Array, strain_um: Array, setpoint_um: Range) -> Quality:
+    """Verdict on a hysteresis record; CheckFailed where no model for the whole set-point's range can come of it."""
+    low, high = setpoint_um
+    covered = min(high, float(strain_um.max())) - max(low, float(strain_um.min()))
+    coverage = covered / (high - low)
+    flattest, where_V = _flattest(voltage_V, strain_um)
+    if flattest < _FLAT:
+        raise CheckFailed(
+            f"axis {axis}: near {where_V:.0f} V the gauge follows the voltage with {100 * flattest:.0f} % of its usual "
+            "slope: the amplifier saturates there, or the stage meets a stop; correct range_V of the output, or the "
+            "supply"
+        )
+    if coverage < COVERAGE:
+        raise CheckFailed(
+            f"axis {axis}: the record reaches {strain_um.min():.0f} to {strain_um.max():.0f} um, {100 * coverage:.0f} "
+            f"% of the set-point's range {low:g} to {high:g} um; at least {100 * COVERAGE:.0f} % are needed: narrow "
+            "setpoint.range_um, or look why the stroke is short"
+        )
+    return Quality(coverage, flattest)
+
+
+def _flattest(voltage_V: Array, strain_um: Array) -> tuple[float, float]:
+    """Least slope over the voltage, in terms of the median one, and where."""
+    edges = np.linspace(voltage_V.min(), voltage_V.max(), _BINS + 1)
+    slopes, centres = [], []
+    for low, high in itertools.pairwise(edges):
+        inside = (voltage_V >= low) & (voltage_V <= high)
+        if np.count_nonzero(inside) > 20 and np.ptp(voltage_V[inside]) > 0:
+            slopes.append(float(np.polyfit(voltage_V[inside], strain_um[inside], 1)[0]))
+            centres.append(0.5 * (low + high))
+    middle = float(np.median(slopes))
+    i = int(np.argmin(slopes))
+    return slopes[i] / middle, centres[i]

@@ -1,0 +1,138 @@
+"""What was done and found on one axis, section by section, for the report."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..analysis import AxisAnalysis
+from ..evaluation import Run
+from .axis import Commissioned
+from .evidence import Evidence, Plot, Section
+from .plots import (
+    figure_2,
+    figure_5,
+    figure_7,
+    figure_8,
+    figure_9,
+    loop_plots,
+    measured_response,
+    responses,
+    singular_values,
+)
+from .verdict import verdict
+
+
+def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> Evidence:
+    """The whole of it for one axis; `runs` are the paper's experiment, in which it is axis number `index`."""
+    sections = (
+        _first_move(found),
+        _hysteresis(found),
+        _inverse(analysis),
+        _strain(found, analysis),
+        _stage(found),
+        _outer(found, analysis),
+        _experiment(found, runs, index),
+    )
+    return Evidence(found.axis, verdict(found, analysis, runs, index), sections)
+
+
+def _first_move(found: Commissioned) -> Section:
+    moved = {f"gauge {name}": f"{value:+.3f} um" for name, value in found.polarity.moved_um.items()}
+    figures = {"voltage": f"{found.polarity.moved_V:+.1f} V"} | moved
+    return Section(
+        "First move",
+        "A small move from the park voltage in open loop: the right gauge must see it, and the right way.",
+        figures | {"slope": f"{found.polarity.slope_um_per_V:.3f} um/V"},
+        (figure_2(found),),
+    )
+
+
+def _hysteresis(found: Commissioned) -> Section:
+    voltage = found.record["voltage_V"]
+    figures = {
+        "record": f"{voltage.min():.0f} to {voltage.max():.0f} V, {found.tanh.stroke_um:.0f} um of stroke",
+        "coverage of the set-points": f"{100 * found.quality.coverage:.0f} %",
+        "least slope": f"{100 * found.quality.flattest:.0f} % of the median",
+    }
+    for name, fitted in (("tanh", found.tanh), ("affine", found.affine)):
+        held_out = found.held_out_percent[fitted.structure.name]
+        figures[name] = f"{fitted.rms_percent:.2f} % fitted, {held_out:.2f} % on the second record"
+    text = "Multisine (13) in open loop, twice: the models are fitted to one record and judged by the other."
+    return Section("Hysteresis", text, figures, figure_5(found))
+
+
+def _inverse(analysis: AxisAnalysis) -> Section:
+    text = "Describing function (18)-(24) of the inverse that runs as feedforward."
+    return Section("Inverse", text, {}, figure_7(analysis))
+
+
+def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
+    inner, pid = found.pid.inner, found.pid
+    figures = {
+        "K": f"{inner.K_V_per_um:g} V/um",
+        "Ti": f"{inner.Ti_ms:g} ms",
+        "Td": f"{inner.Td_ms:g} ms",
+        "Ms at the worst slope": f"{pid.sensitivity:.2f}",
+        "noise gain": f"{pid.noise_gain:.3f}",
+        "left of a disturbance at 10 Hz": f"{100 * pid.residual_10Hz:.1f} %",
+        "actuator's model": f"{found.actuator.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
+    }
+    plots: tuple[Plot, ...] = ()
+    if analysis.strain is not None:
+        worst = int(np.argmax([m.sensitivity for m in analysis.strain.margins]))
+        plots = loop_plots(
+            "Strain loop at its worst slope", analysis.strain.loops[worst], analysis.strain.margins[worst]
+        )
+    text = (
+        "The largest integral gain for which the sensitivity stays below its limit, at every slope that the hysteresis "
+        "gives the actuator."
+    )
+    return Section("Strain PID", text, figures, plots)
+
+
+def _stage(found: Commissioned) -> Section:
+    mode_Hz, damping = resonance(found)
+    figures = {
+        "model": f"order {found.stage.fitted.order} behind {found.stage.linear.delay_cycles} cycles",
+        "free run on unseen data": f"{found.stage.fit_percent:.1f} %",
+        "first mode": f"{mode_Hz:.1f} Hz, damping {damping:.3f}",
+    }
+    text = "Noise on the set-point with the strain loop closed; the others hold their working points."
+    return Section("Stage dynamics", text, figures, (singular_values(found), *measured_response(found)))
+
+
+def resonance(found: Commissioned) -> tuple[float, float]:
+    """Frequency (Hz) and damping ratio of the least damped mode of the stage's model."""
+    s = np.log(found.stage.fitted.poles.astype(complex)) / found.stage.fitted.dt
+    swinging = s[s.imag > 0]
+    if not len(swinging):
+        return float("nan"), 1.0
+    least = swinging[np.argmin(-swinging.real / np.abs(swinging))]
+    return float(abs(least) / (2 * np.pi)), float(-least.real / abs(least))
+
+
+def _outer(found: Commissioned, analysis: AxisAnalysis) -> Section:
+    outer = found.outer.outer
+    figures = {
+        "effort": f"{outer.effort:g}",
+        "random walk": f"{outer.disturbance_um:g} um a cycle",
+        "sensor noise": f"{1e3 * outer.sensor_noise_um:.1f} nm",
+        "bandwidth": f"{found.outer.bandwidth_Hz:.0f} Hz",
+        "error at rest after the step": f"{1e3 * found.validation.settled_um:.0f} nm rms",
+    }
+    for name, share in found.validation.coupling.items():
+        figures[f"seen by {name}"] = f"{100 * share:+.2f} %"
+    plots = () if analysis.stage is None else loop_plots("Outer loop", analysis.stage.loop, analysis.stage.margins)
+    text = "Kalman filter and LQG on the capacitive sensor: the fastest that keeps its margins."
+    return Section("Outer loop", text, figures, (*plots, *responses(found)))
+
+
+def _experiment(found: Commissioned, runs: list[Run], index: int) -> Section:
+    figures = {}
+    for run in runs:
+        if run.config in ("A", "B", "C", "D"):
+            row = run.figures(found.axis, index)
+            name = f"{run.config}, {run.frequency_hz:g} Hz"
+            figures[name] = f"sigma {row['std_error_um']:.4f} um, maximum {row['max_error_um']:.2f} um"
+    text = "A: PID alone, B: with affine inverse, C: with tanh inverse, all with the anchor PID; D: C with the own PID."
+    return Section("The paper's experiment", text, figures, (*figure_8(runs, index), *figure_9(runs, index)))

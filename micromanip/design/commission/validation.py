@@ -1,0 +1,108 @@
+"""Fresh experiments with the new tuning: the strain loop's sine, the stage's step, and what the other axes see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.rt.records import MAX_AXES
+from micromanip.settings.model import Configuration
+from micromanip.settings.outer import OuterGains, outer_gains
+from micromanip.settings.reference import File
+
+from ..experiment import Experiment, with_axes, with_axis, with_reference
+
+Array = NDArray[np.float64]
+
+STEP_UM, _BEFORE_S, _AFTER_S = 20.0, 0.2, 0.5
+_MOVE_UM, _MOVE_S = 20.0, 1.0
+_SHOWN_S = 0.1
+
+
+@dataclass(frozen=True)
+class Validation:
+    """`step` (t_s, reference_um, stage_um) of the closed outer loop; `settled_um`: its error's rms at the end.
+
+    `rejected`: (t_s, open_um, closed_um), the model's stage under a step of 1 um of disturbance at the set-point.
+    `coupling`: share of this axis' movement that each other gauge, and each other stage sensor, sees.
+    """
+
+    step: tuple[Array, Array, Array]
+    overshoot: float
+    settled_um: float
+    rejected: tuple[Array, Array, Array]
+    coupling: dict[str, float]
+
+
+def validate(configuration: Configuration, experiment: Experiment, axis: str) -> Validation:
+    """Play both experiments on `axis`; the other axes hold their working points."""
+    rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
+    before, after = round(_BEFORE_S * rate_hz), round(_AFTER_S * rate_hz)
+    samples = _working_points(configuration, before + after)
+    samples[:, i] = np.where(np.arange(before + after) < before, 0.0, STEP_UM)
+    closed = with_axis(with_axes(configuration, mode="strain"), axis, mode="stage")
+    rows = experiment(with_reference(closed, _FILE), (before + after) / rate_hz, samples)["axis"][:, i]
+    t_s = (np.arange(len(rows)) - before) / rate_hz
+    stage, reference = (np.asarray(rows[name], dtype=float) for name in ("stage_um", "reference_um"))
+    late = t_s > 0.6 * _AFTER_S
+    settled = float(np.sqrt(np.mean((stage - reference)[late] ** 2)))
+    overshoot = float((stage[t_s > 0].max() - STEP_UM) / STEP_UM)
+    near = (t_s > -0.02) & (t_s < 0.15)
+    step = t_s[near], reference[near], stage[near]
+    return Validation(
+        step, overshoot, settled, rejection(configuration, axis), coupling(configuration, experiment, axis)
+    )
+
+
+_FILE = File(source="file", path="(excitation)")
+
+
+def _working_points(configuration: Configuration, count: int) -> Array:
+    samples = np.zeros((count, MAX_AXES))
+    samples[:, : len(configuration.axes)] = [axis.centre_um for axis in configuration.axes.values()]
+    return samples
+
+
+def coupling(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, float]:
+    """Move the axis' set-point slowly up and down; what the others' sensors see of it, by signal name."""
+    rate_hz, names = configuration.loop.rate_hz, list(configuration.axes)
+    count, i = round(_MOVE_S * rate_hz), names.index(axis)
+    samples = _working_points(configuration, count)
+    samples[:, i] += _MOVE_UM * np.sin(2 * np.pi * np.arange(count) / count)
+    played = with_reference(with_axes(configuration, mode="strain"), _FILE)
+    rows = experiment(played, _MOVE_S, samples)["axis"]
+    seen = {}
+    for role in ("strain", "stage"):
+        moved = rows[f"{role}_um"]
+        own = moved[:, i] - moved[:, i].mean()
+        if not np.isfinite(own).all():
+            continue
+        for k, name in enumerate(names):
+            other = moved[:, k] - moved[:, k].mean()
+            if k != i and np.isfinite(other).all():
+                seen[f"{role}_{name}"] = float(other @ own / (own @ own))
+    return seen
+
+
+def rejection(configuration: Configuration, axis: str) -> tuple[Array, Array, Array]:
+    """By the model, the stage (um) under a disturbance step of 1 um at the set-point: t_s, without, with outer loop."""
+    outer, period_s = configuration.axes[axis].outer, configuration.loop.period_ns * 1e-9
+    if outer is None:
+        raise ValueError(f"axis {axis} has no outer loop")
+    gains, count = outer_gains(outer, None, period_s), round(_SHOWN_S / period_s)
+    t_s = np.asarray(np.arange(count) * period_s, dtype=np.float64)
+    return t_s, _run(gains, count, closed=False), _run(gains, count, closed=True)
+
+
+def _run(gains: OuterGains, count: int, *, closed: bool) -> Array:
+    controllable = len(gains.A) - int(np.count_nonzero(np.isclose(np.abs(np.linalg.eigvals(gains.A)), 1.0, atol=1e-9)))
+    plant, estimate, y = np.zeros(len(gains.A)), np.zeros(len(gains.A)), np.zeros(count)
+    plant[controllable] = 1.0
+    for k in range(count):
+        y[k] = gains.C @ plant
+        estimate = estimate + gains.observer * (y[k] - gains.C @ estimate)
+        u = -float(gains.feedback @ estimate) if closed else 0.0
+        plant, estimate = gains.A @ plant + gains.B * u, gains.A @ estimate + gains.B * u
+    return y

@@ -1,0 +1,57 @@
+"""Criteria of a commissioned axis: each with its figure and its limit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import paper
+from ..analysis import AxisAnalysis
+from ..criteria import Criterion, criteria
+from ..evaluation import Run
+from .axis import Commissioned
+from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
+
+_COUPLING, _OVERSHOOT = 0.05, 0.5
+_COHERENT_HZ = (2.0, 200.0)
+
+
+def verdict(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> tuple[Criterion, ...]:
+    """All criteria of one axis; `runs`: the paper's experiment with the new tuning, `index`: the axis' place in it."""
+    out: list[Criterion] = []
+
+    def add(name: str, passed: bool, value: str, limit: str) -> None:
+        out.append(Criterion(found.axis, name, bool(passed), value, limit))
+
+    add("polarity and scale", True, f"{found.polarity.slope_um_per_V:.2f} um/V", "rising, 0.05 to 5 um/V")
+    share = found.quality.coverage
+    add("coverage of the set-points", share >= COVERAGE, f"{100 * share:.0f} %", f">= {100 * COVERAGE:.0f} %")
+    best = min(found.held_out_percent.values())
+    add(
+        "hysteresis on unseen data",
+        best <= HELD_OUT_PERCENT,
+        f"{best:.2f} % of the stroke",
+        f"<= {HELD_OUT_PERCENT:g} %",
+    )
+    fit = found.stage.fit_percent
+    add("stage model on unseen data", fit >= STAGE_FIT_PERCENT, f"{fit:.1f} %", f">= {STAGE_FIT_PERCENT:g} %")
+    coherence = coherence_in_band(found)
+    add("coherence of the stage", coherence >= COHERENCE, f"{coherence:.2f}, median 2 to 200 Hz", f">= {COHERENCE:g}")
+    out += criteria(analysis)
+    for run in runs:
+        if run.config in ("C", "D"):
+            sigma, limit = run.figures(found.axis, index)["std_error_um"], paper.SIGMA_UM["C"][run.frequency_hz]
+            name = f"sigma at {run.frequency_hz:g} Hz, {'anchor PID' if run.config == 'C' else 'own PID'}"
+            add(name, sigma <= limit, f"{sigma:.4f} um", f"<= {limit:g} um (paper, C)")
+    largest = max(found.validation.coupling.items(), key=lambda entry: abs(entry[1]), default=("none", 0.0))
+    value = f"{100 * largest[1]:+.1f} % at {largest[0]}"
+    add("cross-coupling", abs(largest[1]) <= _COUPLING, value, f"<= {100 * _COUPLING:.0f} %")
+    over = found.validation.overshoot
+    add("overshoot of the stage's step", over <= _OVERSHOOT, f"{100 * over:.0f} %", f"<= {100 * _OVERSHOOT:.0f} %")
+    return tuple(out)
+
+
+def coherence_in_band(found: Commissioned) -> float:
+    """Median coherence between set-point and stage where the outer loop works."""
+    hertz = found.response.frequency_Hz
+    inside = (hertz >= _COHERENT_HZ[0]) & (hertz <= _COHERENT_HZ[1])
+    return float(np.median(found.response.coherence[inside, 0]))

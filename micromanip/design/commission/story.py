@@ -19,7 +19,7 @@ from .plots import (
     responses,
     singular_values,
 )
-from .verdict import verdict
+from .acceptance import acceptance
 
 
 def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> Evidence:
@@ -33,7 +33,7 @@ def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index
         _outer(found, analysis),
         _experiment(found, runs, index),
     )
-    return Evidence(found.axis, verdict(found, analysis, runs, index), sections)
+    return Evidence(found.axis, acceptance(found, analysis, runs, index), sections)
 
 
 def _first_move(found: Commissioned) -> Section:

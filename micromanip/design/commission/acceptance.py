@@ -15,7 +15,7 @@ _COUPLING, _OVERSHOOT = 0.05, 0.5
 _COHERENT_HZ = (2.0, 200.0)
 
 
-def verdict(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> tuple[Criterion, ...]:
+def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> tuple[Criterion, ...]:
     """All criteria of one axis; `runs`: the paper's experiment with the new tuning, `index`: the axis' place in it."""
     out: list[Criterion] = []
 

@@ -13,16 +13,16 @@ from pydantic import BaseModel
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
+from .digits import rounded
 from .model import Configuration
 
-_DIGITS = 10
 _WIDTH = 110
 
 
 def _plain(value: Any) -> Any:
     """`value` as YAML should show it: numbers rounded, lists on one line."""
     if isinstance(value, float):
-        return float(f"{value:.{_DIGITS}g}")
+        return rounded(value)
     if isinstance(value, dict):
         return CommentedMap((key, _plain(item)) for key, item in value.items())
     if isinstance(value, (list, tuple)):

@@ -96,7 +96,7 @@ def command(
         files = [str(file) for file in written]
         print_json({"passed": not failed, "axes": [report(analysis) for analysis in analyses], "figures": files})
     else:
-        _print(judged)
+        print_criteria(judged, "Analysis")
         for analysis in analyses:
             for line in notes(analysis):
                 click.echo(f"axis {analysis.axis}: {line}")
@@ -110,12 +110,12 @@ def command(
         )
 
 
-def _print(judged: list[Any]) -> None:
+def print_criteria(judged: list[Any], title: str) -> None:
     """A line a criterion."""
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title="Analysis")
+    table = Table(title=title)
     for column in ("axis", "criterion", "found", "wanted", ""):
         table.add_column(column, overflow="fold")
     for criterion in judged:

@@ -19,6 +19,7 @@ def command(config: Path, as_json: bool) -> None:
     Exit code 78 with one line FILE:LINE: KEY: what is wrong, for each problem.
     """
     from micromanip.settings.check import prepare
+    from micromanip.settings.commissioned import changes_since
     from micromanip.sim.budget import measure
 
     prepared = prepare(config)
@@ -26,8 +27,10 @@ def command(config: Path, as_json: bool) -> None:
     simulated = all(driver.simulated for driver in wiring.drivers.values())
     budget = measure(prepared) if simulated else None
     loop = configuration.loop
+    warnings = changes_since(configuration.axes)
     report: dict[str, Any] = {
         "ok": True,
+        "warnings": warnings,
         "sha256": prepared.source.hash,
         "rate_hz": loop.rate_hz,
         "period_us": loop.period_ns / 1e3,
@@ -52,6 +55,8 @@ def command(config: Path, as_json: bool) -> None:
             for i, (name, axis) in enumerate(configuration.axes.items())
         },
     }
+    for warning in warnings:
+        click.echo(f"WARNING: {warning}", err=True)
     if as_json:
         print_json(report)
     else:

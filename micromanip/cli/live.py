@@ -51,7 +51,7 @@ class LiveLine:
     def say(self, message: str) -> None:
         """A message that stays."""
         style = "bold red" if message.startswith(("X-", "WARNING")) else ""
-        self._console.print(Text(message, style=style))
+        self._console.print(Text(message, style=style), soft_wrap=True)  # one line also in a log file
 
     def show(self, report: dict[str, Any]) -> None:
         """The live line."""

@@ -13,6 +13,7 @@ from micromanip.errors import MicromanipError
 COMMANDS = {
     "run": "run a configuration: the daemon",
     "check": "validate a configuration and print its budget",
+    "commission": "from factory values to a tuned, validated axis, with its report",
     "identify": "play a safe excitation on one axis and record it",
     "fit": "models from a recording",
     "evaluate": "the paper's experiment in virtual time",

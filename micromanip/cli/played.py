@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.rt.records import MAX_AXES
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
 from micromanip.settings.compile import compile_cell
@@ -57,3 +58,22 @@ def play(
         raise CheckFailed("the experiment was cut short, nothing is written")
     # a cycle that an overrun skipped held its output: its row is that of the cycle before
     return rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]
+
+
+class LiveExperiment:
+    """Experiments through the running loop, one start of the controller each; see `micromanip.design.experiment`."""
+
+    def __init__(self, prepared: Prepared, socket_path: Path) -> None:
+        self._prepared, self._socket_path = prepared, socket_path
+
+    def __call__(
+        self,
+        configuration: Configuration,
+        seconds: float,
+        samples: NDArray[np.float64] | None = None,
+        every: int = 1,
+    ) -> NDArray[Any]:
+        """Rows, one in `every` cycles, of the `seconds` after tracking began."""
+        played = np.zeros((1, MAX_AXES)) if samples is None else samples
+        with LiveLine() as line:
+            return play(self._prepared, configuration, played, seconds, self._socket_path, line)[::every]

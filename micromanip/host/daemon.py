@@ -15,6 +15,7 @@ from micromanip.errors import CheckFailed
 from micromanip.rt import states
 from micromanip.rt import words as w
 from micromanip.settings.check import Prepared
+from micromanip.settings.commissioned import changes_since
 
 from .control_socket import ControlSocket
 from .controller import Controller
@@ -74,7 +75,8 @@ class Daemon:
             control_socket.close()
 
     async def _supervise(self) -> Report:
-        for advice in missing_rights(int(self._controller.words[w.RIGHTS])):
+        rights = missing_rights(int(self._controller.words[w.RIGHTS]))
+        for advice in (*rights, *changes_since(self._prepared.configuration.axes)):
             self._say(f"WARNING: {advice}")
         self._say("READY")
         ended = asyncio.create_task(self._controller.wait())

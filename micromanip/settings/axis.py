@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from micromanip.rt.records import MAX_STATES
 
 from .base import NotNegative, Positive, Real, Settings
+from .commissioned import Commissioned
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
 
 Row = tuple[Real, ...]
@@ -91,6 +92,7 @@ class Axis(Settings):
     )
     inner: Inner
     outer: Outer | None = Field(default=None, description="Needed for mode stage.")
+    commissioned: Commissioned | None = Field(default=None, description="The report that this tuning belongs to.")
 
     @model_validator(mode="after")
     def _is_reachable(self) -> Self:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import io
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +13,17 @@ from pydantic import BaseModel
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
+from .axis import Axis
+from .digits import rounded
 from .model import Configuration
 
-_DIGITS = 10
 _WIDTH = 110
 
 
 def _plain(value: Any) -> Any:
     """`value` as YAML should show it: numbers rounded, lists on one line."""
     if isinstance(value, float):
-        return float(f"{value:.{_DIGITS}g}")
+        return rounded(value)
     if isinstance(value, dict):
         return CommentedMap((key, _plain(item)) for key, item in value.items())
     if isinstance(value, (list, tuple)):
@@ -44,16 +45,20 @@ def _edited(text: str, edit: Callable[[Any], None]) -> str:
     return stream.getvalue()
 
 
+def _own_section(axes: Any, axis: str) -> Any:
+    """Section of `axis`; where it was written once and meant for several axes (*alias), this one gets its own."""
+    if any(axes[other] is axes[axis] for other in axes if other != axis):
+        axes[axis] = copy.deepcopy(axes[axis])
+        axes[axis].yaml_set_anchor(None)
+    return axes[axis]
+
+
 def with_hysteresis(text: str, axis: str, model: BaseModel) -> str:
     """Configuration file `text` with another hysteresis model in one axis."""
 
     def edit(document: Any) -> None:
-        axes = document["axes"]
-        if any(axes[other] is axes[axis] for other in axes if other != axis):
-            # written once and meant for several axes (*alias): this one gets a section of its own
-            axes[axis] = copy.deepcopy(axes[axis])
-            axes[axis].yaml_set_anchor(None)
-        axes[axis]["hysteresis"] = _plain(model.model_dump(exclude_defaults=True))
+        section = _own_section(document["axes"], axis)
+        section["hysteresis"] = _plain(model.model_dump(exclude_defaults=True))
 
     return _edited(text, edit)
 
@@ -63,14 +68,31 @@ def with_models(text: str, configuration: Configuration) -> str:
 
     def edit(document: Any) -> None:
         for name, axis in configuration.axes.items():
-            section = document["axes"][name]
-            section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
-            if axis.hysteresis_affine is not None:
-                section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
-            if axis.outer is not None:
-                section["outer"] = _plain(axis.outer.model_dump())
+            _put_models(document["axes"][name], axis)
 
     return _edited(text, edit)
+
+
+def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
+    """Configuration file `text` with models, controllers and the note of their commissioning in each of `axes`."""
+
+    def edit(document: Any) -> None:
+        for name, axis in axes.items():
+            section = _own_section(document["axes"], name)
+            section["inner"] = _plain(axis.inner.model_dump())
+            _put_models(section, axis)
+            if axis.commissioned is not None:
+                section["commissioned"] = _plain(axis.commissioned.model_dump())
+
+    return _edited(text, edit)
+
+
+def _put_models(section: Any, axis: Axis) -> None:
+    section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
+    if axis.hysteresis_affine is not None:
+        section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
+    if axis.outer is not None:
+        section["outer"] = _plain(axis.outer.model_dump())
 
 
 def write_atomically(file: Path, text: str) -> None:

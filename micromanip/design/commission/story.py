@@ -6,6 +6,7 @@ import numpy as np
 
 from ..analysis import AxisAnalysis
 from ..evaluation import Run
+from .acceptance import acceptance
 from .axis import Commissioned
 from .evidence import Evidence, Plot, Section
 from .plots import (
@@ -19,7 +20,6 @@ from .plots import (
     responses,
     singular_values,
 )
-from .acceptance import acceptance
 
 
 def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> Evidence:

@@ -1,0 +1,173 @@
+"""``micromanip commission``: from factory values to a tuned, validated axis, with its report."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from micromanip.errors import CheckFailed, UsageError
+
+from .options import config_argument, json_option, print_json, socket_option
+
+if TYPE_CHECKING:
+    from micromanip.design.commission.cell import CommissionedCell
+    from micromanip.design.experiment import Experiment
+    from micromanip.settings.axis import Axis
+    from micromanip.settings.check import Prepared
+
+REPORT, TUNED, PREVIOUS = "report.html", "tuned.yaml", "previous.yaml"
+
+
+@click.command("commission", epilog="Example: micromanip commission config/factory.yaml --axis all --out out/cell")
+@config_argument
+@click.option("--axis", "only", required=True, help="The axis, or all of them one after the other: all.")
+@click.option(
+    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), required=True,
+    help=f"Folder for {TUNED}, {REPORT} and {PREVIOUS}.",
+)  # fmt: skip
+@click.option(
+    "--bandwidth", "bandwidth_Hz", type=click.FloatRange(min=1.0), metavar="HZ",
+    help="Crossover of the outer loop  [default: the highest that keeps the margins]",
+)  # fmt: skip
+@click.option(
+    "--noise", "noise_um", type=click.FloatRange(min=1e-4), metavar="UM",
+    help="Noise of the capacitive sensor, rms: more makes the outer loop calmer  [default: as measured]",
+)  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the excitations.")
+@click.option("--live", is_flag=True, help="Through the running loop also on a simulation, in real time.")
+@click.option("--yes", is_flag=True, help="Don't ask before a real stage moves.")
+@socket_option
+@json_option
+def command(
+    config: Path, only: str, folder: Path, bandwidth_Hz: float | None, noise_um: float | None, seed: int, live: bool,
+    yes: bool, socket_path: Path, as_json: bool,
+) -> None:  # fmt: skip
+    """Identify an axis, design its controllers, try them on a fresh experiment, and report.
+
+    CONFIG is not changed and nothing is applied: the new tuning is DIR/tuned.yaml, complete, for `check` and `run`;
+    the one before is kept beside it. Exit code 1 where a step or a criterion says no.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from micromanip.design.commission.axis import Knobs
+    from micromanip.design.commission.cell import commission_cell
+    from micromanip.settings.check import prepare
+
+    prepared = prepare(config)
+    names = list(prepared.configuration.axes)
+    if only != "all" and only not in names:
+        raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
+    chosen = names if only == "all" else [only]
+    if "stage" not in {axis.mode for axis in prepared.configuration.axes.values()}:
+        _require_stage_sensors(prepared, chosen)
+    real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
+    if real and not yes:
+        _ask(prepared, chosen, real[0])
+    began = time.monotonic()
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("commission", total=None)
+        experiment = _experiment(prepared, socket_path) if real or live else _virtual(prepared)
+        found = commission_cell(
+            prepared.configuration,
+            experiment,
+            chosen,
+            lambda what: bar.update(task, description=what),
+            Knobs(bandwidth_Hz, noise_um),
+            seed,
+        )
+        bar.update(task, description="report")
+        axes = write_results(prepared, found, config, folder)
+    seconds = time.monotonic() - began
+    if as_json:
+        print_json(_document(found, axes, folder, seconds))
+    else:
+        _print(found, folder, seconds)
+    failed = [criterion for story in found.evidence for criterion in story.criteria if not criterion.passed]
+    if failed:
+        worst = failed[0]
+        raise CheckFailed(
+            f"{len(failed)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
+            f"(wanted: {worst.limit}); {folder / TUNED} is written, but think before you run it"
+        )
+
+
+def _require_stage_sensors(prepared: Prepared, chosen: list[str]) -> None:
+    for name in chosen:
+        if f"stage_{name}" not in prepared.configuration.signals:
+            raise UsageError(f"axis {name} has no signal stage_{name}: the outer loop needs the capacitive sensor")
+
+
+def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:
+    click.echo(
+        f"Driver {driver} moves a real stage. In open and in closed loop, one after the other, will move:", err=True
+    )
+    for name in chosen:
+        low, high = prepared.configuration.outputs[f"voltage_{name}"].range_V
+        click.echo(f"  axis {name}: {low:g} to {high:g} V, for about two minutes", err=True)
+    click.confirm("Is the spindle free and nobody near it?", abort=True, err=True)
+
+
+def _virtual(prepared: Prepared) -> Experiment:
+    from micromanip.sim.experiment import VirtualExperiment
+
+    return VirtualExperiment(prepared)
+
+
+def _experiment(prepared: Prepared, socket_path: Path) -> Experiment:
+    from .played import LiveExperiment
+
+    return LiveExperiment(prepared, socket_path)
+
+
+def write_results(prepared: Prepared, found: CommissionedCell, config: Path, folder: Path) -> dict[str, Axis]:
+    """Write the report, the tuning before and, last and whole, the new one; the axes with their notes."""
+    from micromanip.design.commission.report import write_report
+    from micromanip.settings.commissioned import Commissioned, tuning_hash
+    from micromanip.settings.write import with_tuning, write_atomically
+
+    folder.mkdir(parents=True, exist_ok=True)
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    axes = {each.axis: found.configuration.axes[each.axis] for each in found.axes}
+    hashes = {name: tuning_hash(axis) for name, axis in axes.items()}
+    noted = {
+        name: axis.model_copy(update={"commissioned": Commissioned(hash=hashes[name], report=REPORT, date=today)})
+        for name, axis in axes.items()
+    }
+    facts = {"configuration": str(config), "date": today, "rate": f"{prepared.configuration.loop.rate_hz:g} Hz"}
+    write_report(folder / REPORT, "Commissioning report", facts, found.evidence, hashes)
+    shutil.copyfile(config, folder / PREVIOUS)
+    write_atomically(folder / TUNED, with_tuning(prepared.source.text, noted))
+    return noted
+
+
+def _document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, seconds: float) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "passed": found.passed,
+        "seconds": seconds,
+        "tuned": str(folder / TUNED),
+        "report": str(folder / REPORT),
+        "axes": {
+            story.axis: {
+                "passed": story.passed,
+                "hash": axes[story.axis].commissioned.hash,  # type: ignore[union-attr]
+                "criteria": [asdict(criterion) for criterion in story.criteria],
+            }
+            for story in found.evidence
+        },
+    }
+
+
+def _print(found: CommissionedCell, folder: Path, seconds: float) -> None:
+    from .analyse import print_criteria
+
+    print_criteria([criterion for story in found.evidence for criterion in story.criteria], "Commissioning")
+    click.echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
+    click.echo(f"next: micromanip check {folder / TUNED}")

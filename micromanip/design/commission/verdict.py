@@ -1,0 +1,42 @@
+"""PASS, FAIL or NOT JUDGED: what the criteria of one axis, and of all, come to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+
+from .evidence import Evidence
+
+
+class Verdict(Enum):
+    """The word that stands in the report."""
+
+    PASS = "PASS"
+    FAIL = "FAIL"
+    NONE = "NOT JUDGED"
+
+
+def of_axis(evidence: Evidence) -> Verdict:
+    """Of one axis: without any criterion it is not judged, which is no pass."""
+    if not evidence.criteria:
+        return Verdict.NONE
+    return Verdict.PASS if evidence.passed else Verdict.FAIL
+
+
+def overall(axes: Sequence[Evidence]) -> Verdict:
+    """Of all axes: one failure fails, and nothing passes while an axis is not judged."""
+    found = {of_axis(evidence) for evidence in axes} or {Verdict.NONE}
+    return next(verdict for verdict in (Verdict.FAIL, Verdict.NONE, Verdict.PASS) if verdict in found)
+
+
+def sentence(axes: Sequence[Evidence]) -> str:
+    """The verdict in words: how many criteria, which failed, which axis has none."""
+    every = [criterion for evidence in axes for criterion in evidence.criteria]
+    failed = [f"axis {e.axis}: {c.name}" for e in axes for c in e.criteria if not c.passed]
+    unjudged = [evidence.axis for evidence in axes if not evidence.criteria]
+    said = f"{len(every) - len(failed)} of {len(every)} criteria are met"
+    if failed:
+        said += f"; not met: {'; '.join(failed)}"
+    if unjudged:
+        said += f"; without any criterion: axis {', '.join(unjudged)}"
+    return said + "."

@@ -1,0 +1,77 @@
+"""A thinned curve covers on paper what the whole one covers."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from micromanip.design.commission.thinning import thinned
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@given(seeds, st.integers(20, 2000), st.integers(0, 6000), st.booleans())
+def test_few_points_in_their_order_and_never_another_one(seed, most, length, log_x):
+    rng = np.random.default_rng(seed)
+    x, y = np.sort(rng.uniform(-0.1, 100.0, length)), rng.normal(size=length)
+    y[rng.uniform(size=length) < rng.choice([0.0, 0.01])] = np.nan
+    if rng.uniform() < 0.3:
+        rng.shuffle(x)
+    few_x, few_y = thinned(x, y, most, log_x)
+    assert len(few_x) == len(few_y) <= most
+    assert len(few_x) >= min(length, 2)
+    pairs = iter(zip(x.tolist(), y.tolist(), strict=True))
+    for pair in zip(few_x.tolist(), few_y.tolist(), strict=True):
+        assert any(np.array_equal(pair, other, equal_nan=True) for other in pairs)
+
+
+@given(seeds, st.integers(3000, 20_000))
+def test_peaks_survive(seed, length):
+    rng = np.random.default_rng(seed)
+    x, y = np.linspace(0.0, 1.0, length), rng.normal(size=length)
+    spikes = rng.choice(length, 2, replace=False)
+    y[spikes] = 50.0, -50.0
+    few_x, few_y = thinned(x, y, 400)
+    assert set(x[spikes]) <= set(few_x)
+    assert (few_y.max(), few_y.min()) == (50.0, -50.0)
+    assert (few_x[0], few_x[-1]) == (x[0], x[-1])
+    # in every piece of the axis, not only over all of it
+    piece = np.minimum((x * 199).astype(int), 198)
+    of_few = np.minimum((few_x * 199).astype(int), 198)
+    for i in range(199):
+        assert few_y[of_few == i].max() == y[piece == i].max()
+        assert few_y[of_few == i].min() == y[piece == i].min()
+
+
+@pytest.mark.parametrize("log_x", [False, True])
+def test_a_frequency_axis_keeps_its_low_end_when_it_is_logarithmic(log_x):
+    frequency = np.arange(1.0, 100_001.0) * 0.1
+    few, _ = thinned(frequency, np.log(frequency), 1000, log_x)
+    assert np.count_nonzero(few < 10.0) >= (90 if log_x else 1)
+    assert np.count_nonzero(few > 5000.0) >= (20 if log_x else 490)
+
+
+@given(seeds)
+def test_a_loop_keeps_its_extremes_in_both_directions(seed):
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0.0, 6 * np.pi, 30_000) + rng.uniform(0, 2 * np.pi)
+    x, y = np.cos(angle) * np.exp(-angle / 20), np.sin(angle + 0.3)
+    few_x, few_y = thinned(x, y, 500)
+    assert (few_x.min(), few_x.max(), few_y.min(), few_y.max()) == (x.min(), x.max(), y.min(), y.max())
+    assert np.hypot(np.diff(few_x), np.diff(few_y)).max() < 0.2  # still a curve
+
+
+def test_a_gap_stays_a_gap():
+    x = np.arange(10_000.0)
+    y = np.sin(x / 100)
+    y[4000:6000] = np.nan
+    few_x, few_y = thinned(x, y, 200)
+    inside = (few_x >= 4000) & (few_x < 6000)
+    assert inside.any()
+    assert np.isnan(few_y[inside]).all()
+    assert np.isfinite(few_y[~inside]).all()
+
+
+@pytest.mark.parametrize("y", [np.full(5000, np.nan), np.zeros(5000)])
+def test_nothing_to_see_is_no_error(y):
+    assert len(thinned(np.zeros(5000), y, 100)[0]) <= 100

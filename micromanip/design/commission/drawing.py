@@ -30,8 +30,10 @@ def style(number: int) -> tuple[str, str]:
 
 def figure_json(plot: Plot) -> str:
     """The figure as JSON that can stand inside a script element; the numbers have single precision."""
+    long = sum(len(curve.x) > _LEAST_POINTS for curve in plot.curves)
+    most = min(MOST_POINTS, max(_LEAST_POINTS, _POINTS_IN_PLOT // max(long, 1)))
     figure = go.Figure(
-        data=[_trace(plot, curve, *style(i)) for i, curve in enumerate(plot.curves)],
+        data=[_trace(plot, curve, most, *style(i)) for i, curve in enumerate(plot.curves)],
         layout=go.Layout(
             template={},
             xaxis=_axis(plot.log_x),
@@ -51,10 +53,9 @@ def figure_json(plot: Plot) -> str:
     return text
 
 
-def _trace(plot: Plot, curve: Curve, colour: str, dash: str) -> go.Scatter:
+def _trace(plot: Plot, curve: Curve, most: int, colour: str, dash: str) -> go.Scatter:
     if curve.x.shape != curve.y.shape:
         raise ValueError(f"{plot.title}: curve {curve.label} has {curve.x.shape} x and {curve.y.shape} y values")
-    most = min(MOST_POINTS, max(_LEAST_POINTS, _POINTS_IN_PLOT // len(plot.curves)))
     x, y = thinned(curve.x, curve.y, most, log_x=plot.log_x)
     look: dict[str, Any] = {"mode": "lines", "line": {"color": colour, "dash": dash, "width": 1.6, "simplify": False}}
     if curve.marks:

@@ -61,6 +61,15 @@ def test_a_loop_keeps_its_extremes_in_both_directions(seed):
     assert np.hypot(np.diff(few_x), np.diff(few_y)).max() < 0.2  # still a curve
 
 
+def test_a_sharp_resonance_stays_round_in_the_nyquist_plot():
+    omega = np.geomspace(0.01, 100.0, 200_000)
+    response = 1 / (1 - omega**2 + 0.01j * omega)  # a circle, nearly all of it within 2 % around omega = 1
+    few_x, few_y = thinned(response.real, response.imag, 800)
+    chord, diameter = np.hypot(np.diff(few_x), np.diff(few_y)).max(), np.ptp(response.imag)
+    assert np.abs(np.diff(response)).max() < 0.01 * diameter
+    assert chord < 0.1 * diameter  # bulges by less than 0.3 % of the diameter, a pixel or two
+
+
 def test_a_gap_stays_a_gap():
     x = np.arange(10_000.0)
     y = np.sin(x / 100)

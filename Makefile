@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
 JOBS   ?= 2
 
-.PHONY: help run test test-laws lint bench mutation docs tune clean
+.PHONY: help run test test-laws lint bench mutation robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -39,6 +39,9 @@ bench: $(READY)   ## speed beside references measured in the same run
 
 mutation: $(READY) ## every mutant of the last gate must die
 	NUMBA_DISABLE_JIT=1 $(BIN)/python scripts/mutation.py
+
+robustness: $(READY) ## commission 50 cells with plants drawn at +-30 %
+	$(BIN)/python scripts/robustness.py
 
 tune: $(READY)    ## fit the models of config/simulated.yaml anew
 	$(BIN)/python scripts/tune_simulated.py

@@ -4,6 +4,8 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
 JOBS   ?= 2
+# Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
+export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: help run test test-laws lint bench mutation robustness docs tune clean
 

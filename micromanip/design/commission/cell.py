@@ -51,7 +51,8 @@ def commission_cell(
         found.append(commission_axis(configuration, watched, name, partial(_say, say, name), knobs, seed))
         configuration = found[-1].configuration
     say("the paper's experiment")
-    runs = evaluate(configuration, watched, tuned=True)
+    # with the new PID only: one that was found for another plant may be unstable on this one
+    runs = evaluate(configuration, watched, own_pid=True)
     stories, names = [], list(configuration.axes)
     for each in found:
         say(f"axis {each.axis}: analysis")

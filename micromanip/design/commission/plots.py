@@ -87,7 +87,7 @@ def figure_9(runs: list[Run], index: int) -> tuple[Plot, ...]:
     for hertz in (1.0, 5.0, 10.0):
         curves = []
         for run in runs:
-            if run.frequency_hz == hertz and run.config in ("A", "B", "C", "D"):
+            if run.frequency_hz == hertz and run.config in ("A", "B", "C"):
                 rows, t_s = _piece(run, index)
                 curves.append(Curve(run.config, t_s, rows["reference_um"] - rows["strain_um"]))
         plots.append(Plot(f"Figure 9: control error at {hertz:g} Hz", "time, s", "error, um", tuple(curves)))

@@ -130,9 +130,12 @@ def _outer(found: Commissioned, analysis: AxisAnalysis) -> Section:
 def _experiment(found: Commissioned, runs: list[Run], index: int) -> Section:
     figures = {}
     for run in runs:
-        if run.config in ("A", "B", "C", "D"):
+        if run.config in ("A", "B", "C"):
             row = run.figures(found.axis, index)
             name = f"{run.config}, {run.frequency_hz:g} Hz"
             figures[name] = f"sigma {row['std_error_um']:.4f} um, maximum {row['max_error_um']:.2f} um"
-    text = "A: PID alone, B: with affine inverse, C: with tanh inverse, all with the anchor PID; D: C with the own PID."
+    text = (
+        "70 um + 30 um sin, equation (25). A: PID alone, B: with affine inverse, C: with tanh inverse; all with the "
+        "new PID."
+    )
     return Section("The paper's experiment", text, figures, (*figure_8(runs, index), *figure_9(runs, index)))

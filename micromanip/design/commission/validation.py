@@ -16,7 +16,8 @@ from ..experiment import Experiment, with_axes, with_axis, with_reference
 
 Array = NDArray[np.float64]
 
-STEP_UM, _BEFORE_S, _AFTER_S = 20.0, 0.2, 0.5
+STEP_UM, _BEFORE_S, _AFTER_S = 5.0, 0.2, 0.5
+"""Small enough that neither set-point nor voltage meets a limit: it is the linear loop that is looked at."""
 _MOVE_UM, _MOVE_S = 20.0, 1.0
 _SHOWN_S = 0.1
 

@@ -21,6 +21,7 @@ GAIN_DB, PHASE_DEG = 6.0, 35.0
 _RESERVE_DB, _RESERVE_DEG = 0.3, 2.0
 """What is asked for beyond the least margins: the next identification gives a slightly other model."""
 _EFFORTS = np.geomspace(1.0, 1000.0, 25)
+_BESIDE = 0.1
 _OSCILLATION = 1e-2
 """Noise of the tooth-passing oscillator in terms of that of the random walk."""
 
@@ -33,6 +34,12 @@ class OuterDesign:
     margins: Margins
     bandwidth_Hz: float
     tried: tuple[tuple[float, float, float, float], ...]
+
+
+def _bandwidth_Hz(found: Margins, oscillation_Hz: float | None) -> float:
+    """Highest crossover; the oscillator makes two of its own, which say nothing of the rest."""
+    own = [f for f in found.crossovers_Hz if oscillation_Hz is None or abs(f / oscillation_Hz - 1.0) > _BESIDE]
+    return max(own or found.crossovers_Hz, default=0.0)
 
 
 def tune_outer(
@@ -63,7 +70,7 @@ def tune_outer(
         )
         gains = outer_gains(outer, None, period_s)
         found = margins(stage_loop(gains, model_system(model, period_s), sample_cycles))
-        crossover = max(found.crossovers_Hz, default=0.0)
+        crossover = _bandwidth_Hz(found, oscillation_Hz)
         tried.append((float(effort), crossover, found.gain_dB, found.phase_deg))
         if not found.stable or found.gain_dB < GAIN_DB + _RESERVE_DB or found.phase_deg < PHASE_DEG + _RESERVE_DEG:
             continue

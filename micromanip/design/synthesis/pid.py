@@ -73,8 +73,8 @@ def tune_pid(actuator: System, slopes: tuple[float, ...]) -> PidDesign:
     if best is None:
         raise CheckFailed(
             f"no PID keeps the sensitivity below {_LIMITS[-1][0]:g} with margins of {GAIN_DB:g} dB and {PHASE_DEG:g} "
-            f"deg for slopes of {min(slopes):.2f} to {max(slopes):.2f} times the identified one; look at the delay between "
-            "output and gauge, and at resonances below 3 kHz"
+            f"deg for slopes of {min(slopes):.2f} to {max(slopes):.2f} times the identified one; look at the delay "
+            "between output and gauge, and at resonances below 3 kHz"
         )
     return best[1]
 

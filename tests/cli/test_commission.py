@@ -1,0 +1,125 @@
+"""``commission``: from factory values to a file that `check`, `run` and `evaluate` take, and nothing else touched."""
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from micromanip.cli.main import main
+from micromanip.design import paper
+from micromanip.settings.commissioned import changes_since
+from micromanip.settings.load import load_with_source
+
+FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+
+
+def code_of(*arguments):
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as ended:
+        return ended.code
+    return 0
+
+
+@pytest.fixture(scope="module")
+def commissioned(tmp_path_factory):
+    """Axis y of the factory cell, commissioned once for all tests: folder, exit code."""
+    folder = tmp_path_factory.mktemp("commission")
+    config = folder / "cell.yaml"
+    config.write_bytes(FACTORY.read_bytes())
+    return folder, code_of("commission", config, "--axis", "y", "--out", folder / "out")
+
+
+def test_it_passes_and_leaves_three_files(commissioned):
+    folder, code = commissioned
+    assert code == 0
+    assert {file.name for file in (folder / "out").iterdir()} == {"tuned.yaml", "previous.yaml", "report.html"}
+    assert (folder / "cell.yaml").read_bytes() == FACTORY.read_bytes()
+    assert (folder / "out" / "previous.yaml").read_bytes() == FACTORY.read_bytes()
+
+
+def test_the_tuned_file_passes_check_without_warning(commissioned, capsys):
+    tuned = commissioned[0] / "out" / "tuned.yaml"
+    assert code_of("check", tuned, "--json") == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["warnings"] == []
+    assert "WARNING" not in err
+
+
+def test_only_the_named_axis_is_changed_and_comments_stay(commissioned):
+    tuned, _ = load_with_source(commissioned[0] / "out" / "tuned.yaml")
+    factory, source = load_with_source(FACTORY)
+    assert tuned.axes["x"] == factory.axes["x"]
+    assert tuned.axes["z"] == factory.axes["z"]
+    text = (commissioned[0] / "out" / "tuned.yaml").read_text(encoding="utf-8")
+    assert all(line in text for line in source.text.splitlines() if line.strip().startswith("#"))
+    y = tuned.axes["y"]
+    assert y.commissioned.report == "report.html"
+    assert changes_since(tuned.axes) == []
+    assert y.outer is not None
+    assert y.hysteresis_affine is not None
+
+
+def test_evaluate_is_at_or_below_the_papers_sigma(commissioned, tmp_path, capsys):
+    tuned = commissioned[0] / "out" / "tuned.yaml"
+    assert code_of("evaluate", tuned, "--axis", "y", "--no-figures", "--out", tmp_path, "--json") == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    judged = [row for row in rows if row["config"] in ("C", "D")]
+    assert {(row["config"], row["frequency_hz"]) for row in judged} == {(c, f) for c in "CD" for f in (1.0, 5.0, 10.0)}
+    for row in judged:
+        assert row["std_error_um"] <= paper.SIGMA_UM["C"][row["frequency_hz"]]
+
+
+def test_the_report_names_the_tuning_it_is_about(commissioned):
+    tuned, _ = load_with_source(commissioned[0] / "out" / "tuned.yaml")
+    page = (commissioned[0] / "out" / "report.html").read_text(encoding="utf-8")
+    assert tuned.axes["y"].commissioned.hash in page
+    for figure in (2, 5, 7, 8, 9):
+        assert f"Figure {figure}" in page
+
+
+def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
+    text = (commissioned[0] / "out" / "tuned.yaml").read_text(encoding="utf-8")
+    tuned, _ = load_with_source(commissioned[0] / "out" / "tuned.yaml")
+    effort = f"effort: {tuned.axes['y'].outer.effort:g}"
+    assert effort in text
+    other = tmp_path / "other.yaml"
+    other.write_text(text.replace(effort, "effort: 5.0"), encoding="utf-8")
+    assert code_of("check", other) == 0
+    assert "axis y was changed after it was commissioned (report report.html, " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("--axis", "w"), 64, "there is no axis w in "),
+        (("--axis", "x", "--bandwidth", "3000"), 1, "no outer loop at 3000 Hz has margins of 6 dB and 35 deg"),
+    ],
+)
+def test_what_cannot_be_done_writes_nothing(arguments, code, said, tmp_path, capsys):
+    assert code_of("commission", FACTORY, *arguments, "--out", tmp_path / "out") == code
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_axis_without_the_capacitive_sensor_is_refused(tmp_path, capsys):
+    config = tmp_path / "cell.yaml"
+    text = FACTORY.read_text(encoding="utf-8").replace("  stage_x: {driver: cell, max_age_us: 300}\n", "")
+    config.write_text(text, encoding="utf-8")
+    assert code_of("commission", config, "--axis", "x", "--out", tmp_path / "out") == 64
+    assert "axis x has no signal stage_x: the outer loop needs the capacitive sensor" in capsys.readouterr().err
+
+
+def test_a_real_stage_moves_only_after_a_yes(tmp_path, capsys, monkeypatch):
+    """The simulated driver, declared real: it asks, and without an answer nothing moves."""
+    from micromanip_drivers.simulated.driver import SimulatedCell
+
+    config = tmp_path / "cell.yaml"
+    text = FACTORY.read_text(encoding="utf-8").replace("limits: simulation", "limits: hardware  ")
+    config.write_text(text, encoding="utf-8")
+    monkeypatch.setattr(SimulatedCell, "simulated", False)
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert code_of("commission", config, "--axis", "x", "--out", tmp_path / "out") == 130
+    assert "Is the spindle free and nobody near it?" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

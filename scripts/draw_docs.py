@@ -14,6 +14,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from draw_analysis import analysis_drawings
+from draw_commissioning import commissioning_drawings
 from draw_diagrams import DIAGRAMS
 from draw_linear import linear_fit
 from matplotlib.figure import Figure
@@ -177,6 +178,7 @@ def drawings() -> Iterator[tuple[str, Figure]]:
     yield "path_error", path_error(prepared)
     yield from analysis_drawings(prepared)
     yield from linear_fit(prepared)
+    yield from commissioning_drawings(prepare(ROOT / "config" / "factory.yaml"))
 
 
 def main() -> None:

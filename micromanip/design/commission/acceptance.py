@@ -11,7 +11,7 @@ from ..evaluation import Run
 from .axis import Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
 
-_COUPLING, _OVERSHOOT = 0.05, 0.5
+_COUPLING, _SETTLING_S = 0.05, 0.05
 _COHERENT_HZ = (2.0, 200.0)
 
 
@@ -44,8 +44,9 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
     largest = max(found.validation.coupling.items(), key=lambda entry: abs(entry[1]), default=("none", 0.0))
     value = f"{100 * largest[1]:+.1f} % at {largest[0]}"
     add("cross-coupling", abs(largest[1]) <= _COUPLING, value, f"<= {100 * _COUPLING:.0f} %")
-    over = found.validation.overshoot
-    add("overshoot of the stage's step", over <= _OVERSHOOT, f"{100 * over:.0f} %", f"<= {100 * _OVERSHOOT:.0f} %")
+    settling = found.validation.settling_s
+    value = f"{1e3 * settling:.0f} ms to 5 %, overshoot {100 * found.validation.overshoot:.0f} %"
+    add("stage's step settles", settling <= _SETTLING_S, value, f"within {1e3 * _SETTLING_S:.0f} ms")
     return tuple(out)
 
 

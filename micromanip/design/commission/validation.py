@@ -19,12 +19,13 @@ Array = NDArray[np.float64]
 STEP_UM, _BEFORE_S, _AFTER_S = 5.0, 0.2, 0.5
 """Small enough that neither set-point nor voltage meets a limit: it is the linear loop that is looked at."""
 _MOVE_UM, _MOVE_S = 20.0, 1.0
-_SHOWN_S = 0.1
+_SHOWN_S, _SETTLED_SHARE = 0.1, 0.05
 
 
 @dataclass(frozen=True)
 class Validation:
-    """`step` (t_s, reference_um, stage_um) of the closed outer loop; `settled_um`: its error's rms at the end.
+    """`step` (t_s, reference_um, stage_um) of the closed outer loop; `settling_s`: until it stays within 5 %.
+    `settled_um`: its error at the end, rms.
 
     `rejected`: (t_s, open_um, closed_um), the model's stage under a step of 1 um of disturbance at the set-point.
     `coupling`: share of this axis' movement that each other gauge, and each other stage sensor, sees.
@@ -32,6 +33,7 @@ class Validation:
 
     step: tuple[Array, Array, Array]
     overshoot: float
+    settling_s: float
     settled_um: float
     rejected: tuple[Array, Array, Array]
     coupling: dict[str, float]
@@ -50,10 +52,12 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
     late = t_s > 0.6 * _AFTER_S
     settled = float(np.sqrt(np.mean((stage - reference)[late] ** 2)))
     overshoot = float((stage[t_s > 0].max() - STEP_UM) / STEP_UM)
+    outside = np.flatnonzero((np.abs(stage - STEP_UM) > _SETTLED_SHARE * STEP_UM) & (t_s >= 0))
+    settling = float(t_s[outside[-1]]) if len(outside) else 0.0
     near = (t_s > -0.02) & (t_s < 0.15)
     step = t_s[near], reference[near], stage[near]
     return Validation(
-        step, overshoot, settled, rejection(configuration, axis), coupling(configuration, experiment, axis)
+        step, overshoot, settling, settled, rejection(configuration, axis), coupling(configuration, experiment, axis)
     )
 
 

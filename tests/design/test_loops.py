@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rt.builders import PERIOD_S, record
+from rt.outer_loops import designed
 
 from micromanip.design.loops import (
     System,
@@ -19,8 +21,6 @@ from micromanip.rt.records import PID_PARAMETERS, PID_STATE
 from micromanip.settings.axis import Inner
 from micromanip.settings.load import load_with_source
 from micromanip.settings.outer import outer_gains
-from tests.rt.builders import PERIOD_S, record
-from tests.rt.outer_loops import designed
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)

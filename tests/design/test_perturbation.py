@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rt.builders import PERIOD_S
+from rt.outer_loops import designed
 from scipy.linalg import expm
 
 from micromanip.design.loops import (
@@ -24,8 +26,6 @@ from micromanip.design.loops import (
 from micromanip.design.loops.perturbation import model_dynamics, perturbed, section_ratio, shift
 from micromanip.settings.axis import Inner
 from micromanip.settings.hysteresis import PrandtlIshlinskii
-from tests.rt.builders import PERIOD_S
-from tests.rt.outer_loops import designed
 
 OMEGA = 2 * np.pi * np.geomspace(2.0, 1500.0, 200)
 PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)

@@ -42,7 +42,7 @@ def worker_of(seed):
 def test_drawn_plants_are_the_same_on_a_cluster():
     distributed = pytest.importorskip("distributed")
     from micromanip.design.loops import monte_carlo
-    from tests.design.test_perturbation import PERIOD_S, sides
+    from design.test_perturbation import PERIOD_S, sides
 
     with (
         distributed.LocalCluster(

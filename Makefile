@@ -29,7 +29,7 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 test: lint        ## all tests; the laws compiled, bounds-checked and as plain Python
-	$(BIN)/pytest -n $(JOBS) tests
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup tests
 	$(MAKE) --no-print-directory test-laws
 
 test-laws: $(READY)

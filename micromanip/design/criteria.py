@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -135,7 +134,7 @@ def notes(analysis: AxisAnalysis) -> list[str]:
 
 
 def report(analysis: AxisAnalysis) -> dict[str, Any]:
-    """Everything of one axis as plain values, ready for JSON; what is not finite becomes null."""
+    """Everything of one axis as plain values, ready for JSON."""
     document: dict[str, Any] = {
         "axis": analysis.axis,
         "criteria": [asdict(c) for c in criteria(analysis)],
@@ -169,17 +168,8 @@ def report(analysis: AxisAnalysis) -> dict[str, Any]:
         for s in analysis.samples
     ]
     document["played"] = list(analysis.played)
-    plain: dict[str, Any] = _plain(document)
-    return plain
+    return document
 
 
 def _margins(m: Margins) -> dict[str, Any]:
     return asdict(m) | {"gain_dB": m.gain_dB, "sensitivity": m.sensitivity, "stable": m.stable}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

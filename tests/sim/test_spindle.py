@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from micromanip.design.commission.axis import Watched, commission_axis
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.settings.check import prepare
-from micromanip.settings.reference import Hold
+from micromanip.settings.reference import File, Hold
 from micromanip.sim.experiment import VirtualExperiment
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -124,3 +124,15 @@ def commissioned():
         configuration = commission_axis(configuration, experiment, name, lambda _: None).configuration
     kept = ("hysteresis", "inner", "outer")
     return {name: {key: getattr(axis, key) for key in kept} for name, axis in configuration.axes.items()}
+
+
+@pytest.mark.parametrize("kick_um", [20.0, 100.0, 200.0])
+def test_a_kick_of_the_reference_dies_away(kick_um):
+    """Set-point and voltage run into their limits for 30 ms; that must not leave the loop swinging."""
+    prepared = prepare(CONFIG)
+    samples = np.zeros((6000, 3))
+    samples[1000:1300] = kick_um
+    played = with_reference(prepared.configuration, File(source="file", path="(kick)"))
+    stage = VirtualExperiment(prepared)(played, 0.6, samples)["axis"]["stage_um"]
+    assert np.abs(stage[1000:1300]).max() > 0.9 * kick_um
+    assert np.abs(stage[-500:]).max() < 0.2

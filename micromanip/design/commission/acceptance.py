@@ -12,6 +12,8 @@ from .axis import Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
 
 _COUPLING, _SETTLING_S = 0.05, 0.05
+_FOLLOWED = 0.5
+"""The set-point may move at this share of what the output can do: beyond, the outer loop's model is wrong."""
 _COHERENT_HZ = (2.0, 200.0)
 
 
@@ -23,6 +25,15 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
         out.append(Criterion(found.axis, name, bool(passed), value, limit))
 
     add("polarity and scale", True, f"{found.polarity.slope_um_per_V:.2f} um/V", "rising, 0.05 to 5 um/V")
+    output = found.configuration.outputs[f"voltage_{found.axis}"]
+    asked = found.configuration.axes[found.axis].setpoint.slew_um_per_ms
+    followed = _FOLLOWED * found.polarity.slope_um_per_V * output.fastest_V_per_s * 1e-3
+    add(
+        "set-point's slew limit",
+        asked <= followed,
+        f"{asked:g} um/ms",
+        f"<= {followed:.1f} um/ms, half of the output's",
+    )
     share = found.quality.coverage
     add("coverage of the set-points", share >= COVERAGE, f"{100 * share:.0f} %", f">= {100 * COVERAGE:.0f} %")
     best = min(found.held_out_percent.values())

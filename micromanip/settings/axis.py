@@ -20,7 +20,7 @@ class SetPoint(Settings):
 
     range_um: tuple[Real, Real] = Field(description="Attainable range on the strain gauge.")
     slew_um_per_ms: Positive = Field(
-        default=10.0,
+        default=20.0,
         description="Fastest change. Well below what the output's slew limit gives (V/ms times um/V): a set-point that "
         "the actuator cannot follow makes the outer loop swing.",
     )

@@ -103,7 +103,7 @@ def swapped(prepared, tmp_path_factory):
                 await controller.apply(new)
                 assert controller.words[w.VERSION_ACTIVE] == before + 1
                 await pass_cycles(controller, 2000)
-                assert controller.state == "TRACKING"
+                assert controller.state == "TRACKING", (name, controller.fault())
                 assert controller.fault() is None
                 near = rows_of(controller.ring)[-10_000:]
                 rows[name] = near[(near["version"] >= before) & (near["state"] == TRACKING)]

@@ -12,7 +12,7 @@ from .axis import Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
 
 _COUPLING, _SETTLING_S = 0.05, 0.05
-_FOLLOWED = 0.5
+_FOLLOWED = 0.7
 """The set-point may move at this share of what the output can do: beyond, the outer loop's model is wrong."""
 _COHERENT_HZ = (2.0, 200.0)
 
@@ -32,7 +32,7 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
         "set-point's slew limit",
         asked <= followed,
         f"{asked:g} um/ms",
-        f"<= {followed:.1f} um/ms, half of the output's",
+        f"<= {followed:.1f} um/ms, 0.7 of the output's",
     )
     share = found.quality.coverage
     add("coverage of the set-points", share >= COVERAGE, f"{100 * share:.0f} %", f">= {100 * COVERAGE:.0f} %")

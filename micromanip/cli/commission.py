@@ -64,8 +64,7 @@ def command(
     if only != "all" and only not in names:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
     chosen = names if only == "all" else [only]
-    if "stage" not in {axis.mode for axis in prepared.configuration.axes.values()}:
-        _require_stage_sensors(prepared, chosen)
+    _require_stage_sensors(prepared, chosen)
     real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
     if real and not yes:
         _ask(prepared, chosen, real[0])

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from micromanip.errors import CheckFailed
-from micromanip.rt.records import MAX_AXES
 from micromanip.settings.model import Configuration
-from micromanip.settings.reference import File, Hold
+from micromanip.settings.reference import Hold
 
 from .excitation import band_noise
-from .experiment import Experiment, with_axes, with_reference
+from .experiment import Experiment, parked, with_axes, with_reference
+from .identification import variant
 from .linear import fit_linear
 from .loops.system import System
 
@@ -60,13 +60,11 @@ def identify_actuator(configuration: Configuration, experiment: Experiment, axis
     rate_hz = configuration.loop.rate_hz
     centre_V = working_voltage(configuration, experiment, axis)
     count, index = round(SECONDS * rate_hz), list(configuration.axes).index(axis)
-    samples = np.zeros((count, MAX_AXES))
-    samples[:, : len(configuration.axes)] = [configuration.outputs[f"voltage_{n}"].park_V for n in configuration.axes]
+    samples = parked(configuration, count)
     wide_hz = min(WIDE_HZ, 0.3 * rate_hz)
     noise = band_noise(LOW_RMS_V, LOW_HZ, rate_hz, count, seed)
     samples[:, index] = centre_V + noise + band_noise(WIDE_RMS_V, wide_hz, rate_hz, count, seed + 1)
-    played = with_reference(with_axes(configuration, mode="voltage"), File(source="file", path="(excitation)"))
-    rows = experiment(played, SECONDS, samples)[round(SETTLE_S * rate_hz) :]["axis"]
+    rows = experiment(variant(configuration), SECONDS, samples)[round(SETTLE_S * rate_hz) :]["axis"]
     u, y = (np.asarray(rows[name][:, index], dtype=float) for name in ("voltage_V", "strain_um"))
     fitted = fit_actuator(u, y, 1.0 / rate_hz)
     return Actuator(fitted.dynamics, fitted.swing_um, centre_V, fitted.fit_percent)

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.rt.records import MAX_AXES
 from micromanip.settings.axis import Axis
 from micromanip.settings.model import Configuration
 from micromanip.settings.reference import Reference
@@ -22,6 +23,20 @@ class Experiment(Protocol):
         samples: NDArray[np.float64] | None = None,
         every: int = 1,
     ) -> NDArray[Any]: ...
+
+
+def parked(configuration: Configuration, count: int) -> NDArray[np.float64]:
+    """Samples (count, MAX_AXES) that leave every output at its park voltage, V."""
+    samples = np.zeros((count, MAX_AXES))
+    samples[:, : len(configuration.axes)] = [configuration.outputs[f"voltage_{n}"].park_V for n in configuration.axes]
+    return samples
+
+
+def working_points(configuration: Configuration, count: int) -> NDArray[np.float64]:
+    """Samples (count, MAX_AXES) that hold every actuator at its working point, um."""
+    samples = np.zeros((count, MAX_AXES))
+    samples[:, : len(configuration.axes)] = [axis.centre_um for axis in configuration.axes.values()]
+    return samples
 
 
 def with_reference(configuration: Configuration, reference: Reference) -> Configuration:

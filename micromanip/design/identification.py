@@ -9,12 +9,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.records import MAX_AXES
 from micromanip.settings.model import Configuration
 from micromanip.settings.reference import File
 
 from .excitation import multisine, random_turns, shrinking_triangle, soft
-from .experiment import with_axes, with_reference
+from .experiment import parked, with_axes, with_reference
 
 Kind = Literal["multisine", "turns", "triangle", "step"]
 Array = NDArray[np.float64]
@@ -67,11 +66,8 @@ def variant(configuration: Configuration) -> Configuration:
 
 def samples_for(configuration: Configuration, excitation: Excitation) -> Array:
     """Samples (n, MAX_AXES): the excitation on its axis, the park voltage on the others."""
-    samples = np.zeros((len(excitation.samples), MAX_AXES))
-    for i, name in enumerate(configuration.axes):
-        samples[:, i] = configuration.outputs[f"voltage_{name}"].park_V
-        if name == excitation.axis:
-            samples[:, i] = excitation.samples
+    samples = parked(configuration, len(excitation.samples))
+    samples[:, list(configuration.axes).index(excitation.axis)] = excitation.samples
     return samples
 
 

@@ -47,11 +47,6 @@ class Weights:
     w2: Array
     b2: float
 
-    def output(self, X: Array) -> Array:
-        """(11)-(12) for inputs `X` (.., 3)."""
-        Z = 1.0 / (1.0 + np.exp(-(X @ self.w1.T + self.b1)))
-        return np.asarray(Z @ self.w2 + self.b2)
-
 
 @dataclass(frozen=True)
 class NetworkFit:
@@ -81,12 +76,6 @@ class NetworkFit:
         y = np.empty(len(us))
         run_network(self.theta, c.scale, us, self.moves(u), float(start), y)
         return y * s.y_deviation + s.y_mean
-
-    def one_step(self, u: Array, y: Array) -> Array:
-        """Outputs (n,) for `u` (n,) with the memory on the measured `y` (n,) at every turning point."""
-        last = np.maximum.accumulate(np.where(self.moves(u), np.arange(len(u)), 0))
-        last = np.concatenate(([0], last[:-1]))
-        return self.weights.output(np.stack([u, u[last], y[last]], axis=1))
 
     def to_settings(self, range_um: tuple[float, float]) -> Network:
         """The inverse, input um, output volts, as it stands in the configuration."""

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.records import MAX_AXES
 from micromanip.settings.axis import LinearModel, Outer
 from micromanip.settings.hysteresis import Range
 from micromanip.settings.model import Configuration
 from micromanip.settings.reference import File
 
 from .excitation import band_noise
-from .experiment import Experiment, with_axes, with_axis, with_reference
+from .experiment import Experiment, with_axes, with_axis, with_reference, working_points
 from .hysteresis import HysteresisFit, fit, structure_of
 from .identification import design, recording, samples_for, variant
 from .linear import LinearFit, fit_linear
@@ -93,8 +92,7 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
     """Record `axis` under noise on its set-point, the others at their working points, and fit its dynamics."""
     rate_hz, names = configuration.loop.rate_hz, list(configuration.axes)
     count, i = round(OUTER_S * rate_hz), names.index(axis)
-    samples = np.zeros((count, MAX_AXES))
-    samples[:, : len(names)] = [other.centre_um for other in configuration.axes.values()]
+    samples = working_points(configuration, count)
     samples[:, i] += band_noise(OUTER_RMS_UM, OUTER_CUTOFF_HZ, rate_hz, count, seed)
     excited = with_reference(with_axes(configuration, mode="strain"), File(source="file", path="(excitation)"))
     rows = experiment(excited, OUTER_S, samples)[round(OUTER_SETTLE_S * rate_hz) :]

@@ -14,7 +14,7 @@ from typing import Any
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.rt import words as w
 from micromanip.rt.intrinsics import call_context
-from micromanip.rt.states import ARM, COMMAND_NAMES, FAULT, NO_FAULT, STARTING, STATE_NAMES
+from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, STARTING, STATE_NAMES
 from micromanip.settings.check import Prepared
 
 from .messages import fault_message
@@ -176,11 +176,6 @@ class Controller:
         names = list(self.prepared.configuration.axes)
         axis = names[state["fault_axis"]] if state["fault_axis"] >= 0 else None
         return fault_message(int(state["fault"]), axis, float(state["fault_value"]))
-
-    @property
-    def faulted(self) -> bool:
-        """True while a fault is latched."""
-        return bool(self.words[w.STATE] == FAULT or self.words[w.FAULT_CODE] != NO_FAULT)
 
     def make_safe(self) -> list[str]:
         """Bring the outputs to their safe value with the loop dead; one line a driver."""

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from micromanip.errors import CheckFailed
-from micromanip.rt.records import MAX_AXES
 from micromanip.settings.model import Configuration
 
-from ..experiment import Experiment
+from ..experiment import Experiment, parked
 from ..identification import variant
 
 MOVE_SHARE = 0.12
@@ -50,8 +49,7 @@ def check_polarity(configuration: Configuration, experiment: Experiment, axis: s
     rise, hold = round(_RISE_S * rate_hz), round(_HOLD_S * rate_hz)
     ramp = 0.5 - 0.5 * np.cos(np.pi * np.arange(rise) / rise)
     shape = np.concatenate([np.zeros(hold), ramp, np.ones(hold), ramp[::-1]])
-    samples = np.zeros((len(shape), MAX_AXES))
-    samples[:, : len(names)] = [configuration.outputs[f"voltage_{name}"].park_V for name in names]
+    samples = parked(configuration, len(shape))
     samples[:, names.index(axis)] += move_V * shape
     strain = experiment(variant(configuration), len(shape) / rate_hz, samples)["axis"]["strain_um"]
     before, after = strain[hold // 4 : hold], strain[hold + rise + hold // 4 : 2 * hold + rise]

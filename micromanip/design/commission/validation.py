@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.records import MAX_AXES
 from micromanip.settings.model import Configuration
 from micromanip.settings.outer import OuterGains, outer_gains
 from micromanip.settings.reference import File
 
-from ..experiment import Experiment, with_axes, with_axis, with_reference
+from ..experiment import Experiment, with_axes, with_axis, with_reference, working_points
 
 Array = NDArray[np.float64]
 
@@ -43,7 +42,7 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
     """Play both experiments on `axis`; the other axes hold their working points."""
     rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     before, after = round(_BEFORE_S * rate_hz), round(_AFTER_S * rate_hz)
-    samples = _working_points(configuration, before + after)
+    samples = working_points(configuration, before + after)
     samples[:, i] = np.where(np.arange(before + after) < before, 0.0, STEP_UM)
     closed = with_axis(with_axes(configuration, mode="strain"), axis, mode="stage")
     rows = experiment(with_reference(closed, _FILE), (before + after) / rate_hz, samples)["axis"][:, i]
@@ -64,17 +63,11 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
 _FILE = File(source="file", path="(excitation)")
 
 
-def _working_points(configuration: Configuration, count: int) -> Array:
-    samples = np.zeros((count, MAX_AXES))
-    samples[:, : len(configuration.axes)] = [axis.centre_um for axis in configuration.axes.values()]
-    return samples
-
-
 def coupling(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, float]:
     """Move the axis' set-point slowly up and down; what the others' sensors see of it, by signal name."""
     rate_hz, names = configuration.loop.rate_hz, list(configuration.axes)
     count, i = round(_MOVE_S * rate_hz), names.index(axis)
-    samples = _working_points(configuration, count)
+    samples = working_points(configuration, count)
     samples[:, i] += _MOVE_UM * np.sin(2 * np.pi * np.arange(count) / count)
     played = with_reference(with_axes(configuration, mode="strain"), _FILE)
     rows = experiment(played, _MOVE_S, samples)["axis"]

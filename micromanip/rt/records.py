@@ -22,7 +22,7 @@ MAX_NEURONS = 32
 MAX_STATES = 16
 MAX_SINES = 8
 MAX_DRIVERS = 4
-MAX_SIGNALS = 32
+MAX_SIGNALS = 48
 MAX_OUTPUTS = 8
 INPUT_HISTORY = 256
 """Set-points the estimator remembers (a power of two): a sample may be that many cycles old."""

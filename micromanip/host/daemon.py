@@ -19,6 +19,7 @@ from micromanip.settings.commissioned import changes_since
 
 from .control_socket import ControlSocket
 from .controller import Controller
+from .messages import LOOP_DIED, LOOP_STUCK
 from .realtime import leave_cpu, missing_rights
 from .recording import RecorderProcess
 from .statistics import SignalStatistics, report
@@ -124,7 +125,7 @@ class Daemon:
         how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}"
         for line in self._controller.make_safe():
             self._say(line)
-        raise CheckFailed(f"X-104 the loop process {how}. Look for the cause in the system log before you start again.")
+        raise CheckFailed(f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=how)}. {LOOP_DIED.next_step}")
 
     async def _beat(self) -> None:
         while True:
@@ -138,7 +139,7 @@ class Daemon:
             if self._controller.words[w.CYCLES_RUN] != cycles:
                 cycles, turned = int(self._controller.words[w.CYCLES_RUN]), time.monotonic()
             elif time.monotonic() - turned > _STUCK_S[self._prepared.configuration.loop.limits]:
-                self._say(f"X-105 the loop has stood still for {time.monotonic() - turned:.1f} s and is ended")
+                self._say(f"{LOOP_STUCK.code} {LOOP_STUCK.what.format(value=time.monotonic() - turned)}")
                 self._controller.kill()
                 return
             self._signals.gather()

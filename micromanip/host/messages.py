@@ -51,7 +51,7 @@ FAULTS = {
     states.STRAIN_INVALID: FaultText(
         "X-201",
         "no usable strain-gauge sample for {value:.0f} cycles",
-        "For 3 cycles the sample was not finite, flagged by the driver, outside `range_um`, or older than `max_age_us`.",
+        "For 3 cycles the sample was not finite, flagged bad, outside `range_um`, or older than `max_age_us`.",
         "Ramp to park.",
         ("the gauge's cable or connector is loose", "its amplifier has no supply", "the bus is down or too slow"),
         "Check the gauge, its cable and the bus.",

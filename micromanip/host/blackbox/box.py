@@ -47,10 +47,11 @@ class Box:
 
     def save(self, file: Path) -> None:
         """Write the file whole or not at all: once it has its name it is on the disk. Raises OSError."""
+        write = np.savez_compressed if self.meta["complete"] else np.savez  # the first must be quick
         partial = file.with_name(f".{file.name}.{os.getpid()}{PARTIAL}")
         try:
             with partial.open("wb") as stream:
-                np.savez(
+                write(
                     stream,
                     allow_pickle=False,
                     meta=np.array(json.dumps(self.meta)),

@@ -69,7 +69,10 @@ def _timeline(box: Box) -> list[Moment]:
     """Evidence, the trip itself and the states; at the same time in this order."""
     trip = box.trip
     told = trip["message"].split(". Likely:")[0]
-    changes = [Moment(ms, None, f"{name}: {_MEANING.get(name, '')}") for ms, name in states(box)]
+    changes = [
+        Moment(ms, None, f"{name}{'' if k else ' already'}: {_MEANING.get(name, '')}")
+        for k, (ms, name) in enumerate(states(box))
+    ]
     moments = [*observations(box), Moment(0.0, trip["axis"], told), *changes]
     return sorted(moments, key=lambda moment: moment.ms)
 

@@ -154,8 +154,7 @@ class Daemon:
                 return
             self._signals.gather()
             self._show(self._report())
-            if fault := self._boxes.announce():
-                self._say(fault)
+            self._boxes.announce()
             await asyncio.sleep(_LOOK_S)
 
     async def _status(self, _request: dict[str, Any]) -> Report:

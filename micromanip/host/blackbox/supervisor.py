@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.errors import CheckFailed
+from micromanip.host import journal
 from micromanip.host.controller import Controller
+from micromanip.host.messages import FAULTS
 from micromanip.rt import words as w
 from micromanip.rt.states import NO_FAULT
 from micromanip.settings.source import Source
@@ -75,19 +77,29 @@ class BlackBox:
                 raise CheckFailed("reset refused: the black box of this trip is not on disk yet; try again in a moment")
             await asyncio.sleep(0.01)
 
-    def announce(self) -> str | None:
-        """The latched fault in full, once: as soon as its box is on disk, or without it after a second."""
+    def announce(self) -> None:
+        """Tell the latched fault in full, once: as soon as its box is on disk, or without it after a second."""
         key, fault = self._latched(), self._controller.fault()
         if key is None or fault is None:
             self._told = self._noticed = None
-            return None
+            return
         if self._noticed is None or self._noticed[0] != key:
             self._noticed = (key, time.monotonic())
         waited = time.monotonic() - self._noticed[1] > _TELL_WITHIN_S
         if key == self._told or not (key in self._settled or waited or self._gone):
-            return None
+            return
         self._told = key
-        return fault + self.where(key)
+        self._publish(key, fault + self.where(key))
+
+    def _publish(self, key: int, message: str) -> None:
+        """To the journal with its fields where there is one, else as any message."""
+        state, box = self._controller.status["state"][0], self._settled.get(key, {})
+        axes = list(self._controller.prepared.configuration.axes)
+        axis = axes[state["fault_axis"]] if state["fault_axis"] >= 0 else None
+        code, file = FAULTS[int(state["fault"])].code, None if "problem" in box else box.get("file")
+        fields = journal.trip_fields(message, code, axis, float(state["fault_value"]), None, file)
+        if not (journal.is_connected() and journal.send(fields)):
+            self._say(message)
 
     def where(self, key: int) -> str:
         """`` Black box: FILE`` for a message about the trip; empty where there is none."""

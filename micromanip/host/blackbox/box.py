@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,12 +76,12 @@ class Box:
     def load(cls, file: Path) -> Box:
         """Read a file; raises CheckFailed where it is none, or damaged."""
         try:
-            with np.load(file, allow_pickle=False) as stored:
+            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
                 meta = json.loads(str(stored["meta"]))
                 if meta["format"] != FORMAT:
                     raise CheckFailed(f"{file} has format {meta['format']}; this version reads format {FORMAT}")
                 return cls(meta, *(stored[part] for part in _PARTS))
         except OSError as problem:
             raise CheckFailed(f"{file} can't be read: {problem.strerror or problem}") from problem
-        except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as problem:
+        except (ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
             raise CheckFailed(f"{file} is no black box, or it is damaged ({problem})") from problem

@@ -26,6 +26,7 @@ COMMANDS = {
     "arm": "start tracking, softly",
     "disarm": "stop tracking, softly",
     "reset": "clear a latched fault",
+    "explain": "a trip in plain words, from its black box",
     "bench": "speed of this machine, beside references",
     "completion": "shell completion",
 }

@@ -143,7 +143,8 @@ class Running:
                 stderr=err,
                 start_new_session=True,
                 cwd=self.folder,
-                env=os.environ | {TAG: self.tag, "TMPDIR": str(self.folder), "COLUMNS": "200"},
+                env=os.environ
+                | {TAG: self.tag, "TMPDIR": str(self.folder), "COLUMNS": "200", "XDG_STATE_HOME": str(self.folder)},
             )
 
     @property

@@ -46,7 +46,7 @@ def test_a_hundred_times_better_with_them_predicted():
 
 STEP = "force: {start_s: 3.0, static_N: 5.0, rise_ms: 0.01, tooth_N: 0.0, noise_N: 0.0}"
 NONE = "force: {start_s: 3.0, static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}"
-FORCE = "force: {start_s: 2.5, static_N: 80.0, tooth_N: 40.0, tooth_Hz: 200.0, noise_N: 5.0}"
+FORCE = "force: {start_s: 5.0, static_N: 80.0, tooth_N: 40.0, tooth_Hz: 200.0, noise_N: 5.0}"
 
 
 def force_response(tmp_path, mode):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from micromanip.host.blackbox.box import FORMAT, Box
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, ROW
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENT, ROW
 from micromanip.rt.states import RAMPING, STAGE, STRAIN, STRAIN_INVALID, TRACKING
 
 TRIP = 30_000
@@ -25,8 +25,13 @@ def tracking_rows():
     return rows
 
 
-def box(rows=None, **trip):
-    """A complete box of `rows`; `trip` replaces fields of the trip."""
+def event(cycle, code, axis, value, limit):
+    """One entry of the loop's list."""
+    return np.array([(cycle, code, axis, value, limit, 0, TRACKING)], EVENT)
+
+
+def box(rows=None, events=(), **trip):
+    """A complete box of `rows` and `events`; `trip` replaces fields of the trip."""
     parameters = np.zeros(1, CELL_PARAMETERS)
     parameters["version"] = 3
     parameters["axis"]["mode"][0, :2] = STAGE, STRAIN
@@ -55,4 +60,5 @@ def box(rows=None, **trip):
         "sha256": "0" * 64,
         "path": "cell.yaml",
     }
-    return Box(meta, tracking_rows() if rows is None else rows, parameters, np.zeros(1, CELL_STATE))
+    raised = np.concatenate([np.zeros(0, EVENT), *events])
+    return Box(meta, tracking_rows() if rows is None else rows, parameters, np.zeros(1, CELL_STATE), raised)

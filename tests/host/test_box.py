@@ -22,7 +22,7 @@ def test_a_file_brings_everything_back(tmp_path, complete):
     given.save(tmp_path / "a.npz")
     read = Box.load(tmp_path / "a.npz")
     assert read.meta == given.meta
-    for part in ("rows", "parameters", "state"):
+    for part in ("rows", "parameters", "state", "events"):
         assert getattr(read, part).dtype == getattr(given, part).dtype
         assert getattr(read, part).tobytes() == getattr(given, part).tobytes()
     assert os.listdir(tmp_path) == ["a.npz"]  # noqa: PTH208

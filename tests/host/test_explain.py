@@ -13,8 +13,9 @@ from micromanip.errors import CheckFailed, UsageError
 from micromanip.host.blackbox.evidence import observations
 from micromanip.host.blackbox.shelf import file_name
 from micromanip.host.blackbox.story import lines, story
+from micromanip.rt.states import OVERRUNS, STAGE_INVALID, STRAIN_INVALID
 
-from .boxes import BEFORE, TRIP, box, tracking_rows
+from .boxes import BEFORE, TRIP, box, event, tracking_rows
 
 
 def seen(rows):
@@ -82,6 +83,23 @@ def test_story_has_trip_states_axes_and_configuration(tmp_path):
     assert story(told, tmp_path / "t.npz")["configuration"]["now"] == "changed"
     config.unlink()
     assert story(told, tmp_path / "t.npz")["configuration"]["now"] == "missing"
+
+
+def test_faults_and_warnings_are_told_in_their_order(tmp_path):
+    """What the loop noticed, with what it measured; the trip is at 0 although it was noticed before the cycle counted."""
+    raised = [
+        event(TRIP - 40_000, STAGE_INVALID, 0, 3.0, 3.0),  # of an earlier trip
+        event(TRIP - 120, STAGE_INVALID, 1, 7.0, 3.0),
+        event(TRIP - 1, STRAIN_INVALID, 0, 4.0, 3.0),
+        event(TRIP + 30, OVERRUNS, -1, 9.0, 3.0),
+        event(TRIP + 40, 1000, -1, 2.5, 1.0),  # of a newer version
+    ]
+    told = story(box(events=raised), tmp_path / "t.npz")["timeline"]
+    codes = [(moment["ms"], moment["axis"], moment["text"].split()[0]) for moment in told]
+    found = [code for code in codes if code[2].startswith("X-")]
+    assert found == [(-12.0, "y", "X-202"), (0.0, "x", "X-201"), (3.0, None, "X-102")]
+    assert " 7 cycles" in next(moment["text"] for moment in told if moment["text"].startswith("X-202"))
+    assert told[-1]["text"] == "event 1000, 2.5 (limit 1)"
 
 
 def test_a_box_without_any_cycle(tmp_path):

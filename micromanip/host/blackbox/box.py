@@ -3,6 +3,7 @@
 - ``rows``: each cycle from 2 s before to 0.5 s after the trip (``micromanip.rt.records.ROW``)
 - ``parameters``: each set of parameters that was in force in them; a row's ``version`` names one
 - ``state``: the loop's whole state (1,) as soon as the trip was seen
+- ``events``: the faults and warnings that were raised last, in their order (``micromanip.rt.records.EVENT``)
 - ``meta``: a JSON document: the trip, the configuration's text and hash, the axes, the clocks (see `Box.meta`)
 """
 
@@ -23,7 +24,7 @@ from micromanip.errors import CheckFailed
 
 FORMAT = 1
 PARTIAL = ".part"
-_PARTS = ("rows", "parameters", "state")
+_PARTS = ("rows", "parameters", "state", "events")
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Box:
     rows: NDArray[Any]
     parameters: NDArray[Any]
     state: NDArray[Any]
+    events: NDArray[Any]
 
     @property
     def trip(self) -> dict[str, Any]:
@@ -56,9 +58,7 @@ class Box:
                     stream,
                     allow_pickle=False,
                     meta=np.array(json.dumps(self.meta)),
-                    rows=self.rows,
-                    parameters=self.parameters,
-                    state=self.state,
+                    **{part: getattr(self, part) for part in _PARTS},
                 )
                 stream.flush()
                 os.fsync(stream.fileno())

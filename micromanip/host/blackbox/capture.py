@@ -51,25 +51,23 @@ class Capture:
         return bool(self._status["words"][w.FINISHED])
 
     @property
-    def fault_cycle(self) -> int | None:
-        """The cycle in which the latched fault was raised: it tells one trip from another; None without a fault."""
-        if self._status["words"][w.FAULT_CODE] == NO_FAULT:
-            return None
-        return int(self._status["state"][0]["fault_cycle"])
+    def trips(self) -> int:
+        """Faults that were latched so far: the number of the newest trip."""
+        return int(self._status["words"][w.TRIPS])
 
     def tripped(self) -> Box:
-        """The box of the fault that is latched now, with what the ring holds of the time before it."""
+        """The box of the newest trip, with what the ring holds of the time before it."""
         state = self._state()
         rows = self._rows()
         at = _first_faulty(rows)
         fault, axis = int(state[0]["fault"]), int(state[0]["fault_axis"])
-        value, limit = float(state[0]["fault_value"]), math.nan
+        value, limit = float(state[0]["fault_value"]), float(state[0]["fault_limit"])
         name = self.cell.axes[axis] if axis >= 0 else None
         trip = {
             "code": FAULTS[fault].code,
             "number": fault,
             "axis": name,
-            "value": value,
+            "value": value if math.isfinite(value) else None,
             "limit": limit if math.isfinite(limit) else None,
             "message": fault_message(fault, name, value, limit),
         }
@@ -95,7 +93,9 @@ class Capture:
         rows = np.concatenate([box.rows, new])
         kept = np.concatenate([box.parameters, self._parameters(new)])
         _, first = np.unique(kept["version"], return_index=True)
-        return replace(box, meta=box.meta | {"complete": True}, rows=rows, parameters=kept[first])
+        return replace(
+            box, meta=box.meta | {"complete": True}, rows=rows, parameters=kept[first], events=_events(self._state())
+        )
 
     def _cycles(self, seconds: float) -> int:
         return round(seconds * 1e9 / self.cell.period_ns)
@@ -120,7 +120,7 @@ class Capture:
         }
         last = cycle + self._cycles(AFTER_S)
         rows = rows[(rows["cycle"] >= cycle - self._cycles(BEFORE_S)) & (rows["cycle"] <= last)]
-        return Box(meta, rows, self._parameters(rows), state)
+        return Box(meta, rows, self._parameters(rows), state, _events(state))
 
     def _rows(self) -> NDArray[Any]:
         """All rows that the ring holds."""
@@ -145,6 +145,13 @@ class Capture:
             if state[0]["cycle"] == before == int(words[w.CYCLE]):
                 break
         return state
+
+
+def _events(state: NDArray[Any]) -> NDArray[Any]:
+    """The events that the loop still remembers, oldest first."""
+    ring, count = state[0]["event"], int(state[0]["events"])
+    newest: NDArray[Any] = ring[np.arange(max(0, count - len(ring)), count) % len(ring)].copy()
+    return newest
 
 
 def _first_faulty(rows: NDArray[Any]) -> int:

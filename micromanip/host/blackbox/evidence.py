@@ -48,15 +48,13 @@ def parameters_of(box: Box, axis: int) -> Any:
 
 
 def error_um(box: Box, axis: int) -> NDArray[np.float64]:
-    """How far (um) the axis was from where it should be, each row: the stage, or the strain gauge in mode strain."""
+    """How far (um) the axis was from where it should be, each row and as measured: stage, or gauge in mode strain."""
     rows, mode = box.rows["axis"][:, axis], parameters_of(box, axis)["mode"]
+    error: NDArray[np.float64] = np.full(len(rows), np.nan)
     if mode == STRAIN:
-        error: NDArray[np.float64] = rows["setpoint_um"] - rows["strain_um"]
+        error = rows["setpoint_um"] - rows["strain_um"]
     elif mode == STAGE:
-        known = np.isfinite(rows["path_error_um"])
-        error = np.where(known, rows["path_error_um"], rows["reference_um"] - rows["stage_um"])
-    else:
-        error = np.full(len(rows), np.nan)
+        error = rows["reference_um"] - rows["stage_um"]
     return error
 
 

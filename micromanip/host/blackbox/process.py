@@ -83,7 +83,7 @@ class Shelf:
 class Watch:
     """What the process has seen so far."""
 
-    def __init__(self, capture: Capture, shelf: Shelf, known: int | None, stuck_s: float) -> None:
+    def __init__(self, capture: Capture, shelf: Shelf, known: int, stuck_s: float) -> None:
         self._capture, self._shelf, self._stuck_s = capture, shelf, stuck_s
         self._seen = known
         self._open: tuple[Box, int] | None = None
@@ -92,11 +92,11 @@ class Watch:
 
     def look(self, *, host_lives: bool) -> None:
         """Notice a trip, complete the one before; `over` once nothing more can come."""
-        key = self._capture.fault_cycle
-        if key is not None and key != self._seen:
+        newest = self._capture.trips
+        if newest > self._seen:
             self._complete()
-            self._begin(self._capture.tripped(), key)
-        self._seen = key
+            self._begin(self._capture.tripped(), newest)
+            self._seen = newest
         if self._open is not None and self._capture.is_over(self._open[0]):
             self._complete()
         self._shelf.retry()

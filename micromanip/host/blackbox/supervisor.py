@@ -20,7 +20,7 @@ from micromanip.rt.states import NO_FAULT
 from micromanip.settings.source import Source
 
 LOOP_DEATH = -1
-"""The key of the trip that the loop's death is; every other trip has the cycle of its fault."""
+"""The key of the trip that the loop's death is; every other trip has its number."""
 _STUCK_S = {"hardware": 0.5, "simulation": 3.0}
 _TELL_WITHIN_S = 1.0
 _SETTLE_S = 2.0
@@ -97,7 +97,9 @@ class BlackBox:
         axes = list(self._controller.prepared.configuration.axes)
         axis = axes[state["fault_axis"]] if state["fault_axis"] >= 0 else None
         code, file = FAULTS[int(state["fault"])].code, None if "problem" in box else box.get("file")
-        fields = journal.trip_fields(message, code, axis, float(state["fault_value"]), None, file)
+        fields = journal.trip_fields(
+            message, code, axis, float(state["fault_value"]), float(state["fault_limit"]), file
+        )
         if not (journal.is_connected() and journal.send(fields)):
             self._say(message)
 
@@ -119,9 +121,10 @@ class BlackBox:
         ]
 
     def _latched(self) -> int | None:
+        """The number of the trip that is latched; None without one."""
         if self._controller.words[w.FAULT_CODE] == NO_FAULT:
             return None
-        return int(self._controller.status["state"][0]["fault_cycle"])
+        return int(self._controller.words[w.TRIPS])
 
     def _cell(self) -> dict[str, Any]:
         configuration = self._controller.prepared.configuration
@@ -156,12 +159,11 @@ class BlackBox:
             pass_fds=segments.descriptors,
             start_new_session=True,
         )
-        latched = self._latched()
         orders = self._cell() | {
             "descriptors": segments.descriptors,
             "folder": str(self._folder.absolute()),
             "kept": self._kept,
-            "known": latched if latched in self._settled else None,
+            "known": max(self._settled, default=0),
             "stuck_s": _STUCK_S[self._controller.prepared.configuration.loop.limits],
         }
         self._tell(orders)

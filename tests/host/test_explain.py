@@ -86,7 +86,7 @@ def test_story_has_trip_states_axes_and_configuration(tmp_path):
 
 
 def test_faults_and_warnings_are_told_in_their_order(tmp_path):
-    """What the loop noticed, with what it measured; the trip is at 0 although it was noticed before the cycle counted."""
+    """What the loop noticed, with what it measured; the trip is at 0, though noticed before the cycle counted."""
     raised = [
         event(TRIP - 40_000, STAGE_INVALID, 0, 3.0, 3.0),  # of an earlier trip
         event(TRIP - 120, STAGE_INVALID, 1, 7.0, 3.0),

@@ -12,7 +12,7 @@ from .messages import ALL, FaultText
 _INTRODUCTION = """\
 # Faults
 
-Generated from `micromanip/host/messages.py` by `python -m micromanip.host.faults_doc`; edit the texts there.
+Generated from `micromanip/host/faults.toml` by `python -m micromanip.host.faults_doc`; edit the texts there.
 
 A fault stays latched until `micromanip reset`, and nothing arms itself again. Every trip leaves a black box:
 `micromanip explain` reads the newest one and says in which order things happened. `<value>` is what was measured,

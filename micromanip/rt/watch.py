@@ -111,11 +111,12 @@ def following_error(p: Record, a: Record) -> float:
 
 @compiled
 def watch_following(p: Record, s: Record, i: int, active: bool) -> None:
-    """Following error above its limit for some cycles."""
+    """Following error above its limit for some cycles; unknown while its sensor is unusable."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w = a["watch"]
+    known = active and w["degraded"] == 0 and w["coast"] == 0
     error_um = abs(following_error(p["axis"][i], a))
-    w["following"] = lasting(w["following"], active and error_um > limits["following_um"])
+    w["following"] = lasting(w["following"], known and error_um > limits["following_um"])
     over = w["following"] >= limits["following_cycles"]
     axis_fault(p, s, i, FOLLOWING_ERROR, over, error_um, limits["following_um"])
 

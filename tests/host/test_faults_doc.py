@@ -26,8 +26,8 @@ def test_every_fault_is_told_completely():
 
 
 def test_message_says_code_what_causes_and_next_step():
-    message = fault_message(states.STRAIN_INVALID, "y", 3.0)
+    message = fault_message(states.STRAIN_INVALID, "y", 4.0, 3.0)
     text = FAULTS[states.STRAIN_INVALID]
-    assert message.startswith("X-201 axis y: no usable strain-gauge sample for 3 cycles. Likely: ")
+    assert message.startswith("X-201 axis y: no usable strain-gauge sample for 4 cycles (limit 3). Likely: ")
     assert message.endswith(text.next_step)
     assert all(cause in message for cause in text.likely_causes)

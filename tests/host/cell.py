@@ -31,7 +31,7 @@ SHARED = (
 )
 QUICK = (
     ("lift_s: 0.5", "lift_s: 0.2"),
-    ("settle_s: 0.2", "settle_s: 0.1"),
+    ("settle_s: 0.2", "settle_s: 0.1\n  check_s: null\n  sweep_s: 0.1"),
     ("authority_s: 0.5", "authority_s: 0.2"),
 )
 WAITING = (("arm_on_start: true", "arm_on_start: false"),)

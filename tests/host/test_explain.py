@@ -52,6 +52,19 @@ def test_a_pause_is_measured_by_what_is_usual_on_the_channel():
     assert seen(rows) == [(-19.0, "x", "capacitive sensor: no good sample for 4.0 ms")]
 
 
+def test_lines_that_change():
+    rows = tracking_rows()
+    rows["lines"] = 1 | 2 | 8
+    rows["lines"][BEFORE:] = 2 | 8 | 16
+    rows["lines"][BEFORE + 100 :] = 2 | 4 | 16
+    assert seen(rows) == [
+        (0.0, None, "enable went off"),
+        (0.0, None, "feed-hold asked of the machine"),
+        (10.0, None, "tool retracted"),
+        (10.0, None, "amplifier switched off"),
+    ]
+
+
 def test_a_frozen_gauge():
     rows = tracking_rows()
     rows["axis"]["strain_um"][BEFORE - 40 : BEFORE, 1] = 70.0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.host.messages import ALL, FAULTS, seen
-from micromanip.rt.states import STATE_NAMES
+from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
 
 from .box import Box
 from .evidence import Moment, at_end_of_range, error_um, milliseconds, observations, parameters_of
@@ -85,7 +85,9 @@ def _raised(box: Box) -> list[Moment]:
             continue
         ms = 0.0 if own else (cycle - trip["cycle"]) * box.meta["period_ns"] * 1e-6
         name = box.meta["axes"][axis] if axis >= 0 else None
-        moments.append(Moment(ms, name, _noticed(code, float(event["value"]), float(event["limit"]))))
+        told_of = _noticed(code, float(event["value"]), float(event["limit"]))
+        reaction = int(event["reaction"])
+        moments.append(Moment(ms, name, f"{told_of} -> {REACTION_NAMES[reaction]}" if reaction != WARN else told_of))
     if not told:
         moments.append(Moment(0.0, trip["axis"], _first_sentence(trip["message"])))
     return moments

@@ -66,7 +66,7 @@ def read_lines(p: Record, s: Record, signals: Any, now_ns: int) -> None:
 def watch_cell(p: Record, s: Record) -> None:
     """Look for faults wherever something may be moving."""
     state = s["state"]
-    moving = state == ARMED or state == TRACKING or state == HOLDING or state == RAMPING
+    moving = state in (ARMED, TRACKING, HOLDING, RAMPING)
     closed = moving and not (state == RAMPING and s["soft"] == 0)
     enabled = moving and not (state == ARMED and s["phase"] == PARKED)  # the amplifier may take its time to come on
     cell_fault(p, s, ENABLE_LOST, moving and is_missing(p["enable"], s["enable"]), 0.0, 1.0)
@@ -105,7 +105,7 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
     elif command == DISARM:
         if state == TRACKING:
             begin_soft_stop(p, s)
-        elif state == ARMED or state == HOLDING:
+        elif state in (ARMED, HOLDING):
             begin_ramp(p, s)
         elif state != READY:
             return False
@@ -113,7 +113,7 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
         s["stopping"] = 1
         if state == TRACKING:
             begin_soft_stop(p, s)
-        elif state == ARMED or state == HOLDING:
+        elif state in (ARMED, HOLDING):
             begin_ramp(p, s)
     elif command == RESET:
         if state != FAULT or s["stopping"] != 0:
@@ -129,7 +129,7 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
 
     In a check the axes have their turn one after the other, `fraction` is the place in all of them together.
     """
-    checking = phase == PROBING or phase == BUMPING
+    checking = phase in (PROBING, BUMPING)
     place = fraction * p["axes"] if checking else 0.0
     turn = int(place)
     for i in range(p["axes"]):
@@ -164,7 +164,7 @@ def judge_checks(p: Record, s: Record, phase: int) -> None:
         if was == BUMPING:
             code, limits, c = STAGE_CHECK, axis["stage_check"], a["stage_check"]
         checked = axis["mode"] == STAGE or (was == PROBING and axis["mode"] != VOLTAGE)
-        if checked and (was == PROBING or was == BUMPING):
+        if checked and (was in (PROBING, BUMPING)):
             found = answer(c, limits["step"])
             good = limits["low"] <= found <= limits["high"]
             axis_fault(p, s, i, code, not good, found, limits["high"] if found > limits["high"] else limits["low"])
@@ -197,7 +197,7 @@ def switch(p: Record, s: Record, outputs: Any) -> None:
 def is_enabled(s: Record) -> bool:
     """Whether the amplifier is asked to be on."""
     state = s["state"]
-    return state == ARMED or state == TRACKING or state == HOLDING or state == RAMPING
+    return state in (ARMED, TRACKING, HOLDING, RAMPING)
 
 
 @compiled

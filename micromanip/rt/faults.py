@@ -75,7 +75,7 @@ def react(p: Record, s: Record, reaction: int) -> None:
     state = s["state"]
     if reaction == CUTS:
         cut(p, s)
-    elif state == READY or state == OFF:
+    elif state in (READY, OFF):
         enter(s, FAULT)
     elif reaction == HOLDS and state == HOLDING:
         if s["fault_cycle"] == s["cycle"]:

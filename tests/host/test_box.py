@@ -141,7 +141,16 @@ def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capsys):
     kept.retry()
     assert capsys.readouterr().out == ""  # not yet
     blocked.unlink()
-    kept.flush()
+    kept.give_up()
     said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(m["key"], m["complete"]) for m in said] == [(key, True) for key in range(2, 6)]
     assert [file.name for file in shelf.trips(blocked / "trips")] == names_of(6)[2:]
+
+
+def test_what_never_found_room_is_told_at_the_end(tmp_path, capsys):
+    (tmp_path / "state").touch()
+    kept = process.Shelf(tmp_path / "state" / "trips", 50)
+    kept.put(box(code="X-202"), 7)
+    kept.give_up()
+    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(m["key"], m["code"], "lost" in m) for m in said] == [(7, "X-202", False), (7, "X-202", True)]

@@ -55,9 +55,7 @@ class Shelf:
             tell(key=key, file=str(file), code=trip["code"], problem=problem)
         self._waiting[file] = (box, key)
         while len(self._waiting) > _KEPT_IN_MEMORY:
-            lost = min(self._waiting)
-            _, lost_key = self._waiting.pop(lost)
-            tell(key=lost_key, file=str(lost), code=trip["code"], lost="too many trips that can't be written")
+            self._lose(min(self._waiting), "more trips came than can be kept in memory")
         self._next_try = time.monotonic() + _RETRY_S
 
     def retry(self) -> None:
@@ -69,6 +67,16 @@ class Shelf:
         """Try what is waiting again, now."""
         for box, key in list(self._waiting.values()):
             self.put(box, key)
+
+    def give_up(self) -> None:
+        """A last try; what can't be written even now is lost."""
+        self.flush()
+        for file in list(self._waiting):
+            self._lose(file, "the controller ended before it could be written")
+
+    def _lose(self, file: Path, why: str) -> None:
+        box, key = self._waiting.pop(file)
+        tell(key=key, file=str(file), code=box.trip["code"], lost=why)
 
     def _save(self, file: Path, box: Box) -> str | None:
         try:
@@ -117,7 +125,7 @@ class Watch:
     def close(self) -> None:
         """A last try for everything that is not on disk yet."""
         self._complete()
-        self._shelf.flush()
+        self._shelf.give_up()
 
     def _begin(self, box: Box, key: int) -> None:
         self._open = (box, key)

@@ -24,6 +24,7 @@ LOOP_DEATH = -1
 _STUCK_S = {"hardware": 0.5, "simulation": 3.0}
 _TELL_WITHIN_S = 1.0
 _SETTLE_S = 2.0
+_GIVE_UP_S = 30.0
 _RESTART_S = 1.0
 _DEATHS = 3
 _END_S = 20.0
@@ -85,11 +86,19 @@ class BlackBox:
             return
         if self._noticed is None or self._noticed[0] != key:
             self._noticed = (key, time.monotonic())
-        waited = time.monotonic() - self._noticed[1] > _TELL_WITHIN_S
-        if key == self._told or not (key in self._settled or waited or self._gone):
+        waited_s = time.monotonic() - self._noticed[1]
+        if waited_s > _GIVE_UP_S and key not in self._settled:
+            self._give_up(key)
+        if key == self._told or not (key in self._settled or waited_s > _TELL_WITHIN_S or self._gone):
             return
         self._told = key
         self._publish(key, fault + self.where(key))
+
+    def _give_up(self, key: int) -> None:
+        """A disk that hangs must not keep the cell in FAULT for ever."""
+        code = FAULTS[int(self._controller.words[w.FAULT_CODE])].code
+        problem = f"nothing was heard of it for {_GIVE_UP_S:g} s"
+        self._hear({"key": key, "code": code, "file": str(self._folder), "problem": problem})
 
     def _publish(self, key: int, message: str) -> None:
         """To the journal with its fields where there is one, else as any message."""

@@ -63,7 +63,7 @@ class Daemon:
         self._signals = SignalStatistics(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         trail = AuditTrail(state_directory(), say)
-        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle)
+        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._boxes.configured)
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
 

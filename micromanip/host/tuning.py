@@ -43,7 +43,9 @@ class Tunable(Protocol):
 class Tuning:
     """Values of one running controller, and the file that they were read from."""
 
-    def __init__(self, controller: Tunable) -> None:
+    def __init__(self, controller: Tunable, tell: Callable[[Source], None]) -> None:
+        """`tell` hears of each configuration that has come into force, or has been written to the file."""
+        self._tell = tell
         prepared = controller.prepared
         self._controller = controller
         self._file = prepared.source
@@ -136,6 +138,7 @@ class Tuning:
         """`source` is the file now, and says what runs."""
         self._file, self._document = source, source.data
         self._controller.prepared = replace(self._running, source=source)
+        self._tell(source)
 
     async def _swap(self, source: Source, permit: Callable[[], None] = lambda: None) -> Swap:
         permit()
@@ -148,6 +151,7 @@ class Tuning:
 
         version = await self._controller.adopt(revised, decide)
         self._document = source.data
+        self._tell(revised.source)
         new = revised.configuration
         warnings = [text for text in changes_since(new.axes) if text not in changes_since(old.axes)]
         return Swap(version=version, changed=_changes(old, new), warnings=warnings)

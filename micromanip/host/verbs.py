@@ -12,6 +12,7 @@ from micromanip.answers import Audit, Change, Jogged, Saved, Status, Swap
 from micromanip.errors import MicromanipError
 from micromanip.rt import states
 from micromanip.settings.base import Count, Flag, Real, Settings
+from micromanip.settings.source import Source
 
 from .audit import AuditTrail
 from .peer import Peer
@@ -79,11 +80,15 @@ class Verbs:
         trail: AuditTrail,
         status: Callable[[], Status],
         before_reset: Callable[[], Awaitable[None]],
+        tell: Callable[[Source], None],
     ) -> None:
-        """`before_reset` returns when what is known of a fault is kept, or raises CheckFailed: not yet."""
+        """`before_reset` returns when what is known of a fault is kept, or raises CheckFailed: not yet.
+
+        `tell` hears of each configuration that has come into force.
+        """
         self._before_reset = before_reset
         self._controller, self._trail, self._status = controller, trail, status
-        self._tuning = Tuning(controller)
+        self._tuning = Tuning(controller, tell)
 
     def table(self) -> dict[str, Verb]:
         """Every verb by its name."""

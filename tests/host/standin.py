@@ -49,9 +49,11 @@ class Cell:
         self.config = folder / "cell.yaml"
         self.config.write_text(text or SIMULATED.read_text())
         self.controller = StandIn(prepare(self.config), state)
-        self.said = []
+        self.said, self.told = [], []
         self.trail = AuditTrail(folder / "state", self.said.append)
-        self.verbs = Verbs(self.controller, self.trail, lambda: {"state": self.controller.state}, self._settle)
+        self.verbs = Verbs(
+            self.controller, self.trail, lambda: {"state": self.controller.state}, self._settle, self.told.append
+        )
         self.table = self.verbs.table()
 
     async def _settle(self):

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import stat
 
 import numpy as np
 import pytest
@@ -14,19 +15,13 @@ from micromanip.rt import words as w
 
 from .cell import Running, calm, rows_of, until
 
+OWN = ("arm_on_start: true", 'control: {socket_mode: "0600"}\narm_on_start: true')
 K = "axes.x.inner.K_V_per_um"
 
 
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory):
-    cell = Running(
-        tmp_path_factory.mktemp("live"),
-        calm(
-            ("seed: 1\n", "seed: 1\n"),
-        ),
-        "--record",
-        "run.h5",
-    )
+    cell = Running(tmp_path_factory.mktemp("live"), calm(OWN))
     try:
         yield cell.reach("TRACKING")
         assert cell.end() == 0, cell.said
@@ -88,6 +83,10 @@ def test_refused_as_a_whole(cell, client):
     cell.go_on(100)
     assert version(cell) == before
     assert client.value(K) != 0.3
+
+
+def test_socket_as_configured(cell):
+    assert stat.S_IMODE(cell.socket.stat().st_mode) == 0o600
 
 
 def test_hang_up_reloads(cell, client):

@@ -89,6 +89,7 @@ def test_hash_tells_the_configuration(cell):
     assert cell.controller.prepared.source.hash != original
     cell("set", changes={K: 0.6})
     assert cell.controller.prepared.source.hash == original
+    assert [source.hash for source in cell.told][1:] == [original]
 
 
 def test_a_section_as_a_whole(cell):

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +33,8 @@ from .statistics import SignalStatistics, report
 from .verbs import Verbs
 
 _HEARTBEAT_S = 0.02
+_WORKERS, _SWITCH_S = 2, 0.001
+"""Threads that check values and write files, and how soon they let the heartbeat have its turn."""
 _LOOK_S = 0.2
 _STOP_S = 30.0
 _STUCK_S = {"hardware": 0.3, "simulation": 2.0}
@@ -70,6 +73,8 @@ class Daemon:
     async def run(self) -> Report:
         """The whole life of the controller; returns its final report, raises CheckFailed where the loop died."""
         loop = asyncio.get_running_loop()
+        loop.set_default_executor(ThreadPoolExecutor(_WORKERS, "verbs"))
+        sys.setswitchinterval(_SWITCH_S)
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)

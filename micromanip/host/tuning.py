@@ -59,10 +59,7 @@ class Tuning:
 
     async def get(self, keys: Sequence[str]) -> list[Parameter]:
         """Running values of `keys`, of all below where one is a section; all values without keys."""
-        document = self._running.configuration.model_dump(mode="json")
-        leaves = values(self._running.configuration)
-        paths = await asyncio.to_thread(selected, leaves, document, keys)
-        return [Parameter(key=key_text(path), value=leaves[path], change=needed(path)) for path in paths]
+        return await asyncio.to_thread(_parameters, self._running.configuration, keys)
 
     async def set(self, wanted: Mapping[str, Any]) -> Swap:
         """Change the values of some keys; UsageError, ConfigError or CheckFailed says each reason why not."""
@@ -176,6 +173,12 @@ class Tuning:
         if refused:
             reasons = "; ".join(f"{key_text(path)} {what}" for path, what in refused.items())
             raise CheckFailed(f"nothing was changed, the state is {state}: {reasons}")
+
+
+def _parameters(configuration: Configuration, keys: Sequence[str]) -> list[Parameter]:
+    leaves = values(configuration)
+    paths = selected(leaves, configuration.model_dump(mode="json"), keys)
+    return [Parameter(key=key_text(path), value=leaves[path], change=needed(path)) for path in paths]
 
 
 def _written(file: Source, document: Mapping[str, Any]) -> Source:

@@ -51,17 +51,23 @@ ABSENT = object()
 Values = dict[Path, Any]
 
 
+_SPLIT = {pattern: tuple(pattern.split(".")) for pattern, _ in RULES}
+_NEEDED = dict(RULES)
+
+
 def rule(path: Path) -> str | None:
     """The rule that fits `path`; None where none does."""
-    return next((pattern for pattern, _ in RULES if _fits(pattern.split("."), path)), None)
+    return next((pattern for pattern, parts in _SPLIT.items() if _fits(parts, path)), None)
 
 
 def needed(path: Path) -> str:
     """What a change of the key at `path` takes; of one that no rule knows: a new start."""
-    return dict(RULES).get(rule(path) or "", RESTART)
+    return _NEEDED.get(rule(path) or "", RESTART)
 
 
-def _fits(pattern: list[str], path: Path) -> bool:
+def _fits(pattern: tuple[str, ...], path: Path) -> bool:
+    if pattern[0] != path[0]:
+        return False
     if pattern[-1] == "**":
         pattern, path = pattern[:-1], path[: len(pattern) - 1]
     return len(pattern) == len(path) and all(wanted in ("*", part) for wanted, part in zip(pattern, path, strict=True))

@@ -27,6 +27,8 @@ COMMANDS = {
     "disarm": "stop tracking, softly",
     "reset": "clear a latched fault",
     "bench": "speed of this machine, beside references",
+    "safe-outputs": "bring all outputs to their safe value, with no controller running",
+    "install-service": "run a configuration as a service of this machine",
     "completion": "shell completion",
 }
 _USAGE = 64
@@ -41,7 +43,7 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"micromanip.cli.{cmd_name}")
+        module = importlib.import_module(f"micromanip.cli.{cmd_name.replace('-', '_')}")
         command: click.Command = module.command
         return command
 

@@ -5,20 +5,24 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, ConfigError
+from micromanip.io.device_lock import DeviceLocks
 from micromanip.rt import states
 from micromanip.rt import words as w
 from micromanip.settings.check import Prepared
 from micromanip.settings.commissioned import changes_since
+from micromanip.settings.source import Source
 
 from .control_socket import ControlSocket
 from .controller import Controller
+from .notify import ServiceManager
 from .realtime import leave_cpu, missing_rights
 from .recording import RecorderProcess
 from .statistics import SignalStatistics, report
@@ -44,20 +48,29 @@ class Daemon:
     """Runs one configuration until its duration is over, a signal stops it, or the loop ends."""
 
     def __init__(
-        self, prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]
+        self,
+        prepared: Prepared,
+        options: Options,
+        say: Callable[[str], None],
+        show: Callable[[Report], None],
+        locks: tuple[int, ...] = (),
     ) -> None:
-        """`say` gets each message for people, `show` the report five times a second."""
+        """`say` gets each message for people, `show` the report five times a second; `locks` are the devices'."""
         self._prepared, self._options = prepared, options
         self._say, self._show = say, show
-        self._controller = Controller(prepared, options.socket)
+        self._controller = Controller(prepared, options.socket, locks)
         self._signals = SignalStatistics(self._controller)
         self._stop = asyncio.Event()
+        self._service = ServiceManager()
+        self._beats = self._looks = 0
 
     async def run(self) -> Report:
         """The whole life of the controller; returns its final report, raises CheckFailed where the loop died."""
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
+        # without a terminal SIGHUP means "read the configuration again", with one that it was closed
+        loop.add_signal_handler(signal.SIGHUP, self._stop.set if sys.stderr.isatty() else self._reload)
         verbs = {
             "status": self._status,
             "arm": self._commanded(states.ARM),
@@ -69,6 +82,7 @@ class Daemon:
         try:
             leave_cpu(self._prepared.configuration.loop.cpu)
             report(self._controller, self._signals)  # what it compiles would later hold up the sign of life
+            self._service.status("STARTING: compiling, opening the drivers, warming up")
             await self._controller.start()
             return await self._supervise()
         finally:
@@ -80,11 +94,12 @@ class Daemon:
             self._say(f"WARNING: {advice}")
         self._say("READY")
         ended = asyncio.create_task(self._controller.wait())
-        helpers = [asyncio.create_task(self._beat()), asyncio.create_task(self._look())]
+        helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
         stopped = asyncio.create_task(self._stop.wait())
         recorder = None
         try:
             recorder = await self._start_recorder()
+            self._service.ready()
             if self._prepared.configuration.arm_on_start:
                 await self._controller.command(states.ARM)
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
@@ -110,6 +125,7 @@ class Daemon:
 
     async def _end(self, ended: asyncio.Task[int]) -> None:
         """Ramp down and let the loop end."""
+        self._service.stopping()
         with contextlib.suppress(CheckFailed):
             await self._controller.command(states.STOP)
         done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
@@ -129,7 +145,13 @@ class Daemon:
     async def _beat(self) -> None:
         while True:
             self._controller.beat()
+            self._beats += 1
             await asyncio.sleep(_HEARTBEAT_S)
+
+    async def _feed(self) -> None:
+        """Tell the service manager that all is alive: the loop turns, its sign of life is given, it is looked after."""
+        words = self._controller.words
+        await self._service.feed_while(lambda: (int(words[w.CYCLES_RUN]), self._beats, self._looks))
 
     async def _look(self) -> None:
         """Feed the live line; tell a fault once; end a loop process that lives but does not turn any more."""
@@ -147,7 +169,20 @@ class Daemon:
             if fault != told and fault is not None:
                 self._say(fault)
             told = fault
+            self._service.status(self._controller.state + (f": {fault}" if fault else ""))
+            self._looks += 1
             await asyncio.sleep(_LOOK_S)
+
+    def _reload(self) -> None:
+        """SIGHUP: say whether the file is still the one that runs."""
+        self._service.reloading()
+        running = self._prepared.source
+        try:
+            same = Source.read(running.path).hash == running.hash
+            self._say(f"{running.path} is " + ("unchanged" if same else "another one now; restart to use it"))
+        except ConfigError as problem:
+            self._say(f"nothing is changed: {problem}")
+        self._service.ready()
 
     async def _status(self, _request: dict[str, Any]) -> Report:
         return report(self._controller, self._signals)
@@ -162,7 +197,8 @@ class Daemon:
 def serve(prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]) -> Report:
     """Run the daemon to its end; the final report."""
 
-    async def main() -> Report:
-        return await Daemon(prepared, options, say, show).run()
+    async def main(locks: tuple[int, ...]) -> Report:
+        return await Daemon(prepared, options, say, show, locks).run()
 
-    return asyncio.run(main())
+    with DeviceLocks(prepared.wiring.devices) as locks:
+        return asyncio.run(main(locks.descriptors))

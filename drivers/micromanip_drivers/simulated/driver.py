@@ -33,6 +33,11 @@ class SimulatedCell(CyclicDriver):
                 raise ConfigError(f"variation.{name}: there is no axis {name}; axes are {', '.join(options.axes)}")
 
     @property
+    def device(self) -> str | None:
+        device: str | None = self.options.device
+        return device
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         return tuple(f"{channel}_{axis}" for axis in self.options.axes for channel in CHANNELS)
 

@@ -41,7 +41,7 @@ def command(
         raise UsageError("--uninstall takes no CONFIG")
     machine = layout.this_machine()
     steps = plan.uninstall(machine, root, purge=purge) if uninstall else plan.install(machine, config, root)
-    described = [step.describe() for step in steps]
+    described = [{"step": step.sentence, "diff": list(step.diff)} for step in steps]
     if not as_json:
         _show(described)
     if steps and not dry_run:
@@ -49,7 +49,7 @@ def command(
             _ask()
         plan.carry_out(steps, root, lambda line: click.echo(line, err=True))
         if not as_json:
-            click.echo("removed" if uninstall else f"installed; next: systemctl restart {layout.UNIT}")
+            click.echo("removed" if uninstall else f"installed; `systemctl restart {layout.UNIT}` puts it in force")
     if as_json:
         print_json({"steps": described, "done": bool(steps) and not dry_run})
 
@@ -64,6 +64,6 @@ def _show(steps: list[dict[str, Any]]) -> None:
     if not steps:
         click.echo("nothing to do: all is as it should be")
     for step in steps:
-        click.echo(f"{step['does']:7} {step['path'] if 'path' in step else ' '.join(step['command'])}")
-        for line in step.get("diff", []):
-            click.echo(f"        {line}")
+        click.echo(step["step"])
+        for line in step["diff"]:
+            click.echo(f"    {line}")

@@ -44,7 +44,8 @@ def make_safe(drivers: Mapping[str, CyclicDriver], wait_s: float = 0.0) -> list[
     except DeviceUnavailable as problem:
         raise CheckFailed(f"nothing was touched: {problem}") from problem
     with locks:
-        return [problem for name, driver in drivers.items() if (problem := _make_safe(name, driver))]
+        outcomes = [_make_safe(name, driver) for name, driver in drivers.items()]
+    return [outcome for outcome in outcomes if outcome is not None]
 
 
 def _make_safe(name: str, driver: CyclicDriver) -> str | None:

@@ -26,11 +26,14 @@ def install(machine: Machine, config: Path | None, root: Path) -> list[Step]:
     files = [WriteFile(_below(root, path), text) for path, text in machine.files().items()]
     files += _configuration(config, _below(root, CONFIG))
     enabled = _below(root, Path("/etc/systemd/system/multi-user.target.wants") / UNIT)
-    commands = [Run(("systemd-sysusers", *_at(root), "micromanip.conf"))]
-    commands += [Run(("systemd-tmpfiles", *_at(root), "--create", "micromanip.conf"))]
-    commands += _told_systemd(root)
-    commands += [Run(("systemctl", *_at(root), "enable", UNIT), always=not enabled.is_symlink())]
-    return _needed([*files, *commands])
+    steps: list[Step] = [
+        *files,
+        Run(("systemd-sysusers", *_at(root), "micromanip.conf")),
+        Run(("systemd-tmpfiles", *_at(root), "--create", "micromanip.conf")),
+        *_told_systemd(root),
+        Run(("systemctl", *_at(root), "enable", UNIT), always=not enabled.is_symlink()),
+    ]
+    return _needed(steps)
 
 
 def uninstall(machine: Machine, root: Path, *, purge: bool) -> list[Step]:
@@ -58,14 +61,9 @@ def carry_out(steps: Iterable[Step], root: Path, say: Callable[[str], None]) -> 
         if not _MANAGER.is_dir():
             raise DeviceUnavailable("this machine was not booted with systemd; --root DIR prepares another one's files")
     for step in steps:
+        sentence = step.sentence
         step.do()
-        say(f"done: {sentence(step)}")
-
-
-def sentence(step: Step) -> str:
-    """One step in plain words."""
-    what = step.describe()
-    return f"{what['does']} {what['path'] if 'path' in what else ' '.join(what['command'])}"
+        say(f"done: {sentence}")
 
 
 def _configuration(config: Path | None, target: Path) -> list[WriteFile]:

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from micromanip.errors import CheckFailed, PermissionDenied
 
@@ -23,17 +22,19 @@ class WriteFile:
         """Is it missing, or another one?"""
         return self._present() != self.text
 
-    def describe(self) -> dict[str, Any]:
-        """``{does, path, diff}``; the diff is empty for a new file."""
+    @property
+    def sentence(self) -> str:
+        """What it would do."""
+        return f"{'create' if self._present() is None else 'change'} {self.path}"
+
+    @property
+    def diff(self) -> list[str]:
+        """Lines that change; none for a new file."""
         present = self._present()
         lines = difflib.unified_diff(
             (present or "").splitlines(), self.text.splitlines(), "installed", "new", lineterm="", n=1
         )
-        return {
-            "does": "create" if present is None else "change",
-            "path": str(self.path),
-            "diff": [] if present is None else list(lines),
-        }
+        return [] if present is None else list(lines)
 
     def do(self) -> None:
         """Write it whole or not at all; raises PermissionDenied, CheckFailed."""
@@ -65,9 +66,12 @@ class Remove:
         """Is it there?"""
         return self.path.is_symlink() or self.path.exists()
 
-    def describe(self) -> dict[str, Any]:
-        """``{does, path}``."""
-        return {"does": "remove", "path": str(self.path)}
+    @property
+    def sentence(self) -> str:
+        """What it would do."""
+        return f"remove {self.path}"
+
+    diff = ()
 
     def do(self) -> None:
         """Remove it; raises PermissionDenied, CheckFailed."""
@@ -91,9 +95,12 @@ class Run:
         """Even if nothing else is?"""
         return self.always
 
-    def describe(self) -> dict[str, Any]:
-        """``{does, command}``."""
-        return {"does": "run", "command": list(self.command)}
+    @property
+    def sentence(self) -> str:
+        """What it would do."""
+        return f"run {' '.join(self.command)}"
+
+    diff = ()
 
     def do(self) -> None:
         """Run it; raises CheckFailed with what it said."""

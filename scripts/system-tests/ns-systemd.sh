@@ -3,13 +3,13 @@
 #
 # It sees a throw-away overlay of this machine's /, so that it may install, break and leave what it likes; it has no
 # network and its own processes, journal and cgroups. Ends with the command's exit status, 125 where there is none.
-# Environment: LIMIT  seconds until all of it is ended (600)
+# Environment: LIMIT  seconds until all of it is ended (600)   KEPT  a folder that stays, inside it is /kept
 set -u
 [ "$(id -u)" = 0 ] || { echo "ns-systemd.sh: takes root" >&2; exit 77; }
 [ -x /lib/systemd/systemd ] || { echo "ns-systemd.sh: there is no systemd here: apt-get install systemd" >&2; exit 69; }
 
 work=$(mktemp -d "${TMPDIR:-/tmp}/micromanip-ns.XXXXXX")
-mkdir "$work/exchange" "$work/layers"
+mkdir "$work/exchange" "$work/layers" "$work/none"
 printf '%s\n' "$1" >"$work/exchange/command"
 touch "$work/exchange/console"
 
@@ -29,7 +29,7 @@ mkdir "$group" && echo $$ >"$group/cgroup.procs" || exit 125
 # What follows runs inside the namespaces: build the new /, go there, become systemd.
 read -r -d '' inside <<'INSIDE'
 set -e
-work=$1
+work=$1 kept=$2
 mount -t tmpfs layers "$work/layers"
 new=$work/layers/root
 mkdir "$work/layers/upper" "$work/layers/scratch" "$new"
@@ -50,6 +50,8 @@ done
 mount -t devpts -o newinstance,ptmxmode=666 devpts "$new/dev/pts"
 ln -s pts/ptmx "$new/dev/ptmx"
 mount -t tmpfs shm "$new/dev/shm"
+mkdir "$new/kept"
+mount --bind "$kept" "$new/kept"
 touch "$new/dev/console"
 mount --bind "$work/exchange/console" "$new/dev/console"
 mount --bind "$work/exchange" "$new/exchange"
@@ -76,7 +78,7 @@ exec env -i container=other "PATH=$PATH" /lib/systemd/systemd --system --unit=te
 INSIDE
 
 timeout -k 5 "${LIMIT:-600}" unshare --fork --pid --mount --uts --ipc --net --cgroup --kill-child --propagation private \
-    /bin/bash -c "$inside" - "$work" >/dev/null 2>"$work/errors" &
+    /bin/bash -c "$inside" - "$work" "${KEPT:-$work/none}" >/dev/null 2>"$work/errors" &
 wait $!
 status=$?
 if [ -e "$work/exchange/output" ]; then

@@ -2,11 +2,13 @@
 
 import json
 import os
+import shutil
 import signal
 import stat
 from pathlib import Path
 
 import numpy as np
+import pytest
 from host.cell import rows_of, until
 
 from micromanip.rt import words as w
@@ -54,6 +56,7 @@ def test_status_follows_the_state(service):
     service.start().track()
     until(lambda: service.show("StatusText").startswith("TRACKING"), "status TRACKING", 5.0)
     assert service.show("ActiveState") == "active"
+    assert "TRACKING" not in service.journal()  # which is for what happens, not for what is
 
 
 def test_stop_ramps_down_first(service):
@@ -95,6 +98,9 @@ def test_stuck_loop_is_ended_by_the_host(service):
     os.kill(service.loop, signal.SIGSTOP)
     service.restarted()
     assert "X-105 the loop has stood still for " in service.journal()
+    entry = json.loads(ok("journalctl", "--output=json", "--lines=1", "MICROMANIP_CODE=X-105"))
+    assert entry["PRIORITY"] == "3"
+    assert entry["_SYSTEMD_UNIT"] == UNIT
     assert "driver cell: outputs at their safe value" in service.journal()
     assert "Watchdog timeout" not in service.journal()
     assert service.state == "READY"
@@ -175,6 +181,13 @@ def test_not_everybody_installs(service):
     assert unit.exists()
     assert refused.returncode == 77
     assert "takes root" in refused.stderr
+
+
+@pytest.mark.skipif(shutil.which("udevadm") is None, reason="udev is not installed")
+def test_udev_takes_the_rules(service):
+    read = done("udevadm", "test", "/sys/devices/virtual/net/lo")
+    assert "/etc/udev/rules.d/90-micromanip.rules" in read.stderr
+    assert "90-micromanip.rules:" not in read.stderr  # which is how it begins a complaint, with the line's number
 
 
 def test_uninstall_keeps_what_is_yours_and_purge_does_not(service):

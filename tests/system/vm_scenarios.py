@@ -10,8 +10,12 @@ import pytest
 from .machine import PROGRAM, UNIT, Service, ok
 from .vm_cell import TEXT
 
-# Opens a CAN socket, as a driver would, in the very sandbox of the unit.
-OPEN_CAN = "import socket; socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).bind(('vcan0',))"
+# Opens what drivers open, in the very sandbox of the unit.
+OPEN_DEVICES = (
+    "import os, socket; "
+    "socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).bind(('vcan0',)); "
+    "os.open('/dev/ttyS0', os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)"
+)
 
 
 @pytest.fixture(scope="module")
@@ -24,9 +28,12 @@ def service(tmp_path_factory):
     ok(PROGRAM, "install-service", str(file), "--yes")
     shutil.copytree("/kept/micromanip", "/var/cache/micromanip")
     ok("chown", "-R", "micromanip:micromanip", "/var/cache/micromanip")
+    for device, group in (("ttyS0", "dialout"), ("cpu_dma_latency", "micromanip")):  # as udev does; none runs here
+        ok("chgrp", group, f"/dev/{device}")
+        ok("chmod", "660", f"/dev/{device}")
     service.drop_in(
         "Environment=NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES=",
-        f'ExecStartPre=/opt/micromanip/bin/python -c "{OPEN_CAN}"',
+        f'ExecStartPre=/opt/micromanip/bin/python -c "{OPEN_DEVICES}"',
         "WatchdogSec=60",  # an emulated processor is in no hurry
     )
     yield service.start()
@@ -49,6 +56,7 @@ def test_loop_has_fifo_locked_memory_and_its_cpu_without_being_root(service):
     assert os.sched_getaffinity(service.loop) == {1}
     assert 1 not in os.sched_getaffinity(service.host)
     assert int(status["VmLck"].split()[0]) > 100_000  # kB: interpreter, compiled code and shared memory
+    assert "/dev/cpu_dma_latency" in [str(link.readlink()) for link in (loop / "fd").iterdir()]
     assert "WARNING" not in service.journal()
     limits = (loop / "limits").read_text()
     assert re.search(r"Max realtime priority +99 +99 ", limits)

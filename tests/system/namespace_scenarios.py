@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import stat
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -181,6 +183,28 @@ def test_not_everybody_installs(service):
     assert unit.exists()
     assert refused.returncode == 77
     assert "takes root" in refused.stderr
+
+
+def test_page_of_the_service_can_be_followed_as_written(service, tmp_path):
+    """Every command of docs/service.md in its order; but for those that fetch something, which was done before."""
+    page = (Path(__file__).parents[2] / "docs" / "service.md").read_text()
+    blocks = re.findall(r"^```sh\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    lines = [line for block in blocks if "pip install" not in block for line in block.splitlines()]
+    assert len(lines) > 20
+    (tmp_path / "cell.yaml").write_text(CONFIG.read_text())
+    (tmp_path / "sudo").write_text('#!/bin/sh\nexec "$@"\n')  # the test is root already
+    (tmp_path / "sudo").chmod(0o755)
+    ok(PROGRAM, "install-service", "--uninstall", "--purge", "--yes")
+    environment = os.environ | {"PATH": f"{tmp_path}:/usr/local/bin:{os.environ['PATH']}", "USER": "passer-by"}
+    for line in lines:
+        if "/opt/micromanip" in line and line.startswith("sudo rm"):
+            continue  # the program is needed for what follows here
+        outcome = subprocess.run(
+            ["bash", "-ec", line], capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
+        )
+        assert outcome.returncode == 0, f"{line}\n{outcome.stdout}{outcome.stderr}\n{service.journal()}"
+    (tmp_path / "cell.yaml").replace(tmp_path / "mine.yaml")
+    ok(PROGRAM, "install-service", str(tmp_path / "mine.yaml"), "--yes")
 
 
 @pytest.mark.skipif(shutil.which("udevadm") is None, reason="udev is not installed")

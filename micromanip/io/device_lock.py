@@ -91,6 +91,7 @@ class DeviceLocks:
                 raise DeviceUnavailable(
                     f"device {device} is in use by another controller ({who}, or the loop that it left); stop it first"
                 ) from problem
-            os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+            with contextlib.suppress(OSError):  # a full disk: the number is for the message only
+                os.ftruncate(descriptor, 0)
+                os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
             return

@@ -7,7 +7,7 @@ repository=$(cd "$here/../.." && pwd)
 export VENV=${VENV:-$repository/.venv}
 stage="export PATH=/usr/sbin:/usr/bin:/sbin:/bin VENV='$VENV' OPENBLAS_NUM_THREADS=1
 '$here/stage-program.sh' '$repository' || exit"
-pytest="cd '$repository' && PYTHONPATH=tests /opt/micromanip/bin/python -m pytest -n0 --durations=0"
+pytest="cd '$repository' && PYTHONPATH=tests /opt/micromanip/bin/python -m pytest -n0 --timeout=1200 --durations=10"
 
 case $tier in
 namespace)

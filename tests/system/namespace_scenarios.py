@@ -108,6 +108,15 @@ def test_stuck_loop_is_ended_by_the_host(service):
     assert service.state == "READY"
 
 
+def test_both_killed_are_followed_by_safe_outputs(service):
+    service.start().track()
+    os.kill(service.loop, signal.SIGKILL)
+    os.kill(service.host, signal.SIGKILL)
+    service.restarted()
+    assert "outputs at their safe value: cell" in service.journal()
+    assert service.state == "READY"
+
+
 def test_wrong_configuration_is_not_tried_again(service):
     text = CONFIG.read_text()
     CONFIG.write_text(text.replace("rate_hz: 10000", "rate_hz: fast"))

@@ -34,7 +34,7 @@ def service(tmp_path_factory):
     service.drop_in(
         "Environment=NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES=",
         f'ExecStartPre=/opt/micromanip/bin/python -c "{OPEN_DEVICES}"',
-        "WatchdogSec=60",  # an emulated processor is in no hurry
+        *("WatchdogSec=60", "TimeoutStartSec=20min"),  # an emulated processor is in no hurry
     )
     yield service.start()
     service.release()

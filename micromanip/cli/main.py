@@ -26,6 +26,7 @@ COMMANDS = {
     "arm": "start tracking, softly",
     "disarm": "stop tracking, softly",
     "reset": "clear a latched fault",
+    "explain": "a trip in plain words, from its black box",
     "bench": "speed of this machine, beside references",
     "safe-outputs": "bring all outputs to their safe value, with no controller running",
     "install-service": "run a configuration as a service of this machine",

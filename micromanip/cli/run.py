@@ -16,9 +16,16 @@ from .options import config_argument, json_option, print_json, socket_option
 @config_argument
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop cleanly after so many seconds.")
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), help="Record every cycle to this HDF5 file.")
+@click.option(
+    "--trips",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the black box of each trip.  [default: $STATE_DIRECTORY/trips, or the user's own]",
+)
 @socket_option
 @json_option
-def command(config: Path, duration_s: float | None, record: Path | None, socket_path: Path, as_json: bool) -> None:
+def command(
+    config: Path, duration_s: float | None, record: Path | None, trips: Path | None, socket_path: Path, as_json: bool
+) -> None:
     """Run the controller. It ends in READY and waits for `micromanip arm`, unless arm_on_start is set.
 
     Ctrl-C ramps the outputs to park and stops cleanly.
@@ -30,7 +37,7 @@ def command(config: Path, duration_s: float | None, record: Path | None, socket_
 
     prepared = prepare(config)
     with LiveLine() as live:
-        report = serve(prepared, Options(socket_path, duration_s, record), live.say, live.show)
+        report = serve(prepared, Options(socket_path, duration_s, record, trips), live.say, live.show)
     if as_json:
         print_json(report)
     else:

@@ -18,6 +18,7 @@ from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, STARTING, STATE_N
 from micromanip.settings.check import Prepared
 
 from .messages import fault_message
+from .refusals import axis_refusals, refusals
 from .segments import CONTROL, RING, SLOTS, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
@@ -133,13 +134,19 @@ class Controller:
                 raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(command, before))}")
 
     def _reasons(self, command: int, state: str) -> list[str]:
-        """Why `command` may have been refused in `state`."""
-        reasons = [f"the state is {state}"]
-        for i, name in enumerate(self.prepared.configuration.axes):
-            if command == ARM and self.status["state"][0]["axis"][i]["strain"]["bad"] > 0:
-                reasons.append(f"strain_{name} is not valid")
+        """Why `command` was refused in `state`."""
+        if command != ARM:
+            return [f"the state is {state}", *self._latched()]
+        cell = self.status["state"][0]
+        axes = self.prepared.configuration.axes
+        reasons = refusals(int(cell["refused"]), state)
+        for i, name in enumerate(axes):
+            reasons += axis_refusals(int(cell["axis"][i]["refused"]), name)
+        return reasons + self._latched()
+
+    def _latched(self) -> list[str]:
         fault = self.fault()
-        return reasons + ([fault] if fault else [])
+        return [fault] if fault else []
 
     async def apply(self, parameters: Any) -> None:
         """Swap to the parameters (1,) at a cycle boundary; CheckFailed where the loop does not take them."""
@@ -176,7 +183,7 @@ class Controller:
             return None
         names = list(self.prepared.configuration.axes)
         axis = names[state["fault_axis"]] if state["fault_axis"] >= 0 else None
-        return fault_message(int(state["fault"]), axis, float(state["fault_value"]))
+        return fault_message(int(state["fault"]), axis, float(state["fault_value"]), float(state["fault_limit"]))
 
     def make_safe(self) -> list[str]:
         """Bring the outputs to their safe value with the loop dead; one line a driver."""

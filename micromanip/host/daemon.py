@@ -20,8 +20,11 @@ from micromanip.settings.check import Prepared
 from micromanip.settings.commissioned import changes_since
 from micromanip.settings.source import Source
 
+from .blackbox.shelf import KEPT, default_folder
+from .blackbox.supervisor import LOOP_DEATH, BlackBox
 from .control_socket import ControlSocket
 from .controller import Controller
+from .messages import LOOP_DIED, LOOP_STUCK
 from .notify import ServiceManager
 from .realtime import leave_cpu, missing_rights
 from .recording import RecorderProcess
@@ -42,6 +45,8 @@ class Options:
     socket: Path
     duration_s: float | None = None
     record: Path | None = None
+    trips: Path | None = None
+    kept_trips: int = KEPT
 
 
 class Daemon:
@@ -60,6 +65,7 @@ class Daemon:
         self._say, self._show = say, show
         self._controller = Controller(prepared, options.socket, locks)
         self._signals = SignalStatistics(self._controller)
+        self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         self._stop = asyncio.Event()
         self._service = ServiceManager()
         self._beats = self._looks = 0
@@ -75,7 +81,7 @@ class Daemon:
             "status": self._status,
             "arm": self._commanded(states.ARM),
             "disarm": self._commanded(states.DISARM),
-            "reset": self._commanded(states.RESET),
+            "reset": self._reset,
         }
         control_socket = ControlSocket(self._options.socket, verbs)
         await control_socket.open()
@@ -98,6 +104,7 @@ class Daemon:
         stopped = asyncio.create_task(self._stop.wait())
         recorder = None
         try:
+            self._boxes.start()
             recorder = await self._start_recorder()
             self._service.ready()
             if self._prepared.configuration.arm_on_start:
@@ -105,12 +112,14 @@ class Daemon:
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
             if not ended.done():
                 await self._end(ended)
-            self._judge(ended.result())
+            await self._judge(ended.result())
+            await self._boxes.stop()
             self._signals.gather()
-            return report(self._controller, self._signals)
+            return self._report()
         finally:
             if not ended.done():  # an error: nobody leaves while the loop still drives the outputs
                 await self._end(ended)
+            await self._boxes.stop()
             for task in (*helpers, stopped):
                 task.cancel()
             if recorder is not None:
@@ -133,14 +142,16 @@ class Daemon:
             self._controller.kill()
             await ended
 
-    def _judge(self, code: int) -> None:
+    async def _judge(self, code: int) -> None:
         """Raise where the loop process did not end by itself, its outputs brought to the safe value."""
         if self._controller.words[w.FINISHED]:
             return
         how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}"
         for line in self._controller.make_safe():
             self._say(line)
-        raise CheckFailed(f"X-104 the loop process {how}. Look for the cause in the system log before you start again.")
+        message = f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=how)}. {LOOP_DIED.next_step}"
+        await self._boxes.stop(died=message)
+        raise CheckFailed(message + self._boxes.where(LOOP_DEATH))
 
     async def _beat(self) -> None:
         while True:
@@ -155,21 +166,20 @@ class Daemon:
 
     async def _look(self) -> None:
         """Feed the live line; tell a fault once; end a loop process that lives but does not turn any more."""
-        told, cycles, turned = None, -1, time.monotonic()
+        cycles, turned = -1, time.monotonic()
         while True:
             if self._controller.words[w.CYCLES_RUN] != cycles:
                 cycles, turned = int(self._controller.words[w.CYCLES_RUN]), time.monotonic()
             elif time.monotonic() - turned > _STUCK_S[self._prepared.configuration.loop.limits]:
-                self._say(f"X-105 the loop has stood still for {time.monotonic() - turned:.1f} s and is ended")
+                self._say(f"{LOOP_STUCK.code} {LOOP_STUCK.what.format(value=time.monotonic() - turned)}")
                 self._controller.kill()
                 return
             self._signals.gather()
-            self._show(report(self._controller, self._signals))
-            fault = self._controller.fault()
-            if fault != told and fault is not None:
+            self._show(self._report())
+            if fault := self._boxes.announce():
                 self._say(fault)
-            told = fault
-            self._service.status(self._controller.state + (f": {fault}" if fault else ""))
+            latched = self._controller.fault()
+            self._service.status(self._controller.state + (f": {latched}" if latched else ""))
             self._looks += 1
             await asyncio.sleep(_LOOK_S)
 
@@ -185,7 +195,14 @@ class Daemon:
         self._service.ready()
 
     async def _status(self, _request: dict[str, Any]) -> Report:
-        return report(self._controller, self._signals)
+        return self._report()
+
+    def _report(self) -> Report:
+        return report(self._controller, self._signals) | {"trips": self._boxes.report()}
+
+    async def _reset(self, _request: dict[str, Any]) -> None:
+        await self._boxes.settle()
+        await self._controller.command(states.RESET)
 
     def _commanded(self, command: int) -> Callable[[dict[str, Any]], Any]:
         async def verb(_request: dict[str, Any]) -> None:

@@ -1,51 +1,53 @@
-"""Faults in plain words: code, what was seen, likely cause, next step."""
+"""Faults in plain words: code, what was seen, likely causes, next step.
+
+The texts are in ``faults.toml``; ``docs/faults.md`` is generated from them.
+"""
 
 from __future__ import annotations
 
+import math
+import tomllib
 from dataclasses import dataclass
+from importlib.resources import files
 
 from micromanip.rt import states
 
 
 @dataclass(frozen=True)
 class FaultText:
-    """Message of one fault; `what` takes the value that was seen."""
+    """All that people are told of one fault."""
 
     code: str
     what: str
+    """What was seen, with places for `value` (measured) and `limit`, both in the fault's own unit."""
+    detection: str
+    """What is watched, and how long it must last."""
+    reaction: str
+    """What is done unless the configuration says otherwise."""
+    likely_causes: tuple[str, ...]
     next_step: str
 
 
-FAULTS = {
-    states.HOST_DEAD: FaultText(
-        "X-101",
-        "no sign of life from the host process for {value:.0f} ms",
-        "See the system log for why it died; start again.",
-    ),
-    states.OVERRUNS: FaultText(
-        "X-102",
-        "{value:.0f} deadlines missed in a row",
-        "Another process, an interrupt or power saving delays the loop's CPU: see the real-time set-up in the README.",
-    ),
-    states.DRIVER_ERROR: FaultText(
-        "X-103", "a driver failed in the loop with code {value:.0f}", "See the driver's manual."
-    ),
-    states.STRAIN_INVALID: FaultText(
-        "X-201", "no usable strain-gauge sample for {value:.0f} cycles", "Check the gauge, its cable and the bus."
-    ),
-    states.STAGE_INVALID: FaultText(
-        "X-202", "no usable capacitive sample for {value:.0f} cycles", "Check the sensor's gap, its cable and the bus."
-    ),
-    states.NOT_FINITE: FaultText(
-        "X-203",
-        "the control law gave no finite set-point (last good one {value:.2f} um)",
-        "Check the outer loop's model.",
-    ),
-}
+def _table() -> dict[str, FaultText]:
+    data = tomllib.loads((files("micromanip.host") / "faults.toml").read_text(encoding="utf-8"))
+    return {name: FaultText(**entry | {"likely_causes": tuple(entry["likely_causes"])}) for name, entry in data.items()}
 
 
-def fault_message(fault: int, axis: str | None, value: float) -> str:
-    """One line for people: where, code, what, next step."""
+_TABLE = _table()
+LOOP_DIED, LOOP_STUCK = _TABLE.pop("LOOP_DIED"), _TABLE.pop("LOOP_STUCK")
+"""What only the host can see."""
+FAULTS = {int(getattr(states, name)): text for name, text in _TABLE.items()}
+"""Faults and warnings that the loop raises, by their number in ``states``."""
+ALL = tuple(sorted((*FAULTS.values(), LOOP_DIED, LOOP_STUCK), key=lambda text: text.code))
+
+
+def fault_message(fault: int, axis: str | None, value: float, limit: float = math.nan) -> str:
+    """One line for people: code, where, what, likely causes, next step."""
     text = FAULTS[fault]
     where = f"axis {axis}: " if axis else ""
-    return f"{text.code} {where}{text.what.format(value=value)}. {text.next_step}"
+    return f"{text.code} {where}{text.what.format(value=value, limit=limit)}. {advice(text)}"
+
+
+def advice(text: FaultText) -> str:
+    """Likely causes and next step, in two sentences."""
+    return f"Likely: {'; or '.join(text.likely_causes)}. {text.next_step}"

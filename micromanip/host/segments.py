@@ -17,7 +17,8 @@ from micromanip.rt.histogram import BINS
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
 from micromanip.rt.words import WORDS
 
-RING_ROWS = 1 << 15
+RING_ROWS = 1 << 16
+"""At 20 kHz 3.3 s: the black box of a trip needs 2.5 s, and time to fetch them."""
 
 SLOTS = 64
 """Two would do for the loop; the recorder finds the sets of a burst of swaps here."""

@@ -17,17 +17,14 @@ from .feedforward import feedforward_voltage, start_feedforward
 from .jit import compiled
 from .limiter import limit
 from .lqg import outer_setpoint
+from .phases import BUMPING, CLOSED, FROZEN, LIFTING, PARKING, PROBING, SWEEPING
 from .pid import pid_output, start_pid, unwind
 from .records import REFERENCE_STATES, Record
-from .reference import SIGNAL, own_reference, signal_reference, signal_sample
-from .sensor import read_signal
+from .reference import JOG, SIGNAL, jog_reference, own_reference, signal_reference, signal_sample
+from .sensor import read_line, read_signal
 from .states import STAGE, VOLTAGE
 
 _ANY_UM = (-math.inf, math.inf)
-
-PARKED, LIFTING, CLOSED, PARKING = range(4)
-"""What an axis does: rests at the park voltage, is brought to its working point with the inner loop,
-follows the reference, goes back to the park voltage."""
 
 
 @compiled
@@ -36,10 +33,11 @@ def axis_cycle(
 ) -> bool:
     """Advance the axis by one cycle; False where its law gave no finite set-point (the old one stays).
 
-    `fraction` runs 0..1 through a lift, an authority ramp or a parking ramp; `t_s` and `samples` are the own source's.
+    `fraction` runs 0..1 through a lift or a parking ramp, or is the correction's authority; `t_s` and `samples` are
+    the own source's. ``offset`` (um, or V while probing) comes on top in a check or a sweep.
     """
     finite = True
-    if phase in (LIFTING, CLOSED):
+    if phase in (LIFTING, BUMPING, SWEEPING, CLOSED):
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
         finite = move_setpoint(p, s, demand(p, s, phase, fraction))
@@ -48,8 +46,14 @@ def axis_cycle(
         unwind(p["pid"], s["pid"], s["request_V"] - s["voltage_V"])
         remember(s["estimator"], s["setpoint_um"] - p["centre_um"])
     else:
-        s["request_V"] = s["start_V"] + fraction * (p["limiter"]["park_V"] - s["start_V"])
-        s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], phase == PARKING)
+        if phase == FROZEN:
+            s["request_V"] = s["voltage_V"]
+        elif phase == PROBING:
+            s["request_V"] = s["start_V"] + s["offset"]
+        else:
+            s["request_V"] = s["start_V"] + fraction * (p["limiter"]["park_V"] - s["start_V"])
+        permitted = phase in (PARKING, PROBING, FROZEN)
+        s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], permitted)
     return finite
 
 
@@ -57,14 +61,19 @@ def axis_cycle(
 def sample(p: Record, s: Record, signals: Record, now_ns: int) -> None:
     """Take the axis' signals from the process image."""
     s["strain_cycles"] += 1
+    s["reference"]["silent"] += 1
     if p["strain"] >= 0:
-        read_signal(signals[p["strain"]], s["strain"], now_ns, p["strain_age_ns"], p["strain_range_um"])
+        age_ns, rate = p["strain_age_ns"], p["strain_rate_um_per_ns"]
+        read_signal(signals[p["strain"]], s["strain"], now_ns, age_ns, p["strain_range_um"], rate)
     if p["stage"] >= 0:
-        read_signal(signals[p["stage"]], s["stage"], now_ns, p["stage_age_ns"], p["stage_range_um"])
-    if p["deviation"] >= 0 and read_signal(
-        signals[p["deviation"]], s["deviation"], now_ns, p["reference_age_ns"], _ANY_UM
-    ):
-        signal_sample(p["reference"], s["reference"], s["deviation"]["value"], s["deviation"]["time_ns"])
+        age_ns, rate = p["stage_age_ns"], p["stage_rate_um_per_ns"]
+        read_signal(signals[p["stage"]], s["stage"], now_ns, age_ns, p["stage_range_um"], rate)
+    if p["deviation"] >= 0:
+        deviation = s["deviation"]
+        if read_signal(signals[p["deviation"]], deviation, now_ns, p["reference_age_ns"], _ANY_UM, math.inf):
+            signal_sample(p["reference"], s["reference"], deviation["value"], deviation["time_ns"])
+    read_line(p["amplifier_ok"], s["amplifier_ok"], signals, now_ns)
+    read_line(p["temperature_ok"], s["temperature_ok"], signals, now_ns)
 
 
 @compiled
@@ -77,32 +86,48 @@ def estimate(p: Record, s: Record, cycle: int) -> None:
             start_estimator(p["outer"], s["estimator"], cycle, s["setpoint_um"] - p["centre_um"], s["stage"]["value"])
         return
     predict_to(p["outer"], s["estimator"], cycle)
-    if s["stage"]["fresh"]:
+    if s["stage"]["fresh"] and s["watch"]["degraded"] == 0:
         age = int(s["stage"]["age_ns"] * p["stage_cycles_per_ns"] + 0.5)
         update(p["outer"], s["estimator"], cycle - age, s["stage"]["value"])
 
 
 @compiled
 def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
-    """What the set-point should be, before its limits: um, or V in the open-loop mode."""
+    """What the set-point should be, before its limits: um, or V in the open-loop mode.
+
+    With the outer loop closed, `fraction` of the way from where the axis was held to its reference.
+    """
     w = s["reference"]["w"]
     stage = p["mode"] == STAGE
-    if phase == LIFTING:
-        target = p["centre_um"] if stage or p["reference"]["kind"] == SIGNAL else w[0]
-        return s["start_um"] + fraction * (target - s["start_um"])
-    if not stage:
-        return w[0] if p["reference"]["kind"] != SIGNAL else p["centre_um"] + fraction * w[0]
+    follows = p["reference"]["kind"] == SIGNAL
+    s["authority"] += max(-p["authority_step"], min(p["authority_step"], authority(p, s) - s["authority"]))
+    if phase != CLOSED:
+        target = p["centre_um"] if stage or follows else w[0]
+        return s["start_um"] + fraction * (target - s["start_um"]) + s["offset"]
     if s["closed"] == 0:
-        s["hold_um"] = output(p["outer"], s["estimator"]["x"])
-    w[0] = s["hold_um"] + fraction * (w[0] - s["hold_um"])
+        s["hold_um"] = output(p["outer"], s["estimator"]["x"]) if stage else s["setpoint_um"]
+    if not stage:
+        s["closed"] = 1
+        target = p["centre_um"] + s["authority"] * w[0] if follows else w[0]
+        rest = p["centre_um"] if follows else s["hold_um"]
+        held = rest + s["hold_scale"] * (s["hold_um"] - rest)
+        return held + fraction * (target - held)
+    held = s["hold_scale"] * s["hold_um"]
+    w[0] = held + fraction * (s["authority"] * w[0] - held)
     for i in range(1, REFERENCE_STATES):
-        w[i] *= fraction
+        w[i] *= fraction * s["authority"]
     u = p["centre_um"] + outer_setpoint(p["outer"], s["estimator"]["x"], w)
     if s["closed"] == 0:
         s["blend_um"] = s["setpoint_um"] - u
         s["closed"] = 1
     s["blend_um"] *= p["blend_decay"]
     return u + s["blend_um"]
+
+
+@compiled
+def authority(p: Record, s: Record) -> float:
+    """Share of the reference that the axis may follow: what is configured, less while its amplifier is hot."""
+    return p["authority"] * (p["watch"]["derate"] if s["watch"]["hot"] > 0 else 1.0)
 
 
 @compiled
@@ -127,13 +152,14 @@ def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
         return s["setpoint_um"]
     feedforward = feedforward_voltage(p["hysteresis"], s["hysteresis"], s["setpoint_um"])
     if p["feedback"] == 0:
-        if phase == LIFTING:
+        if phase != CLOSED:
             s["pid"]["output_V"] = (1.0 - fraction) * s["pid"]["integrator"]
         else:  # what a feedback that was switched off leaves behind
             s["pid"]["output_V"] *= p["blend_decay"]
         s["strain_cycles"] = 0
-    elif s["strain"]["fresh"]:
-        pid_output(p["pid"], s["pid"], s["setpoint_um"] - s["strain"]["value"], s["strain_cycles"])
+    elif s["strain"]["fresh"] and s["watch"]["coast"] == 0:
+        gains = p["fallback"] if s["watch"]["fallback"] else p["pid"]
+        pid_output(gains, s["pid"], s["setpoint_um"] - s["strain"]["value"], s["strain_cycles"])
         s["strain_cycles"] = 0
     return feedforward + s["pid"]["output_V"]
 
@@ -143,6 +169,8 @@ def track_reference(p: Record, s: Record, now_ns: int, t_s: float, samples: Any)
     """Reference state w of this very moment, from the axis' own source or its signal."""
     if p["reference"]["kind"] == SIGNAL:
         signal_reference(p["reference"], s["reference"], now_ns)
+    elif p["reference"]["kind"] == JOG:
+        jog_reference(p["reference"], s["reference"], t_s >= 0.0)
     else:
         own_reference(p["reference"], s["reference"]["w"], t_s, samples)
 
@@ -151,8 +179,13 @@ def track_reference(p: Record, s: Record, now_ns: int, t_s: float, samples: Any)
 def start_axis(p: Record, s: Record) -> None:
     """Take the output over where it is: every memory agrees with the present voltage and position."""
     s["closed"] = 0
+    s["frozen"] = 0
     s["estimator"]["running"] = 0
     s["strain_cycles"] = 1
+    s["hold_scale"] = 1.0
+    s["authority"] = authority(p, s)
+    s["reference"]["jog_um"] = p["reference"]["target_um"]
+    s["reference"]["jog_step_um"] = 0.0
     s["start_V"] = s["voltage_V"]
     s["start_um"] = s["voltage_V"] if p["mode"] == VOLTAGE else s["strain"]["value"]
     s["setpoint_um"] = s["start_um"]

@@ -1,12 +1,7 @@
-"""One cycle of the whole cell: sensors, state machine, axes, outputs.
+"""One cycle of the whole cell: sensors, what is watched, commands, states, axes, outputs.
 
-    OFF -> READY -> ARMED -> TRACKING        arm: lift to the working point, close, raise authority
-             ^        |         |
-             +--- RAMPING <-----+            disarm, stop, fault: smoothly to the park voltage
-                    |
-                    +--> OFF or FAULT        FAULT is latched until reset; nothing re-arms by itself
-
-The same function runs in the 10 kHz loop and, in virtual time, in the simulation.
+The states and their changes are in ``transitions.py``, the sequence of arming in ``arming.py``, what is watched in
+``watch.py`` and ``faults.py``. The same function runs in the 10 kHz loop and, in virtual time, in the simulation.
 """
 
 from __future__ import annotations
@@ -14,86 +9,84 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .axis import CLOSED, LIFTING, PARKED, PARKING, axis_cycle, sample, start_axis
+from .arming import answer, check_step, gather, refuse, start_check, sweep_offset
+from .axis import axis_cycle, sample, start_axis
+from .course import smooth
+from .faults import axis_fault, cell_fault, forget
 from .jit import compiled
+from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
 from .records import Record
+from .reference import SIGNAL
+from .sensor import is_missing, is_on, read_line
 from .states import (
     ARM,
     ARMED,
     DISARM,
+    ENABLE_LOST,
     FAULT,
+    HOLD,
+    HOLDING,
+    INTERLOCK_OPEN,
     NO_COMMAND,
     NO_FAULT,
     NOT_FINITE,
-    OFF,
     RAMPING,
     READY,
+    REFERENCE_LOST,
     RESET,
     STAGE,
-    STAGE_INVALID,
+    STAGE_CHECK,
     STOP,
-    STRAIN_INVALID,
+    STRAIN_CHECK,
     TRACKING,
     VOLTAGE,
 )
+from .transitions import (
+    begin_hold,
+    begin_ramp,
+    begin_soft_stop,
+    enter,
+    finish_phase,
+    pass_missed,
+    phase_of,
+    phase_of_axis,
+)
+from .watch import watch_axis
 
 
 @compiled
-def smooth(x: float) -> float:
-    """Minimum-jerk course from 0 to 1 for x in 0..1 (speed and acceleration vanish at both ends)."""
-    x = max(0.0, min(1.0, x))
-    return x * x * x * (10.0 + x * (6.0 * x - 15.0))
+def read_lines(p: Record, s: Record, signals: Any, now_ns: int) -> None:
+    """Digital inputs of the cell."""
+    read_line(p["enable"], s["enable"], signals, now_ns)
+    read_line(p["interlock"], s["interlock"], signals, now_ns)
+    read_line(p["retracted"], s["retracted"], signals, now_ns)
 
 
 @compiled
-def enter(s: Record, state: int) -> None:
-    """Change the cell's state, and note when."""
-    s["state"] = state
-    s["entered_cycle"] = s["cycle"]
-
-
-@compiled
-def begin_ramp(p: Record, s: Record, after: int) -> None:
-    """Start the smooth way to the park voltage of all axes; `after` is the state at its end.
-
-    A ramp under way is not started anew; a fault or a stop during it changes where it ends. A stop counts for
-    more than a fault, whichever came first: the fault stays latched, and the cell is OFF.
-    """
-    if s["state"] == RAMPING:
-        if after == OFF or s["after_ramp"] == READY:
-            s["after_ramp"] = after
-        return
+def watch_cell(p: Record, s: Record) -> None:
+    """Look for faults wherever something may be moving."""
+    state = s["state"]
+    moving = state in (ARMED, TRACKING, HOLDING, RAMPING)
+    closed = moving and not (state == RAMPING and s["soft"] == 0)
+    enabled = moving and not (state == ARMED and s["phase"] == PARKED)  # the amplifier may take its time to come on
+    cell_fault(p, s, ENABLE_LOST, moving and is_missing(p["enable"], s["enable"]), 0.0, 1.0)
+    cell_fault(p, s, INTERLOCK_OPEN, closed and is_missing(p["interlock"], s["interlock"]), 0.0, 1.0)
     for i in range(p["axes"]):
-        s["axis"][i]["start_V"] = s["axis"][i]["voltage_V"]
-    s["after_ramp"] = after
-    enter(s, RAMPING)
+        watch_axis(p, s, i, closed, enabled)
 
 
 @compiled
-def raise_fault(p: Record, s: Record, fault: int, axis: int, value: float) -> None:
-    """Latch `fault` (the first one stays) and ramp down; `axis` is -1 for the cell, `value` what was seen."""
-    if s["fault"] == NO_FAULT:
-        s["fault"] = fault
-        s["fault_axis"] = axis
-        s["fault_value"] = value
-        s["fault_cycle"] = s["cycle"]
-    if s["state"] == READY or s["state"] == OFF:
-        enter(s, FAULT)
-    elif s["state"] != FAULT:
-        begin_ramp(p, s, FAULT)
-
-
-@compiled
-def sensor_fault(p: Record, a: Record, bad_samples: int, closed: bool) -> int:
-    """Fault code of the axis' feedback sensors: unusable for `bad_samples` cycles in a row.
-
-    The capacitive sensor counts once the outer loop is closed: at rest the stage may be out of its range.
-    """
-    if p["mode"] != VOLTAGE and a["strain"]["bad"] >= bad_samples:
-        return STRAIN_INVALID
-    if closed and p["mode"] == STAGE and a["stage"]["bad"] >= bad_samples:
-        return STAGE_INVALID
-    return NO_FAULT
+def begin_arming(p: Record, s: Record) -> None:
+    """Take every output over where it is, or go on after a hold."""
+    s["resumed"] = 1 if s["state"] == HOLDING else 0
+    if s["resumed"] == 0:
+        for i in range(p["axes"]):
+            start_axis(p["axis"][i], s["axis"][i])
+            start_check(s["axis"][i]["strain_check"])
+            start_check(s["axis"][i]["stage_check"])
+    for i in range(p["axes"]):
+        s["axis"][i]["closed"] = 0
+    enter(s, ARMED)
 
 
 @compiled
@@ -101,74 +94,116 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
     """Carry out a command; False, and nothing changed, where the state or a sensor does not allow it."""
     state = s["state"]
     if command == ARM:
-        if state != READY:
+        if refuse(p, s):
             return False
-        for i in range(p["axes"]):
-            if sensor_fault(p["axis"][i], s["axis"][i], 1, False) != NO_FAULT:
-                return False
-        for i in range(p["axes"]):
-            start_axis(p["axis"][i], s["axis"][i])
-        enter(s, ARMED)
+        begin_arming(p, s)
+    elif command == HOLD:
+        if state == TRACKING or (state == ARMED and s["phase"] == CLOSED):
+            begin_hold(p, s)
+        elif state != HOLDING:
+            return False
     elif command == DISARM:
-        if state in (ARMED, TRACKING):
-            begin_ramp(p, s, READY)
+        if state == TRACKING:
+            begin_soft_stop(p, s)
+        elif state in (ARMED, HOLDING):
+            begin_ramp(p, s)
         elif state != READY:
             return False
     elif command == STOP:
-        if state in (READY, FAULT):
-            enter(s, OFF)
-        elif state != OFF:
-            begin_ramp(p, s, OFF)
+        s["stopping"] = 1
+        if state == TRACKING:
+            begin_soft_stop(p, s)
+        elif state in (ARMED, HOLDING):
+            begin_ramp(p, s)
     elif command == RESET:
-        if state != FAULT:
+        if state != FAULT or s["stopping"] != 0:
             return False
-        s["fault"] = NO_FAULT
+        forget(p, s)
         enter(s, READY)
     return True
 
 
 @compiled
-def phase_of(p: Record, s: Record) -> tuple[int, float]:
-    """What the axes do in this cycle, and how far they are with it (0..1)."""
-    passed = float(s["cycle"] - s["entered_cycle"])
-    if s["state"] == ARMED:
-        if passed < p["lift_cycles"] + p["settle_cycles"]:
-            return LIFTING, smooth(passed / p["lift_cycles"])
-        return CLOSED, smooth((passed - p["lift_cycles"] - p["settle_cycles"]) / p["authority_cycles"])
-    if s["state"] == TRACKING:
-        return CLOSED, 1.0
-    if s["state"] == RAMPING:
-        return PARKING, smooth(passed / p["ramp_cycles"])
-    return PARKED, 0.0
+def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
+    """Offsets of the axes in a check or a sweep, and the verdict of a check; the fraction that the axes get.
 
-
-@compiled
-def pass_missed(s: Record, missed: int) -> None:
-    """Let `missed` cycles go by; arming and a ramp have waited where they were, so that they never jump."""
-    s["cycle"] += missed
-    if s["state"] == ARMED or s["state"] == RAMPING:
-        s["entered_cycle"] += missed
-
-
-@compiled
-def is_parked(p: Record, s: Record) -> bool:
-    """Whether every output gets to its park voltage within this cycle, however slow its slew limit is."""
+    In a check the axes have their turn one after the other, `fraction` is the place in all of them together.
+    """
+    checking = phase in (PROBING, BUMPING)
+    place = fraction * p["axes"] if checking else 0.0
+    turn = int(place)
     for i in range(p["axes"]):
-        limiter = p["axis"][i]["limiter"]
-        if abs(s["axis"][i]["voltage_V"] - limiter["park_V"]) > limiter["slew_V"]:
-            return False
-    return True
+        axis, a = p["axis"][i], s["axis"][i]
+        if phase == LIFTING and (s["phase"] == PARKED or s["phase"] == PROBING):
+            start_axis(axis, a)
+        a["offset"] = 0.0
+        if phase == SWEEPING and axis["mode"] != VOLTAGE:
+            follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
+            target_um = axis["centre_um"] if follows else a["reference"]["w"][0]
+            a["offset"] = sweep_offset(p, axis, target_um, fraction)
+        if i != turn or not checking:
+            continue
+        if phase == PROBING and axis["mode"] != VOLTAGE:
+            a["offset"] = axis["strain_check"]["step"] * check_step(place - turn)
+            gather(a["strain_check"], place - turn, a["strain"]["value"])
+        elif phase == BUMPING and axis["mode"] == STAGE:
+            a["offset"] = axis["stage_check"]["step"] * check_step(place - turn)
+            gather(a["stage_check"], place - turn, a["stage"]["value"])
+    return 1.0 if checking or phase == SWEEPING else fraction
 
 
 @compiled
-def finish_phase(p: Record, s: Record) -> None:
-    """Go on to the next state where arming or a ramp has come to its end."""
-    passed = s["cycle"] - s["entered_cycle"]
-    if s["state"] == ARMED and passed >= p["lift_cycles"] + p["settle_cycles"] + p["authority_cycles"]:
-        s["tracking_cycle"] = s["cycle"]
-        enter(s, TRACKING)
-    elif s["state"] == RAMPING and passed >= p["ramp_cycles"] and is_parked(p, s):
-        enter(s, s["after_ramp"])
+def judge_checks(p: Record, s: Record, phase: int) -> None:
+    """Where a polarity and scale check has ended: every answer inside what is expected, or a fault."""
+    was = s["phase"]
+    if s["state"] != ARMED or s["checked"] != 0 or phase == was:
+        return
+    for i in range(p["axes"]):
+        axis, a = p["axis"][i], s["axis"][i]
+        code, limits, c = STRAIN_CHECK, axis["strain_check"], a["strain_check"]
+        if was == BUMPING:
+            code, limits, c = STAGE_CHECK, axis["stage_check"], a["stage_check"]
+        checked = axis["mode"] == STAGE or (was == PROBING and axis["mode"] != VOLTAGE)
+        if checked and (was in (PROBING, BUMPING)):
+            found = answer(c, limits["step"])
+            good = limits["low"] <= found <= limits["high"]
+            axis_fault(p, s, i, code, not good, found, limits["high"] if found > limits["high"] else limits["low"])
+    if was == BUMPING and s["state"] == ARMED:
+        s["checked"] = 1
+        s["entered_cycle"] += 2 * p["check_cycles"] * p["axes"]  # what lies behind is no part of the sequence any more
+
+
+@compiled
+def decay_hold(p: Record, s: Record) -> None:
+    """In a hold for want of a reference the axes go back to their working points."""
+    decays = s["state"] == HOLDING and s["fault"] == REFERENCE_LOST
+    passed = float(s["cycle"] - s["entered_cycle"])
+    for i in range(p["axes"]):
+        s["axis"][i]["hold_scale"] = 1.0 - smooth(passed / p["decay_cycles"]) if decays else 1.0
+
+
+@compiled
+def switch(p: Record, s: Record, outputs: Any) -> None:
+    """Digital outputs: amplifier on, feed-hold asked of the machine, heartbeat of the loop."""
+    if p["amplifier_enable"] >= 0:
+        outputs[p["amplifier_enable"]] = 1.0 if is_enabled(s) else 0.0
+    if p["feed_hold"] >= 0:
+        outputs[p["feed_hold"]] = 1.0 if asks_feed_hold(s) else 0.0
+    if p["heartbeat"] >= 0:
+        outputs[p["heartbeat"]] = float(s["cycle"] // p["heartbeat_cycles"] % 2)
+
+
+@compiled
+def is_enabled(s: Record) -> bool:
+    """Whether the amplifier is asked to be on."""
+    state = s["state"]
+    return state in (ARMED, TRACKING, HOLDING, RAMPING)
+
+
+@compiled
+def asks_feed_hold(s: Record) -> bool:
+    """Whether the machine is asked to stop feeding: the path is not corrected, or not for long."""
+    return s["state"] == HOLDING or s["fault"] != NO_FAULT
 
 
 @compiled
@@ -186,7 +221,8 @@ def path_error(p: Record, a: Record, signals: Any) -> tuple[float, float]:
     if p["path_error"] >= 0:
         return signals[p["path_error"]]["value"], signals[p["uncompensated"]]["value"]
     if p["mode"] == STAGE:
-        return a["reference"]["w"][0] - a["stage"]["value"], a["reference"]["w"][0]
+        reference_um = a["reference"]["w"][0] + a["reference"]["w"][3]
+        return reference_um - a["stage"]["value"], reference_um
     return math.nan, math.nan
 
 
@@ -197,23 +233,30 @@ def cell_cycle(
     """One cycle of all axes, `periods` after the one before; False where `command` was refused."""
     pass_missed(s, periods - 1)
     s["cycle"] += 1
-    closed = phase_of(p, s)[0] == CLOSED
     for i in range(p["axes"]):
         sample(p["axis"][i], s["axis"][i], signals, now_ns)
-        fault = sensor_fault(p["axis"][i], s["axis"][i], p["bad_samples"], closed)
-        if fault != NO_FAULT and (s["state"] == ARMED or s["state"] == TRACKING):
-            raise_fault(p, s, fault, i, float(p["bad_samples"]))
+    read_lines(p, s, signals, now_ns)
+    watch_cell(p, s)
     accepted = command == NO_COMMAND or apply_command(p, s, command)
-    finish_phase(p, s)
+    finish_phase(p, s, is_on(p["retracted"], s["retracted"]))
     phase, fraction = phase_of(p, s)
-    tracked = s["cycle"] - s["tracking_cycle"] if s["state"] == TRACKING else -1
+    if s["state"] == ARMED:
+        judge_checks(p, s, phase)
+        phase, fraction = phase_of(p, s)
+        fraction = arming_step(p, s, phase, fraction)
+    decay_hold(p, s)
+    s["phase"] = phase
+    follows = s["state"] == TRACKING or (s["state"] == RAMPING and s["soft"] != 0)
+    tracked = s["cycle"] - s["tracking_cycle"] if follows else -1
     t_s = tracked * p["period_ns"] * 1e-9
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
-        if not axis_cycle(axis, a, s["cycle"], now_ns, t_s, samples, phase, fraction):
-            raise_fault(p, s, NOT_FINITE, i, a["setpoint_um"])
+        own = phase_of_axis(s, a, phase)
+        finite = axis_cycle(axis, a, s["cycle"], now_ns, t_s, samples, own, fraction)
+        axis_fault(p, s, i, NOT_FINITE, not finite, a["setpoint_um"], math.nan)
         outputs[axis["voltage"]] = a["voltage_V"]
-        if tracked >= p["score_cycles"]:
+        if s["state"] == TRACKING and tracked >= p["score_cycles"]:
             error, uncompensated = path_error(axis, a, signals)
             score(a, error, uncompensated)
+    switch(p, s, outputs)
     return accepted

@@ -12,16 +12,18 @@ from typing import Any
 
 from numba import types
 
-from .cell import begin_ramp, cell_cycle, enter, pass_missed, raise_fault
+from .cell import cell_cycle
 from .clock import now_ns, wait_until
 from .exchange import exchange_all
+from .faults import cell_fault
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
-from .states import DRIVER_ERROR, FAULT, HOST_DEAD, NO_COMMAND, NO_FAULT, OFF, OVERRUNS, READY
+from .states import DRIVER_ERROR, HOST_DEAD, NO_COMMAND, OFF, OVERRUNS
 from .swap import swap_cell
 from .telemetry import write_row
+from .transitions import pass_missed
 from .words import (
     COMMAND,
     COMMAND_ACCEPTED,
@@ -30,6 +32,7 @@ from .words import (
     COMPUTE_MAX_NS,
     CYCLE,
     CYCLES_RUN,
+    EVENTS,
     FAULT_AXIS,
     FAULT_CODE,
     HEARTBEAT_NS,
@@ -39,6 +42,7 @@ from .words import (
     SNAPSHOT_DONE,
     SNAPSHOT_NUMBER,
     STATE,
+    TRIPS,
     VERSION,
     VERSION_ACTIVE,
 )
@@ -46,26 +50,25 @@ from .words import OVERRUNS as OVERRUNS_WORD
 
 
 @compiled
-def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> bool:
-    """Watch the host and the deadlines; False once the host is gone (the loop then ramps down and ends).
+def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> None:
+    """Watch the deadlines and the host; without a host the loop brings its outputs to park and ends.
 
     The cycles that were missed have passed before anything is decided: a ramp that begins now begins at its beginning.
+    Missed deadlines fill a bucket that leaks by the share that is allowed.
     """
     pass_missed(s, missed)
     s["overruns"] += missed
     s["overruns_in_a_row"] = s["overruns_in_a_row"] + missed if missed > 0 else 0
-    if s["overruns_in_a_row"] >= p["overruns_in_a_row"] and s["state"] != FAULT and s["fault"] == NO_FAULT:
-        raise_fault(p, s, OVERRUNS, -1, float(s["overruns_in_a_row"]))
-    if now - heartbeat_ns <= p["heartbeat_ns"]:
-        return True
-    if s["fault"] == NO_FAULT:
-        s["fault"], s["fault_axis"] = HOST_DEAD, -1
-        s["fault_value"] = (now - heartbeat_ns) * 1e-6
-    if s["state"] == READY or s["state"] == FAULT:
-        enter(s, OFF)
-    elif s["state"] != OFF:
-        begin_ramp(p, s, OFF)
-    return False
+    s["overrun_level"] = max(0.0, s["overrun_level"] + missed - p["overrun_share"] * (1 + missed))
+    many = s["overruns_in_a_row"] >= p["overruns_in_a_row"]
+    often = s["overrun_level"] > p["overrun_level"]
+    limit = float(p["overruns_in_a_row"]) if many else p["overrun_level"]
+    cell_fault(p, s, OVERRUNS, many or often, float(s["overruns_in_a_row"]) if many else s["overrun_level"], limit)
+    silent_ns = now - heartbeat_ns
+    dead = silent_ns > p["heartbeat_ns"]
+    cell_fault(p, s, HOST_DEAD, dead, silent_ns * 1e-6, p["heartbeat_ns"] * 1e-6)
+    if dead:
+        s["stopping"] = 1
 
 
 @compiled
@@ -74,6 +77,8 @@ def publish(words: Any, s: Any) -> None:
     store_release(words, STATE, s["state"])
     store_release(words, FAULT_AXIS, s["fault_axis"])
     store_release(words, FAULT_CODE, s["fault"])
+    store_release(words, TRIPS, s["trips"])
+    store_release(words, EVENTS, s["events"])
     store_release(words, OVERRUNS_WORD, s["overruns"])
     store_release(words, CYCLE, s["cycle"])
 
@@ -127,8 +132,7 @@ def run_loop(
         if number != status[COMMAND_DONE]:
             command = load_acquire(control, COMMAND)
         supervise(p, s, load_acquire(control, HEARTBEAT_NS), now, missed)
-        if code != 0:
-            raise_fault(p, s, DRIVER_ERROR, -1, float(code))
+        cell_fault(p, s, DRIVER_ERROR, code != 0, float(code), 0.0)
         accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline, 1)
 
         head = ring[RING_HEAD]

@@ -11,6 +11,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from .states import FAULTS
+
 Record: TypeAlias = Any
 """One numpy structured scalar; compiled code sees its fields by name."""
 
@@ -22,11 +24,13 @@ MAX_NEURONS = 32
 MAX_STATES = 16
 MAX_SINES = 8
 MAX_DRIVERS = 4
-MAX_SIGNALS = 32
+MAX_SIGNALS = 48
 MAX_OUTPUTS = 8
 INPUT_HISTORY = 256
 """Set-points the estimator remembers (a power of two): a sample may be that many cycles old."""
 REFERENCE_STATES = 5
+EVENTS = 32
+"""Events that the loop remembers."""
 
 
 def _record(*fields: tuple[Any, ...]) -> np.dtype[Any]:
@@ -120,6 +124,10 @@ REFERENCE_PARAMETERS = _record(
     ("horizon_s", "f8"),
     ("low_um", "f8"),
     ("high_um", "f8"),
+    ("jump_um", "f8"),
+    ("target_um", "f8"),
+    ("speed_um", "f8"),
+    ("smoothing", "f8"),
 )
 REFERENCE_STATE = _record(
     ("filtered", "f8", (REFERENCE_STATES,)),
@@ -128,9 +136,63 @@ REFERENCE_STATE = _record(
     ("sequence", "i8"),
     ("sampled_um", "f8"),
     ("rejected", "i8"),
+    ("silent", "i8"),
+    ("jog_um", "f8"),
+    ("jog_step_um", "f8"),
 )
 
 LIMITER_PARAMETERS = _record(("low_V", "f8"), ("high_V", "f8"), ("slew_V", "f8"), ("park_V", "f8"))
+
+LINE_PARAMETERS = _record(("signal", "i8"), ("age_ns", "i8"))
+"""A digital input: its place in the image (-1: not wired), and how old it may be."""
+
+WATCH_PARAMETERS = _record(
+    ("reaction", "i8", (FAULTS,)),
+    ("strain_samples", "i8"),
+    ("strain_identical", "i8"),
+    ("coast_cycles", "i8"),
+    ("stage_samples", "i8"),
+    ("stage_identical", "i8"),
+    ("degraded_cycles", "i8"),
+    ("innovation_variance", "f8"),
+    ("innovation_ratio", "f8"),
+    ("innovation_step", "f8"),
+    ("following_um", "f8"),
+    ("following_cycles", "i8"),
+    ("saturating_cycles", "i8"),
+    ("saturated_cycles", "i8"),
+    ("band_b", "f8"),
+    ("band_a1", "f8"),
+    ("band_a2", "f8"),
+    ("band_um", "f8"),
+    ("band_step", "f8"),
+    ("band_cycles", "i8"),
+    ("stale_cycles", "i8"),
+    ("lost_cycles", "i8"),
+    ("derate", "f8"),
+    ("hot_cycles", "i8"),
+)
+"""Limits of the fault detection of one axis; times in cycles."""
+WATCH_STATE = _record(
+    ("raised", "i8"),
+    ("coast", "i8"),
+    ("degraded", "i8"),
+    ("innovation", "f8"),
+    ("following", "i8"),
+    ("saturated", "i8"),
+    ("band_x1", "f8"),
+    ("band_x2", "f8"),
+    ("band_y1", "f8"),
+    ("band_y2", "f8"),
+    ("band_energy", "f8"),
+    ("band_cycles", "i8"),
+    ("fallback", "i8"),
+    ("hot", "i8"),
+)
+
+CHECK_PARAMETERS = _record(("step", "f8"), ("low", "f8"), ("high", "f8"))
+"""Polarity and scale check: height of the step, and between what the answer to it must lie."""
+CHECK_STATE = _record(("before", "f8"), ("after", "f8"), ("before_samples", "i8"), ("after_samples", "i8"))
 
 AXIS_PARAMETERS = _record(
     ("mode", "i8"),
@@ -147,41 +209,65 @@ AXIS_PARAMETERS = _record(
     ("reference_age_ns", "i8"),
     ("strain_range_um", "f8", (2,)),
     ("stage_range_um", "f8", (2,)),
+    ("strain_rate_um_per_ns", "f8"),
+    ("stage_rate_um_per_ns", "f8"),
+    ("amplifier_ok", LINE_PARAMETERS),
+    ("temperature_ok", LINE_PARAMETERS),
     ("stage_cycles_per_ns", "f8"),
     ("centre_um", "f8"),
     ("setpoint_low_um", "f8"),
     ("setpoint_high_um", "f8"),
     ("setpoint_slew_um", "f8"),
+    ("sweep_um", "f8"),
+    ("authority", "f8"),
+    ("authority_step", "f8"),
     ("blend_decay", "f8"),
     ("feedback", "i8"),
     ("hysteresis", HYSTERESIS_PARAMETERS),
     ("pid", PID_PARAMETERS),
+    ("fallback", PID_PARAMETERS),
     ("outer", OUTER_PARAMETERS),
     ("reference", REFERENCE_PARAMETERS),
     ("limiter", LIMITER_PARAMETERS),
+    ("watch", WATCH_PARAMETERS),
+    ("strain_check", CHECK_PARAMETERS),
+    ("stage_check", CHECK_PARAMETERS),
 )
 SENSOR_STATE = _record(
     ("value", "f8"),
     ("time_ns", "i8"),
     ("sequence", "i8"),
+    ("arrived_ns", "i8"),
+    ("reading", "f8"),
     ("age_ns", "i8"),
     ("fresh", "i8"),
     ("bad", "i8"),
+    ("identical", "i8"),
     ("lost", "i8"),
 )
 AXIS_STATE = _record(
     ("strain", SENSOR_STATE),
     ("stage", SENSOR_STATE),
     ("deviation", SENSOR_STATE),
+    ("amplifier_ok", SENSOR_STATE),
+    ("temperature_ok", SENSOR_STATE),
+    ("watch", WATCH_STATE),
+    ("strain_check", CHECK_STATE),
+    ("stage_check", CHECK_STATE),
     ("hysteresis", HYSTERESIS_STATE),
     ("pid", PID_STATE),
     ("estimator", ESTIMATOR_STATE),
     ("reference", REFERENCE_STATE),
     ("strain_cycles", "i8"),
     ("closed", "i8"),
+    ("frozen", "i8"),
+    ("refused", "i8"),
     ("start_um", "f8"),
     ("start_V", "f8"),
+    ("offset", "f8"),
     ("hold_um", "f8"),
+    ("hold_scale", "f8"),
+    ("authority", "f8"),
     ("blend_um", "f8"),
     ("setpoint_um", "f8"),
     ("request_V", "f8"),
@@ -196,28 +282,67 @@ CELL_PARAMETERS = _record(
     ("version", "i8"),
     ("axes", "i8"),
     ("period_ns", "i8"),
+    ("enable_cycles", "i8"),
+    ("check_cycles", "i8"),
     ("lift_cycles", "i8"),
+    ("sweep_cycles", "i8"),
+    ("sweep_turns", "f8"),
     ("settle_cycles", "i8"),
     ("authority_cycles", "i8"),
     ("ramp_cycles", "i8"),
     ("score_cycles", "i8"),
     ("heartbeat_ns", "i8"),
     ("overruns_in_a_row", "i8"),
-    ("bad_samples", "i8"),
+    ("overrun_share", "f8"),
+    ("overrun_level", "f8"),
+    ("hold_cycles", "i8"),
+    ("decay_cycles", "i8"),
+    ("reaction", "i8", (FAULTS,)),
+    ("enable", LINE_PARAMETERS),
+    ("interlock", LINE_PARAMETERS),
+    ("retracted", LINE_PARAMETERS),
+    ("amplifier_enable", "i8"),
+    ("feed_hold", "i8"),
+    ("heartbeat", "i8"),
+    ("heartbeat_cycles", "i8"),
     ("axis", AXIS_PARAMETERS, (MAX_AXES,)),
 )
+EVENT = _record(
+    ("cycle", "i8"),
+    ("code", "i8"),
+    ("axis", "i8"),
+    ("value", "f8"),
+    ("limit", "f8"),
+    ("reaction", "i8"),
+    ("state", "i8"),
+)
+"""A fault or a warning as it was raised: when, what, on which axis (-1: the cell), measured and limit."""
 CELL_STATE = _record(
     ("state", "i8"),
-    ("after_ramp", "i8"),
+    ("phase", "i8"),
+    ("stopping", "i8"),
+    ("soft", "i8"),
+    ("resumed", "i8"),
+    ("checked", "i8"),
     ("entered_cycle", "i8"),
     ("cycle", "i8"),
     ("tracking_cycle", "i8"),
     ("fault", "i8"),
     ("fault_axis", "i8"),
     ("fault_value", "f8"),
+    ("fault_limit", "f8"),
     ("fault_cycle", "i8"),
+    ("trips", "i8"),
+    ("raised", "i8"),
+    ("events", "i8"),
+    ("event", EVENT, (EVENTS,)),
+    ("refused", "i8"),
+    ("enable", SENSOR_STATE),
+    ("interlock", SENSOR_STATE),
+    ("retracted", SENSOR_STATE),
     ("overruns", "i8"),
     ("overruns_in_a_row", "i8"),
+    ("overrun_level", "f8"),
     ("version", "i8"),
     ("axis", AXIS_STATE, (MAX_AXES,)),
 )
@@ -237,6 +362,7 @@ AXIS_ROW = _record(
     ("true_stage_um", "f8"),
     ("path_error_um", "f8"),
     ("uncompensated_um", "f8"),
+    ("conditions", "i8"),
     ("strain_age_ns", "i4"),
     ("stage_age_ns", "i4"),
     ("deviation_age_ns", "i4"),
@@ -251,10 +377,13 @@ ROW = _record(
     ("state", "i4"),
     ("fault", "i4"),
     ("version", "i4"),
+    ("phase", "i4"),
+    ("lines", "i4"),
     ("axis", AXIS_ROW, (MAX_AXES,)),
 )
 """One cycle of telemetry; ``compute_ns`` is the time of the cycle before, ``fresh`` bit 0 strain,
-1 stage, 2 deviation; what an axis does not have is NaN."""
+1 stage, 2 deviation; what an axis does not have is NaN. ``conditions`` has a bit a code of ``states``
+that is raised; ``lines`` bit 0 enable, 1 interlock, 2 retracted, 3 amplifier enable, 4 feed-hold."""
 
 DRIVER = _record(
     ("exchange", "i8"),

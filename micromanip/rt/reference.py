@@ -1,9 +1,11 @@
 """The reference of one axis: position, velocity, acceleration and oscillation at this very moment.
 
-Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle. A signal
+Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle, and a position that is
+jogged by hand. A signal
 (laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o, o']`` (o
 an oscillation of known frequency) is corrected at each sample's own time and extrapolated to now in
-closed form; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken.
+closed form; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken, and none
+that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from typing import Any
 from .jit import compiled
 from .records import REFERENCE_STATES, Record
 
-HOLD, SINES, STEP, SIGNAL, SAMPLES = range(5)
+HOLD, SINES, STEP, SIGNAL, SAMPLES, JOG = range(6)
 
 
 @compiled
@@ -77,6 +79,10 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
     if s["time_ns"] != 0 and gap_s <= p["horizon_s"]:
         extrapolate(filtered, p["oscillator"], gap_s, s["w"])
         innovation = value_um - s["w"][0] - s["w"][3]
+    if abs(innovation) > p["jump_um"]:
+        s["rejected"] += 1
+        return
+    s["silent"] = 0
     if math.isfinite(innovation):
         for i in range(REFERENCE_STATES):
             filtered[i] = s["w"][i] + p["gain"][i] * innovation
@@ -98,3 +104,16 @@ def signal_reference(p: Record, s: Record, now_ns: int) -> None:
     for i in range(REFERENCE_STATES):
         s["w"][i] = 0.0
     s["w"][0] = s["sampled_um"]
+
+
+@compiled
+def jog_reference(p: Record, s: Record, moves: bool) -> None:
+    """Go on towards ``target_um``: at most ``speed_um`` a cycle, the speed itself smoothed."""
+    wanted = p["target_um"] - s["jog_um"] if moves else 0.0
+    # slow enough to come to rest at the target: the smoothing lets the speed of `smoothing` cycles run on
+    step = max(-p["speed_um"], min(p["speed_um"], 0.25 * p["smoothing"] * wanted))
+    s["jog_step_um"] += p["smoothing"] * (step - s["jog_step_um"])
+    s["jog_um"] += s["jog_step_um"]
+    for i in range(REFERENCE_STATES):
+        s["w"][i] = 0.0
+    s["w"][0] = s["jog_um"]

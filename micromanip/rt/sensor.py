@@ -8,14 +8,20 @@ from typing import Any
 from .jit import compiled
 from .records import Record
 
+_BELIEVED = 100
+"""Samples in a row after which a reading that jumped away is believed: then it is a sensor that was moved."""
+_ANY = (-math.inf, math.inf)
+
 
 @compiled
-def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_um: Any) -> bool:
+def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_um: Any, rate_um_per_ns: float) -> bool:
     """Update sensor state `s` from `signal`; True for a fresh, good sample.
 
     ``value`` keeps the last good sample. ``bad`` counts cycles in a row without a usable one: not finite,
-    outside `range_um` (low, high), flagged by the driver, never arrived, or older than `max_age_ns`. ``lost``
-    counts samples that came and went unseen; a driver that starts its sequence over has lost none.
+    outside `range_um` (low, high), further from the last good one than `rate_um_per_ns` allows in the time since
+    the last arrival, flagged by the driver, never arrived, or older than `max_age_ns`. ``identical`` counts samples
+    in a row that read exactly the same, ``lost`` those that came and went unseen; a driver that starts
+    its sequence over has lost none.
     """
     arrived = signal["sequence"] != s["sequence"]
     value = signal["value"]
@@ -24,7 +30,12 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
     if arrived:
         if s["sequence"] > 0:
             s["lost"] += max(0, signal["sequence"] - s["sequence"] - 1)
+            if good and math.isfinite(rate_um_per_ns) and s["bad"] < _BELIEVED:
+                good = abs(value - s["value"]) <= rate_um_per_ns * (now_ns - s["arrived_ns"])
+        s["identical"] = s["identical"] + 1 if value == s["reading"] else 0
         s["sequence"] = signal["sequence"]
+        s["reading"] = value
+        s["arrived_ns"] = now_ns
         if good:
             s["value"] = value
             s["time_ns"] = signal["time_ns"]
@@ -35,3 +46,22 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
     elif arrived:
         s["bad"] = 0
     return s["fresh"] == 1
+
+
+@compiled
+def read_line(line: Record, s: Record, signals: Any, now_ns: int) -> None:
+    """Update the state `s` of a digital input; one that is not wired is left alone."""
+    if line["signal"] >= 0:
+        read_signal(signals[line["signal"]], s, now_ns, line["age_ns"], _ANY, math.inf)
+
+
+@compiled
+def is_on(line: Record, s: Record) -> bool:
+    """Whether a digital input says 1, by a sample that may be trusted."""
+    return line["signal"] >= 0 and s["bad"] == 0 and s["value"] > 0.5
+
+
+@compiled
+def is_missing(line: Record, s: Record) -> bool:
+    """Whether a digital input that is wired does not say 1: a broken wire counts as 0."""
+    return line["signal"] >= 0 and not is_on(line, s)

@@ -1,14 +1,59 @@
-"""States, commands and fault codes that the loop, the host and the clients share: plain integers."""
+"""States, commands, reactions and fault codes that the loop, the host and the clients share: plain integers."""
 
 from __future__ import annotations
 
 OFF, STARTING, READY, ARMED, TRACKING, HOLDING, RAMPING, FAULT = range(8)
 STATE_NAMES = ("OFF", "STARTING", "READY", "ARMED", "TRACKING", "HOLDING", "RAMPING", "FAULT")
 
-NO_COMMAND, ARM, DISARM, STOP, RESET = range(5)
-COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset")
+NO_COMMAND, ARM, DISARM, STOP, RESET, HOLD = range(6)
+COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset", "hold")
 
-NO_FAULT, HOST_DEAD, OVERRUNS, DRIVER_ERROR, STRAIN_INVALID, STAGE_INVALID, NOT_FINITE = range(7)
+WARN, HOLDS, RAMPS, CUTS = range(4)
+REACTION_NAMES = ("warn", "hold", "ramp", "off")
+"""What a fault does: it is only told; the correction is frozen; smoothly to park; the amplifier is switched off."""
+
+(
+    NO_FAULT,
+    HOST_DEAD,
+    OVERRUNS,
+    DRIVER_ERROR,
+    STRAIN_INVALID,
+    STAGE_INVALID,
+    NOT_FINITE,
+    STRAIN_STUCK,
+    STAGE_STUCK,
+    DISAGREEMENT,
+    FOLLOWING_ERROR,
+    SATURATED,
+    OSCILLATION,
+    REFERENCE_LOST,
+    AMPLIFIER_FAULT,
+    OVER_TEMPERATURE,
+    ENABLE_LOST,
+    INTERLOCK_OPEN,
+    STRAIN_CHECK,
+    STAGE_CHECK,
+) = range(20)
+FAULTS = 20
+"""Faults: each has a reaction of its own, and the first that is more than a warning stays latched."""
+
+(
+    COASTING,
+    DEGRADED,
+    SATURATING,
+    FALLBACK,
+    REFERENCE_STALE,
+    DERATED,
+    ROLLED_BACK,
+) = range(FAULTS, FAULTS + 7)
+"""Warnings: told and written down as events, but never latched."""
+
+EVENT_CODES = FAULTS + 7
+
+NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING = 1, 2, 4, 8
+"""Why arming was refused, the cell's bits."""
+STRAIN_MISSING, REFERENCE_MISSING, AMPLIFIER_MISSING, TEMPERATURE_MISSING, NOT_RESUMABLE = 1, 2, 4, 8, 16
+"""Why arming was refused, an axis' bits."""
 
 VOLTAGE, STRAIN, STAGE = range(3)
 MODE_NAMES = ("voltage", "strain", "stage")

@@ -75,7 +75,7 @@ def swap_axis(old: Record, new: Record, s: Record) -> None:
         start_pid(new["pid"], s["pid"], error_um, s["pid"]["output_V"])
         s["strain_cycles"] = 0
     else:
-        retune(old["pid"], new["pid"], s["pid"])
+        retune(old["fallback"] if s["watch"]["fallback"] else old["pid"], new["pid"], s["pid"])
     if _inverse_differs(old["hysteresis"], new["hysteresis"]):
         before = s["hysteresis"]["output_V"]
         start_feedforward(new["hysteresis"], s["hysteresis"], s["setpoint_um"], s["voltage_V"])
@@ -85,6 +85,7 @@ def swap_axis(old: Record, new: Record, s: Record) -> None:
     _swap_estimate(old["outer"], new["outer"], s["estimator"])
     if new["mode"] != STAGE:
         s["estimator"]["running"] = 0
+    s["watch"]["fallback"] = s["watch"]["band_cycles"] = 0
     s["closed"] = 0
 
 

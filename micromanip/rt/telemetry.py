@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .cell import path_error
+from .cell import asks_feed_hold, is_enabled, path_error
 from .estimator import output
 from .jit import compiled
 from .records import Record
+from .sensor import is_on
 from .states import STAGE
 
 
@@ -25,7 +26,8 @@ def _age(sensor: Record, index: int) -> int:
 @compiled
 def _axis_row(p: Record, a: Record, signals: Any, row: Record) -> None:
     stage = p["mode"] == STAGE
-    row["reference_um"] = a["reference"]["w"][0]
+    row["reference_um"] = a["reference"]["w"][0] + a["reference"]["w"][3]
+    row["conditions"] = a["watch"]["raised"]
     row["deviation_um"] = a["deviation"]["value"] if p["deviation"] >= 0 else math.nan
     row["strain_um"] = a["strain"]["value"]
     row["stage_um"] = a["stage"]["value"] if p["stage"] >= 0 else math.nan
@@ -45,6 +47,15 @@ def _axis_row(p: Record, a: Record, signals: Any, row: Record) -> None:
 
 
 @compiled
+def _lines(p: Record, s: Record) -> int:
+    lines = 1 if is_on(p["enable"], s["enable"]) else 0
+    lines |= 2 if is_on(p["interlock"], s["interlock"]) else 0
+    lines |= 4 if is_on(p["retracted"], s["retracted"]) else 0
+    lines |= 8 if is_enabled(s) else 0
+    return lines | (16 if asks_feed_hold(s) else 0)
+
+
+@compiled
 def write_row(
     p: Record, s: Record, signals: Any, row: Record, now_ns: int, lateness_ns: int, compute_ns: int, periods: int
 ) -> None:
@@ -57,5 +68,7 @@ def write_row(
     row["state"] = s["state"]
     row["fault"] = s["fault"]
     row["version"] = s["version"]
+    row["phase"] = s["phase"]
+    row["lines"] = _lines(p, s)
     for i in range(p["axes"]):
         _axis_row(p["axis"][i], s["axis"][i], signals, row["axis"][i])

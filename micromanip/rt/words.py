@@ -25,10 +25,12 @@ parameter slot and its version; the running number of the last snapshot wanted."
     RIGHTS,
     FINISHED,
     CYCLES_RUN,
-) = range(14)
+    EVENTS,
+    TRIPS,
+) = range(16)
 """Written by the loop: its cycle, state and fault; number and outcome of the last command; the
 parameter version in force; the last snapshot made; counters and maxima; which real-time rights it
-could not get; 1 when it has ended by itself; cycles really run."""
+could not get; 1 when it has ended by itself; cycles really run; events written and faults latched so far."""
 
 NO_FIFO, NO_LOCK, NO_PIN = 1, 2, 4
 """Bits of RIGHTS."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -10,6 +10,7 @@ from micromanip.rt.records import MAX_STATES
 
 from .base import NotNegative, Positive, Real, Settings
 from .commissioned import Commissioned
+from .faults import AxisFaults
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
 
 Row = tuple[Real, ...]
@@ -96,6 +97,12 @@ class Axis(Settings):
     )
     inner: Inner
     outer: Outer | None = Field(default=None, description="Needed for mode stage.")
+    authority_percent: Annotated[float, Field(gt=0, le=100)] = Field(
+        default=100.0, description="Share of the reference signal that is followed."
+    )
+    faults: AxisFaults = Field(
+        default=AxisFaults(), description="This axis' own limits; what is left out stands in faults.axis."
+    )
     commissioned: Commissioned | None = Field(default=None, description="The report that this tuning belongs to.")
 
     @model_validator(mode="after")

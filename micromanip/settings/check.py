@@ -12,18 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .axis import Axis
 from .compile import compile_cell
 from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from .load import load_with_source
 from .model import Configuration
-from .outer import outer_gains
-from .reference import File, Hold, Reference, Sines, Step, Tracker
+from .outer import dc_gain, outer_gains
+from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from .source import Source
 from .waveform import load_samples
 from .wiring import Wiring, wire
 
-ROLES = ("strain", "stage", "deviation", "acceleration", "true_strain", "true_stage", "path_error", "uncompensated")
+ROLES = (
+    *("strain", "stage", "deviation", "acceleration", "true_strain", "true_stage", "path_error", "uncompensated"),
+    *("amplifier_ok", "temperature_ok"),
+)
+LINES = ("enable", "interlock", "retracted")
 Finding = tuple[tuple[str | int, ...], str]
 
 
@@ -57,18 +60,25 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
 
 
 def _names(configuration: Configuration) -> Iterator[Finding]:
-    known = [f"{role}_{axis}" for axis in configuration.axes for role in ROLES]
+    known = [*LINES, *(f"{role}_{axis}" for axis in configuration.axes for role in ROLES)]
     for name in configuration.signals:
         if name not in known:
             near = difflib.get_close_matches(name, known, 1)
             hint = f"; did you mean {near[0]}?" if near else ""
-            yield ("signals", name), f"no axis takes a signal of this name{hint} (names are <role>_<axis>)"
+            yield (
+                ("signals", name),
+                f"no axis takes a signal of this name{hint} (names are <role>_<axis>, {', '.join(LINES)})",
+            )
     for name in configuration.outputs:
         if name not in {f"voltage_{axis}" for axis in configuration.axes}:
             yield (
                 ("outputs", name),
                 f"no axis has this output; outputs are named voltage_<axis> ({', '.join(configuration.axes)})",
             )
+    if isinstance(configuration.reference, Jog):
+        for name in configuration.reference.target_um:
+            if name not in configuration.axes:
+                yield ("reference", "target_um", name), f"no such axis; axes are {', '.join(configuration.axes)}"
     follows = isinstance(configuration.reference, Tracker)
     for name, axis in configuration.axes.items():
         wanted = ["strain"] if axis.mode != "voltage" else []
@@ -90,6 +100,8 @@ def excursion(reference: Reference) -> tuple[float, float]:
     """Lowest and highest value the reference can take."""
     if isinstance(reference, Tracker):
         return reference.range_um
+    if isinstance(reference, Jog):
+        return reference.range_um
     if isinstance(reference, Step):
         ends = (reference.offset_um, reference.offset_um + reference.step_um)
         return min(ends), max(ends)
@@ -97,14 +109,6 @@ def excursion(reference: Reference) -> tuple[float, float]:
         reach = sum(abs(sine.amplitude_um) for sine in reference.sines)
         return reference.offset_um - reach, reference.offset_um + reach
     return (reference.offset_um, reference.offset_um) if isinstance(reference, Hold) else (0.0, 0.0)
-
-
-def _dc_gain(axis: Axis) -> float:
-    if axis.outer is None:
-        return 1.0
-    model = axis.outer.model
-    a = np.array(model.A)
-    return float(np.array(model.C) @ np.linalg.solve(np.eye(len(a)) - a, np.array(model.B)))
 
 
 def _reach(configuration: Configuration) -> Iterator[Finding]:
@@ -127,7 +131,7 @@ def _reach(configuration: Configuration) -> Iterator[Finding]:
                     )
         wanted = low, high
         if axis.mode == "stage":
-            wanted = axis.centre_um + low / _dc_gain(axis), axis.centre_um + high / _dc_gain(axis)
+            wanted = axis.centre_um + low / dc_gain(axis), axis.centre_um + high / dc_gain(axis)
         elif isinstance(configuration.reference, Tracker):
             wanted = axis.centre_um + low, axis.centre_um + high
         if axis.mode == "voltage":
@@ -159,6 +163,8 @@ def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
             ("arm_on_start",),
             f"only a simulation may arm by itself; driver {real[0]} moves a real stage: use `micromanip arm`",
         )
+    if real and configuration.start.check_s is None:
+        yield ("start", "check_s"), f"driver {real[0]} moves a real stage: the polarity check can't be left out"
     for name in real:
         if configuration.loop.limits == "simulation":
             yield ("loop", "limits"), f"driver {name} moves a real stage: limits must be hardware"

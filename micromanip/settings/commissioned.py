@@ -23,19 +23,21 @@ class Commissioned(Settings):
 
     hash: str = Field(
         pattern=f"^[0-9a-f]{{{_HASH_DIGITS}}}$",
-        description="Of the axis' tuning: all its keys with their values, without this section.",
+        description="Of the axis' tuning: its keys with their values, without limits, authority and this section.",
     )
     report: str = Field(min_length=1, description="File name of the report.")
     date: str = Field(min_length=1, description="Day of the commissioning.")
 
 
 def tuning_hash(axis: Axis) -> str:
-    """First 16 hexadecimal digits of the SHA-256 over all keys of `axis` but the section `commissioned`.
+    """First 16 hexadecimal digits of the SHA-256 over all keys of `axis` that a report is about.
+
+    The note of the commissioning itself, limits and authority are not.
 
     Canonical JSON, keys sorted, numbers rounded as where they are written to a file: a file that was written
     and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out.
     """
-    tuning = _canonical(axis.model_dump(mode="json", exclude={"commissioned"}))
+    tuning = _canonical(axis.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"}))
     text = json.dumps(tuning, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:_HASH_DIGITS]
 

@@ -10,23 +10,24 @@ import numpy as np
 from micromanip.rt import hysteresis as rt_hysteresis
 from micromanip.rt import reference as rt_reference
 from micromanip.rt import shaping as rt_shaping
-from micromanip.rt.records import CELL_PARAMETERS
+from micromanip.rt.records import CELL_PARAMETERS, HYSTERESIS_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 
 from .axis import Axis
 from .hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
-from .model import Configuration, Output, Signal
-from .outer import OuterGains, outer_gains, tracker_gain
-from .reference import File, Hold, Reference, Sines, Step, Tracker
+from .limits import NEVER, fill_axis_limits, fill_cell_limits
+from .model import Configuration, Output, Signal, Start
+from .outer import OuterGains, dc_gain, outer_gains, tracker_gain
+from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from .wiring import Wiring
 
-_NO_LIMIT = np.iinfo(np.int64).max // 4
 _BLEND_S = 0.05
+_JOG_SMOOTHING_S = 0.05
+_SWEEP_MARGIN = 1.3
+"""The amplitude has fallen a little when the sweep first reaches its peak."""
+_SWEEP_SHARE = 0.25
 _PLAUSIBLE_UM = (-1000.0, 1000.0)
 
-HEARTBEAT_LIMIT_S = {"hardware": 0.1, "simulation": 1.0}
-OVERRUN_LIMIT = {"hardware": 3, "simulation": None}
-_BAD_SAMPLES = 3
 _SCORE_AFTER_S = 1.0
 
 
@@ -41,26 +42,38 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         return max(1, round(seconds / period_s))
 
     p["version"], p["axes"], p["period_ns"] = version, len(configuration.axes), loop.period_ns
+    p["enable_cycles"] = cycles(start.enable_s) if configuration.switches.amplifier_enable is not None else 0
+    closes = any(axis.mode != "voltage" for axis in configuration.axes.values())
+    p["check_cycles"] = cycles(start.check_s) if start.check_s is not None and closes else 0
+    p["sweep_cycles"], p["sweep_turns"] = round(start.sweep_s / period_s) if closes else 0, start.sweep_turns
     p["lift_cycles"], p["settle_cycles"] = cycles(start.lift_s), cycles(start.settle_s)
     p["authority_cycles"], p["ramp_cycles"] = cycles(start.authority_s), cycles(start.ramp_s)
     p["score_cycles"] = cycles(_SCORE_AFTER_S)
-    p["heartbeat_ns"] = round(HEARTBEAT_LIMIT_S[loop.limits] * 1e9)
-    overruns = OVERRUN_LIMIT[loop.limits]
-    p["overruns_in_a_row"] = _NO_LIMIT if overruns is None else overruns
-    p["bad_samples"] = _BAD_SAMPLES
+    fill_cell_limits(p, configuration.faults, loop.rate_hz)
+    for name in ("enable", "interlock", "retracted"):
+        _fill_line(p[name], name, configuration, wiring)
+    for name in ("amplifier_enable", "feed_hold", "heartbeat"):
+        p[name] = wiring.switches.get(name, -1)
+    beat = configuration.switches.heartbeat
+    p["heartbeat_cycles"] = cycles(beat.period_ms * 0.5e-3) if beat is not None else 1
     for i, (name, axis) in enumerate(configuration.axes.items()):
         _fill_wiring(p["axis"][i], name, configuration, wiring)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
-        _fill_reference(p["axis"][i]["reference"], configuration.reference, i, loop.rate_hz)
+        _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
+        p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
+        _fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
+        fill_axis_limits(p["axis"][i], axis.faults, configuration.reference, loop.rate_hz)
         if axis.outer is not None:
             tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
-            _fill_outer(p["axis"][i]["outer"], outer_gains(axis.outer, tracker, period_s))
+            gains = outer_gains(axis.outer, tracker, period_s)
+            _fill_outer(p["axis"][i]["outer"], gains)
+            p["axis"][i]["watch"]["innovation_variance"] = gains.innovation_variance
     return record
 
 
 def _max_age_ns(signal: Signal | None) -> int:
     if signal is None or signal.max_age_us is None:
-        return int(_NO_LIMIT)
+        return NEVER
     return round(signal.max_age_us * 1e3)
 
 
@@ -75,6 +88,13 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
         signal = configuration.signals.get(f"{role}_{name}")
         a[f"{role}_range_um"] = (signal and signal.range_um) or _PLAUSIBLE_UM
     a["stage_cycles_per_ns"] = 1.0 / configuration.loop.period_ns
+    for role in ("amplifier_ok", "temperature_ok"):
+        _fill_line(a[role], f"{role}_{name}", configuration, wiring)
+
+
+def _fill_line(line: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:
+    line["signal"] = wiring.signal(name)
+    line["age_ns"] = _max_age_ns(configuration.signals.get(name))
 
 
 def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
@@ -96,7 +116,33 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
     pid["derivative"] = inner.K_V_per_um * inner.Td_ms * 1e-3
     pid["filter_s"] = inner.filter_ms * 1e-3
     pid["tracking"] = min(1.0, period_s / (inner.tracking_ms * 1e-3))
+    a["fallback"] = pid
+    for gain in ("gain", "integral", "derivative"):
+        a["fallback"][gain] = axis.faults.oscillation.fallback * pid[gain]
+    a["authority"] = axis.authority_percent / 100.0
     fill_hysteresis(a["hysteresis"], NoModel(model="none") if inner.mode == "pid" else axis.hysteresis, period_s)
+
+
+def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:
+    """What a small step must do, and how wide the sweep is."""
+    (low_um, high_um), (low_V, high_V) = axis.setpoint.range_um, output.range_V
+    expected = {"strain_check": (high_um - low_um) / (high_V - low_V), "stage_check": dc_gain(axis)}
+    for name, step in (("strain_check", start.check_V), ("stage_check", start.check_um)):
+        bounds = sorted((expected[name] / start.check_factor, expected[name] * start.check_factor))
+        a[name]["step"], a[name]["low"], a[name]["high"] = step, *bounds
+    # towards the middle of the range: where it is parked may be an end of it
+    a["strain_check"]["step"] *= 1.0 if output.park_V <= 0.5 * (low_V + high_V) else -1.0
+    a["sweep_um"] = sweep_um(axis) if start.sweep_um is None else start.sweep_um
+
+
+def sweep_um(axis: Axis) -> float:
+    """Amplitude of the decaying sweep that wipes the memory of the axis' hysteresis model."""
+    model = axis.hysteresis
+    if isinstance(model, PrandtlIshlinskii):
+        h = np.zeros(1, HYSTERESIS_PARAMETERS)[0]
+        fill_prandtl_ishlinskii(h, model, 1e-4)
+        return _SWEEP_MARGIN * float(h["r_hat"][: h["plays"]].max(initial=0.0))
+    return 0.0 if isinstance(model, NoModel) else _SWEEP_SHARE * (model.range_um[1] - model.range_um[0])
 
 
 def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
@@ -139,14 +185,16 @@ def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -
     rt_hysteresis.inverse_parameters(h)
 
 
-def _fill_reference(r: Any, reference: Reference, column: int, rate_hz: int) -> None:
+def _fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_hz: int) -> None:
     r["oscillator"] = 2 * math.pi
+    r["jump_um"] = math.inf
     if isinstance(reference, Tracker):
         r["kind"], r["predict"] = rt_reference.SIGNAL, reference.predict
         r["oscillator"] = 2 * math.pi * reference.oscillation_Hz
         r["gain"] = tracker_gain(reference)
         r["horizon_s"] = reference.horizon_ms * 1e-3
         r["low_um"], r["high_um"] = reference.range_um
+        r["jump_um"] = math.inf if reference.jump_um is None else reference.jump_um
         return
     if isinstance(reference, File):
         r["kind"], r["column"], r["samples_per_s"] = rt_reference.SAMPLES, column, rate_hz
@@ -154,6 +202,11 @@ def _fill_reference(r: Any, reference: Reference, column: int, rate_hz: int) -> 
     r["offset_um"], r["start_s"] = reference.offset_um, reference.start_s
     if isinstance(reference, Hold):
         r["kind"] = rt_reference.HOLD
+    elif isinstance(reference, Jog):
+        r["kind"] = rt_reference.JOG
+        r["target_um"] = reference.target_um.get(axis, reference.offset_um)
+        r["speed_um"] = reference.speed_um_per_s / rate_hz
+        r["smoothing"] = -math.expm1(-1.0 / (_JOG_SMOOTHING_S * rate_hz))
     elif isinstance(reference, Step):
         r["kind"], r["step_um"] = rt_reference.STEP, reference.step_um
     elif isinstance(reference, Sines):

@@ -10,6 +10,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from . import problems
+from .faults import with_limits
 from .model import Configuration
 from .place import Path as KeyPath
 from .source import Source
@@ -32,7 +33,7 @@ def load_with_source(file: Path) -> tuple[Configuration, Source]:
         found = "nothing" if source.data is None else "a list" if isinstance(source.data, list) else "a single value"
         keys = ", ".join(Configuration.model_fields)
         raise source.error((), f"expected the sections {keys}; the file holds {found}")
-    return validate_section(source, (), Configuration, source.data), source
+    return validate_section(source, (), Configuration, with_limits(source.data)), source
 
 
 def validate_section(source: Source, path: KeyPath, model: type[Model], data: object) -> Model:

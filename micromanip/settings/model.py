@@ -6,7 +6,7 @@ of their own: ``hysteresis.py``, ``axis.py``, ``reference.py``.
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -14,6 +14,7 @@ from micromanip.rt.records import MAX_AXES, MAX_DRIVERS, MAX_OUTPUTS, MAX_SIGNAL
 
 from .axis import Axis
 from .base import Count, Flag, NotNegative, Positive, Real, Settings
+from .faults import Faults
 from .reference import Reference
 
 SCHEMA_VERSION = 1
@@ -41,9 +42,27 @@ class Loop(Settings):
 
 
 class Start(Settings):
-    """Soft start and stop."""
+    """Soft start and stop, and what is checked on the way."""
 
+    enable_s: NotNegative = Field(default=0.1, description="Time the amplifier gets to come on, if it is switched.")
+    check_s: Positive | None = Field(
+        default=0.2,
+        description="Polarity and scale check of an axis, before the loops are closed for the first time after a "
+        "start: on each axis in turn, once for the gauge and once for the stage. null leaves it out; simulation only.",
+    )
+    check_V: Positive = Field(default=5.0, description="Voltage step of the check.")
+    check_um: Positive = Field(default=2.0, description="Set-point step of the check.")
+    check_factor: Annotated[float, Field(gt=1)] = Field(
+        default=3.0, description="The answer may be so many times larger or smaller than expected."
+    )
     lift_s: Positive = Field(default=0.5, description="Time from the park voltage to the working point.")
+    sweep_s: NotNegative = Field(
+        default=1.0, description="Time of the decaying sweep that wipes the hysteresis memory; 0 leaves it out."
+    )
+    sweep_turns: Positive = Field(default=5.0, description="Turns of the sweep.")
+    sweep_um: Positive | None = Field(
+        default=None, description="Its amplitude at the start; null: as the hysteresis model's memory needs."
+    )
     settle_s: NotNegative = Field(default=0.2, description="Rest at the working point, while the estimators settle.")
     authority_s: Positive = Field(default=0.5, description="Time in which the correction is faded in.")
     ramp_s: Positive = Field(default=0.5, description="Time from any voltage to the park voltage.")
@@ -115,6 +134,31 @@ class Output(Settings):
         return min(slew, 1e3 * self.current_mA / self.capacitance_uF)
 
 
+class Switch(Settings):
+    """A digital output of the loop."""
+
+    driver: str = Field(description="Which driver writes it.")
+    channel: str | None = Field(
+        default=None, description="The driver's name for it; the switch's own name if left out."
+    )
+
+
+class Heartbeat(Switch):
+    """A digital output that toggles while the loop turns: for a watchdog on the amplifier's side."""
+
+    period_ms: Positive = Field(default=20.0, description="Time of one full turn, on and off.")
+
+
+class Switches(Settings):
+    """Digital outputs; all may be left out."""
+
+    amplifier_enable: Switch | None = Field(default=None, description="1 while the amplifier should be on.")
+    feed_hold: Switch | None = Field(
+        default=None, description="1 while the machine should not feed: in a hold, and after a fault until reset."
+    )
+    heartbeat: Heartbeat | None = Field(default=None, description="Toggles while the loop turns.")
+
+
 class Configuration(Settings):
     """The whole file."""
 
@@ -127,9 +171,12 @@ class Configuration(Settings):
     signals: dict[str, Signal] = Field(
         max_length=MAX_SIGNALS,
         description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis>; true_strain_<axis>, "
-        "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them.",
+        "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them. Digital, 1 is good: "
+        "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut).",
     )
     outputs: dict[str, Output] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
+    switches: Switches = Switches()
+    faults: Faults = Faults()
     reference: Reference = Field(description="Where the set-points of the axes come from.")
     axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES, description="The axes of the manipulator.")
     arm_on_start: Flag = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")

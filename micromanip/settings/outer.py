@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_discrete_are
 
-from .axis import Outer
+from .axis import Axis, Outer
 from .reference import Tracker
 
 Matrix = NDArray[np.float64]
@@ -38,6 +38,8 @@ class OuterGains:
     steady_u: Matrix
     steady_y: Matrix
     closed_loop_poles: NDArray[np.complex128]
+    innovation_variance: float
+    """Variance (um^2) of the stationary filter's innovation."""
 
 
 def rotation(omega: float, period_s: float) -> Matrix:
@@ -78,8 +80,8 @@ def augment(outer: Outer, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]
     return A, B, C, controllable
 
 
-def observer_gain(outer: Outer, A: Matrix, C: Matrix, controllable: int) -> Matrix:
-    """Stationary Kalman gain (n,) for a sample every ``sample_cycles`` cycles."""
+def observer_gain(outer: Outer, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
+    """Stationary Kalman gain (n,) for a sample every ``sample_cycles`` cycles, and the innovation's variance (um^2)."""
     n = len(outer.model.A)
     noise = np.zeros((len(A), len(A)))
     b = np.array(outer.model.B, dtype=float)
@@ -95,7 +97,8 @@ def observer_gain(outer: Outer, A: Matrix, C: Matrix, controllable: int) -> Matr
     total += 1e-12 * np.eye(len(A))
     r = np.array([[outer.sensor_noise_um**2]])
     P = solve_discrete_are(step.T, C[:, None], total, r)
-    return np.asarray((P @ C) / (C @ P @ C + r[0, 0]), dtype=np.float64)
+    variance = float(C @ P @ C + r[0, 0])
+    return np.asarray((P @ C) / variance, dtype=np.float64), variance
 
 
 def regulate(
@@ -126,7 +129,7 @@ def outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> Out
     omega = 2 * np.pi * (reference.oscillation_Hz if reference else 1.0)
     S = reference_transition(omega, period_s)
     K, disturbance, following = regulate(A, B, C, controllable, outer.effort, S)
-    L = observer_gain(outer, A, C, controllable)
+    L, variance = observer_gain(outer, A, C, controllable)
     n = len(outer.model.A)
     b = np.array(outer.model.B, dtype=float)
     rest = np.linalg.solve(np.eye(n) - A[:n, :n], b)
@@ -139,7 +142,17 @@ def outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> Out
     poles = np.concatenate(
         [np.linalg.eigvals(Ac - np.outer(Bc, K)), np.linalg.eigvals((np.eye(len(A)) - np.outer(L, C)) @ sampled)]
     )
-    return OuterGains(A, B, C, L, np.concatenate([K, -disturbance]), following, steady_u, steady_y, poles)
+    feedback = np.concatenate([K, -disturbance])
+    return OuterGains(A, B, C, L, feedback, following, steady_u, steady_y, poles, variance)
+
+
+def dc_gain(axis: Axis) -> float:
+    """Steady stage position (um) per um of set-point; 1 without an outer loop."""
+    if axis.outer is None:
+        return 1.0
+    model = axis.outer.model
+    a = np.array(model.A)
+    return float(np.array(model.C) @ np.linalg.solve(np.eye(len(a)) - a, np.array(model.B)))
 
 
 def tracker_gain(reference: Tracker) -> Matrix:

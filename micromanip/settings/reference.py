@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from micromanip.rt.records import MAX_SINES
 
@@ -68,6 +68,26 @@ class Tracker(Settings):
     noise_um: Positive = Field(default=0.5, description="Noise of the signal, rms.")
     horizon_ms: Positive = Field(default=20.0, description="Without a sample for longer the last position is held.")
     range_um: tuple[Real, Real] = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")
+    jump_um: Positive | None = Field(
+        default=50.0, description="A sample that is further from where it is expected is rejected; null: none is."
+    )
 
 
-Reference = Annotated[Hold | Step | Sines | File | Tracker, Field(discriminator="source")]
+class Jog(_Own):
+    """A position that is moved by hand: `micromanip jog`."""
+
+    source: Literal["jog"]
+    range_um: tuple[Real, Real] = Field(description="How far it may be jogged.")
+    speed_um_per_s: Positive = Field(default=50.0, description="How fast it moves.")
+    target_um: dict[str, Real] = Field(default={}, description="Where each axis goes; offset_um if left out.")
+
+    @model_validator(mode="after")
+    def _is_inside(self) -> Self:
+        low, high = self.range_um
+        for name, value in {"offset_um": self.offset_um, **self.target_um}.items():
+            if not low <= value <= high:
+                raise ValueError(f"{name} {value:g} is outside range_um {low:g}..{high:g}")
+        return self
+
+
+Reference = Annotated[Hold | Step | Sines | File | Tracker | Jog, Field(discriminator="source")]

@@ -13,7 +13,7 @@ from micromanip.io.registry import driver_class
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 
 from .load import validate_section
-from .model import Configuration, Driver, Output, Signal
+from .model import Configuration, Driver, Output, Signal, Switch
 from .source import Source
 
 
@@ -27,6 +27,7 @@ class Wiring:
     first_output: dict[str, int]
     signals: dict[str, int]
     outputs: dict[str, int]
+    switches: dict[str, int]
 
     @property
     def devices(self) -> frozenset[str]:
@@ -39,7 +40,7 @@ class Wiring:
 
 
 def _channel(
-    source: Source, section: str, name: str, entry: Signal | Output, drivers: dict[str, CyclicDriver]
+    source: Source, section: str, name: str, entry: Signal | Output | Switch, drivers: dict[str, CyclicDriver]
 ) -> tuple[str, int]:
     if entry.driver not in drivers:
         raise source.error(
@@ -102,4 +103,14 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
         if index in output_index.values():
             raise source.error(("outputs", name), "another output writes the same channel already")
         output_index[name] = index
-    return Wiring(drivers, chosen, first_input, first_output, signal_index, output_index)
+    switch_index: dict[str, int] = {}
+    for name in type(configuration.switches).model_fields:
+        switch: Switch | None = getattr(configuration.switches, name)
+        if switch is None:
+            continue
+        driver_name, channel = _channel(source, "switches", name, switch, drivers)
+        index = first_output[driver_name] + channel
+        if index in (*output_index.values(), *switch_index.values()):
+            raise source.error(("switches", name), "another output writes the same channel already")
+        switch_index[name] = index
+    return Wiring(drivers, chosen, first_input, first_output, signal_index, output_index, switch_index)

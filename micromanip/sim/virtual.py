@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.rt.arming import arming_cycles
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
-from micromanip.rt.states import ARM, FAULT, NO_COMMAND, READY, TRACKING
+from micromanip.rt.states import ARM, NO_COMMAND, NO_FAULT, READY, TRACKING
 from micromanip.rt.virtual import run_virtual
 from micromanip.settings.wiring import Wiring
 
 Rows = NDArray[Any]
 Samples = NDArray[np.float64]
+
+_SENSORS_S = 0.01
+"""Until every sensor, the slowest included, has said something."""
 
 
 class VirtualCell:
@@ -70,15 +74,14 @@ class VirtualCell:
 
         Raises CheckFailed where a fault, or a sensor, prevents it.
         """
-        p = self.parameters[0]
-        arming = int(p["lift_cycles"] + p["settle_cycles"] + p["authority_cycles"])
-        period_s = int(p["period_ns"]) * 1e-9
-        before = self.run(0.01)
+        period_s = int(self.parameters[0]["period_ns"]) * 1e-9
+        before = self.run(_SENSORS_S)
+        arming = arming_cycles(self.parameters[0], self.state[0])
         rows = self.run(arming * period_s, command=ARM)
         if self.state[0]["state"] != TRACKING:
-            last = self.run(period_s)
-            rows = np.concatenate([rows, last])
+            rows = np.concatenate([rows, self.run(period_s)])
         if self.state[0]["state"] != TRACKING:
-            reason = f"fault {int(self.state[0]['fault'])}" if self.state[0]["state"] == FAULT else "arming was refused"
+            fault = int(self.state[0]["fault"])
+            reason = f"fault {fault}" if fault != NO_FAULT else "arming was refused"
             raise CheckFailed(f"the simulated cell did not come to TRACKING: {reason}")
         return np.concatenate([before, rows])

@@ -75,6 +75,9 @@ class Bench:
     def signal(self, channel, axis="x"):
         return self.inputs[self.driver.inputs.index(f"{channel}_{axis}")]
 
+    def line(self, name):
+        return float(self.inputs[self.driver.inputs.index(name)]["value"])
+
     def record(self, cycles, *channels, volts=None):
         """Values (cycles, channels) of axis x; `volts` is a function of the cycle."""
         where = [CHANNELS.index(channel) for channel in channels]

@@ -30,7 +30,7 @@ SHARED = (
     ("spin_us: 60 ", "spin_us: 10 "),
 )
 QUICK = (
-    ("lift_s: 0.5", "lift_s: 0.2"),
+    ("lift_s: 0.5", "check_s: 0.05\n  sweep_s: 0.2\n  lift_s: 0.2"),
     ("settle_s: 0.2", "settle_s: 0.1"),
     ("authority_s: 0.5", "authority_s: 0.2"),
 )
@@ -143,7 +143,8 @@ class Running:
                 stderr=err,
                 start_new_session=True,
                 cwd=self.folder,
-                env=os.environ | {TAG: self.tag, "TMPDIR": str(self.folder), "COLUMNS": "200"},
+                env=os.environ
+                | {TAG: self.tag, "TMPDIR": str(self.folder), "COLUMNS": "200", "XDG_STATE_HOME": str(self.folder)},
             )
 
     @property

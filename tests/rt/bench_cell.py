@@ -15,6 +15,7 @@ from micromanip.rt.records import CELL_STATE, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.reference import SINES
 from micromanip.rt.states import ARM, NO_COMMAND, READY, TRACKING, VOLTAGE
 from micromanip.settings.check import prepare
+from micromanip.settings.limits import NEVER
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 X, Y, Z = range(3)
@@ -35,9 +36,13 @@ def parameters(lift=40, settle=10, authority=40, ramp=60):
     p = record[0]
     p["lift_cycles"], p["settle_cycles"], p["authority_cycles"], p["ramp_cycles"] = lift, settle, authority, ramp
     p["score_cycles"] = 20
+    p["check_cycles"] = p["sweep_cycles"] = 0
+    p["hold_cycles"], p["decay_cycles"] = 50, 40
     for axis in p["axis"]:
         axis["path_error"] = axis["uncompensated"] = -1
         axis["strain_range_um"], axis["stage_range_um"] = (-1000.0, 1000.0), (-1000.0, 1000.0)
+        axis["authority_step"] = 1.0 / authority
+        forgive(axis)
     for i, offset in ((Y, 60.0), (Z, 50.0)):
         r = p["axis"][i]["reference"]
         r["kind"], r["offset_um"], r["sines"] = SINES, offset, 1
@@ -48,11 +53,36 @@ def parameters(lift=40, settle=10, authority=40, ramp=60):
     return record
 
 
+def forgive(axis):
+    """No limits but those of unusable samples: the plant has no noise, and its model is a rough one."""
+    w = axis["watch"]
+    w["strain_identical"] = w["stage_identical"] = NEVER
+    w["coast_cycles"], w["degraded_cycles"] = 5, 10
+    axis["strain_rate_um_per_ns"] = axis["stage_rate_um_per_ns"] = math.inf
+    w["innovation_ratio"] = w["following_um"] = w["band_um"] = math.inf
+    w["saturating_cycles"] = w["saturated_cycles"] = NEVER
+    w["stale_cycles"], w["lost_cycles"] = 200, 5000
+
+
+def wire_lines(p):
+    """Give every digital input a place in the image: ``{(name, axis): place}``."""
+    keys = [(name, None) for name in ("enable", "interlock", "retracted")]
+    keys += [(name, i) for name in ("amplifier_ok", "temperature_ok") for i in range(3)]
+    places = {key: MAX_SIGNALS - 1 - k for k, key in enumerate(keys)}
+    for (name, i), place in places.items():
+        line = p[name] if i is None else p["axis"][i][name]
+        line["signal"], line["age_ns"] = place, NEVER
+    return places
+
+
 class BenchCell:
     """Plant, process image and loop state; `step` is one cycle."""
 
-    def __init__(self, record=None):
+    def __init__(self, record=None, *, lines=False):
+        """`lines` wires all digital inputs; they are good, and not retracted, but for what `lines` then holds."""
         self.parameters = parameters() if record is None else record
+        self.lines = {}
+        self._wired = wire_lines(self.parameters[0]) if lines else {}
         self.state = np.zeros(1, CELL_STATE)
         self.signals = np.zeros(MAX_SIGNALS, SIGNAL)
         self.outputs = np.zeros(MAX_OUTPUTS)
@@ -95,8 +125,13 @@ class BenchCell:
         for i in range(3):
             self._put("strain", i, self.strain[i])
             self._put("stage", i, self.stage[i])
-            if self.s["cycle"] % 10 == 0:
+            if self.s["cycle"] % 10 == 0:  # the tracker
                 self._put("deviation", i, 50.0 * math.sin(2 * math.pi * 3.0 * self.now_ns * 1e-9))
+        for key, place in self._wired.items():
+            signal = self.signals[place]
+            signal["value"] = self.lines.get(key, 0.0 if key[0] == "retracted" else 1.0)
+            signal["time_ns"] = self.now_ns
+            signal["sequence"] += 1
         arguments = (self.p, self.s, self.signals, self.outputs, self.samples, command, self.now_ns, periods)
         return bool(cell_cycle(*arguments))
 

@@ -5,14 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from micromanip.rt.cell import raise_fault, smooth
+from micromanip.rt.course import smooth
+from micromanip.rt.faults import axis_fault, cell_fault
 from micromanip.rt.limiter import limit
 from micromanip.rt.states import (
     ARM,
     ARMED,
+    COASTING,
+    DEGRADED,
     DISARM,
     DRIVER_ERROR,
     FAULT,
+    HOLD,
+    HOLDING,
     NO_COMMAND,
     NO_FAULT,
     NOT_FINITE,
@@ -46,23 +51,36 @@ def tracking():
     return BenchCell().arm()
 
 
-def ramping(command=DISARM):
+def holding():
+    cell = tracking()
+    assert cell.step(HOLD)
+    cell.run(100)
+    return cell
+
+
+def fading(command=DISARM):
     cell = tracking()
     assert cell.step(command)
     cell.run(10)
     return cell
 
 
+def ramping(command=DISARM):
+    cell = fading(command)
+    cell.run(40)
+    return cell
+
+
 def faulting():
     cell = tracking()
-    raise_fault(cell.p, cell.s, DRIVER_ERROR, -1, 7.0)
+    cell_fault(cell.p, cell.s, DRIVER_ERROR, True, 7.0, 0.0)
     cell.run(10)
     return cell
 
 
 def fault():
     cell = faulting()
-    cell.run(100)
+    cell.run(150)
     return cell
 
 
@@ -72,56 +90,60 @@ def off():
     return cell
 
 
-TO_READY, TO_OFF, TO_FAULT = (RAMPING, READY), (RAMPING, OFF), (RAMPING, FAULT)
+FADING, TO_READY, TO_OFF, TO_FAULT = ((RAMPING, after) for after in ("fading", READY, OFF, FAULT))
+FADING_TO_OFF = (RAMPING, "fading to OFF")
+REFUSED = False
 TABLE = {
-    # from: (how to get there, what it is, {command: (accepted, state after it)})
-    "OFF": (off, OFF, {ARM: (False, OFF), DISARM: (False, OFF), STOP: (True, OFF), RESET: (False, OFF)}),
-    "READY": (ready, READY, {ARM: (True, ARMED), DISARM: (True, READY), STOP: (True, OFF), RESET: (False, READY)}),
-    "ARMED": (
-        armed,
-        ARMED,
-        {ARM: (False, ARMED), DISARM: (True, TO_READY), STOP: (True, TO_OFF), RESET: (False, ARMED)},
-    ),
+    # from: (how to get there, what it is, {command: the state after it, or that it is refused})
+    "OFF": (off, OFF, {ARM: REFUSED, DISARM: REFUSED, STOP: OFF, RESET: REFUSED, HOLD: REFUSED}),
+    "READY": (ready, READY, {ARM: ARMED, DISARM: READY, STOP: OFF, RESET: REFUSED, HOLD: REFUSED}),
+    "ARMED": (armed, ARMED, {ARM: REFUSED, DISARM: TO_READY, STOP: TO_OFF, RESET: REFUSED, HOLD: REFUSED}),
     "TRACKING": (
         tracking,
         TRACKING,
-        {ARM: (False, TRACKING), DISARM: (True, TO_READY), STOP: (True, TO_OFF), RESET: (False, TRACKING)},
+        {ARM: REFUSED, DISARM: FADING, STOP: FADING_TO_OFF, RESET: REFUSED, HOLD: HOLDING},
     ),
+    "HOLDING": (holding, HOLDING, {ARM: ARMED, DISARM: TO_READY, STOP: TO_OFF, RESET: REFUSED, HOLD: HOLDING}),
+    "fading": (fading, FADING, {ARM: REFUSED, DISARM: REFUSED, STOP: FADING_TO_OFF, RESET: REFUSED, HOLD: REFUSED}),
     "RAMPING to READY": (
         ramping,
         TO_READY,
-        {ARM: (False, TO_READY), DISARM: (False, TO_READY), STOP: (True, TO_OFF), RESET: (False, TO_READY)},
+        {ARM: REFUSED, DISARM: REFUSED, STOP: TO_OFF, RESET: REFUSED, HOLD: REFUSED},
     ),
     "RAMPING to OFF": (
         lambda: ramping(STOP),
         TO_OFF,
-        {ARM: (False, TO_OFF), DISARM: (False, TO_OFF), STOP: (True, TO_OFF), RESET: (False, TO_OFF)},
+        {ARM: REFUSED, DISARM: REFUSED, STOP: TO_OFF, RESET: REFUSED, HOLD: REFUSED},
     ),
     "RAMPING to FAULT": (
         faulting,
         TO_FAULT,
-        {ARM: (False, TO_FAULT), DISARM: (False, TO_FAULT), STOP: (True, TO_OFF), RESET: (False, TO_FAULT)},
+        {ARM: REFUSED, DISARM: REFUSED, STOP: TO_OFF, RESET: REFUSED, HOLD: REFUSED},
     ),
-    "FAULT": (fault, FAULT, {ARM: (False, FAULT), DISARM: (False, FAULT), STOP: (True, OFF), RESET: (True, READY)}),
+    "FAULT": (fault, FAULT, {ARM: REFUSED, DISARM: REFUSED, STOP: OFF, RESET: READY, HOLD: REFUSED}),
 }
 
 
 def where(cell):
-    state = int(cell.s["state"])
-    return (state, int(cell.s["after_ramp"])) if state == RAMPING else state
+    s = cell.s
+    if s["state"] != RAMPING:
+        return int(s["state"])
+    if s["soft"]:
+        return FADING_TO_OFF if s["stopping"] else FADING
+    return RAMPING, OFF if s["stopping"] else FAULT if s["fault"] != NO_FAULT else READY
 
 
-@pytest.mark.parametrize("command", [ARM, DISARM, STOP, RESET])
+@pytest.mark.parametrize("command", [ARM, DISARM, STOP, RESET, HOLD])
 @pytest.mark.parametrize("start", TABLE)
 def test_commands(start, command):
     reach, state, outcomes = TABLE[start]
     cell = reach()
     assert where(cell) == state
     latched = int(cell.s["fault"])
-    accepted, after = outcomes[command]
-    assert cell.step(command) == accepted
-    assert where(cell) == after
-    assert cell.s["fault"] == (NO_FAULT if (command, accepted) == (RESET, True) else latched)
+    after = outcomes[command]
+    assert cell.step(command) == (after is not REFUSED)
+    assert where(cell) == (state if after is REFUSED else after)
+    assert cell.s["fault"] == (NO_FAULT if command == RESET and after is not REFUSED else latched)
 
 
 @pytest.mark.parametrize("start", TABLE)
@@ -129,7 +151,7 @@ def test_a_fault_from_every_state(start):
     reach, state, _ = TABLE[start]
     cell = reach()
     before = int(cell.s["fault"])
-    raise_fault(cell.p, cell.s, NOT_FINITE, 2, 1.5)
+    axis_fault(cell.p, cell.s, 2, NOT_FINITE, True, 1.5, 0.0)
     after = {OFF: FAULT, READY: FAULT, FAULT: FAULT, TO_OFF: TO_OFF}.get(state, TO_FAULT)
     assert where(cell) == after
     if before == NO_FAULT:
@@ -137,8 +159,8 @@ def test_a_fault_from_every_state(start):
         assert cell.s["fault_cycle"] == cell.s["cycle"]
     else:
         assert cell.s["fault"] == before  # the first one stays
-    cell.run(100)
-    assert cell.s["state"] == (OFF if state == TO_OFF else FAULT)
+    cell.run(150)
+    assert cell.s["state"] == (OFF if state in (OFF, TO_OFF) else FAULT)
     assert cell.s["fault"] != NO_FAULT
     assert cell.voltages == [0.0, 0.0, 0.0]
 
@@ -154,15 +176,15 @@ def test_the_way_through_a_shift():
     assert cell.s["tracking_cycle"] == cell.s["cycle"]
     assert cell.step(DISARM)
     course = [where(cell)]
-    for _ in range(60):
+    for _ in range(100):
         cell.step()
         course.append(where(cell))
-    assert course == [TO_READY] * 60 + [READY]
+    assert course == [FADING] * 40 + [TO_READY] * 60 + [READY]
     assert cell.step(ARM)  # and again
     cell.run(90)
     assert cell.s["state"] == TRACKING
     assert cell.step(STOP)
-    cell.run(60)
+    cell.run(100)
     assert cell.s["state"] == OFF
 
 
@@ -183,7 +205,7 @@ def test_park_voltages_may_differ():
     assert (cell.run(50) == [10.0, -5.0, 0.0]).all()
     cell.arm()
     assert cell.step(DISARM)
-    cell.run(60)
+    cell.run(100)
     assert (cell.run(50) == [10.0, -5.0, 0.0]).all()
 
 
@@ -209,12 +231,15 @@ def test_the_way_to_park_is_smooth(after):
     """Speed and acceleration stay below those of the minimum-jerk course; nothing overshoots."""
     cell = BenchCell(parameters(ramp=200)).arm()
     cell.run(50)
-    start = np.array(cell.voltages)
     if after == NO_COMMAND:
-        raise_fault(cell.p, cell.s, DRIVER_ERROR, -1, 1.0)
+        start = np.array(cell.voltages)
+        cell_fault(cell.p, cell.s, DRIVER_ERROR, True, 1.0, 0.0)
         assert cell.step() is True
     else:
         assert cell.step(after)
+        cell.run(int(cell.p["authority_cycles"]) - 1)  # first the correction is faded out
+        start = np.array(cell.voltages)
+        cell.step()
     first = np.array(cell.voltages)
     course = np.vstack([start, first, cell.run(210)])
     n = 200.0
@@ -228,9 +253,10 @@ def test_the_way_to_park_is_smooth(after):
 def test_a_ramp_too_quick_for_the_slew_still_ends_at_park():
     record = parameters(ramp=3)
     cell = BenchCell(record).arm()
-    before = np.array(cell.voltages)
     assert cell.step(DISARM)
-    course = np.vstack([before, cell.voltages, cell.run(60)])
+    cell.run(38)
+    before = np.array(cell.voltages)
+    course = np.vstack([before, cell.run(60)])
     slew = record[0]["axis"][0]["limiter"]["slew_V"]
     assert (np.abs(np.diff(course, axis=0)) <= slew + 1e-12).all()
     assert (course[-1] == 0.0).all()
@@ -283,11 +309,15 @@ def test_strain_axis_follows_its_sines():
     [("strain", X, STRAIN_INVALID), ("strain", Y, STRAIN_INVALID), ("stage", X, STAGE_INVALID)],
 )
 @pytest.mark.parametrize("spoil", [(math.nan, 0), (math.inf, 0), (1.0, 5), None])
-def test_three_bad_samples_of_a_sensor_in_use_are_a_fault(role, axis, code, spoil):
+def test_three_bad_samples_of_a_sensor_in_use_are_noticed_and_then_a_fault(role, axis, code, spoil):
     cell = tracking()
     cell.spoiled[role, axis] = spoil
     bad_cycles = 2 if spoil else 5  # silent: 300 us pass before the last sample is too old
     cell.run(bad_cycles)
+    assert cell.s["events"] == 0
+    cell.run(1)
+    assert (cell.s["events"], cell.s["event"][0]["code"]) == (1, COASTING if role == "strain" else DEGRADED)
+    cell.run(4 if role == "strain" else 9)  # without it for so long
     assert cell.s["state"] == TRACKING
     cell.run(1)
     assert where(cell) == TO_FAULT
@@ -349,7 +379,7 @@ def test_the_stage_may_be_out_of_its_sensors_range_until_the_outer_loop_is_close
     assert lost.step(ARM)
     course = lost.run(699)
     assert lost.s["state"] == ARMED
-    course = np.vstack([course, lost.run(10)])
+    course = np.vstack([course, lost.run(20)])
     assert where(lost) == TO_FAULT
     assert (lost.s["fault"], lost.s["fault_axis"]) == (STAGE_INVALID, X)
     assert np.abs(np.diff(course[-20:], axis=0)).max() < 0.5

@@ -1,4 +1,7 @@
-"""Anything in any order: random commands, sensor faults, overruns; what must hold in every single cycle."""
+"""Anything in any order: commands, sensor faults, lines, overruns, swaps; what must hold in every single cycle.
+
+``make soak-machine`` takes ten thousand steps.
+"""
 
 import math
 
@@ -7,13 +10,16 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
-from micromanip.rt.cell import raise_fault
+from micromanip.rt.faults import cell_fault
 from micromanip.rt.states import (
     ARM,
     ARMED,
     DISARM,
     DRIVER_ERROR,
     FAULT,
+    FOLLOWING_ERROR,
+    HOLD,
+    HOLDING,
     NO_COMMAND,
     NO_FAULT,
     OFF,
@@ -23,18 +29,23 @@ from micromanip.rt.states import (
     STOP,
     TRACKING,
 )
+from micromanip.rt.swap import swap_cell
 
 from .bench_cell import BenchCell, parameters
 
 SENSORS = [(role, axis) for role in ("strain", "stage", "deviation") for axis in range(3)]
-MOVING = (ARMED, TRACKING, RAMPING)
+LINES = ("enable", "interlock", "retracted", "amplifier_ok", "temperature_ok")
+MOVING = (ARMED, TRACKING, HOLDING, RAMPING)
+ARMED_STATES = (ARMED, TRACKING)
+"""Only a command leads here from where nothing is tracked."""
 PARKS = (3.0, 0.0, -8.0)
 
 ALLOWED = {
     OFF: {},
     READY: {ARM: ARMED, STOP: OFF},
-    ARMED: {DISARM: RAMPING, STOP: RAMPING, NO_COMMAND: TRACKING},
-    TRACKING: {DISARM: RAMPING, STOP: RAMPING},
+    ARMED: {DISARM: RAMPING, STOP: RAMPING, HOLD: HOLDING, NO_COMMAND: TRACKING},
+    TRACKING: {DISARM: RAMPING, STOP: RAMPING, HOLD: HOLDING},
+    HOLDING: {ARM: ARMED, DISARM: RAMPING, STOP: RAMPING},
     RAMPING: {},
     FAULT: {RESET: READY, STOP: OFF},
 }
@@ -48,9 +59,14 @@ class CellMachine(RuleBasedStateMachine):
 
     def switch_on(self):
         record = parameters(lift=15, settle=3, authority=12, ramp=25)
+        record[0]["hold_cycles"], record[0]["sweep_cycles"] = 30, 10
         for i, park in enumerate(PARKS):
-            record[0]["axis"][i]["limiter"]["park_V"] = park
-        self.cell = BenchCell(record)
+            axis = record[0]["axis"][i]
+            axis["limiter"]["park_V"] = park
+            axis["watch"]["following_um"], axis["watch"]["following_cycles"] = 60.0, 20
+            axis["watch"]["saturating_cycles"], axis["watch"]["saturated_cycles"] = 5, 30
+            axis["watch"]["band_um"], axis["watch"]["lost_cycles"] = 5.0, 100
+        self.cell = BenchCell(record, lines=True)
         self.slew = float(record[0]["axis"][0]["limiter"]["slew_V"])
         self.resting = 0
 
@@ -72,13 +88,16 @@ class CellMachine(RuleBasedStateMachine):
     def check_state(self, state, fault, command, accepted):
         s = self.cell.s
         now = int(s["state"])
+        if now in ARMED_STATES and state not in (*ARMED_STATES, now):  # nothing re-arms by itself
+            assert accepted
+            assert command == ARM
         if now != state:
             by_command = accepted and ALLOWED[state].get(command) == now
             by_time = ALLOWED[state].get(NO_COMMAND) == now or (state == RAMPING and now in (READY, OFF, FAULT))
-            by_fault = state in (ARMED, TRACKING) and now == RAMPING and s["fault"] != NO_FAULT
-            by_fault = by_fault or (state in (READY, OFF) and now == FAULT and s["fault"] != NO_FAULT)
-            # one cycle may both carry out a command and finish a phase
-            both = state == RAMPING and now == OFF and command == STOP
+            graver = {ARMED: (HOLDING, RAMPING, FAULT), TRACKING: (HOLDING, RAMPING, FAULT), HOLDING: (RAMPING, FAULT)}
+            by_fault = s["fault"] != NO_FAULT and now in graver.get(state, (FAULT,))
+            # one cycle may both carry out a command and finish a phase, and a stop goes on to OFF
+            both = now == OFF and s["stopping"]
             assert by_command or by_time or by_fault or both, (state, now, command)
         if fault != NO_FAULT:  # latched until reset, and only a FAULT can be reset
             assert s["fault"] == fault or (command == RESET and accepted and state == FAULT)
@@ -93,7 +112,7 @@ class CellMachine(RuleBasedStateMachine):
         if self.resting > 170.0 / self.slew + 1:
             assert self.cell.voltages == list(PARKS)
 
-    @rule(command=st.sampled_from([ARM, ARM, ARM, DISARM, STOP, RESET, RESET]))
+    @rule(command=st.sampled_from([ARM, ARM, ARM, DISARM, STOP, RESET, RESET, HOLD, HOLD]))
     def command(self, command):
         self.cycle(command)
 
@@ -126,8 +145,28 @@ class CellMachine(RuleBasedStateMachine):
 
     @rule(code=st.integers(1, 100))
     def driver_error(self, code):
-        raise_fault(self.cell.p, self.cell.s, DRIVER_ERROR, -1, float(code))
+        cell_fault(self.cell.p, self.cell.s, DRIVER_ERROR, True, float(code), 0.0)
         self.cycle()
+        cell_fault(self.cell.p, self.cell.s, DRIVER_ERROR, False, 0.0, 0.0)
+
+    @rule(line=st.sampled_from(LINES), axis=st.integers(0, 2), cycles=st.integers(1, 40))
+    def line(self, line, axis, cycles):
+        """A digital input changes for a while: good ones go away, the tool is retracted."""
+        self.cell.lines[line, axis if line.endswith("_ok") else None] = 1.0 if line == "retracted" else 0.0
+        self.wait(cycles)
+        self.cell.lines.clear()
+
+    @rule(gain=st.floats(0.2, 1.5), reaction=st.integers(0, 3), effort=st.booleans())
+    def swap(self, gain, reaction, effort):
+        """Another set of parameters, at a cycle boundary."""
+        new = self.cell.parameters.copy()
+        for axis in new[0]["axis"]:
+            axis["pid"]["gain"] = gain
+            axis["watch"]["reaction"][FOLLOWING_ERROR] = reaction
+            axis["outer"]["feedback"] *= 1.01 if effort else 1.0
+        swap_cell(self.cell.p, new[0], self.cell.s)
+        self.cell.parameters, self.cell.p = new, new[0]
+        self.wait(3)
 
     @precondition(lambda self: self.cell.s["state"] == TRACKING)
     @rule(axis=st.integers(0, 2), name=st.sampled_from(["strain", "stage"]))
@@ -142,7 +181,7 @@ class CellMachine(RuleBasedStateMachine):
     def whole_arming(self):
         self.wait(6)
         if self.cycle(ARM):
-            self.wait(40)
+            self.wait(50)
             assert self.cell.s["state"] == TRACKING
 
     @precondition(lambda self: self.cell.s["state"] == FAULT)
@@ -159,6 +198,7 @@ class CellMachine(RuleBasedStateMachine):
 
 
 TestCellMachine = CellMachine.TestCase
-TestCellMachine.settings = settings(
-    max_examples=5 if numba.config.DISABLE_JIT else 40, stateful_step_count=15 if numba.config.DISABLE_JIT else 40
-)
+if settings.get_current_profile_name() != "soak":
+    TestCellMachine.settings = settings(
+        max_examples=5 if numba.config.DISABLE_JIT else 40, stateful_step_count=15 if numba.config.DISABLE_JIT else 40
+    )

@@ -140,6 +140,7 @@ def tracker(**fields):
         "horizon_s": 0.02,
         "low_um": -300.0,
         "high_um": 300.0,
+        "jump_um": math.inf,
     }
     return record(REFERENCE_PARAMETERS, **{**defaults, **fields})
 

@@ -18,8 +18,8 @@ MAX_AGE_NS = 300_000
 ANYTHING = np.array([-np.inf, np.inf])
 
 
-def read(signal, s, now_ns, max_age_ns=MAX_AGE_NS, range_um=ANYTHING):
-    return bool(read_signal(signal, s, now_ns, max_age_ns, range_um))
+def read(signal, s, now_ns, max_age_ns=MAX_AGE_NS, range_um=ANYTHING, rate_um_per_ns=math.inf):
+    return bool(read_signal(signal, s, now_ns, max_age_ns, range_um, rate_um_per_ns))
 
 
 def seen(sequence=1, value=5.0, time_ns=1_000_000):

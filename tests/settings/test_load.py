@@ -131,7 +131,8 @@ VALUES = {
     ),
     "no such variant": (
         ("source: sine", "source: sinus"),
-        "20: reference.source: expected hold, step, sine, file or signal, not the text 'sinus': did you mean sine?",
+        "20: reference.source: expected hold, step, sine, file, signal or jog, not the text 'sinus': "
+        "did you mean sine?",
     ),
     "another version": (
         ("schema_version: 1", "schema_version: 2"),
@@ -224,7 +225,7 @@ def test_one_thing_wrong(cell, change, expected):
     assert cell.message(cell.with_change(*change)) == f"cell.yaml:{expected}"
 
 
-SECTIONS = "schema_version, loop, start, drivers, signals, outputs, reference, axes, arm_on_start"
+SECTIONS = "schema_version, loop, start, drivers, signals, outputs, switches, faults, reference, axes, arm_on_start"
 
 
 @pytest.mark.parametrize(

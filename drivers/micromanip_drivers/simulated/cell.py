@@ -12,10 +12,21 @@ from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
 from micromanip.rt.records import SIGNAL
 
 from .compiled import compiled
+from .faults import disturb, exchange_error, remember
+from .lines import advance_lines, cut_share, follow_enable, latch_switches, powered, read_lines
 from .noise import normal
 from .plant import deviation, drive, machining_force, move, quantised
 from .preisach import preisach_step, reset_memory
-from .records import CHANNELS, CONTEXT, CREEP_OPERATORS, MAX_AXES, MECHANICAL_STATES, SUBSTEPS
+from .records import (
+    CHANNELS,
+    CONTEXT,
+    CREEP_OPERATORS,
+    MAX_INPUTS,
+    MAX_OUTPUTS,
+    MECHANICAL_STATES,
+    SUBSTEPS,
+)
+from .sample import put
 
 _CHANNELS = len(CHANNELS)
 SATURATED = 1
@@ -42,12 +53,14 @@ def advance(c: Any) -> None:
     """All axes by one loop period, with the voltages latched."""
     c["periods"] += 1
     t_s = c["periods"] * c["period_ns"] * 1e-9
+    advance_lines(c["lines"])
+    on, share = powered(c["lines"]), cut_share(c["lines"])
     for i in range(c["axes"]):
         p, s = c["p"][i], c["s"][i]
-        s["force_N"] = machining_force(p, s, t_s)
+        s["force_N"] = share * machining_force(p, s, t_s)
         s["drift_um"] += p["drift_step"] * (p["drift_um"] - s["drift_um"])
         for _ in range(SUBSTEPS):
-            move(p, s["x"], drive(p, s), s["force_N"])
+            move(p, s["x"], drive(p, s, on), s["force_N"])
             move(p, s["free_x"], 0.0, s["force_N"])
 
 
@@ -58,6 +71,7 @@ def latch(c: Any, outputs: Any) -> None:
         p = c["p"][i]
         inside = max(p["low_V"], min(p["high_V"], outputs[i]))
         c["s"][i]["latched_V"] = quantised(inside, p["dac_step_V"], 1e9)
+    latch_switches(c["lines"], outputs)
 
 
 @compiled
@@ -67,15 +81,6 @@ def stage_position(c: Any, i: int) -> float:
     for j in range(c["axes"]):
         total += c["p"][i]["coupling"][j] * (c["s"][j]["x"][2] - c["p"][j]["stage_zero_um"])
     return total
-
-
-@compiled
-def put(signal: Any, value: float, time_ns: int) -> None:
-    """Leave a fresh, good sample."""
-    signal["value"] = value
-    signal["time_ns"] = time_ns
-    signal["sequence"] += 1
-    signal["status"] = 0
 
 
 @compiled
@@ -119,8 +124,15 @@ def exchange(c: Any, outputs: Any, inputs: Any, now_ns: int, periods: int) -> in
         return 1
     for _ in range(periods):
         advance(c)
+    code = exchange_error(c)
+    if code != 0:
+        return code
+    remember(c, inputs)
     read(c, inputs, now_ns)
+    read_lines(c, inputs, now_ns)
+    disturb(c, inputs)
     latch(c, outputs)
+    follow_enable(c["lines"], inputs)
     return 0
 
 
@@ -140,8 +152,8 @@ def exchange_c(context: Any, outputs: Any, inputs: Any, now_ns: Any, periods: An
     """C entry of ``exchange``."""
     return exchange(
         numba.carray(context, 1)[0],
-        numba.carray(outputs, MAX_AXES),
-        numba.carray(inputs, MAX_AXES * _CHANNELS),
+        numba.carray(outputs, MAX_OUTPUTS),
+        numba.carray(inputs, MAX_INPUTS),
         now_ns,
         periods,
     )
@@ -155,6 +167,7 @@ def open_c(context: Any) -> Any:
     """Switch the amplifier on; the stage is at rest."""
     c = numba.carray(context, 1)[0]
     rest(c)
+    c["lines"]["enable"] = 1.0
     c["opened"] = 1
     return 0
 
@@ -165,6 +178,7 @@ def safe_c(context: Any) -> Any:
     c = numba.carray(context, 1)[0]
     for i in range(c["axes"]):
         c["s"][i]["latched_V"] = 0.0
+    c["lines"]["amplifier_enable"] = 0
     c["safe"] = 1
     return 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,7 +14,18 @@ from micromanip.io.contract import CyclicDriver, Functions
 
 from . import mechanics
 from . import options as o
-from .records import CHANNELS, CONTEXT, CREEP_OPERATORS, MAX_AXES, SUBSTEPS
+from .records import (
+    AXIS_LINES,
+    CELL_LINES,
+    CHANNELS,
+    CONTEXT,
+    CREEP_OPERATORS,
+    EXCHANGE,
+    FAULT_KINDS,
+    MAX_AXES,
+    SUBSTEPS,
+    SWITCHES,
+)
 
 _JOINT_SPREAD = (1.0, 0.97, 1.03)
 
@@ -31,6 +43,9 @@ class SimulatedCell(CyclicDriver):
         for name in options.variation:
             if name not in options.axes:
                 raise ConfigError(f"variation.{name}: there is no axis {name}; axes are {', '.join(options.axes)}")
+        for k, fault in enumerate(options.faults):
+            if fault.channel not in (*self.inputs, EXCHANGE):
+                raise ConfigError(f"faults[{k}].channel: {self._unknown(fault.channel)}")
 
     @property
     def device(self) -> str | None:
@@ -39,11 +54,17 @@ class SimulatedCell(CyclicDriver):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        return tuple(f"{channel}_{axis}" for axis in self.options.axes for channel in CHANNELS)
+        sensors = tuple(f"{channel}_{axis}" for axis in self.options.axes for channel in CHANNELS)
+        return sensors + self._lines if self.options.lines else sensors
+
+    @property
+    def _lines(self) -> tuple[str, ...]:
+        return (*CELL_LINES, *(f"{line}_{axis}" for line in AXIS_LINES for axis in self.options.axes))
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        return tuple(f"voltage_{axis}" for axis in self.options.axes)
+        voltages = tuple(f"voltage_{axis}" for axis in self.options.axes)
+        return voltages + SWITCHES if self.options.lines else voltages
 
     def context(self) -> NDArray[np.uint8]:
         record = np.zeros(1, CONTEXT)
@@ -55,6 +76,8 @@ class SimulatedCell(CyclicDriver):
             self._fill_plant(c["p"][i], plant)
             self._fill_cell(c["p"][i], i)
             c["s"][i]["random"] = seeds[2 * i : 2 * i + 2]
+        self._fill_lines(c)
+        self._fill_faults(c)
         return record.view(np.uint8)
 
     def without_process(self) -> SimulatedCell:
@@ -65,6 +88,38 @@ class SimulatedCell(CyclicDriver):
         from . import cell  # compiled or loaded only where it is going to be called
 
         return Functions(cell.open_c.address, cell.exchange_c.address, cell.safe_c.address, cell.close_c.address)
+
+    def _unknown(self, channel: str) -> str:
+        """What to say of a channel that is none of the inputs."""
+        if channel in self._lines:
+            return f"{channel} exists with the option lines only: add lines: {{}}"
+        near = difflib.get_close_matches(channel, self.inputs, 1)
+        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(self.inputs)}"
+        return f"there is no channel {channel}; {hint}"
+
+    def _periods(self, seconds: float) -> int:
+        return max(1, round(seconds * 1e9 / self.period_ns))
+
+    def _fill_lines(self, c: Any) -> None:
+        lines, axes = self.options.lines, len(self.options.axes)
+        if lines is None:
+            return
+        line = c["lines"]
+        line["present"], line["first_input"], line["first_output"] = 1, axes * len(CHANNELS), axes
+        line["retract_periods"] = self._periods(lines.retract_s)
+        if lines.heartbeat_ms is not None:
+            line["heartbeat_periods"] = self._periods(lines.heartbeat_ms * 1e-3)
+        step_s = self.period_ns * 1e-9 / SUBSTEPS
+        c["p"]["bleed_step"] = -np.expm1(-step_s / (lines.amplifier_bleed_ms * 1e-3))
+
+    def _fill_faults(self, c: Any) -> None:
+        c["faults"] = len(self.options.faults)
+        for record, fault in zip(c["fault"], self.options.faults, strict=False):
+            record["kind"], record["value"] = FAULT_KINDS.index(fault.kind), fault.value
+            record["input"] = -1 if fault.channel == EXCHANGE else self.inputs.index(fault.channel)
+            record["first_period"] = round(fault.at_s * 1e9 / self.period_ns)
+            if fault.for_s is not None:
+                record["end_period"] = record["first_period"] + self._periods(fault.for_s)
 
     def _fill_plant(self, p: Any, plant: o.Plant) -> None:
         step_s = self.period_ns * 1e-9 / SUBSTEPS

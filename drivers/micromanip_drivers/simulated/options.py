@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from .records import EXCHANGE, MAX_FAULTS
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -85,6 +87,45 @@ class TrackerOptions(_Options):
     noise_um: NotNegative = Field(default=0.5, description="Noise, rms.")
 
 
+class Lines(_Options):
+    """Digital lines of amplifier and PLC: inputs enable, interlock, retracted, amplifier_ok_<axis> and
+    temperature_ok_<axis>; outputs amplifier_enable, feed_hold and heartbeat.
+    """
+
+    retract_s: Positive = Field(default=0.5, description="From feed-hold until the tool is out of the cut.")
+    amplifier_bleed_ms: Positive = Field(
+        default=20.0, description="Time constant with which a disabled amplifier discharges the stack."
+    )
+    heartbeat_ms: Positive | None = Field(
+        default=None,
+        description="The enabled amplifier switches itself off when the heartbeat has not changed for this long; "
+        "null: it does not watch.",
+    )
+
+
+class Fault(_Options):
+    """A fault that comes at a set time."""
+
+    channel: str = Field(description="Input channel that it befalls, e.g. strain_x; exchange for the kind error.")
+    kind: Literal["value", "offset", "freeze", "nan", "status", "drop", "spike", "error"] = Field(
+        description="value replaces the reading, offset adds to it, freeze repeats the last one, nan is not a number, "
+        "status flags it as bad, drop lets no sample come, spike adds to one sample, error fails the whole exchange."
+    )
+    value: float = Field(default=0.0, description="What is put in or added; the code with which an exchange fails.")
+    at_s: NotNegative = Field(description="When it begins, after the loop's start.")
+    for_s: Positive | None = Field(default=None, description="How long it lasts; null: for ever.")
+
+    @model_validator(mode="after")
+    def _error_is_of_the_exchange(self) -> Fault:
+        if (self.kind == "error") != (self.channel == EXCHANGE):
+            raise ValueError(f"kind: error goes with the channel {EXCHANGE}, and every other kind with an input")
+        if self.kind == "error" and not (self.value.is_integer() and 1 <= self.value < 2**31):
+            raise ValueError(f"value: the code of a failed exchange is a whole number from 1, not {self.value:g}")
+        if self.kind == "spike" and self.for_s is not None:
+            raise ValueError("for_s: a spike is one sample; leave it out")
+        return self
+
+
 class Options(_Options):
     """Keys of the driver `simulated`."""
 
@@ -99,6 +140,8 @@ class Options(_Options):
     force: Force = Force()
     deviation: Deviation = Deviation()
     tracker: TrackerOptions = TrackerOptions()
+    lines: Lines | None = Field(default=None, description="Digital lines; null: there are none.")
+    faults: tuple[Fault, ...] = Field(default=(), max_length=MAX_FAULTS, description="Faults that come at set times.")
     coupling: Annotated[float, Field(ge=0, le=0.1)] = Field(
         default=0.015, description="Share of each axis' motion that the next axis sees; the one after sees 2/3 of it."
     )

@@ -12,10 +12,16 @@ from .records import CREEP_OPERATORS, DEVIATION_SINES, MECHANICAL_STATES
 
 
 @compiled
-def drive(p: Any, s: Any) -> float:
-    """Amplifier and stack over one sub-step: free displacement (um) for the latched voltage."""
-    change = (s["latched_V"] - s["amplifier_V"]) * p["amplifier_step"]
-    s["amplifier_V"] += max(-p["slew_V"], min(p["slew_V"], change))
+def drive(p: Any, s: Any, powered: bool) -> float:
+    """Amplifier and stack over one sub-step: free displacement (um) for the latched voltage.
+
+    Without power the amplifier's bleed resistor discharges the stack.
+    """
+    if powered:
+        change = (s["latched_V"] - s["amplifier_V"]) * p["amplifier_step"]
+        s["amplifier_V"] += max(-p["slew_V"], min(p["slew_V"], change))
+    else:
+        s["amplifier_V"] -= p["bleed_step"] * s["amplifier_V"]
     pure = preisach_step(p["preisach"], s["memory"], s["amplifier_V"] + p["amplifier_noise_V"] * normal(s))
     free = pure * (1.0 - CREEP_OPERATORS * p["creep_gain"])
     for i in range(CREEP_OPERATORS):

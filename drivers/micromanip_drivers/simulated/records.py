@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.rt.records import SIGNAL
+
 MAX_AXES = 3
 STACK = 64
 CREEP_OPERATORS = 13
@@ -23,6 +25,15 @@ CHANNELS = (
     "path_error",
     "uncompensated",
 )
+CELL_LINES = ("enable", "interlock", "retracted")
+AXIS_LINES = ("amplifier_ok", "temperature_ok")
+SWITCHES = ("amplifier_enable", "feed_hold", "heartbeat")
+MAX_INPUTS = MAX_AXES * (len(CHANNELS) + len(AXIS_LINES)) + len(CELL_LINES)
+MAX_OUTPUTS = MAX_AXES + len(SWITCHES)
+MAX_FAULTS = 16
+FAULT_KINDS = ("value", "offset", "freeze", "nan", "status", "drop", "spike", "error")
+EXCHANGE = "exchange"
+"""Where a fault of the kind `error` acts: on the exchange as a whole."""
 
 
 def _record(*fields: tuple[Any, ...]) -> np.dtype[Any]:
@@ -45,6 +56,7 @@ AXIS_PARAMETERS = _record(
     ("high_V", "f8"),
     ("amplifier_step", "f8"),
     ("slew_V", "f8"),
+    ("bleed_step", "f8"),
     ("amplifier_noise_V", "f8"),
     ("a", "f8", (MECHANICAL_STATES, MECHANICAL_STATES)),
     ("b", "f8", (MECHANICAL_STATES, 2)),
@@ -93,12 +105,42 @@ AXIS_STATE = _record(
     ("spare", "f8"),
     ("has_spare", "i8"),
 )
+LINES = _record(
+    ("present", "i8"),
+    ("first_input", "i8"),
+    ("first_output", "i8"),
+    ("retract_periods", "i8"),
+    ("heartbeat_periods", "i8"),
+    ("enable", "f8"),
+    ("amplifier_enable", "i8"),
+    ("feed_hold", "i8"),
+    ("held_periods", "i8"),
+    ("heartbeat", "f8"),
+    ("silent_periods", "i8"),
+    ("tripped", "i8"),
+)
+"""The digital lines: options, then what they are at. ``heartbeat_periods`` 0 is no watchdog."""
+FAULT = _record(
+    ("kind", "i8"),
+    ("input", "i8"),
+    ("value", "f8"),
+    ("first_period", "i8"),
+    ("end_period", "i8"),
+    ("begun", "i8"),
+    ("done", "i8"),
+    ("sequence", "i8"),
+    ("held", SIGNAL),
+)
+"""A scheduled fault, then what it remembers; ``end_period`` 0 is never."""
 CONTEXT = _record(
     ("axes", "i8"),
     ("period_ns", "i8"),
     ("periods", "i8"),
     ("opened", "i8"),
     ("safe", "i8"),
+    ("lines", LINES),
+    ("faults", "i8"),
+    ("fault", FAULT, (MAX_FAULTS,)),
     ("p", AXIS_PARAMETERS, (MAX_AXES,)),
     ("s", AXIS_STATE, (MAX_AXES,)),
 )

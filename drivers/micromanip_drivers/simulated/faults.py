@@ -1,0 +1,87 @@
+"""Scheduled faults: what a sensor, a wire or the whole exchange does wrong, and when.
+
+A fault acts on the samples that arrive while it lasts, so a slow channel is hit at its own rate; several faults of one
+channel act in their order.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .compiled import compiled
+from .records import FAULT_KINDS
+
+_VALUE, _OFFSET, _FREEZE, _NAN, _STATUS, _DROP, _SPIKE, _ERROR = range(len(FAULT_KINDS))
+FLAGGED = 2
+"""Status of a sample that a fault of the kind `status` calls bad."""
+
+
+@compiled
+def _active(c: Any, fault: Any) -> bool:
+    """Whether `fault` acts now; one that a long overrun has jumped over acts once all the same."""
+    if c["periods"] < fault["first_period"]:
+        return False
+    over = fault["end_period"] > 0 and c["periods"] >= fault["end_period"]
+    return fault["begun"] == 0 or not over
+
+
+@compiled
+def exchange_error(c: Any) -> int:
+    """The code with which this exchange fails, 0 if it works."""
+    for k in range(c["faults"]):
+        fault = c["fault"][k]
+        if fault["kind"] == _ERROR and _active(c, fault):
+            fault["begun"] = 1
+            return int(fault["value"])
+    return 0
+
+
+@compiled
+def remember(c: Any, inputs: Any) -> None:
+    """Before the sensors are read: what there was, for the faults that need it."""
+    for k in range(c["faults"]):
+        fault = c["fault"][k]
+        if fault["kind"] == _ERROR:
+            continue
+        signal = inputs[fault["input"]]
+        fault["sequence"] = signal["sequence"]
+        if fault["begun"] == 0 and _active(c, fault):
+            held = fault["held"]
+            held["value"], held["time_ns"] = signal["value"], signal["time_ns"]
+            held["sequence"], held["status"] = signal["sequence"], signal["status"]
+
+
+@compiled
+def disturb(c: Any, inputs: Any) -> None:
+    """After the sensors were read: spoil the fresh samples of the channels that have a fault now."""
+    for k in range(c["faults"]):
+        fault = c["fault"][k]
+        if fault["kind"] == _ERROR or not _active(c, fault):
+            continue
+        fault["begun"] = 1
+        signal = inputs[fault["input"]]
+        if signal["sequence"] != fault["sequence"]:
+            _spoil(fault, signal)
+
+
+@compiled
+def _spoil(fault: Any, signal: Any) -> None:
+    kind = fault["kind"]
+    if kind == _VALUE:
+        signal["value"] = fault["value"]
+    elif kind == _OFFSET:
+        signal["value"] += fault["value"]
+    elif kind == _FREEZE:
+        signal["value"] = fault["held"]["value"]
+    elif kind == _NAN:
+        signal["value"] = math.nan
+    elif kind == _STATUS:
+        signal["status"] = FLAGGED
+    elif kind == _DROP:
+        held = fault["held"]
+        signal["value"], signal["time_ns"] = held["value"], held["time_ns"]
+        signal["sequence"], signal["status"] = held["sequence"], held["status"]
+    elif fault["done"] == 0:  # a spike is one sample
+        fault["done"] = 1
+        signal["value"] += fault["value"]

@@ -1,0 +1,72 @@
+"""``micromanip explain``: a trip in plain words, from its black box."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from micromanip.errors import UsageError
+
+from .options import json_option, print_json
+
+if TYPE_CHECKING:
+    from micromanip.host.blackbox.box import Box
+
+
+@click.command("explain", epilog="Example: micromanip explain --plot trip.png")
+@click.argument("trip", required=False)
+@click.option("--list", "listed", is_flag=True, help="List all trips instead, the newest last.")
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw it into this .png or .svg file.")
+@click.option(
+    "--trips",
+    "folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the trips.  [default: as for run]",
+)
+@json_option
+def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | None, as_json: bool) -> None:
+    """What tripped, the order of causes, what the controller did, and what to do next.
+
+    TRIP is a file, or the name of a trip or its beginning; without it, the newest.
+    """
+    from micromanip.host.blackbox.box import Box
+    from micromanip.host.blackbox.shelf import default_folder, find, summary, trips
+    from micromanip.host.blackbox.story import lines, story
+
+    folder = folder or default_folder()
+    if listed:
+        if trip is not None or plot is not None:
+            raise UsageError("--list shows all trips: leave out TRIP and --plot")
+        found = [summary(file) for file in trips(folder)]
+        if as_json:
+            print_json(found)
+            return
+        for entry in found:
+            click.echo(f"{entry['trip']}  {str(entry['message']).split('. Likely:')[0]}")
+        if not found:
+            click.echo(f"no trips in {folder}")
+        return
+    if plot is not None and plot.suffix not in (".png", ".svg"):
+        raise UsageError(f"--plot {plot}: the file must end with .png or .svg")
+    file = find(folder, trip)
+    box = Box.load(file)
+    told = story(box, file)
+    if plot is not None:
+        _draw(box, plot)
+        told["plot"] = str(plot)
+    if as_json:
+        print_json(told)
+        return
+    for line in lines(told):
+        click.echo(line)
+
+
+def _draw(box: Box, plot: Path) -> None:
+    from micromanip.host.blackbox.figure import save
+
+    try:
+        save(box, plot)
+    except OSError as problem:
+        raise UsageError(f"--plot {plot} can't be written: {problem.strerror}") from problem

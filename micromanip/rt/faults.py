@@ -1,0 +1,96 @@
+"""Fault manager: what is noticed is written down, latched and answered in the cycle in which it is noticed.
+
+A condition that becomes true is an event (``note``); a fault brings its configured reaction: WARN only tells,
+HOLDS freezes the correction (a ramp follows), RAMPS goes smoothly to park, CUTS follows an amplifier that is off. The
+first fault that is more than a warning stays latched until ``reset``; a later one can only make
+the reaction harder. One axis that can't go on stops the cell: a spindle held in two axes cuts a wrong path.
+
+What is watched on each axis is in ``watch.py``, the states that the reactions lead to in ``transitions.py``.
+"""
+
+from __future__ import annotations
+
+from .jit import compiled
+from .phases import CLOSED
+from .records import EVENTS, Record
+from .states import ARMED, CUTS, FAULT, HOLDING, HOLDS, NO_FAULT, OFF, READY, TRACKING, WARN
+from .transitions import begin_hold, begin_ramp, cut, enter
+
+
+@compiled
+def note(s: Record, code: int, axis: int, value: float, limit: float, reaction: int) -> None:
+    """Write an event down; the ring keeps the newest."""
+    event = s["event"][s["events"] % EVENTS]
+    event["cycle"], event["code"], event["axis"] = s["cycle"], code, axis
+    event["value"], event["limit"], event["reaction"], event["state"] = value, limit, reaction, s["state"]
+    s["events"] += 1
+
+
+@compiled
+def begins(w: Record, code: int, active: bool) -> bool:
+    """True in the cycle in which the condition `code` becomes active; ``w["raised"]`` keeps a bit for each."""
+    bit = 1 << code
+    began = active and w["raised"] & bit == 0
+    w["raised"] = w["raised"] | bit if active else w["raised"] & ~bit
+    return began
+
+
+@compiled
+def warn(s: Record, axis: int, code: int, active: bool, value: float, limit: float) -> None:
+    """Tell of a condition of an axis that begins; it is told again once it has been away."""
+    if begins(s["axis"][axis]["watch"], code, active):
+        note(s, code, axis, value, limit, WARN)
+
+
+@compiled
+def axis_fault(p: Record, s: Record, axis: int, code: int, active: bool, value: float, limit: float) -> None:
+    """Raise a fault of an axis where its condition begins."""
+    if begins(s["axis"][axis]["watch"], code, active):
+        raise_fault(p, s, code, axis, value, limit, p["axis"][axis]["watch"]["reaction"][code])
+
+
+@compiled
+def cell_fault(p: Record, s: Record, code: int, active: bool, value: float, limit: float) -> None:
+    """Raise a fault of the whole cell where its condition begins."""
+    if begins(s, code, active):
+        raise_fault(p, s, code, -1, value, limit, p["reaction"][code])
+
+
+@compiled
+def raise_fault(p: Record, s: Record, code: int, axis: int, value: float, limit: float, reaction: int) -> None:
+    """Write a fault down, latch it (the first one stays) and react; one that only warns is written down."""
+    note(s, code, axis, value, limit, reaction)
+    if reaction == WARN:
+        return
+    if s["fault"] == NO_FAULT:
+        s["fault"], s["fault_axis"], s["fault_cycle"] = code, axis, s["cycle"]
+        s["fault_value"], s["fault_limit"] = value, limit
+        s["trips"] += 1
+    react(p, s, reaction)
+
+
+@compiled
+def react(p: Record, s: Record, reaction: int) -> None:
+    """Go where `reaction` leads from the present state; a milder one never undoes a graver one."""
+    state = s["state"]
+    if reaction == CUTS:
+        cut(p, s)
+    elif state in (READY, OFF):
+        enter(s, FAULT)
+    elif reaction == HOLDS and state == HOLDING:
+        if s["fault_cycle"] == s["cycle"]:
+            enter(s, HOLDING)  # one that was asked for: from now on its time is limited
+    elif reaction == HOLDS and (state == TRACKING or (state == ARMED and s["phase"] == CLOSED)):
+        begin_hold(p, s)
+    elif state != FAULT:
+        begin_ramp(p, s)
+
+
+@compiled
+def forget(p: Record, s: Record) -> None:
+    """Unlatch: every condition that still stands is raised anew in the next cycle."""
+    s["fault"] = NO_FAULT
+    s["raised"] = 0
+    for i in range(p["axes"]):
+        s["axis"][i]["watch"]["raised"] = 0
+        s["axis"][i]["frozen"] = 0

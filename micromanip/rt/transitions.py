@@ -1,0 +1,133 @@
+"""The cell's states, and what its axes do in each.
+
+    OFF -> READY -> ARMED -> TRACKING <-> HOLDING     arm (``arming.py``), hold; arm again resumes a hold
+             ^        |         |            |
+             +--- RAMPING <-----+------------+        disarm, stop, fault: smoothly to the park voltage
+                    |
+                    +--> OFF or FAULT                 FAULT is latched until reset; nothing re-arms by itself
+
+A disarm or a stop while tracking first fades the correction out with the loops closed (``soft``); a fault ramps
+at once. A cell that was told to stop (``stopping``) ends in OFF whatever happens on the way.
+"""
+
+from __future__ import annotations
+
+from .arming import arming_cycles, arming_phase
+from .course import smooth
+from .jit import compiled
+from .phases import CLOSED, FROZEN, PARKED, PARKING
+from .records import Record
+from .states import ARMED, FAULT, HOLDING, NO_FAULT, OFF, RAMPING, READY, STAGE, TRACKING
+
+
+@compiled
+def enter(s: Record, state: int) -> None:
+    """Change the cell's state, and note when."""
+    s["state"] = state
+    s["entered_cycle"] = s["cycle"]
+
+
+@compiled
+def begin_hold(p: Record, s: Record) -> None:
+    """Freeze the correction: every axis stays where it is, its loops closed."""
+    for i in range(p["axes"]):
+        s["axis"][i]["closed"] = 0
+    enter(s, HOLDING)
+
+
+@compiled
+def begin_soft_stop(p: Record, s: Record) -> None:
+    """Fade the correction out with the loops closed; the ramp follows."""
+    for i in range(p["axes"]):
+        a = s["axis"][i]
+        a["hold_um"] = 0.0 if p["axis"][i]["mode"] == STAGE else a["setpoint_um"]
+        a["hold_scale"] = 1.0
+    s["soft"] = 1
+    enter(s, RAMPING)
+
+
+@compiled
+def begin_ramp(p: Record, s: Record) -> None:
+    """Start the smooth way to the park voltage of all axes; one under way is not started anew."""
+    if s["state"] == RAMPING and s["soft"] == 0:
+        return
+    for i in range(p["axes"]):
+        s["axis"][i]["start_V"] = s["axis"][i]["voltage_V"]
+    s["soft"] = 0
+    enter(s, RAMPING)
+
+
+@compiled
+def cut(p: Record, s: Record) -> None:
+    """Follow an amplifier that is off: no ramp, every memory of the loops is dropped."""
+    for i in range(p["axes"]):
+        s["axis"][i]["closed"] = 0
+        s["axis"][i]["estimator"]["running"] = 0
+    if s["state"] != OFF:
+        enter(s, FAULT)
+
+
+@compiled
+def is_parked(p: Record, s: Record) -> bool:
+    """Whether every output gets to its park voltage within this cycle, however slow its slew limit is."""
+    for i in range(p["axes"]):
+        limiter = p["axis"][i]["limiter"]
+        if abs(s["axis"][i]["voltage_V"] - limiter["park_V"]) > limiter["slew_V"]:
+            return False
+    return True
+
+
+@compiled
+def ends_hold(p: Record, s: Record, retracted: bool) -> bool:
+    """Whether a hold that can't be resumed is over: the tool is out of the cut, or the time is up."""
+    waits_for_nobody = s["fault"] != NO_FAULT or s["stopping"] != 0
+    return waits_for_nobody and (retracted or s["cycle"] - s["entered_cycle"] >= p["hold_cycles"])
+
+
+@compiled
+def finish_phase(p: Record, s: Record, retracted: bool) -> None:
+    """Go on to the next state where arming, a hold or a ramp has come to its end."""
+    passed = s["cycle"] - s["entered_cycle"]
+    state = s["state"]
+    if state == ARMED and passed >= arming_cycles(p, s):
+        s["tracking_cycle"] = s["cycle"]
+        enter(s, TRACKING)
+    elif (state == HOLDING and ends_hold(p, s, retracted)) or (
+        state == RAMPING and s["soft"] != 0 and passed >= p["authority_cycles"]
+    ):
+        begin_ramp(p, s)
+    elif state == RAMPING and s["soft"] == 0 and passed >= p["ramp_cycles"] and is_parked(p, s):
+        enter(s, FAULT if s["fault"] != NO_FAULT else READY)
+    if s["stopping"] != 0 and s["state"] in (READY, FAULT) and is_parked(p, s):
+        enter(s, OFF)
+
+
+@compiled
+def phase_of(p: Record, s: Record) -> tuple[int, float]:
+    """What the axes do in this cycle, and how far they are with it (0..1)."""
+    passed = float(s["cycle"] - s["entered_cycle"])
+    if s["state"] == ARMED:
+        return arming_phase(p, s, passed)
+    if s["state"] == TRACKING:
+        return CLOSED, 1.0
+    if s["state"] == HOLDING:
+        return CLOSED, 0.0
+    if s["state"] == RAMPING and s["soft"] != 0:
+        return CLOSED, 1.0 - smooth(passed / p["authority_cycles"])
+    if s["state"] == RAMPING:
+        return PARKING, smooth(passed / p["ramp_cycles"])
+    return PARKED, 0.0
+
+
+@compiled
+def phase_of_axis(s: Record, a: Record, phase: int) -> int:
+    """The cell's phase, but for an axis whose sensors are not to be trusted in a hold: its voltage is frozen."""
+    return FROZEN if s["state"] == HOLDING and a["frozen"] != 0 else phase
+
+
+@compiled
+def pass_missed(s: Record, missed: int) -> None:
+    """Let `missed` cycles go by; arming and a ramp have waited where they were, so that they never jump."""
+    s["cycle"] += missed
+    if s["state"] == ARMED or s["state"] == RAMPING:
+        s["entered_cycle"] += missed

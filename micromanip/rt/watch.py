@@ -1,0 +1,205 @@
+"""What is watched on each axis while it is controlled: sensors, errors, voltage, oscillation, reference, amplifier.
+
+Each detection is a condition with a time: it must last for so many cycles in a row, or hold for a mean over that
+time. What is noticed goes to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then,
+and arming is refused until it is back.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .faults import axis_fault, warn
+from .jit import compiled
+from .phases import BUMPING, CLOSED, LIFTING, SWEEPING
+from .pid import retune
+from .records import Record
+from .reference import SIGNAL
+from .sensor import is_missing
+from .states import (
+    AMPLIFIER_FAULT,
+    COASTING,
+    DEGRADED,
+    DERATED,
+    DISAGREEMENT,
+    FALLBACK,
+    FOLLOWING_ERROR,
+    HOLDS,
+    OSCILLATION,
+    OVER_TEMPERATURE,
+    REFERENCE_LOST,
+    REFERENCE_STALE,
+    SATURATED,
+    SATURATING,
+    STAGE,
+    STAGE_INVALID,
+    STAGE_STUCK,
+    STRAIN_INVALID,
+    STRAIN_STUCK,
+    TRACKING,
+    VOLTAGE,
+)
+
+
+@compiled
+def lasting(count: int, active: bool) -> int:
+    """Cycles in a row that a condition has been active."""
+    return count + 1 if active else 0
+
+
+@compiled
+def watch_strain(p: Record, s: Record, i: int, active: bool) -> None:
+    """Strain gauge unusable or stuck: without feedback, on the feedforward alone, for a few ms; then the fault."""
+    limits, a = p["axis"][i]["watch"], s["axis"][i]
+    w, sensor = a["watch"], a["strain"]
+    bad = active and sensor["bad"] >= limits["strain_samples"]
+    stuck = active and sensor["identical"] >= limits["strain_identical"]
+    w["coast"] = lasting(w["coast"], bad or stuck)
+    over = w["coast"] > limits["coast_cycles"]
+    lost = float(sensor["bad"] if bad else sensor["identical"])
+    warn(s, i, COASTING, w["coast"] > 0, lost, float(limits["strain_samples"]))
+    axis_fault(p, s, i, STRAIN_INVALID, over and bad, lost, float(limits["strain_samples"]))
+    axis_fault(p, s, i, STRAIN_STUCK, over and stuck, lost, float(limits["strain_identical"]))
+
+
+@compiled
+def watch_stage(p: Record, s: Record, i: int, active: bool) -> None:
+    """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
+
+    When it is back in time the set-point is blended over from where it is.
+    """
+    limits, a = p["axis"][i]["watch"], s["axis"][i]
+    w, sensor = a["watch"], a["stage"]
+    bad = active and sensor["bad"] >= limits["stage_samples"]
+    stuck = active and sensor["identical"] >= limits["stage_identical"]
+    if w["degraded"] > 0 and not (bad or stuck):
+        a["closed"] = 0
+    w["degraded"] = lasting(w["degraded"], bad or stuck)
+    over = w["degraded"] > limits["degraded_cycles"]
+    lost = float(sensor["bad"] if bad else sensor["identical"])
+    warn(s, i, DEGRADED, w["degraded"] > 0, lost, float(limits["stage_samples"]))
+    axis_fault(p, s, i, STAGE_INVALID, over and bad, lost, float(limits["stage_samples"]))
+    axis_fault(p, s, i, STAGE_STUCK, over and stuck, lost, float(limits["stage_identical"]))
+
+
+@compiled
+def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
+    """Gauge and capacitive sensor disagree: mean square innovation, in units of its variance, over a short time.
+
+    Nobody knows which of the two is wrong: a hold keeps the voltage, not the set-point.
+    """
+    limits, a = p["axis"][i]["watch"], s["axis"][i]
+    w, sensor = a["watch"], a["stage"]
+    if not active:
+        w["innovation"] = 1.0
+    elif sensor["fresh"] and w["degraded"] == 0:
+        square = a["estimator"]["innovation_um"] ** 2 / limits["innovation_variance"]
+        w["innovation"] += limits["innovation_step"] * (square - w["innovation"])
+    disagree = active and w["innovation"] > limits["innovation_ratio"]
+    if disagree and limits["reaction"][DISAGREEMENT] == HOLDS:
+        a["frozen"] = 1
+    axis_fault(p, s, i, DISAGREEMENT, disagree, w["innovation"], limits["innovation_ratio"])
+
+
+@compiled
+def following_error(p: Record, a: Record) -> float:
+    """How far (um) the stage is from the reference, or the gauge from the set-point."""
+    if p["mode"] == STAGE:
+        return a["reference"]["w"][0] + a["reference"]["w"][3] - a["stage"]["value"]
+    return a["setpoint_um"] - a["strain"]["value"]
+
+
+@compiled
+def watch_following(p: Record, s: Record, i: int, active: bool) -> None:
+    """Following error above its limit for some cycles; unknown while its sensor is unusable."""
+    limits, a = p["axis"][i]["watch"], s["axis"][i]
+    w = a["watch"]
+    known = active and w["degraded"] == 0 and w["coast"] == 0
+    error_um = abs(following_error(p["axis"][i], a))
+    w["following"] = lasting(w["following"], known and error_um > limits["following_um"])
+    over = w["following"] >= limits["following_cycles"]
+    axis_fault(p, s, i, FOLLOWING_ERROR, over, error_um, limits["following_um"])
+
+
+@compiled
+def watch_voltage(p: Record, s: Record, i: int, active: bool) -> None:
+    """Voltage at an end of its range: told after a short time, a fault after a long one."""
+    limits, limiter, a = p["axis"][i]["watch"], p["axis"][i]["limiter"], s["axis"][i]
+    w = a["watch"]
+    at_end = active and (a["request_V"] > limiter["high_V"] or a["request_V"] < limiter["low_V"])
+    w["saturated"] = lasting(w["saturated"], at_end)
+    cycles = float(w["saturated"])
+    warn(s, i, SATURATING, cycles >= limits["saturating_cycles"], a["voltage_V"], float(limits["saturating_cycles"]))
+    over = w["saturated"] >= limits["saturated_cycles"]
+    axis_fault(p, s, i, SATURATED, over, a["voltage_V"], float(limits["saturated_cycles"]))
+
+
+@compiled
+def band_pass(limits: Record, w: Record, x: float) -> float:
+    """Second-order band pass, gain 1 in the middle of its band."""
+    y = limits["band_b"] * (x - w["band_x2"]) - limits["band_a1"] * w["band_y1"] - limits["band_a2"] * w["band_y2"]
+    w["band_x2"], w["band_x1"] = w["band_x1"], x
+    w["band_y2"], w["band_y1"] = w["band_y1"], y
+    return y
+
+
+@compiled
+def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
+    """The inner loop swings: energy of its error in the band where it would. First the fallback gains, once."""
+    axis, a = p["axis"][i], s["axis"][i]
+    limits, w = axis["watch"], a["watch"]
+    if not active:
+        w["band_x1"] = w["band_x2"] = w["band_y1"] = w["band_y2"] = w["band_energy"] = 0.0
+        w["band_cycles"] = w["fallback"] = 0
+    else:
+        y = band_pass(limits, w, a["setpoint_um"] - a["strain"]["value"])
+        w["band_energy"] += limits["band_step"] * (y * y - w["band_energy"])
+    rms_um = math.sqrt(w["band_energy"])
+    w["band_cycles"] = lasting(w["band_cycles"], rms_um > limits["band_um"])
+    swings = w["band_cycles"] >= limits["band_cycles"]
+    if swings and w["fallback"] == 0:
+        retune(axis["pid"], axis["fallback"], a["pid"])
+        w["fallback"], w["band_cycles"] = 1, 0
+        swings = False
+    warn(s, i, FALLBACK, w["fallback"] != 0, rms_um, limits["band_um"])
+    axis_fault(p, s, i, OSCILLATION, swings, rms_um, limits["band_um"])
+
+
+@compiled
+def watch_reference(p: Record, s: Record, i: int, active: bool) -> None:
+    """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0."""
+    limits, silent = p["axis"][i]["watch"], s["axis"][i]["reference"]["silent"]
+    follows = active and p["axis"][i]["reference"]["kind"] == SIGNAL
+    stale = follows and silent >= limits["stale_cycles"]
+    lost = follows and silent >= limits["lost_cycles"]
+    warn(s, i, REFERENCE_STALE, stale, float(silent), float(limits["stale_cycles"]))
+    axis_fault(p, s, i, REFERENCE_LOST, lost, float(silent), float(limits["lost_cycles"]))
+
+
+@compiled
+def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> None:
+    """Status signals of the amplifier; one that is hot gets less to do before the fault."""
+    axis, a = p["axis"][i], s["axis"][i]
+    limits, w = axis["watch"], a["watch"]
+    axis_fault(p, s, i, AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]), 0.0, 1.0)
+    w["hot"] = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
+    warn(s, i, DERATED, w["hot"] > 0, 100.0 * limits["derate"], 100.0)
+    axis_fault(p, s, i, OVER_TEMPERATURE, w["hot"] > limits["hot_cycles"], float(w["hot"]), float(limits["hot_cycles"]))
+
+
+@compiled
+def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
+    """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
+    axis, phase = p["axis"][i], s["phase"]
+    lifted = phase in (LIFTING, BUMPING, SWEEPING)
+    inner = moving and axis["mode"] != VOLTAGE and (lifted or phase == CLOSED)
+    outer = moving and axis["mode"] == STAGE and phase == CLOSED
+    tracking = moving and s["state"] == TRACKING
+    watch_strain(p, s, i, inner)
+    watch_stage(p, s, i, outer)
+    watch_innovation(p, s, i, outer)
+    watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
+    watch_voltage(p, s, i, inner)
+    watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
+    watch_reference(p, s, i, tracking)
+    watch_amplifier(p, s, i, enabled)

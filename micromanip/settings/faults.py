@@ -1,0 +1,221 @@
+"""Section ``faults``: what is watched, its limits, and what follows; two sets of defaults.
+
+The set `hardware` is what `loop.limits: hardware` means; `simulation` is wide, because a virtual machine stalls for
+tens of milliseconds and a stalled loop moves late. A key that the file gives replaces the set's; ``null`` means no
+limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from .base import Count, NotNegative, Positive, Settings
+
+Reaction = Literal["warn", "hold", "ramp", "off"]
+_REACTION = "What follows: warn only tells, hold freezes the correction, ramp goes to park, off cuts the amplifier."
+
+
+class StrainInvalid(Settings):
+    """Strain gauge: not finite, out of range, jumped, stale, or stuck."""
+
+    samples: Count | None = Field(default=3, description="So many unusable samples in a row.")
+    identical: Count | None = Field(default=20, description="So many identical readings in a row: the gauge is stuck.")
+    rate_um_per_ms: Positive | None = Field(default=100.0, description="A reading that moves faster is unusable.")
+    coast_ms: NotNegative = Field(default=5.0, description="Time on the feedforward alone before the reaction.")
+    reaction: Reaction = Field(default="ramp", description=_REACTION)
+
+
+class StageInvalid(Settings):
+    """Capacitive sensor: the same."""
+
+    samples: Count | None = Field(default=3, description="So many unusable samples in a row.")
+    identical: Count | None = Field(default=20, description="So many identical readings in a row: the sensor is stuck.")
+    rate_um_per_ms: Positive | None = Field(default=1000.0, description="A reading that moves faster is unusable.")
+    degraded_s: NotNegative = Field(default=1.0, description="Time on the model's prediction before the reaction.")
+    reaction: Reaction = Field(default="ramp", description=_REACTION)
+
+
+class Disagreement(Settings):
+    """Strain gauge and capacitive sensor disagree: the Kalman filter's innovation is too large."""
+
+    ratio: Positive | None = Field(
+        default=25.0, description="Mean square innovation, in units of the variance that the filter expects."
+    )
+    time_ms: Positive = Field(default=10.0, description="Time of the mean.")
+    reaction: Reaction = Field(default="hold", description=_REACTION)
+
+
+class FollowingError(Settings):
+    """The stage is not where the reference is (mode stage), or the gauge not where the set-point is."""
+
+    limit_um: Positive | None = Field(default=20.0, description="Largest error.")
+    time_ms: Positive = Field(default=5.0, description="It must last so long.")
+    reaction: Reaction = Field(default="hold", description=_REACTION)
+
+
+class Saturation(Settings):
+    """The voltage is at an end of its range."""
+
+    warn_ms: Positive | None = Field(default=50.0, description="Told after so long.")
+    time_ms: Positive | None = Field(default=500.0, description="The reaction follows after so long.")
+    reaction: Reaction = Field(default="hold", description=_REACTION)
+
+
+class Oscillation(Settings):
+    """The inner loop swings: rms of its error in a band."""
+
+    limit_um: Positive | None = Field(default=1.0, description="Largest rms in the band.")
+    band_Hz: tuple[Positive, Positive] = Field(default=(300.0, 1500.0), description="Where a loop would swing.")
+    time_ms: Positive = Field(default=20.0, description="It must last so long; then the fallback gains, then again.")
+    fallback: Annotated[float, Field(gt=0, lt=1)] = Field(
+        default=0.4, description="Gain of the PID while it falls back, as a share of its own."
+    )
+    reaction: Reaction = Field(default="ramp", description=_REACTION)
+
+    @model_validator(mode="after")
+    def _band_rises(self) -> Self:
+        if self.band_Hz[0] >= self.band_Hz[1]:
+            raise ValueError(f"band_Hz must rise, e.g. [300, 1500], not {list(self.band_Hz)}")
+        return self
+
+
+class ReferenceLost(Settings):
+    """No usable sample of the reference signal."""
+
+    stale_periods: Positive | None = Field(default=2.0, description="Told after so many periods of the signal.")
+    time_ms: Positive | None = Field(default=20.0, description="The reaction follows after so long.")
+    decay_ms: Positive = Field(default=200.0, description="The hold goes back to the working point in this time.")
+    reaction: Reaction = Field(default="hold", description=_REACTION)
+
+
+class Amplifier(Settings):
+    """The signal amplifier_ok is not 1."""
+
+    reaction: Reaction = Field(default="off", description=_REACTION)
+
+
+class OverTemperature(Settings):
+    """The signal temperature_ok is not 1."""
+
+    derate_percent: Annotated[float, Field(gt=0, le=100)] = Field(
+        default=50.0, description="Share of the correction that is left while the amplifier is hot."
+    )
+    time_s: NotNegative = Field(default=2.0, description="The reaction follows if it is hot for so long.")
+    reaction: Reaction = Field(default="ramp", description=_REACTION)
+
+
+class AxisFaults(Settings):
+    """What is watched on an axis."""
+
+    strain: StrainInvalid = StrainInvalid()
+    stage: StageInvalid = StageInvalid()
+    disagreement: Disagreement = Disagreement()
+    following_error: FollowingError = FollowingError()
+    saturation: Saturation = Saturation()
+    oscillation: Oscillation = Oscillation()
+    reference: ReferenceLost = ReferenceLost()
+    amplifier: Amplifier = Amplifier()
+    over_temperature: OverTemperature = OverTemperature()
+
+
+class Deadline(Settings):
+    """The loop misses its deadlines."""
+
+    in_a_row: Count | None = Field(default=3, description="So many in a row.")
+    share_percent: Positive | None = Field(default=0.1, description="More than this share of one second.")
+    reaction: Literal["hold", "ramp"] = Field(default="hold", description="What follows.")
+
+
+class Host(Settings):
+    """The host process gives no sign of life."""
+
+    silent_ms: Positive = Field(default=100.0, description="Longest silence.")
+    reaction: Literal["hold", "ramp"] = Field(default="hold", description="What follows; then the loop ends.")
+
+
+class DriverError(Settings):
+    """A driver's exchange fails."""
+
+    reaction: Literal["hold", "ramp", "off"] = Field(default="ramp", description="What follows.")
+
+
+class Enable(Settings):
+    """The signal enable is not 1: emergency stop."""
+
+    reaction: Literal["off"] = Field(default="off", description="The amplifier is off already: it is followed.")
+
+
+class Interlock(Settings):
+    """The signal interlock is not 1: a door, a guard."""
+
+    reaction: Literal["hold", "ramp", "off"] = Field(default="ramp", description="What follows.")
+
+
+class Hold(Settings):
+    """A hold after a fault."""
+
+    timeout_s: Positive = Field(
+        default=1.0, description="The ramp begins when the signal retracted is 1, or after so long."
+    )
+
+
+class Faults(Settings):
+    """What is watched in the whole cell; ``axis`` is the default of every axis' own section ``faults``."""
+
+    deadline: Deadline = Deadline()
+    host: Host = Host()
+    driver: DriverError = DriverError()
+    enable: Enable = Enable()
+    interlock: Interlock = Interlock()
+    hold: Hold = Hold()
+    axis: AxisFaults = AxisFaults()
+
+
+SIMULATION: dict[str, Any] = {
+    "deadline": {"in_a_row": None, "share_percent": None},
+    "host": {"silent_ms": 1000.0},
+    "axis": {
+        "strain": {"rate_um_per_ms": 1000.0},
+        "disagreement": {"ratio": None},
+        "following_error": {"limit_um": 400.0, "time_ms": 100.0},
+        "oscillation": {"limit_um": 20.0, "time_ms": 200.0},
+        "reference": {"stale_periods": 20.0, "time_ms": 500.0},
+    },
+}
+"""Where the set `simulation` differs from `hardware`, which is the models' defaults."""
+
+
+def merged(base: Mapping[str, Any], own: Any) -> Any:
+    """`own` over `base`, section by section; what is not a section is left for the validation to find."""
+    if own is None:
+        return dict(base)
+    if not isinstance(own, Mapping):
+        return own
+    result = dict(own)
+    for key, value in base.items():
+        if key not in own:
+            result[key] = value
+        elif isinstance(value, Mapping):
+            result[key] = merged(value, own[key]) if own[key] is not None else None
+    return result
+
+
+def with_limits(document: Any) -> Any:
+    """The configuration's document with every axis' limits spelt out: its own over the cell's over the chosen set."""
+    if not isinstance(document, Mapping):
+        return document
+    loop = document.get("loop")
+    simulated = isinstance(loop, Mapping) and loop.get("limits") == "simulation"
+    faults = merged(SIMULATION if simulated else {}, document.get("faults"))
+    result = {**document, "faults": faults}
+    common = faults.get("axis", {}) if isinstance(faults, Mapping) else {}
+    axes = document.get("axes")
+    if isinstance(axes, Mapping) and isinstance(common, Mapping):
+        result["axes"] = {
+            name: {**axis, "faults": merged(common, axis.get("faults"))} if isinstance(axis, Mapping) else axis
+            for name, axis in axes.items()
+        }
+    return result

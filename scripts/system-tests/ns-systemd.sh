@@ -18,12 +18,15 @@ unified=/sys/fs/cgroup
 home_group=$unified$(awk -F: '/^0::/{print $3}' /proc/self/cgroup)
 group=$unified/micromanip-test.$$
 
+machine=
 clean() {
+    [ -z "$machine" ] || { kill "$machine" && wait "$machine"; } 2>/dev/null
     echo $$ >"$home_group/cgroup.procs"
     find "$group" -depth -type d -exec rmdir {} \; 2>/dev/null
     rm -rf --one-file-system "$work"
 }
 trap clean EXIT
+trap 'exit 130' INT TERM
 mkdir "$group" && echo $$ >"$group/cgroup.procs" || exit 125
 
 # What follows runs inside the namespaces: build the new /, go there, become systemd.
@@ -79,8 +82,10 @@ INSIDE
 
 timeout -k 5 "${LIMIT:-600}" unshare --fork --pid --mount --uts --ipc --net --cgroup --kill-child --propagation private \
     /bin/bash -c "$inside" - "$work" "${KEPT:-$work/none}" >/dev/null 2>"$work/errors" &
-wait $!
+machine=$!
+wait "$machine"
 status=$?
+machine=
 if [ -e "$work/exchange/output" ]; then
     cat "$work/exchange/output"
     [ $status = 124 ] && echo "ns-systemd.sh: ended after ${LIMIT:-600} s" >&2

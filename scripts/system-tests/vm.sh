@@ -22,7 +22,13 @@ case $qemu in "$programs"*) firmware=(-L "$programs/usr/share/qemu" -L "$program
 export LD_LIBRARY_PATH=$programs/lib/x86_64-linux-gnu:$programs/usr/lib/x86_64-linux-gnu
 
 work=$(mktemp -d "${TMPDIR:-/tmp}/micromanip-vm.XXXXXX")
-trap 'rm -rf "$work"' EXIT
+machine=
+clean() {
+    [ -z "$machine" ] || kill "$machine" 2>/dev/null
+    rm -rf "$work"
+}
+trap clean EXIT
+trap 'exit 130' INT TERM
 mkdir -p "$work/first/bin" "$work/first/modules" "$work/exchange" "$work/none"
 printf '%s\n' "$1" >"$work/exchange/command"
 cp "$busybox" "$work/first/bin/busybox"
@@ -44,8 +50,10 @@ nice timeout -k 5 "${LIMIT:-1500}" "$qemu" "${firmware[@]}" -M q35,usb=off -acce
     -virtfs local,path=/,mount_tag=root,security_model=none,readonly=on,multidevs=remap \
     -virtfs "local,path=$work/exchange,mount_tag=exchange,security_model=none" \
     -virtfs "local,path=${KEPT:-$work/none},mount_tag=kept,security_model=none" -device virtio-rng-pci </dev/null &
-wait $!
+machine=$!
+wait "$machine"
 ended=$?
+machine=
 cat "$work/exchange/output" 2>/dev/null
 if [ ! -s "$work/exchange/status" ]; then
     echo "vm.sh: no result (qemu ended with $ended), the console's last lines:" >&2

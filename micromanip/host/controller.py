@@ -28,9 +28,10 @@ _ANSWER_S = 1.0
 class Controller:
     """Owns the segments and the loop process of one configuration."""
 
-    def __init__(self, prepared: Prepared, socket_path: Path) -> None:
+    def __init__(self, prepared: Prepared, socket_path: Path, locks: tuple[int, ...] = ()) -> None:
+        """`locks` are descriptors that the loop process holds too, as long as it lives."""
         self.prepared = prepared
-        self._socket_path = socket_path
+        self._socket_path, self._locks = socket_path, locks
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
         self._offsets, size = context_layout([len(context) for context in contexts])
         self.segments = Segments.create(size, prepared.samples)
@@ -56,7 +57,7 @@ class Controller:
             *("-m", "micromanip.host.loop_process"),
             stdin=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
-            pass_fds=self.segments.descriptors,
+            pass_fds=(*self.segments.descriptors, *self._locks),
             start_new_session=True,
         )
         assert self.process.stdin is not None

@@ -23,6 +23,8 @@ from .refusals import axis_refusals, refusals
 from .segments import CONTROL, RING, SLOTS, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
+_SENSORS_S = 0.05
+"""Time for a first sample of every sensor, the slowest included, before the controller is READY."""
 
 
 class Controller:
@@ -47,7 +49,7 @@ class Controller:
         self._commands = asyncio.Lock()
 
     async def start(self) -> None:
-        """Start the loop process; returns when its first cycle has run.
+        """Start the loop process; returns when it has run for so long that every sensor has said something.
 
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
@@ -63,7 +65,8 @@ class Controller:
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps(self._orders()).encode())
         self.process.stdin.close()
-        while self.words[w.CYCLES_RUN] == 0:
+        heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
+        while self.words[w.CYCLES_RUN] < heard:
             if self.process.returncode is not None:
                 raise await self._start_failure(self.process)
             self.beat()

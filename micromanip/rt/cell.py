@@ -17,8 +17,8 @@ from .jit import compiled
 from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
 from .records import Record
 from .reference import SIGNAL
-from .shadow import promote, withdraw
 from .sensor import is_missing, is_on, read_line
+from .shadow import promote, withdraw
 from .states import (
     ARM,
     ARMED,

@@ -19,8 +19,8 @@ from .faults import cell_fault
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
-from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
 from .shadow import end_trial, shadow_cycle, start_shadow, takes_back
+from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
 from .states import DRIVER_ERROR, HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
 from .swap import swap_cell
 from .telemetry import write_row
@@ -91,7 +91,21 @@ def publish(words: Any, s: Any) -> None:
 
 @compiled.entry(
     types.void(
-        *(WORDS, PARAMETERS, WORDS, STATES, STATES, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES, WORDS, ROWS),
+        *(
+            WORDS,
+            PARAMETERS,
+            WORDS,
+            STATES,
+            STATES,
+            STATES,
+            DRIVERS,
+            types.int64,
+            SIGNALS,
+            OUTPUTS,
+            SAMPLES,
+            WORDS,
+            ROWS,
+        ),
         *(WORDS, WORDS, WORDS, types.int64),
     )
 )

@@ -91,22 +91,8 @@ def publish(words: Any, s: Any) -> None:
 
 @compiled.entry(
     types.void(
-        *(
-            WORDS,
-            PARAMETERS,
-            WORDS,
-            STATES,
-            STATES,
-            STATES,
-            DRIVERS,
-            types.int64,
-            SIGNALS,
-            OUTPUTS,
-            SAMPLES,
-            WORDS,
-            ROWS,
-        ),
-        *(WORDS, WORDS, WORDS, types.int64),
+        *(WORDS, PARAMETERS, WORDS, STATES, STATES, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES),
+        *(WORDS, ROWS, WORDS, WORDS, WORDS, types.int64),
     )
 )
 def run_loop(
@@ -128,7 +114,7 @@ def run_loop(
     timespec: Any,
     spin_ns: int,
 ) -> None:
-    """Run until the state is OFF; `parameters` are the two slots, `states`, `shadows` and `snapshots` have one element."""
+    """Run until the state is OFF; `states`, `shadows` and `snapshots` have one element, `parameters` one a slot."""
     s = states[0]
     p = parameters[load_acquire(control, SLOT)]
     before, candidate, shadow = p, p, shadows[0]

@@ -154,7 +154,7 @@ class Trial(Settings):
     trial_s: Positive = Field(default=5.0, description="Length of the trial.")
     window_s: Positive = Field(default=0.2, description="Time over which the error on trial is averaged.")
     error_factor: Annotated[float, Field(ge=1)] = Field(
-        default=1.5, description="The rms error may become so many times that of the last second before."
+        default=2.0, description="The rms error may become so many times that of the last second before."
     )
     error_floor_um: NotNegative = Field(default=0.1, description="So much more is always allowed.")
 

@@ -25,6 +25,7 @@ from .shelf import file_name, prune
 _LOOK_S = 0.02
 _RETRY_S = 3.0
 _KEPT_IN_MEMORY = 4
+_PAGE = 4096
 
 
 def tell(**message: Any) -> None:
@@ -149,6 +150,7 @@ def main() -> int:
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     )
     watch = Watch(capture, Shelf(Path(orders["folder"]), orders["kept"]), orders["known"], orders["stuck_s"])
+    segments.ring.bytes()[::_PAGE].max()  # map its pages now, not at the trip
     tell(ready=True)
     host_lives = True
     while not watch.over:

@@ -52,6 +52,16 @@ def _channel(
     return entry.driver, channels.index(wanted)
 
 
+def driver_options(source: Source, name: str, configuration: Configuration) -> tuple[type[CyclicDriver], BaseModel]:
+    """Class and validated options of the driver called `name`; ConfigError where one of them is wrong."""
+    entry = configuration.drivers[name]
+    try:
+        kind = driver_class(entry.driver)
+    except ConfigError as problem:
+        raise source.error(("drivers", name, "driver"), str(problem)) from problem
+    return kind, validate_section(source, ("drivers", name), kind.Options, entry.options)
+
+
 def wire(configuration: Configuration, source: Source, seed: int | None = None) -> Wiring:
     """Build the drivers and resolve all names; raises ConfigError with file, line and key.
 
@@ -61,12 +71,8 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
     chosen: dict[str, BaseModel] = {}
     first_input, first_output = {}, {}
     inputs = outputs = 0
-    for name, entry in configuration.drivers.items():
-        try:
-            kind = driver_class(entry.driver)
-        except ConfigError as problem:
-            raise source.error(("drivers", name, "driver"), str(problem)) from problem
-        options = validate_section(source, ("drivers", name), kind.Options, entry.options)
+    for name in configuration.drivers:
+        kind, options = driver_options(source, name, configuration)
         if seed is not None and "seed" in kind.Options.model_fields:
             options = options.model_copy(update={"seed": seed})
         chosen[name] = options

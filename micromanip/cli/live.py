@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from micromanip.answers import Status
+from micromanip.host import journal
 
 _PLAIN_EVERY_S = 2.0
 _COLUMNS: tuple[Literal["p50", "p99", "p99_9", "p99_99", "max"], ...] = ("p50", "p99", "p99_9", "p99_99", "max")
@@ -40,11 +41,15 @@ def one_line(report: Status) -> str:
 
 
 class LiveLine:
-    """A line on standard error that is rewritten on a terminal, and repeated now and then elsewhere."""
+    """A line on standard error that is rewritten on a terminal, and repeated now and then elsewhere.
+
+    In the journal of a service there are messages only: the service manager shows the state.
+    """
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, highlight=False)
         self._live = Live(console=self._console, refresh_per_second=5, transient=True) if sys.stderr.isatty() else None
+        self._journal = journal.is_connected()
         self._told = 0.0
 
     def __enter__(self) -> Self:
@@ -60,6 +65,8 @@ class LiveLine:
 
     def say(self, message: str) -> None:
         """A message that stays."""
+        if self._journal and journal.send(journal.message_fields(message)):
+            return
         style = "bold red" if message.startswith(("X-", "WARNING")) else ""
         self._console.print(Text(message, style=style), soft_wrap=True)  # one line also in a log file
 
@@ -68,7 +75,7 @@ class LiveLine:
         line = state_line(report)
         if self._live is not None:
             self._live.update(line)
-        elif time.monotonic() - self._told > _PLAIN_EVERY_S:
+        elif not self._journal and time.monotonic() - self._told > _PLAIN_EVERY_S:
             self._told = time.monotonic()
             self._console.print(line, soft_wrap=True)
 

@@ -23,14 +23,17 @@ from .refusals import axis_refusals, refusals
 from .segments import CONTROL, RING, SLOTS, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
+_SENSORS_S = 0.05
+"""Time for a first sample of every sensor, the slowest included, before the controller is READY."""
 
 
 class Controller:
     """Owns the segments and the loop process of one configuration."""
 
-    def __init__(self, prepared: Prepared, socket_path: Path) -> None:
+    def __init__(self, prepared: Prepared, socket_path: Path, locks: tuple[int, ...] = ()) -> None:
+        """`locks` are descriptors that the loop process holds too, as long as it lives."""
         self.prepared = prepared
-        self._socket_path = socket_path
+        self._socket_path, self._locks = socket_path, locks
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
         self._offsets, size = context_layout([len(context) for context in contexts])
         self.segments = Segments.create(size, prepared.samples)
@@ -46,7 +49,7 @@ class Controller:
         self._commands = asyncio.Lock()
 
     async def start(self) -> None:
-        """Start the loop process; returns when its first cycle has run.
+        """Start the loop process; returns when it has run for so long that every sensor has said something.
 
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
@@ -56,13 +59,14 @@ class Controller:
             *("-m", "micromanip.host.loop_process"),
             stdin=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
-            pass_fds=self.segments.descriptors,
+            pass_fds=(*self.segments.descriptors, *self._locks),
             start_new_session=True,
         )
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps(self._orders()).encode())
         self.process.stdin.close()
-        while self.words[w.CYCLES_RUN] == 0:
+        heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
+        while self.words[w.CYCLES_RUN] < heard:
             if self.process.returncode is not None:
                 raise await self._start_failure(self.process)
             self.beat()

@@ -3,13 +3,14 @@
     journalctl -u micromanip MICROMANIP_CODE=X-201
     journalctl MESSAGE_ID=0abd6dde16004fdd95f7b63ab967704c -o verbose
 
-A service's plain messages go to standard error, and so to the journal by themselves.
+Every message of a service goes there with its priority; a trip has its figures as fields.
 """
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import socket
 import struct
 from collections.abc import Mapping
@@ -18,8 +19,9 @@ from pathlib import Path
 SOCKET = Path("/run/systemd/journal/socket")
 TRIP = "0abd6dde16004fdd95f7b63ab967704c"
 """MESSAGE_ID of every latched fault."""
-_CRITICAL = 2
+_CRITICAL, _ERROR, _WARNING, _INFO = 2, 3, 4, 6
 _STANDARD_ERROR = 2
+_FAULT = re.compile(r"(?P<code>[XW]-\d+)(?: axis (?P<axis>\w+):)?")
 
 
 def is_connected() -> bool:
@@ -53,6 +55,16 @@ def send(fields: Mapping[str, str], path: Path = SOCKET) -> bool:
         except OSError:
             return False
     return True
+
+
+def message_fields(message: str) -> dict[str, str]:
+    """Fields of a plain message: text and priority; code and axis where it tells of a fault."""
+    fault = _FAULT.match(message)
+    priority = _WARNING if message.startswith(("WARNING", "W-")) else _ERROR if fault else _INFO
+    fields = {"MESSAGE": message, "PRIORITY": str(priority), "SYSLOG_IDENTIFIER": "micromanip"}
+    if fault:
+        fields |= {f"MICROMANIP_{name.upper()}": value for name, value in fault.groupdict().items() if value}
+    return fields
 
 
 def trip_fields(

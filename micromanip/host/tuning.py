@@ -157,8 +157,8 @@ class Tuning:
         """`source` ready to run, and those of its changes that must find the outputs at rest."""
         running = self._running
         configuration = validate(source)
-        for name in configuration.drivers:
-            driver_options(source, name, configuration)
+        for name, entry in configuration.drivers.items():
+            driver_options(source, name, entry)
         wanted = {path: what for path, what in needs(running.configuration, configuration).items() if what != LIVE}
         self._refuse(wanted)
         revised = revise(running, source)

@@ -18,6 +18,7 @@ from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
 from .records import Record
 from .reference import SIGNAL
 from .sensor import is_missing, is_on, read_line
+from .shadow import promote, withdraw
 from .states import (
     ARM,
     ARMED,
@@ -30,6 +31,7 @@ from .states import (
     NO_COMMAND,
     NO_FAULT,
     NOT_FINITE,
+    PROMOTE,
     RAMPING,
     READY,
     REFERENCE_LOST,
@@ -40,6 +42,7 @@ from .states import (
     STRAIN_CHECK,
     TRACKING,
     VOLTAGE,
+    WITHDRAW,
 )
 from .transitions import (
     begin_hold,
@@ -51,7 +54,7 @@ from .transitions import (
     phase_of,
     phase_of_axis,
 )
-from .watch import watch_axis
+from .watch import following_error, watch_axis
 
 
 @compiled
@@ -115,6 +118,10 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
             begin_soft_stop(p, s)
         elif state in (ARMED, HOLDING):
             begin_ramp(p, s)
+    elif command == PROMOTE:
+        return promote(p, s)
+    elif command == WITHDRAW:
+        return withdraw(s)
     elif command == RESET:
         if state != FAULT or s["stopping"] != 0:
             return False
@@ -227,6 +234,18 @@ def path_error(p: Record, a: Record, signals: Any) -> tuple[float, float]:
 
 
 @compiled
+def mean_squares(p: Record, axis: Record, a: Record) -> None:
+    """Carry the figures of merit of an axis on."""
+    figures = a["figures"]
+    error_um = following_error(axis, a)
+    added_V = a["voltage_V"] - a["hysteresis"]["output_V"]
+    step = p["figures_step"]
+    figures["error"] += step * (error_um * error_um - figures["error"])
+    figures["innovation"] += step * (a["estimator"]["innovation_um"] ** 2 - figures["innovation"])
+    figures["feedback"] += step * (added_V * added_V - figures["feedback"])
+
+
+@compiled
 def cell_cycle(
     p: Record, s: Record, signals: Any, outputs: Any, samples: Any, command: int, now_ns: int, periods: int
 ) -> bool:
@@ -258,5 +277,7 @@ def cell_cycle(
         if s["state"] == TRACKING and tracked >= p["score_cycles"]:
             error, uncompensated = path_error(axis, a, signals)
             score(a, error, uncompensated)
+        if s["state"] == TRACKING and axis["mode"] != VOLTAGE:
+            mean_squares(p, axis, a)
     switch(p, s, outputs)
     return accepted

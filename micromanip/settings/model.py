@@ -148,6 +148,17 @@ class Output(Settings):
         return min(slew, 1e3 * self.current_mA / self.capacitance_uF)
 
 
+class Trial(Settings):
+    """A candidate tuning that was promoted is on trial, and taken back if it is worse than the one before."""
+
+    trial_s: Positive = Field(default=5.0, description="Length of the trial.")
+    window_s: Positive = Field(default=0.2, description="Time over which the error on trial is averaged.")
+    error_factor: Annotated[float, Field(ge=1)] = Field(
+        default=1.5, description="The rms error may become so many times that of the last second before."
+    )
+    error_floor_um: NotNegative = Field(default=0.1, description="So much more is always allowed.")
+
+
 class Switch(Settings):
     """A digital output of the loop."""
 
@@ -191,6 +202,7 @@ class Configuration(Settings):
     outputs: dict[str, Output] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
     switches: Switches = Switches()
     faults: Faults = Faults()
+    shadow: Trial = Trial()
     reference: Reference = Field(description="Where the set-points of the axes come from.")
     axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES, description="The axes of the manipulator.")
     control: Control = Control()

@@ -85,3 +85,18 @@ def test_it_is_used_only_where_standard_error_is_the_journal(monkeypatch):
     for other in (f"{found.st_dev}:{found.st_ino + 1}", "nonsense", ""):
         monkeypatch.setenv("JOURNAL_STREAM", other)
         assert not journal.is_connected()
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [
+        ("READY", {"PRIORITY": "6"}),
+        ("WARNING: no FIFO", {"PRIORITY": "4"}),
+        ("X-104 the loop process ended with 1", {"PRIORITY": "3", "MICROMANIP_CODE": "X-104"}),
+        ("X-201 axis y: gone", {"PRIORITY": "3", "MICROMANIP_CODE": "X-201", "MICROMANIP_AXIS": "y"}),
+        ("W-214 axis z: at its end", {"PRIORITY": "4", "MICROMANIP_CODE": "W-214", "MICROMANIP_AXIS": "z"}),
+    ],
+)
+def test_a_plain_message_has_its_priority(message, expected):
+    common = {"MESSAGE": message, "SYSLOG_IDENTIFIER": "micromanip"}
+    assert journal.message_fields(message) == common | expected

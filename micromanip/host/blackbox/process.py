@@ -144,7 +144,10 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):  # the loop's end is ours, too
         signal.signal(number, signal.SIG_IGN)
     lines = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
-    orders = json.loads(lines.readline())
+    first = lines.readline()
+    if not first:
+        return 0  # the host died as it started us
+    orders = json.loads(first)
     segments = Segments.attach(orders["descriptors"], writable=False)
     capture = Capture(
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)

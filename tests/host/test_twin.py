@@ -1,0 +1,306 @@
+"""The C twin of the cycle does what our cycle does, in every state and after every fault."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from micromanip.cli.bench import source_tree
+from micromanip.errors import CheckFailed
+from micromanip.rt import states as st
+from micromanip.rt.records import INPUT_HISTORY
+from micromanip.rt.reference import JOG
+from micromanip.rt.states import ARMED, FAULT, HOLDING, OFF, RAMPING, READY, TRACKING
+from micromanip.settings.check import prepare
+from micromanip.settings.limits import NEVER
+
+from .scene import Scene, codes, course
+
+pytestmark = pytest.mark.compiled_only
+TRACKING_CYCLES = 2000
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return prepare(source_tree() / "config" / "simulated.yaml")
+
+
+@pytest.fixture(scope="module")
+def arming(prepared):
+    """From the first cycle of a cell to TRACKING_CYCLES of tracking."""
+    from benchmarks.recording import record_arming
+
+    return record_arming(prepared, TRACKING_CYCLES)
+
+
+@pytest.fixture(scope="module")
+def tracking(prepared):
+    from benchmarks.recording import record_tracking
+
+    return record_tracking(prepared, 0.1, TRACKING_CYCLES)
+
+
+@pytest.fixture
+def scene(tracking):
+    return Scene(tracking)
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory):
+    from benchmarks.recording import twin_player
+    from benchmarks.results import Skipped
+
+    try:
+        return twin_player(tmp_path_factory.mktemp("twin"))
+    except Skipped as reason:
+        pytest.skip(str(reason))
+
+
+@pytest.fixture
+def agreed(twin):
+    """Replays a recording both ways, demands agreement, returns our outcome."""
+    from benchmarks.agreement import require_agreement
+    from benchmarks.recording import Outcome, ours
+
+    def replay(recording):
+        left, right = (Outcome.room(len(recording.signals)) for _ in range(2))
+        ours(recording, left, 1)
+        twin(recording, right, 1)
+        require_agreement(left, right)
+        return left
+
+    return replay
+
+
+def test_arming_and_tracking(arming, agreed):
+    outcome = agreed(arming)
+    rows = outcome.rows
+    assert course(rows) == [READY, ARMED, TRACKING]
+    assert list(rows["state"][[-TRACKING_CYCLES - 1, -TRACKING_CYCLES]]) == [ARMED, TRACKING]
+    assert outcome.state["checked"][0] == 1
+    assert np.ptp(rows["axis"]["voltage_V"][-TRACKING_CYCLES:, 0]) > 1.0
+
+
+def test_late_missing_and_false_samples_and_overruns(arming, agreed):
+    """Sensors that report late, rarely, not at all for a while, or nonsense; some periods are skipped."""
+    random = np.random.default_rng(4)
+    scene = Scene(arming)
+    cycles, signals = scene.cycles, scene.signals
+    start = cycles - TRACKING_CYCLES
+    for role in ("strain", "stage", "deviation"):
+        place = int(scene.axes[0][role])
+        late = np.maximum.accumulate(np.maximum(np.arange(cycles) - random.integers(0, 12, cycles), 0))
+        held = np.arange(cycles) // 3 * 3
+        signals[:, place] = arming.signals[late[held], place]
+        signals["value"][random.integers(start, cycles, 40), place] = np.nan
+        signals["value"][random.integers(start, cycles, 40), place] = random.choice([-1e6, 1e6], 40)
+        signals["status"][random.integers(start, cycles, 40), place] = 1
+        signals["time_ns"][:, place] -= random.integers(0, 99_000, cycles)
+        signals[-1500:-1100, place] = signals[-1500, place]
+    signals[:5] = 0
+    for age in ("strain_age_ns", "stage_age_ns", "reference_age_ns"):
+        scene.axes[age] = NEVER
+    scene.p["score_cycles"] = TRACKING_CYCLES // 2
+    periods = arming.periods.copy()
+    periods[random.integers(start, cycles, 30)] += random.integers(1, 4, 30)
+    periods[-200] = 2 * INPUT_HISTORY
+    outcome = agreed(replace(scene.recording(), periods=periods))
+    axis = outcome.rows["axis"][:, 0]
+    assert outcome.rows["state"][-1] == TRACKING
+    assert axis["stage_age_ns"].max() > 10_000_000
+    assert 0.1 < np.mean(axis["fresh"][start:] & 2 > 0) < 0.5
+    assert outcome.state["axis"]["reference"]["rejected"][0, 0] > 0
+    assert outcome.state["axis"]["errors"][0, 0] > 0
+
+
+def test_hold_and_resume(scene, agreed):
+    """A soft stop follows, and a second start, which needs no check."""
+    scene.commands[200], scene.commands[400] = st.HOLD, st.ARM
+    scene.commands[700], scene.commands[1100] = st.DISARM, st.ARM
+    outcome = agreed(scene.recording())
+    rows = outcome.rows
+    assert course(rows) == [TRACKING, HOLDING, ARMED, TRACKING, RAMPING, READY, ARMED, TRACKING]
+    assert np.count_nonzero(rows["state"] == RAMPING) >= 100 + 150
+    assert outcome.state["axis"]["errors"][0, 0] > 0
+
+
+@pytest.mark.parametrize("before", [None, st.HOLD, st.DISARM])
+def test_stop(scene, agreed, before):
+    scene.commands[300] = st.STOP
+    if before is not None:
+        scene.commands[250] = before
+    rows = agreed(scene.recording()).rows
+    assert course(rows)[-2:] == [RAMPING, OFF]
+
+
+@pytest.mark.parametrize(("command", "after"), [(st.RESET, READY), (st.STOP, OFF)])
+def test_stale_stage(scene, agreed, command, after):
+    """Three samples too old, then on the prediction for 40 cycles, then the ramp."""
+    scene.sensor("stage")[200:] = scene.sensor("stage")[200]
+    scene.reacts(st.STAGE_INVALID, st.RAMPS)
+    scene.commands[900 if command == st.RESET else 300] = command
+    outcome = agreed(scene.recording())
+    rows = outcome.rows
+    assert course(rows) == [TRACKING, RAMPING, *([FAULT] if command == st.RESET else []), after]
+    ramping = int(np.argmax(rows["state"] == RAMPING))
+    assert 240 < ramping < 260
+    assert rows["fault"][ramping] == st.STAGE_INVALID
+    assert codes(outcome)[:2] == [st.DEGRADED, st.STAGE_INVALID]
+
+
+def test_degraded_and_back(scene, agreed):
+    scene.sensor("stage")[200:230] = scene.sensor("stage")[200]
+    outcome = agreed(scene.recording())
+    degraded = outcome.rows["axis"]["conditions"][:, 0] >> st.DEGRADED & 1
+    assert np.ptp(np.flatnonzero(degraded)) == np.count_nonzero(degraded) - 1 < 40
+    assert codes(outcome)[0] == st.DEGRADED
+    assert course(outcome.rows) == [TRACKING]
+
+
+@pytest.mark.parametrize(("lasts", "seen"), [(40, [st.COASTING]), (1000, [st.COASTING, st.STRAIN_STUCK])])
+def test_stuck_gauge(scene, agreed, lasts, seen):
+    scene.sensor("strain")["value"][200 : 200 + lasts] = scene.sensor("strain")["value"][200]
+    scene.axes["strain_rate_um_per_ns"] = np.inf
+    scene.reacts(st.STRAIN_STUCK, st.RAMPS)
+    outcome = agreed(scene.recording())
+    assert codes(outcome)[: len(seen)] == seen
+    assert course(outcome.rows)[1:2] == ([RAMPING] if lasts > 40 else [])
+
+
+def test_oscillation_falls_back_then_ramps(scene, agreed):
+    swing = 5.0 * np.sin(2.0 * np.pi * 600.0 * 1e-4 * np.arange(scene.cycles))
+    swing[:200] = 0.0
+    scene.sensor("strain")["value"] += swing
+    scene.limits["band_um"], scene.limits["band_cycles"], scene.limits["band_step"] = 1.0, 50, 0.08
+    scene.reacts(st.OSCILLATION, st.RAMPS)
+    outcome = agreed(scene.recording())
+    assert codes(outcome)[:2] == [st.FALLBACK, st.OSCILLATION]
+    assert course(outcome.rows) == [TRACKING, RAMPING, FAULT]
+
+
+def test_disagreement_freezes_the_axis(scene, agreed):
+    """And its hold can't be resumed: it ramps when its time is up."""
+    scene.sensor("stage")["value"][200:] += 30.0
+    scene.limits["innovation_ratio"], scene.limits["innovation_step"] = 25.0, 0.05
+    scene.reacts(st.DISAGREEMENT, st.HOLDS)
+    scene.commands[300] = st.ARM
+    outcome = agreed(scene.recording())
+    rows = outcome.rows
+    assert course(rows) == [TRACKING, HOLDING, RAMPING, FAULT]
+    assert codes(outcome)[0] == st.DISAGREEMENT
+    frozen = rows["axis"]["voltage_V"][rows["state"] == HOLDING, 0]
+    assert len(frozen) == 200
+    assert np.ptp(frozen) == 0.0
+    assert outcome.state["axis"]["refused"][0, 0] & st.NOT_RESUMABLE
+
+
+def test_saturation_holds(scene, agreed):
+    scene.axes["limiter"]["high_V"] = scene.axes["limiter"]["park_V"] + 1.0
+    scene.limits["saturating_cycles"], scene.limits["saturated_cycles"] = 5, 20
+    scene.reacts(st.SATURATED, st.HOLDS)
+    outcome = agreed(scene.recording())
+    assert course(outcome.rows) == [TRACKING, HOLDING, RAMPING, FAULT]
+    assert codes(outcome)[:2] == [st.SATURATING, st.SATURATED]
+
+
+def test_following_error_holds(scene, agreed):
+    scene.limits["following_um"], scene.limits["following_cycles"] = 1e-3, 2
+    scene.reacts(st.FOLLOWING_ERROR, st.HOLDS)
+    scene.commands[1000], scene.commands[1010] = st.RESET, st.ARM
+    scene.limits["following_um"][1:] = np.inf
+    outcome = agreed(scene.recording())
+    assert course(outcome.rows)[:5] == [TRACKING, HOLDING, RAMPING, FAULT, READY]
+    assert outcome.state["trips"][0] >= 1
+
+
+def test_lost_reference_decays_and_retraction_ends_the_hold(scene, agreed):
+    scene.sensor("deviation")[200:] = scene.sensor("deviation")[200]
+    scene.reacts(st.REFERENCE_LOST, st.HOLDS)
+    retracted = scene.wire("retracted")
+    retracted[:450] = 0.0
+    outcome = agreed(scene.recording())
+    rows = outcome.rows
+    assert course(rows) == [TRACKING, HOLDING, RAMPING, FAULT]
+    assert codes(outcome)[:2] == [st.REFERENCE_STALE, st.REFERENCE_LOST]
+    assert int(np.argmax(rows["state"] == RAMPING)) == 450
+    assert abs(rows["axis"]["reference_um"][449, 0]) < 1.0
+
+
+def test_hot_amplifier_gets_less_then_ramps(scene, agreed):
+    temperature = scene.wire("temperature_ok", 0)
+    temperature[200:260] = temperature[600:] = 0.0
+    scene.reacts(st.OVER_TEMPERATURE, st.RAMPS)
+    outcome = agreed(scene.recording())
+    assert codes(outcome)[:3] == [st.DERATED, st.DERATED, st.OVER_TEMPERATURE]
+    assert course(outcome.rows) == [TRACKING, RAMPING, FAULT]
+
+
+@pytest.mark.parametrize(
+    ("line", "axis", "code", "reaction", "states"),
+    [
+        ("enable", None, st.ENABLE_LOST, st.CUTS, [TRACKING, FAULT, READY, ARMED, TRACKING]),
+        ("amplifier_ok", 0, st.AMPLIFIER_FAULT, st.CUTS, [TRACKING, FAULT, READY, ARMED, TRACKING]),
+        ("interlock", None, st.INTERLOCK_OPEN, st.HOLDS, [TRACKING, HOLDING, RAMPING, FAULT, READY, ARMED, TRACKING]),
+    ],
+)
+def test_line_off(scene, agreed, line, axis, code, reaction, states):
+    """Refused while it is off, armed again once it is on and the fault is reset; all switches follow."""
+    course_of_line = scene.wire(line, axis)
+    course_of_line[200:850] = 0.0
+    scene.wire_switches()
+    scene.p["enable_cycles"] = 30
+    scene.reacts(code, reaction)
+    scene.commands[[800, 810, 900, 910]] = st.RESET, st.ARM, st.RESET, st.ARM
+    outcome = agreed(scene.recording())
+    assert course(outcome.rows) == states
+    assert outcome.rows["fault"][250] == code
+    assert np.ptp(outcome.rows["lines"]) > 0
+
+
+def test_jog(scene, agreed):
+    reference = scene.axes["reference"]
+    reference["kind"], reference["target_um"], reference["speed_um"], reference["smoothing"] = JOG, 30.0, 0.05, 0.02
+    rows = agreed(scene.recording()).rows
+    assert course(rows) == [TRACKING]
+    assert rows["axis"]["reference_um"][-1, 0] == pytest.approx(30.0, abs=1.0)
+
+
+def test_law_that_is_not_finite(scene, agreed):
+    scene.axes["outer"]["reference"][1, 2] = np.nan
+    scene.reacts(st.NOT_FINITE, st.RAMPS)
+    outcome = agreed(scene.recording())
+    assert course(outcome.rows) == [RAMPING, FAULT]
+    assert outcome.state["fault_axis"][0] == 1
+
+
+@pytest.mark.parametrize(("check", "code"), [("strain_check", st.STRAIN_CHECK), ("stage_check", st.STAGE_CHECK)])
+def test_check_with_the_wrong_sign(arming, agreed, check, code):
+    scene = Scene(arming)
+    limits = scene.axes[check]
+    limits["low"], limits["high"] = -limits["high"].copy(), -limits["low"].copy()
+    scene.reacts(code, st.RAMPS)
+    outcome = agreed(scene.recording())
+    assert course(outcome.rows) == [READY, ARMED, RAMPING, FAULT]
+    assert outcome.state["fault"][0] == code
+
+
+def test_disagreement_names_the_number(tracking):
+    from benchmarks.agreement import require_agreement
+    from benchmarks.recording import Outcome, ours
+
+    short = replace(tracking, signals=tracking.signals[:200])
+    left, right = Outcome.room(200), Outcome.room(200)
+    ours(short, left, 1)
+    ours(short, right, 1)
+    right.rows["axis"]["voltage_V"][7, 1] += 1e-6
+    with pytest.raises(CheckFailed, match=r"rows\.axis\.voltage_V at \[7, 1\]"):
+        require_agreement(left, right)
+
+
+def test_twin_refuses_a_law_that_it_lacks(tracking):
+    from benchmarks.twin import require_covered
+
+    parameters = tracking.parameters.copy()
+    parameters["axis"][0, 1]["feedback"] = 0
+    with pytest.raises(CheckFailed, match="covers"):
+        require_covered(parameters)

@@ -1,4 +1,4 @@
-"""`micromanip bench`: one document, and what can't run here is named (its C twin: ``test_twin.py``)."""
+"""`micromanip bench`: one document, and what can't run here is named (its C twin: ``twin/``)."""
 
 import json
 import subprocess

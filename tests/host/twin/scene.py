@@ -8,6 +8,7 @@ from micromanip.rt.records import EVENTS, MAX_OUTPUTS, MAX_SIGNALS
 from micromanip.rt.states import WARN
 from micromanip.settings.limits import NEVER
 
+TRACKING_CYCLES = 2000
 SHORT = {
     "check_cycles": 20,
     "lift_cycles": 60,
@@ -82,5 +83,3 @@ def codes(outcome):
     state = outcome.state[0]
     assert state["events"] <= EVENTS
     return [int(event["code"]) for event in state["event"][: state["events"]] if event["axis"] <= 0]
-
-

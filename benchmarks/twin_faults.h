@@ -15,10 +15,11 @@ static void note(struct cell_state *s, int64_t code, int64_t axis, double value,
 static bool begins(int64_t *raised, int64_t code, bool active)
 {
     int64_t bit = INT64_C(1) << code;
-    bool began = active && !(*raised & bit);
 
-    *raised = active ? *raised | bit : *raised & ~bit;
-    return began;
+    if (active == ((*raised & bit) != 0))
+        return false;
+    *raised ^= bit;
+    return active;
 }
 
 static void react(const struct cell_parameters *p, struct cell_state *s, int64_t reaction)

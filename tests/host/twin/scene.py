@@ -25,11 +25,12 @@ SWITCHES = ("amplifier_enable", "feed_hold", "heartbeat")
 
 
 class Scene:
-    """Copies of a recording's signals, commands and parameters; every fault only warns until `reacts` says more."""
+    """Copies of what was recorded, and of the parameters; every fault only warns until `reacts` says more."""
 
     def __init__(self, recording):
         self._recording = recording
         self.signals, self.commands = recording.signals.copy(), recording.commands.copy()
+        self.periods = recording.periods.copy()
         self.parameters = recording.parameters.copy()
         self.p, self.cycles = self.parameters[0], len(recording.signals)
         for name, value in SHORT.items():
@@ -45,6 +46,11 @@ class Scene:
     def reacts(self, code, reaction):
         """What follows a fault."""
         self.limits["reaction"][:, code] = self.p["reaction"][code] = reaction
+
+    def forget_ages(self):
+        """Samples may be of any age: with skipped periods they fall behind for good."""
+        for age in ("strain_age_ns", "stage_age_ns", "reference_age_ns"):
+            self.axes[age] = NEVER
 
     def sensor(self, role, axis=0):
         """The recorded samples of one sensor, (cycles,), to write into."""
@@ -69,7 +75,8 @@ class Scene:
 
     def recording(self):
         """What to replay."""
-        return replace(self._recording, parameters=self.parameters, signals=self.signals, commands=self.commands)
+        spoiled = {"signals": self.signals, "commands": self.commands, "periods": self.periods}
+        return replace(self._recording, parameters=self.parameters, **spoiled)
 
 
 def course(rows):

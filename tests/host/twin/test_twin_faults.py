@@ -125,6 +125,8 @@ def test_line_off(scene, agreed, line, axis, code, reaction, states):
     """Refused while it is off, armed again once it is on and the fault is reset; all switches follow."""
     course_of_line = scene.wire(line, axis)
     course_of_line[200:850] = 0.0
+    if axis is not None:
+        course_of_line[915:925] = 0.0  # an amplifier that takes its time to come on
     scene.wire_switches()
     scene.p["enable_cycles"] = 30
     scene.reacts(code, reaction)
@@ -152,3 +154,12 @@ def test_check_with_the_wrong_sign(arming, agreed, check, code):
     outcome = agreed(scene.recording())
     assert course(outcome.rows) == [READY, ARMED, RAMPING, FAULT]
     assert outcome.state["fault"][0] == code
+
+
+def test_check_too_short_to_judge(arming, agreed):
+    scene = Scene(arming)
+    scene.p["check_cycles"] = 1
+    scene.reacts(st.STRAIN_CHECK, st.RAMPS)
+    outcome = agreed(scene.recording())
+    assert outcome.state["fault"][0] == st.STRAIN_CHECK
+    assert np.isnan(outcome.state["fault_value"][0])

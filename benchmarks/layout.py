@@ -8,30 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from micromanip.rt import axis, records, states
+from micromanip.rt import phases, records, reference, states
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
-_ENUMERATIONS: dict[ModuleType, tuple[str, ...]] = {
-    states: (
-        *("OFF", "STARTING", "READY", "ARMED", "TRACKING", "HOLDING", "RAMPING", "FAULT"),
-        *("NO_COMMAND", "ARM", "DISARM", "STOP", "RESET"),
-        *("NO_FAULT", "STRAIN_INVALID", "STAGE_INVALID", "NOT_FINITE"),
-        *("VOLTAGE", "STRAIN", "STAGE"),
-    ),
-    axis: ("PARKED", "LIFTING", "CLOSED", "PARKING"),
-}
+_ENUMERATIONS = (records, states, phases)
+_REFERENCE_KINDS = ("SIGNAL", "JOG")
 
 
 def header() -> str:
     """The text of ``records.h``."""
     lines = ["/* Generated from micromanip.rt by benchmarks/layout.py. */", "#ifndef RECORDS_H", "#define RECORDS_H"]
     lines += ["#include <stddef.h>", "#include <stdint.h>", ""]
-    lines += [f"#define {name} {value}" for name, value in _constants()]
+    lines += [f"#define {name} {value}" for name, value in _constants().items()]
     known: list[tuple[str, np.dtype[Any]]] = []
     for name, value in vars(records).items():
         if isinstance(value, np.dtype) and value.names:
@@ -47,13 +39,14 @@ def write_header(folder: Path) -> Path:
     return file
 
 
-def _constants() -> Iterator[tuple[str, int]]:
-    for name, value in vars(records).items():
-        if name.isupper() and isinstance(value, int):
-            yield name, value
-    for module, names in _ENUMERATIONS.items():
-        for name in names:
-            yield name, getattr(module, name)
+def _constants() -> dict[str, int]:
+    found = {
+        name: value
+        for module in _ENUMERATIONS
+        for name, value in vars(module).items()
+        if name.isupper() and isinstance(value, int)
+    }
+    return found | {name: getattr(reference, name) for name in _REFERENCE_KINDS}
 
 
 def _structure(name: str, dtype: np.dtype[Any], known: list[tuple[str, np.dtype[Any]]]) -> Iterator[str]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.rt import arming
 from micromanip.rt.records import CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
 from micromanip.rt.states import ARM, NO_COMMAND
 from micromanip.settings.check import Prepared
@@ -54,8 +55,7 @@ Player = Callable[[Recording, Outcome, int], None]
 
 def arming_cycles(prepared: Prepared) -> int:
     """Cycles from the start of `record_arming` to TRACKING."""
-    p = prepared.parameters[0]
-    return int(_SETTLE_CYCLES + p["lift_cycles"] + p["settle_cycles"] + p["authority_cycles"])
+    return _SETTLE_CYCLES + int(arming.arming_cycles(prepared.parameters[0], np.zeros(1, CELL_STATE)[0]))
 
 
 def record_arming(prepared: Prepared, tracking: int) -> Recording:

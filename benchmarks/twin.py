@@ -43,11 +43,11 @@ def require_covered(parameters: Any) -> None:
         if not (
             a["mode"] == STAGE
             and a["feedback"]
-            and a["reference"]["kind"] == reference.SIGNAL
+            and a["reference"]["kind"] in (reference.SIGNAL, reference.JOG)
             and a["hysteresis"]["kind"] == hysteresis.PRANDTL_ISHLINSKII
             and a["hysteresis"]["shaping"]["kind"] == shaping.TANH
             and all(a[role] >= 0 for role in roles)
         ):
             raise CheckFailed(
-                "the C twin covers only stage control after a tracker with a tanh Prandtl-Ishlinskii model"
+                "the C twin covers only stage control after a tracker or a jog, with a tanh Prandtl-Ishlinskii model"
             )

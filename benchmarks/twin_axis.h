@@ -3,12 +3,24 @@
 #define TWIN_AXIS_H
 
 #include "twin_laws.h"
+#include "twin_sensor.h"
+
+/* Share of the reference that the axis may follow: less while its amplifier is hot. */
+static double authority(const struct axis_parameters *p, const struct axis_state *s)
+{
+    return p->authority * (s->watch.hot > 0 ? p->watch.derate : 1.0);
+}
 
 static void start_axis(const struct axis_parameters *p, struct axis_state *s)
 {
     s->closed = 0;
+    s->frozen = 0;
     s->estimator.running = 0;
     s->strain_cycles = 1;
+    s->hold_scale = 1.0;
+    s->authority = authority(p, s);
+    s->reference.jog_um = p->reference.target_um;
+    s->reference.jog_step_um = 0.0;
     s->start_V = s->voltage_V;
     s->setpoint_um = s->start_um = s->strain.value;
     start_feedforward(&p->hysteresis, &s->hysteresis, s->setpoint_um, s->voltage_V);
@@ -19,13 +31,14 @@ static void start_axis(const struct axis_parameters *p, struct axis_state *s)
 
 static void sample(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns)
 {
-    static const double any_um[2] = {-INFINITY, INFINITY};
-
     s->strain_cycles++;
-    read_signal(&signals[p->strain], &s->strain, now_ns, p->strain_age_ns, p->strain_range_um);
-    read_signal(&signals[p->stage], &s->stage, now_ns, p->stage_age_ns, p->stage_range_um);
-    if (read_signal(&signals[p->deviation], &s->deviation, now_ns, p->reference_age_ns, any_um))
+    s->reference.silent++;
+    read_signal(&signals[p->strain], &s->strain, now_ns, p->strain_age_ns, p->strain_range_um, p->strain_rate_um_per_ns);
+    read_signal(&signals[p->stage], &s->stage, now_ns, p->stage_age_ns, p->stage_range_um, p->stage_rate_um_per_ns);
+    if (read_signal(&signals[p->deviation], &s->deviation, now_ns, p->reference_age_ns, any_value, INFINITY))
         tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns);
+    read_line(&p->amplifier_ok, &s->amplifier_ok, signals, now_ns);
+    read_line(&p->temperature_ok, &s->temperature_ok, signals, now_ns);
 }
 
 static void estimate(const struct axis_parameters *p, struct axis_state *s, int64_t cycle)
@@ -36,23 +49,25 @@ static void estimate(const struct axis_parameters *p, struct axis_state *s, int6
         return;
     }
     predict_to(&p->outer, &s->estimator, cycle);
-    if (s->stage.fresh) {
-        int64_t age = (int64_t)(s->stage.age_ns * p->stage_cycles_per_ns + 0.5);
+    if (s->stage.fresh && s->watch.degraded == 0) {
+        int64_t age = (int64_t)((double)s->stage.age_ns * p->stage_cycles_per_ns + 0.5);
         update(&p->outer, &s->estimator, cycle - age, s->stage.value);
     }
 }
 
 static double demand(const struct axis_parameters *p, struct axis_state *s, int phase, double fraction)
 {
-    double *w = s->reference.w;
+    double *w = s->reference.w, step = p->authority_step;
 
-    if (phase == LIFTING)
-        return s->start_um + fraction * (p->centre_um - s->start_um);
+    s->authority += most(-step, least(step, authority(p, s) - s->authority));
+    if (phase != CLOSED)
+        return s->start_um + fraction * (p->centre_um - s->start_um) + s->offset;
     if (!s->closed)
         s->hold_um = output(&p->outer, s->estimator.x);
-    w[0] = s->hold_um + fraction * (w[0] - s->hold_um);
+    double held = s->hold_scale * s->hold_um;
+    w[0] = held + fraction * (s->authority * w[0] - held);
     for (int i = 1; i < REFERENCE_STATES; i++)
-        w[i] *= fraction;
+        w[i] *= fraction * s->authority;
     double u = p->centre_um + outer_setpoint(&p->outer, s->estimator.x, w);
     if (!s->closed) {
         s->blend_um = s->setpoint_um - u;
@@ -74,23 +89,46 @@ static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s,
     return true;
 }
 
-static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns, int phase,
-                       double fraction)
+static double request_voltage(const struct axis_parameters *p, struct axis_state *s)
 {
-    if (phase == PARKED || phase == PARKING) {
-        s->request_V = s->start_V + fraction * (p->limiter.park_V - s->start_V);
-        s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, phase == PARKING);
+    double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
+
+    if (s->strain.fresh && s->watch.coast == 0) {
+        const struct pid_parameters *gains = s->watch.fallback ? &p->fallback : &p->pid;
+        pid_step(gains, &s->pid, s->setpoint_um - s->strain.value, s->strain_cycles);
+        s->strain_cycles = 0;
+    }
+    return feedforward + s->pid.output_V;
+}
+
+/* Back to park, a step of the check, or no move at all; off its feedback. */
+static double open_voltage(const struct axis_parameters *p, const struct axis_state *s, int phase, double fraction)
+{
+    switch (phase) {
+    case FROZEN:
+        return s->voltage_V;
+    case PROBING:
+        return s->start_V + s->offset;
+    default:
+        return s->start_V + fraction * (p->limiter.park_V - s->start_V);
+    }
+}
+
+static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns, bool tracks,
+                       int phase, double fraction)
+{
+    if (phase == PARKED || phase == PROBING || phase == PARKING || phase == FROZEN) {
+        s->request_V = open_voltage(p, s, phase, fraction);
+        s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, phase != PARKED);
         return true;
     }
     estimate(p, s, cycle);
-    tracker_reference(&p->reference, &s->reference, now_ns);
+    if (p->reference.kind == SIGNAL)
+        tracker_reference(&p->reference, &s->reference, now_ns);
+    else
+        jog_reference(&p->reference, &s->reference, tracks);
     bool finite = move_setpoint(p, s, demand(p, s, phase, fraction));
-    double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
-    if (s->strain.fresh) {
-        pid_step(&p->pid, &s->pid, s->setpoint_um - s->strain.value, s->strain_cycles);
-        s->strain_cycles = 0;
-    }
-    s->request_V = feedforward + s->pid.output_V;
+    s->request_V = request_voltage(p, s);
     s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, true);
     s->pid.integrator -= p->pid.tracking * (s->request_V - s->voltage_V);
     s->estimator.history[s->estimator.cycle & HISTORY_MASK] = s->setpoint_um - p->centre_um;

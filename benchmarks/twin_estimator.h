@@ -9,8 +9,9 @@
 
 #define HISTORY_MASK (INPUT_HISTORY - 1)
 
-static inline double least(double a, double b) { return a < b ? a : b; }
-static inline double most(double a, double b) { return a > b ? a : b; }
+/* Python's min and max: the first of two that do not compare. */
+static inline double least(double a, double b) { return b < a ? b : a; }
+static inline double most(double a, double b) { return b > a ? b : a; }
 static inline int64_t earlier(int64_t a, int64_t b) { return a < b ? a : b; }
 static inline int64_t later(int64_t a, int64_t b) { return a > b ? a : b; }
 

@@ -1,38 +1,12 @@
-/* The other laws of one axis in plain C: sensors, tracker, state feedback, feedforward, PID, limiter.
+/* The other laws of one axis in plain C: tracker, jog, state feedback, feedforward, PID, limiter.
  *
- * What micromanip/rt does, for what config/simulated.yaml uses: stage control after a tracker, with a
+ * What micromanip/rt does, for what config/simulated.yaml uses: stage control after a tracker (or a jog), with a
  * Prandtl-Ishlinskii model and tanh shaping. Lengths in um, voltages in V.
  */
 #ifndef TWIN_LAWS_H
 #define TWIN_LAWS_H
 
 #include "twin_estimator.h"
-
-static bool read_signal(const struct signal *signal, struct sensor_state *s, int64_t now_ns, int64_t max_age_ns,
-                        const double *range_um)
-{
-    bool arrived = signal->sequence != s->sequence;
-    double value = signal->value;
-    bool good = signal->status == 0 && isfinite(value) && range_um[0] <= value && value <= range_um[1];
-
-    s->fresh = 0;
-    if (arrived) {
-        if (s->sequence > 0)
-            s->lost += later(0, signal->sequence - s->sequence - 1);
-        s->sequence = signal->sequence;
-        if (good) {
-            s->value = value;
-            s->time_ns = signal->time_ns;
-            s->fresh = 1;
-        }
-    }
-    s->age_ns = now_ns - s->time_ns;
-    if ((arrived && !good) || s->sequence == 0 || s->age_ns > max_age_ns)
-        s->bad++;
-    else if (arrived)
-        s->bad = 0;
-    return s->fresh;
-}
 
 /* Tracker: position, velocity, acceleration and oscillation, extrapolated in closed form. */
 
@@ -49,39 +23,60 @@ static void extrapolate(const double *restrict from, double omega, double tau_s,
 
 static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns)
 {
-    double gap_s = (time_ns - s->time_ns) * 1e-9;
+    double gap_s = (double)(time_ns - s->time_ns) * 1e-9, innovation = NAN;
 
     if (!(isfinite(value) && p->low_um <= value && value <= p->high_um)) {
         s->rejected++;
         return;
     }
-    if (s->time_ns == 0 || gap_s > p->horizon_s) {
+    if (s->time_ns != 0 && gap_s <= 0.0)
+        return;
+    if (s->time_ns != 0 && gap_s <= p->horizon_s) {
+        extrapolate(s->filtered, p->oscillator, gap_s, s->w);
+        innovation = value - s->w[0] - s->w[3];
+    }
+    if (fabs(innovation) > p->jump_um) {
+        s->rejected++;
+        return;
+    }
+    s->silent = 0;
+    if (isfinite(innovation)) {
+        for (int i = 0; i < REFERENCE_STATES; i++)
+            s->filtered[i] = s->w[i] + p->gain[i] * innovation;
+    } else {    /* the first sample, the first after a gap, or a memory that was lost */
         for (int i = 0; i < REFERENCE_STATES; i++)
             s->filtered[i] = 0.0;
         s->filtered[0] = value;
-    } else if (gap_s <= 0.0) {
-        return;
-    } else {
-        extrapolate(s->filtered, p->oscillator, gap_s, s->w);
-        double innovation = value - s->w[0] - s->w[3];
-        for (int i = 0; i < REFERENCE_STATES; i++)
-            s->filtered[i] = s->w[i] + p->gain[i] * innovation;
     }
     s->sampled_um = value;
     s->time_ns = time_ns;
 }
 
-static void tracker_reference(const struct reference_parameters *p, struct reference_state *s, int64_t now_ns)
+static void hold_position(struct reference_state *s, double position_um)
 {
-    double age_s = (now_ns - s->time_ns) * 1e-9;
-
-    if (p->predict && s->time_ns > 0 && age_s <= p->horizon_s) {
-        extrapolate(s->filtered, p->oscillator, age_s, s->w);
-        return;
-    }
     for (int i = 0; i < REFERENCE_STATES; i++)
         s->w[i] = 0.0;
-    s->w[0] = s->sampled_um;
+    s->w[0] = position_um;
+}
+
+static void tracker_reference(const struct reference_parameters *p, struct reference_state *s, int64_t now_ns)
+{
+    double age_s = (double)(now_ns - s->time_ns) * 1e-9;
+
+    if (p->predict && s->time_ns > 0 && age_s <= p->horizon_s)
+        extrapolate(s->filtered, p->oscillator, age_s, s->w);
+    else
+        hold_position(s, s->sampled_um);
+}
+
+static void jog_reference(const struct reference_parameters *p, struct reference_state *s, bool moves)
+{
+    double wanted = moves ? p->target_um - s->jog_um : 0.0;
+    double step = most(-p->speed_um, least(p->speed_um, 0.25 * p->smoothing * wanted));
+
+    s->jog_step_um += p->smoothing * (step - s->jog_step_um);
+    s->jog_um += s->jog_step_um;
+    hold_position(s, s->jog_um);
 }
 
 static double outer_setpoint(const struct outer_parameters *p, const double *x, const double *w)
@@ -147,12 +142,21 @@ static void start_feedforward(const struct hysteresis_parameters *p, struct hyst
 
 static void pid_step(const struct pid_parameters *p, struct pid_state *s, double error_um, int64_t periods)
 {
-    double elapsed_s = periods * p->period_s;
+    double elapsed_s = (double)periods * p->period_s;
 
     s->derivative = (p->filter_s * s->derivative + p->derivative * (error_um - s->error)) / (p->filter_s + elapsed_s);
-    s->integrator += p->integral * periods * error_um;
+    s->integrator += p->integral * (double)periods * error_um;
     s->error = error_um;
     s->output_V = p->gain * error_um + s->integrator + s->derivative;
+}
+
+static void retune_pid(const struct pid_parameters *old, const struct pid_parameters *new, struct pid_state *s)
+{
+    s->integrator += (old->gain - new->gain) * s->error;
+    if (old->derivative != new->derivative || old->filter_s != new->filter_s) {
+        s->integrator += s->derivative;
+        s->derivative = 0.0;
+    }
 }
 
 static double limit(const struct limiter_parameters *p, double previous_V, double requested_V, bool permitted)

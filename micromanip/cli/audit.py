@@ -9,7 +9,7 @@ import click
 from micromanip.client import Client
 
 from .options import json_option, print_json, socket_option
-from .parameters import shown
+from .parameters import brief
 
 
 @click.command("audit", epilog="Example: micromanip audit --last 5")
@@ -29,8 +29,8 @@ def command(last: int, socket_path: Path, as_json: bool) -> None:
         who = entry["user"] + (f" (pid {entry['pid']})" if entry["pid"] is not None else "")
         click.echo(f"{entry['time']}  {who}  {entry['verb']}{'' if entry['accepted'] else ' REFUSED'}")
         for change in entry["changes"]:
-            course = f"{shown(change['old'])} -> " if entry["accepted"] else ""
-            click.echo(f"    {change['key']}: {course}{shown(change['new'])}")
+            course = f"{brief(change['old'])} -> " if entry["accepted"] else ""
+            click.echo(f"    {change['key']}: {course}{brief(change['new'])}")
         for line in (entry["reason"] or "").splitlines():
             click.echo(f"    {line}")
     if audit["unwritten"]:

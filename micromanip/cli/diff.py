@@ -9,7 +9,7 @@ import click
 from micromanip.client import Client
 
 from .options import json_option, print_json, socket_option
-from .parameters import shown
+from .parameters import brief
 
 
 @click.command("diff", epilog="Example: micromanip diff")
@@ -24,6 +24,6 @@ def command(socket_path: Path, as_json: bool) -> None:
         return
     click.echo(f"{found['file']}{': edited since it was loaded' if found['changed_on_disk'] else ''}")
     for difference in found["differences"]:
-        click.echo(f"  {difference['key']}: file {shown(difference['file'])}, running {shown(difference['running'])}")
+        click.echo(f"  {difference['key']}: file {brief(difference['file'])}, running {brief(difference['running'])}")
     if not found["differences"]:
         click.echo("  says what runs")

@@ -1,4 +1,4 @@
-"""Where a controller keeps what outlives it: its audit trail."""
+"""Where a controller keeps what outlives it: its audit trail, its trips."""
 
 from __future__ import annotations
 

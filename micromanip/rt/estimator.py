@@ -25,14 +25,19 @@ _MASK = INPUT_HISTORY - 1
 def predict(p: Record, x: Any, scratch: Any, u: float) -> None:
     """One cycle of the model: ``x <- A x + B u``.
 
-    A column at a time over the padded length: sums that do not wait for one another, which the compiler
-    turns into vector instructions. The padding is zero and stays zero.
+    Four states at a time over the padded length, their sums in registers: the compiler can't know that `scratch` lies
+    apart from `p`, and turns only sums that it need not store at each term into vector instructions. The padding is
+    zero and stays zero.
     """
-    for i in range(MAX_STATES):
-        scratch[i] = p["b"][i] * u
-    for j in range(p["states"]):
-        for i in range(MAX_STATES):
-            scratch[i] += p["a_columns"][j, i] * x[j]
+    a, b = p["a_columns"], p["b"]
+    for i in range(0, MAX_STATES, 4):
+        s0, s1, s2, s3 = b[i] * u, b[i + 1] * u, b[i + 2] * u, b[i + 3] * u
+        for j in range(p["states"]):
+            s0 += a[j, i] * x[j]
+            s1 += a[j, i + 1] * x[j]
+            s2 += a[j, i + 2] * x[j]
+            s3 += a[j, i + 3] * x[j]
+        scratch[i], scratch[i + 1], scratch[i + 2], scratch[i + 3] = s0, s1, s2, s3
     for i in range(MAX_STATES):
         x[i] = scratch[i]
 

@@ -28,11 +28,15 @@ def note(s: Record, code: int, axis: int, value: float, limit: float, reaction: 
 
 @compiled
 def begins(w: Record, code: int, active: bool) -> bool:
-    """True in the cycle in which the condition `code` becomes active; ``w["raised"]`` keeps a bit for each."""
+    """True in the cycle in which the condition `code` becomes active; ``w["raised"]`` keeps a bit for each.
+
+    Most cycles change nothing: then nothing is written.
+    """
     bit = 1 << code
-    began = active and w["raised"] & bit == 0
-    w["raised"] = w["raised"] | bit if active else w["raised"] & ~bit
-    return began
+    if active == (w["raised"] & bit != 0):
+        return False
+    w["raised"] ^= bit
+    return active
 
 
 @compiled

@@ -27,6 +27,7 @@ RULES: tuple[tuple[str, str], ...] = (
     ("outputs.**", RESTART),  # also park_V: an output at rest would move to another one without being armed
     ("switches.**", RESTART),
     ("faults.**", LIVE),
+    ("shadow.**", LIVE),
     ("reference.target_um.**", LIVE),
     ("reference.path", RESTART),  # the samples' memory is made when the loop starts
     ("reference.**", DISARM),

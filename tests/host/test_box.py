@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed, PermissionDenied, UsageError
 from micromanip.host.blackbox import process, shelf
 from micromanip.host.blackbox.box import Box
 
@@ -127,6 +127,25 @@ def test_default_folder(monkeypatch, tmp_path):
     assert shelf.default_folder() == Path("/state/micromanip/trips")
     monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/micromanip:/var/lib/other")
     assert shelf.default_folder() == Path("/var/lib/micromanip/trips")
+
+
+def test_trips_of_the_service_are_read_first(monkeypatch, tmp_path):
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "own"))
+    assert shelf.folder_to_read(tmp_path / "system") == tmp_path / "own" / "micromanip" / "trips"
+    (tmp_path / "system").mkdir()
+    assert shelf.folder_to_read(tmp_path / "system") == tmp_path / "system"
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/other")
+    assert shelf.folder_to_read(tmp_path / "system") == Path("/var/lib/other/trips")
+
+
+def test_a_folder_that_may_not_be_read(monkeypatch, tmp_path):
+    def forbidden(_folder):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", forbidden)
+    with pytest.raises(PermissionDenied, match="your user must be in the controller's group"):
+        shelf.trips(tmp_path)
 
 
 def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capsys):

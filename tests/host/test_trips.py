@@ -104,7 +104,7 @@ def test_host_killed(run):
     """The box of the host's death is finished without it, and nobody stays behind."""
     cell = run(calm()).reach("TRACKING")
     until(lambda: cell.child("blackbox"), cell.last_words)
-    cell.go_on(15_000)
+    cell.go_on(5000)
     cell.process.kill()
     cell.wait()
     cell.gone()
@@ -136,7 +136,7 @@ def test_loop_and_host_killed(run):
     """Nobody tells it: that no cycle passes any more tells enough."""
     cell = run(calm(*WAITING)).reach("READY")
     until(lambda: cell.child("blackbox"), cell.last_words)
-    cell.go_on(15_000)
+    cell.go_on(5000)
     loop = cell.loop
     os.kill(loop, signal.SIGSTOP)  # or it would see the host's death and end in order
     cell.process.kill()

@@ -84,4 +84,4 @@ class Box:
         except OSError as problem:
             raise CheckFailed(f"{file} can't be read: {problem.strerror or problem}") from problem
         except (ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
-            raise CheckFailed(f"{file} is no black box, or it is damaged ({problem})") from problem
+            raise CheckFailed(f"{file} is no black box, or it is damaged") from problem

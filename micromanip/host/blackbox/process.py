@@ -25,6 +25,7 @@ from .shelf import file_name, prune
 _LOOK_S = 0.02
 _RETRY_S = 3.0
 _KEPT_IN_MEMORY = 4
+_PAGE = 4096
 
 
 def tell(**message: Any) -> None:
@@ -143,12 +144,16 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):  # the loop's end is ours, too
         signal.signal(number, signal.SIG_IGN)
     lines = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
-    orders = json.loads(lines.readline())
+    first = lines.readline()
+    if not first:
+        return 0  # the host died as it started us
+    orders = json.loads(first)
     segments = Segments.attach(orders["descriptors"], writable=False)
     capture = Capture(
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     )
     watch = Watch(capture, Shelf(Path(orders["folder"]), orders["kept"]), orders["known"], orders["stuck_s"])
+    segments.ring.bytes()[::_PAGE].max()  # map its pages now, not at the trip
     tell(ready=True)
     host_lives = True
     while not watch.over:

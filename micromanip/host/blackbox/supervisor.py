@@ -14,7 +14,7 @@ from typing import Any
 from micromanip.errors import CheckFailed
 from micromanip.host import journal
 from micromanip.host.controller import Controller
-from micromanip.host.messages import FAULTS
+from micromanip.host.messages import FAULTS, LOOP_DIED
 from micromanip.rt import words as w
 from micromanip.rt.states import NO_FAULT
 from micromanip.settings.source import Source
@@ -64,6 +64,9 @@ class BlackBox:
             self._say(f"WARNING: the black box did not end within {_END_S:g} s; {self._folder} may lack the last trip")
             self._kill()
             await self._following
+        if died is not None and journal.is_connected():
+            file = self._settled.get(LOOP_DEATH, {}).get("file")
+            journal.send(journal.trip_fields(died + self.where(LOOP_DEATH), LOOP_DIED.code, None, None, None, file))
 
     def configured(self, source: Source) -> None:
         """From now on the controller runs another configuration."""

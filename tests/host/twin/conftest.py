@@ -1,0 +1,60 @@
+"""Recordings of the simulated cell, and the two that replay them: our cycle and its C twin."""
+
+import pytest
+
+from micromanip.cli.bench import source_tree
+from micromanip.settings.check import prepare
+
+from .scene import TRACKING_CYCLES, Scene
+
+
+@pytest.fixture(scope="package")
+def prepared():
+    return prepare(source_tree() / "config" / "simulated.yaml")
+
+
+@pytest.fixture(scope="package")
+def arming(prepared):
+    """From the first cycle of a cell to TRACKING_CYCLES of tracking."""
+    from benchmarks.recording import record_arming
+
+    return record_arming(prepared, TRACKING_CYCLES)
+
+
+@pytest.fixture(scope="package")
+def tracking(prepared):
+    from benchmarks.recording import record_tracking
+
+    return record_tracking(prepared, 0.1, TRACKING_CYCLES)
+
+
+@pytest.fixture
+def scene(tracking):
+    return Scene(tracking)
+
+
+@pytest.fixture(scope="package")
+def twin(tmp_path_factory):
+    from benchmarks.recording import twin_player
+    from benchmarks.results import Skipped
+
+    try:
+        return twin_player(tmp_path_factory.mktemp("twin"))
+    except Skipped as reason:
+        pytest.skip(str(reason))
+
+
+@pytest.fixture
+def agreed(twin):
+    """Replays a recording both ways, demands agreement, returns our outcome."""
+    from benchmarks.agreement import require_agreement
+    from benchmarks.recording import Outcome, ours
+
+    def replay(recording):
+        left, right = (Outcome.room(len(recording.signals)) for _ in range(2))
+        ours(recording, left, 1)
+        twin(recording, right, 1)
+        require_agreement(left, right)
+        return left
+
+    return replay

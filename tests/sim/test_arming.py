@@ -26,7 +26,6 @@ from micromanip.sim.virtual import VirtualCell
 
 from .protected import course, states, text
 
-
 FORCE = "{start_s: 3.5, static_N: 80.0, tooth_N: 40.0, tooth_Hz: 200.0, noise_N: 5.0}"
 
 

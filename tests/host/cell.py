@@ -41,6 +41,7 @@ SLOW = """\
 schema_version: 1
 loop: {rate_hz: 200, cpu: null, spin_us: 10, limits: hardware}
 start: {lift_s: 0.1, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.2}
+faults: {deadline: {share_percent: null}, hold: {timeout_s: 0.2}}
 drivers: {cell: {driver: simulated, axes: [x]}}
 signals: {strain_x: {driver: cell, max_age_us: null}}
 outputs: {voltage_x: {driver: cell, range_V: [-20, 150], slew_V_per_ms: 40, park_V: 0}}

@@ -256,12 +256,12 @@ def test_a_hold_that_was_asked_for_is_limited_from_its_first_fault_on():
 
 
 def test_unlatching_lets_every_condition_be_raised_anew():
-    p, s = cell(FAULT, fault=DISAGREEMENT, raised=5)
+    p, s = cell(FAULT, fault=DISAGREEMENT, raised=5, overrun_level=7.5, overruns_in_a_row=3)
     s["axis"]["watch"]["raised"], s["axis"]["frozen"] = 9, 1
     before = s.copy()
     forget(p, s)
     before["axis"]["watch"]["raised"], before["axis"]["frozen"] = 0, 0
-    expect(s, before, put(fault=NO_FAULT, raised=0))
+    expect(s, before, put(fault=NO_FAULT, raised=0, overrun_level=0.0, overruns_in_a_row=0))
     two, s = cell(FAULT)
     two["axes"] = 2
     s["axis"]["frozen"] = 1

@@ -1,4 +1,4 @@
-"""A candidate tuning beside the active one: it computes, is promoted without a bump, and is taken back if it is worse."""
+"""A candidate tuning beside the active one: it computes, is promoted without a bump, taken back if it is worse."""
 
 import numpy as np
 import pytest

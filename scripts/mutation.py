@@ -1,4 +1,4 @@
-"""Mutation testing of the last gate before the output: `make mutation`.
+"""Mutation testing of the last gate before the output and of the fault manager: `make mutation`.
 
 Each mutant is the module with one small change. It must fail the module's tests, or be listed with the reason why it
 can't be told from the original. Exit code 1 where an unlisted mutant survives, or a listed one dies or is not made any
@@ -27,12 +27,16 @@ import hypothesis.strategies  # noqa: F401
 import numba  # noqa: F401
 import pytest
 
-import micromanip.rt.hysteresis  # noqa: F401
+import micromanip.rt.hysteresis
+import micromanip.rt.swap  # noqa: F401
 
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = ROOT / "tests" / "rt" / "equivalent_mutants.toml"
 # module: its tests, and among them what looks at the source instead of the behaviour
-TARGETS = {"micromanip.rt.limiter": ("tests/rt/test_limiter.py", "test_every_branch_is_taken")}
+TARGETS = {
+    "micromanip.rt.limiter": ("tests/rt/test_limiter.py", "test_every_branch_is_taken"),
+    "micromanip.rt.faults": ("tests/rt/test_faults.py", "test_every_branch_is_taken"),
+}
 TIMEOUT_S = 120
 
 COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)

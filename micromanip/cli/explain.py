@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "--trips",
     "folder",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Folder of the trips.  [default: as for run]",
+    help="Folder of the trips.  [default: /var/lib/micromanip/trips, or as for run]",
 )
 @json_option
 def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | None, as_json: bool) -> None:
@@ -32,10 +32,10 @@ def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | No
     TRIP is a file, or the name of a trip or its beginning; without it, the newest.
     """
     from micromanip.host.blackbox.box import Box
-    from micromanip.host.blackbox.shelf import default_folder, find, summary, trips
+    from micromanip.host.blackbox.shelf import find, folder_to_read, summary, trips
     from micromanip.host.blackbox.story import lines, story
 
-    folder = folder or default_folder()
+    folder = folder or folder_to_read()
     if listed:
         if trip is not None or plot is not None:
             raise UsageError("--list shows all trips: leave out TRIP and --plot")

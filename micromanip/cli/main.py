@@ -25,9 +25,19 @@ COMMANDS = {
     "status": "what the running controller does",
     "arm": "start tracking, softly",
     "disarm": "stop tracking, softly",
+    "hold": "freeze the correction",
     "reset": "clear a latched fault",
     "explain": "a trip in plain words, from its black box",
+    "jog": "move an axis by hand",
+    "get": "running values",
+    "set": "change running values",
+    "diff": "the file against what runs",
+    "save": "write running values into the file",
+    "reload": "take over the file as it is now",
+    "audit": "who asked for what, and when",
     "bench": "speed of this machine, beside references",
+    "safe-outputs": "bring all outputs to their safe value, with no controller running",
+    "install-service": "run a configuration as a service of this machine",
     "completion": "shell completion",
 }
 _USAGE = 64
@@ -42,7 +52,7 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"micromanip.cli.{cmd_name}")
+        module = importlib.import_module(f"micromanip.cli.{cmd_name.replace('-', '_')}")
         command: click.Command = module.command
         return command
 

@@ -19,7 +19,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="One JSON doc
 socket_option = click.option(
     "--socket",
     "socket_path",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, readable=False),  # the client says whom it lets in
     default=default_socket,
     show_default="/run/micromanip/control.sock, or the user's own",
     help="Control socket.",

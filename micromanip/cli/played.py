@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.rt.records import MAX_AXES
+from micromanip.rt.arming import arming_cycles
+from micromanip.rt.records import CELL_STATE, MAX_AXES
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
 from micromanip.settings.compile import compile_cell
@@ -43,8 +44,8 @@ def play(
     experiment = replace(
         prepared, configuration=armed, wiring=wiring, samples=samples, parameters=compile_cell(armed, wiring)
     )
-    start = variant.start
-    arming_s = start.lift_s + start.settle_s + start.authority_s
+    at_rest = np.zeros(1, CELL_STATE)[0]
+    arming_s = int(arming_cycles(experiment.parameters[0], at_rest)) * variant.loop.period_ns * 1e-9
     with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
         file = Path(folder) / "experiment.h5"
         report = serve(experiment, Options(socket_path, arming_s + duration_s + 0.5, file), line.say, line.show)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
+from micromanip.answers import Status
 from micromanip.errors import CheckFailed
 
 from .options import config_argument, json_option, print_json, socket_option
@@ -21,10 +21,19 @@ from .options import config_argument, json_option, print_json, socket_option
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder for the black box of each trip.  [default: $STATE_DIRECTORY/trips, or the user's own]",
 )
+@click.option(
+    "--keep-trips", type=click.IntRange(min=1), default=50, show_default=True, help="So many of them, the newest."
+)
 @socket_option
 @json_option
 def command(
-    config: Path, duration_s: float | None, record: Path | None, trips: Path | None, socket_path: Path, as_json: bool
+    config: Path,
+    duration_s: float | None,
+    record: Path | None,
+    trips: Path | None,
+    keep_trips: int,
+    socket_path: Path,
+    as_json: bool,
 ) -> None:
     """Run the controller. It ends in READY and waits for `micromanip arm`, unless arm_on_start is set.
 
@@ -37,7 +46,7 @@ def command(
 
     prepared = prepare(config)
     with LiveLine() as live:
-        report = serve(prepared, Options(socket_path, duration_s, record, trips), live.say, live.show)
+        report = serve(prepared, Options(socket_path, duration_s, record, trips, keep_trips), live.say, live.show)
     if as_json:
         print_json(report)
     else:
@@ -45,6 +54,6 @@ def command(
     _judge(report)
 
 
-def _judge(report: dict[str, Any]) -> None:
+def _judge(report: Status) -> None:
     if report["faults"]:
         raise CheckFailed(report["faults"][0])

@@ -8,6 +8,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +23,17 @@ from .refusals import axis_refusals, refusals
 from .segments import CONTROL, RING, SLOTS, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
+_SENSORS_S = 0.05
+"""Time for a first sample of every sensor, the slowest included, before the controller is READY."""
 
 
 class Controller:
     """Owns the segments and the loop process of one configuration."""
 
-    def __init__(self, prepared: Prepared, socket_path: Path) -> None:
+    def __init__(self, prepared: Prepared, socket_path: Path, locks: tuple[int, ...] = ()) -> None:
+        """`locks` are descriptors that the loop process holds too, as long as it lives."""
         self.prepared = prepared
-        self._socket_path = socket_path
+        self._socket_path, self._locks = socket_path, locks
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
         self._offsets, size = context_layout([len(context) for context in contexts])
         self.segments = Segments.create(size, prepared.samples)
@@ -45,7 +49,7 @@ class Controller:
         self._commands = asyncio.Lock()
 
     async def start(self) -> None:
-        """Start the loop process; returns when its first cycle has run.
+        """Start the loop process; returns when it has run for so long that every sensor has said something.
 
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
@@ -55,13 +59,14 @@ class Controller:
             *("-m", "micromanip.host.loop_process"),
             stdin=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
-            pass_fds=self.segments.descriptors,
+            pass_fds=(*self.segments.descriptors, *self._locks),
             start_new_session=True,
         )
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps(self._orders()).encode())
         self.process.stdin.close()
-        while self.words[w.CYCLES_RUN] == 0:
+        heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
+        while self.words[w.CYCLES_RUN] < heard:
             if self.process.returncode is not None:
                 raise await self._start_failure(self.process)
             self.beat()
@@ -147,9 +152,25 @@ class Controller:
         fault = self.fault()
         return [fault] if fault else []
 
-    async def apply(self, parameters: Any) -> None:
+    async def adopt(self, prepared: Prepared, permit: Callable[[], None]) -> int:
+        """Run `prepared` from the next cycle boundary on; the parameter version then in force.
+
+        `permit` may raise; no command comes between it and the swap. Raises CheckFailed while the loop is starting.
+        """
+
+        def decide() -> None:
+            if self.state == STATE_NAMES[STARTING]:
+                raise CheckFailed("nothing was changed: the controller is still starting")
+            permit()
+            self.prepared = prepared
+
+        await self.apply(prepared.parameters, decide)
+        return int(self.control["words"][w.VERSION])
+
+    async def apply(self, parameters: Any, permit: Callable[[], None] = lambda: None) -> None:
         """Swap to the parameters (1,) at a cycle boundary; CheckFailed where the loop does not take them."""
         async with self._commands:
+            permit()
             words = self.control["words"]
             slot, version = (int(words[w.SLOT]) + 1) % SLOTS, int(words[w.VERSION]) + 1
             self.control["parameters"][slot] = parameters[0]
@@ -157,7 +178,9 @@ class Controller:
             words[w.SLOT] = slot
             words[w.VERSION] = version
             if not await self._reached(w.VERSION_ACTIVE, version):
-                raise CheckFailed(f"the loop did not take the new parameters within {_ANSWER_S:g} s")
+                raise CheckFailed(
+                    f"the loop did not take the new parameters within {_ANSWER_S:g} s, but it will when it turns again"
+                )
 
     async def snapshot(self) -> int:
         """Let the loop copy its whole state at a cycle boundary; returns that cycle."""

@@ -93,6 +93,7 @@ def main() -> int:
         control["parameters"],
         words,
         status["state"],
+        status["shadow"],
         status["snapshot"],
         drivers,
         len(opened),

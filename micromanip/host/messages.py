@@ -44,8 +44,13 @@ ALL = tuple(sorted((*FAULTS.values(), LOOP_DIED, LOOP_STUCK), key=lambda text: t
 def fault_message(fault: int, axis: str | None, value: float, limit: float = math.nan) -> str:
     """One line for people: code, where, what, likely causes, next step."""
     text = FAULTS[fault]
+    return f"{seen(text, value, limit, axis)}. {advice(text)}"
+
+
+def seen(text: FaultText, value: float, limit: float, axis: str | None = None) -> str:
+    """Code, where, and what was seen."""
     where = f"axis {axis}: " if axis else ""
-    return f"{text.code} {where}{text.what.format(value=value, limit=limit)}. {advice(text)}"
+    return f"{text.code} {where}{text.what.format(value=value, limit=limit)}"
 
 
 def advice(text: FaultText) -> str:

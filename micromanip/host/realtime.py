@@ -1,7 +1,8 @@
-"""Real-time set-up of the loop process: memory locked, pinned, FIFO; and what it could not get."""
+"""Real-time set-up of the loop process: memory locked, pinned, FIFO, CPU awake; and what it could not get."""
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import os
@@ -9,6 +10,7 @@ import os
 from micromanip.rt.words import NO_FIFO, NO_LOCK, NO_PIN
 
 _MCL_CURRENT_AND_FUTURE = 3
+_LATENCY_WANTED = "/dev/cpu_dma_latency"
 
 ADVICE = {
     NO_FIFO: "no SCHED_FIFO: other processes delay the loop; allow it with LimitRTPRIO= in the unit, or rtprio in "
@@ -38,7 +40,17 @@ def enter_real_time(cpu: int | None, priority: int) -> int:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError:
         refused |= NO_FIFO
+    _stay_awake()
     return refused
+
+
+def _stay_awake() -> None:
+    """Keep the CPUs out of sleep states that take time to leave, as long as this process lives; where that is allowed.
+
+    The kernel takes the request back when the descriptor is closed, so it stays open.
+    """
+    with contextlib.suppress(OSError):
+        os.write(os.open(_LATENCY_WANTED, os.O_WRONLY | os.O_CLOEXEC), (0).to_bytes(4, "little"))
 
 
 def leave_cpu(cpu: int | None) -> None:

@@ -59,7 +59,8 @@ class Recording:
 
 def main() -> int:
     """Record until standard input ends; the last line on standard output says what there is."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a service; the host ends this one
+        signal.signal(number, signal.SIG_IGN)
     orders = json.loads(sys.stdin.readline())
     segments = Segments.attach(orders["descriptors"], writable=False)
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)

@@ -28,7 +28,9 @@ class RingReader:
         head = int(self._words[RING_HEAD])
         start = max(self.position, head - size + 1)
         stop = min(head, start + most)
-        rows = self._rows[np.arange(start, stop) % size].copy()
+        begin, count = start % size, stop - start
+        wrapped = max(0, begin + count - size)
+        rows = np.concatenate([self._rows[begin : begin + count - wrapped], self._rows[:wrapped]])
         oldest_safe = int(self._words[RING_HEAD]) - size + 1
         torn = min(max(0, oldest_safe - start), len(rows))
         self.lost += start - self.position + torn

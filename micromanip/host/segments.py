@@ -29,6 +29,7 @@ STATUS = np.dtype(
     [
         ("words", "i8", (WORDS,)),
         ("state", CELL_STATE, (1,)),
+        ("shadow", CELL_STATE, (1,)),
         ("snapshot", CELL_STATE, (1,)),
         ("lateness", "i8", (BINS,)),
         ("compute", "i8", (BINS,)),

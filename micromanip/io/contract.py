@@ -51,6 +51,14 @@ class CyclicDriver(ABC):
     watchdog: ClassVar[str | None] = None
     """The hardware watchdog that covers a dead loop, in a few words; None if there is none."""
 
+    @property
+    def device(self) -> str | None:
+        """The hardware that it owns, e.g. "can0" or "/dev/comedi0": a second controller on the same one is refused.
+
+        None where there is none. A driver that does not say counts as the owner of one device of its kind.
+        """
+        return None if self.simulated else type(self).__name__
+
     @abstractmethod
     def __init__(self, options: Any, period_ns: int) -> None:
         """`options` is a validated ``Options``; raises ConfigError for what only the driver can know."""

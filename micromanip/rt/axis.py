@@ -37,7 +37,7 @@ def axis_cycle(
     the own source's. ``offset`` (um, or V while probing) comes on top in a check or a sweep.
     """
     finite = True
-    if phase == LIFTING or phase == BUMPING or phase == SWEEPING or phase == CLOSED:
+    if phase in (LIFTING, BUMPING, SWEEPING, CLOSED):
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
         finite = move_setpoint(p, s, demand(p, s, phase, fraction))
@@ -52,7 +52,7 @@ def axis_cycle(
             s["request_V"] = s["start_V"] + s["offset"]
         else:
             s["request_V"] = s["start_V"] + fraction * (p["limiter"]["park_V"] - s["start_V"])
-        permitted = phase == PARKING or phase == PROBING or phase == FROZEN
+        permitted = phase in (PARKING, PROBING, FROZEN)
         s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], permitted)
     return finite
 

@@ -79,7 +79,7 @@ def react(p: Record, s: Record, reaction: int) -> None:
     state = s["state"]
     if reaction == CUTS:
         cut(p, s)
-    elif state == READY or state == OFF:
+    elif state in (READY, OFF):
         enter(s, FAULT)
     elif reaction == HOLDS and state == HOLDING:
         if s["fault_cycle"] == s["cycle"]:
@@ -92,9 +92,11 @@ def react(p: Record, s: Record, reaction: int) -> None:
 
 @compiled
 def forget(p: Record, s: Record) -> None:
-    """Unlatch: every condition that still stands is raised anew in the next cycle."""
+    """Unlatch, with an empty bucket; every condition that still stands is raised anew in the next cycle."""
     s["fault"] = NO_FAULT
     s["raised"] = 0
+    s["overruns_in_a_row"] = 0
+    s["overrun_level"] = 0.0
     for i in range(p["axes"]):
         s["axis"][i]["watch"]["raised"] = 0
         s["axis"][i]["frozen"] = 0

@@ -19,12 +19,15 @@ from .faults import cell_fault
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
+from .shadow import end_trial, shadow_cycle, start_shadow, takes_back
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
-from .states import DRIVER_ERROR, HOST_DEAD, NO_COMMAND, OFF, OVERRUNS
+from .states import DRIVER_ERROR, HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
 from .swap import swap_cell
 from .telemetry import write_row
 from .transitions import pass_missed
 from .words import (
+    CANDIDATE,
+    CANDIDATE_NUMBER,
     COMMAND,
     COMMAND_ACCEPTED,
     COMMAND_DONE,
@@ -38,6 +41,7 @@ from .words import (
     HEARTBEAT_NS,
     LATENESS_MAX_NS,
     RING_HEAD,
+    SHADOW,
     SLOT,
     SNAPSHOT_DONE,
     SNAPSHOT_NUMBER,
@@ -80,13 +84,15 @@ def publish(words: Any, s: Any) -> None:
     store_release(words, TRIPS, s["trips"])
     store_release(words, EVENTS, s["events"])
     store_release(words, OVERRUNS_WORD, s["overruns"])
+    store_release(words, SHADOW, s["shadow"])
+    store_release(words, VERSION_ACTIVE, s["version"])
     store_release(words, CYCLE, s["cycle"])
 
 
 @compiled.entry(
     types.void(
-        *(WORDS, PARAMETERS, WORDS, STATES, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES, WORDS, ROWS),
-        *(WORDS, WORDS, WORDS, types.int64),
+        *(WORDS, PARAMETERS, WORDS, STATES, STATES, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES),
+        *(WORDS, ROWS, WORDS, WORDS, WORDS, types.int64),
     )
 )
 def run_loop(
@@ -94,6 +100,7 @@ def run_loop(
     parameters: Any,
     status: Any,
     states: Any,
+    shadows: Any,
     snapshots: Any,
     drivers: Any,
     driver_count: int,
@@ -107,11 +114,12 @@ def run_loop(
     timespec: Any,
     spin_ns: int,
 ) -> None:
-    """Run until the state is OFF; `parameters` are the two slots, `states` and `snapshots` have one element."""
+    """Run until the state is OFF; `states`, `shadows` and `snapshots` have one element, `parameters` one a slot."""
     s = states[0]
     p = parameters[load_acquire(control, SLOT)]
-    s["version"] = p["version"]
-    store_release(status, VERSION_ACTIVE, p["version"])
+    before, candidate, shadow = p, p, shadows[0]
+    candidate_number = 0
+    taken = s["version"] = p["version"]
     compute_ns = 0
     deadline = now_ns(timespec) + 10 * p["period_ns"]
     while s["state"] != OFF:
@@ -123,17 +131,30 @@ def run_loop(
 
         code = exchange_all(drivers, driver_count, outputs, signals, deadline, periods)
         version = load_acquire(control, VERSION)
-        if version != s["version"]:
+        if version != taken:
+            taken = version
             new = parameters[load_acquire(control, SLOT)]
             swap_cell(p, new, s)
+            end_trial(s)
             p = new
-            store_release(status, VERSION_ACTIVE, version)
+        number = load_acquire(control, CANDIDATE_NUMBER)
+        if number != candidate_number:
+            candidate_number = number
+            candidate = parameters[load_acquire(control, CANDIDATE)]
+            start_shadow(p, candidate, s, shadow)
         command, number = NO_COMMAND, load_acquire(control, COMMAND_NUMBER)
         if number != status[COMMAND_DONE]:
             command = load_acquire(control, COMMAND)
         supervise(p, s, load_acquire(control, HEARTBEAT_NS), now, missed)
         cell_fault(p, s, DRIVER_ERROR, code != 0, float(code), 0.0)
         accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline, 1)
+        if command == PROMOTE and accepted:
+            swap_cell(p, candidate, s)
+            before, p = p, candidate
+        elif takes_back(p, s):
+            swap_cell(p, before, s)
+            p = before
+        shadow_cycle(p, candidate, s, shadow, samples, deadline)
 
         head = ring[RING_HEAD]
         write_row(p, s, signals, rows[head % len(rows)], deadline, late, compute_ns, periods)

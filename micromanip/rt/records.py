@@ -245,6 +245,9 @@ SENSOR_STATE = _record(
     ("identical", "i8"),
     ("lost", "i8"),
 )
+FIGURES = _record(("error", "f8"), ("innovation", "f8"), ("feedback", "f8"))
+"""Mean squares over about a second: error (um^2), innovation (um^2), and what the PID adds to the feedforward (V^2)."""
+
 AXIS_STATE = _record(
     ("strain", SENSOR_STATE),
     ("stage", SENSOR_STATE),
@@ -252,6 +255,7 @@ AXIS_STATE = _record(
     ("amplifier_ok", SENSOR_STATE),
     ("temperature_ok", SENSOR_STATE),
     ("watch", WATCH_STATE),
+    ("figures", FIGURES),
     ("strain_check", CHECK_STATE),
     ("stage_check", CHECK_STATE),
     ("hysteresis", HYSTERESIS_STATE),
@@ -305,6 +309,11 @@ CELL_PARAMETERS = _record(
     ("feed_hold", "i8"),
     ("heartbeat", "i8"),
     ("heartbeat_cycles", "i8"),
+    ("figures_step", "f8"),
+    ("trial_cycles", "i8"),
+    ("trial_step", "f8"),
+    ("trial_factor", "f8"),
+    ("trial_floor", "f8"),
     ("axis", AXIS_PARAMETERS, (MAX_AXES,)),
 )
 EVENT = _record(
@@ -344,6 +353,10 @@ CELL_STATE = _record(
     ("overruns_in_a_row", "i8"),
     ("overrun_level", "f8"),
     ("version", "i8"),
+    ("shadow", "i8"),
+    ("trial_cycles", "i8"),
+    ("trial_before", "f8", (MAX_AXES,)),
+    ("trial_now", "f8", (MAX_AXES,)),
     ("axis", AXIS_STATE, (MAX_AXES,)),
 )
 

@@ -5,8 +5,12 @@ from __future__ import annotations
 OFF, STARTING, READY, ARMED, TRACKING, HOLDING, RAMPING, FAULT = range(8)
 STATE_NAMES = ("OFF", "STARTING", "READY", "ARMED", "TRACKING", "HOLDING", "RAMPING", "FAULT")
 
-NO_COMMAND, ARM, DISARM, STOP, RESET, HOLD = range(6)
-COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset", "hold")
+NO_COMMAND, ARM, DISARM, STOP, RESET, HOLD, PROMOTE, WITHDRAW = range(8)
+COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset", "hold", "promote", "withdraw")
+
+NO_SHADOW, SHADOWING, ON_TRIAL, CONFIRMED, TAKEN_BACK = range(5)
+SHADOW_NAMES = ("none", "shadowing", "on trial", "confirmed", "taken back")
+"""A candidate tuning: it computes beside the active one, is in force on trial, for good, or not any more."""
 
 WARN, HOLDS, RAMPS, CUTS = range(4)
 REACTION_NAMES = ("warn", "hold", "ramp", "off")

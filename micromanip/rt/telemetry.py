@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .cell import asks_feed_hold, is_enabled, path_error
 from .estimator import output
+from .figures import path_error
 from .jit import compiled
+from .lines import asks_feed_hold, is_enabled
 from .records import Record
 from .sensor import is_on
 from .states import STAGE

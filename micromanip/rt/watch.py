@@ -103,7 +103,7 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
 
 @compiled
 def following_error(p: Record, a: Record) -> float:
-    """How far (um) the axis is from where it should be: the stage from the reference, or the gauge from the set-point."""
+    """How far (um) the stage is from the reference, or the gauge from the set-point."""
     if p["mode"] == STAGE:
         return a["reference"]["w"][0] + a["reference"]["w"][3] - a["stage"]["value"]
     return a["setpoint_um"] - a["strain"]["value"]
@@ -191,7 +191,7 @@ def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> None:
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
     axis, phase = p["axis"][i], s["phase"]
-    lifted = phase == LIFTING or phase == BUMPING or phase == SWEEPING
+    lifted = phase in (LIFTING, BUMPING, SWEEPING)
     inner = moving and axis["mode"] != VOLTAGE and (lifted or phase == CLOSED)
     outer = moving and axis["mode"] == STAGE and phase == CLOSED
     tracking = moving and s["state"] == TRACKING

@@ -6,9 +6,10 @@ before the word itself.
 
 from __future__ import annotations
 
-HEARTBEAT_NS, COMMAND, COMMAND_NUMBER, SLOT, VERSION, SNAPSHOT_NUMBER = range(6)
+HEARTBEAT_NS, COMMAND, COMMAND_NUMBER, SLOT, VERSION, SNAPSHOT_NUMBER, CANDIDATE, CANDIDATE_NUMBER = range(8)
 """Written by the host: time of its last sign of life; the command and its running number; the
-parameter slot and its version; the running number of the last snapshot wanted."""
+parameter slot and its version; the running number of the last snapshot wanted; the slot of the candidate tuning and
+its running number, 0 before there is one."""
 
 (
     CYCLE,
@@ -27,10 +28,12 @@ parameter slot and its version; the running number of the last snapshot wanted."
     CYCLES_RUN,
     EVENTS,
     TRIPS,
-) = range(16)
+    SHADOW,
+) = range(17)
 """Written by the loop: its cycle, state and fault; number and outcome of the last command; the
 parameter version in force; the last snapshot made; counters and maxima; which real-time rights it
-could not get; 1 when it has ended by itself; cycles really run; events written and faults latched so far."""
+could not get; 1 when it has ended by itself; cycles really run; events written and faults latched so far; where
+the candidate tuning stands."""
 
 NO_FIFO, NO_LOCK, NO_PIN = 1, 2, 4
 """Bits of RIGHTS."""

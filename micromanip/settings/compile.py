@@ -22,6 +22,7 @@ from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from .wiring import Wiring
 
 _BLEND_S = 0.05
+_FIGURES_S = 1.0
 _JOG_SMOOTHING_S = 0.05
 _SWEEP_MARGIN = 1.3
 """The amplitude has fallen a little when the sweep first reaches its peak."""
@@ -54,6 +55,10 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_line(p[name], name, configuration, wiring)
     for name in ("amplifier_enable", "feed_hold", "heartbeat"):
         p[name] = wiring.switches.get(name, -1)
+    trial = configuration.shadow
+    p["figures_step"], p["trial_step"] = 1.0 / cycles(_FIGURES_S), 1.0 / cycles(trial.window_s)
+    p["trial_cycles"] = cycles(trial.trial_s)
+    p["trial_factor"], p["trial_floor"] = trial.error_factor, trial.error_floor_um
     beat = configuration.switches.heartbeat
     p["heartbeat_cycles"] = cycles(beat.period_ms * 0.5e-3) if beat is not None else 1
     for i, (name, axis) in enumerate(configuration.axes.items()):

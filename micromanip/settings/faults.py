@@ -1,7 +1,8 @@
 """Section ``faults``: what is watched, its limits, and what follows; two sets of defaults.
 
 The set `hardware` is what `loop.limits: hardware` means; `simulation` is wide, because a virtual machine stalls for
-tens of milliseconds and a stalled loop moves late. A key that the file gives replaces the set's; ``null`` means no limit.
+tens of milliseconds and a stalled loop moves late. A key that the file gives replaces the set's; ``null`` means no
+limit.
 """
 
 from __future__ import annotations

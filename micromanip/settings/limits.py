@@ -1,4 +1,4 @@
-"""From the sections ``faults`` to the records the loop compares with: times become cycles, ``null`` what is never reached."""
+"""From the sections ``faults`` to what the loop compares with: times become cycles, ``null`` what is never reached."""
 
 from __future__ import annotations
 

@@ -41,6 +41,20 @@ class Loop(Settings):
         return round(1e9 / self.rate_hz)
 
 
+class Control(Settings):
+    """The control socket: who may command the running controller."""
+
+    socket_mode: str = Field(
+        default="0660",
+        pattern=r"0?[67][0-7]0",
+        description="Permissions of the socket, octal digits as text; to connect is to write. Others are never let in: "
+        "the last digit is 0.",
+    )
+    group: str | None = Field(
+        default=None, min_length=1, description="Group that the socket is given to; null leaves the host's own."
+    )
+
+
 class Start(Settings):
     """Soft start and stop, and what is checked on the way."""
 
@@ -134,6 +148,17 @@ class Output(Settings):
         return min(slew, 1e3 * self.current_mA / self.capacitance_uF)
 
 
+class Trial(Settings):
+    """A candidate tuning that was promoted is on trial, and taken back if it is worse than the one before."""
+
+    trial_s: Positive = Field(default=5.0, description="Length of the trial.")
+    window_s: Positive = Field(default=0.2, description="Time over which the error on trial is averaged.")
+    error_factor: Annotated[float, Field(ge=1)] = Field(
+        default=2.0, description="The rms error may become so many times that of the last second before."
+    )
+    error_floor_um: NotNegative = Field(default=0.1, description="So much more is always allowed.")
+
+
 class Switch(Settings):
     """A digital output of the loop."""
 
@@ -177,9 +202,11 @@ class Configuration(Settings):
     outputs: dict[str, Output] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
     switches: Switches = Switches()
     faults: Faults = Faults()
+    shadow: Trial = Trial()
     reference: Reference = Field(description="Where the set-points of the axes come from.")
     axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES, description="The axes of the manipulator.")
+    control: Control = Control()
     arm_on_start: Flag = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
 
 
-__all__ = ["SCHEMA_VERSION", "Configuration", "Count", "Driver", "Loop", "Output", "Signal", "Start"]
+__all__ = ["SCHEMA_VERSION", "Configuration", "Control", "Count", "Driver", "Loop", "Output", "Signal", "Start"]

@@ -13,7 +13,7 @@ from micromanip.io.registry import driver_class
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 
 from .load import validate_section
-from .model import Configuration, Output, Signal, Switch
+from .model import Configuration, Driver, Output, Signal, Switch
 from .source import Source
 
 
@@ -28,6 +28,11 @@ class Wiring:
     signals: dict[str, int]
     outputs: dict[str, int]
     switches: dict[str, int]
+
+    @property
+    def devices(self) -> frozenset[str]:
+        """The hardware that the drivers own."""
+        return frozenset(driver.device for driver in self.drivers.values() if driver.device is not None)
 
     def signal(self, name: str) -> int:
         """Index of a signal, -1 where the configuration does not have it."""
@@ -52,6 +57,28 @@ def _channel(
     return entry.driver, channels.index(wanted)
 
 
+def driver_options(source: Source, name: str, entry: Driver) -> tuple[type[CyclicDriver], BaseModel]:
+    """Class and validated options of the driver called `name`; ConfigError where one of them is wrong."""
+    try:
+        kind = driver_class(entry.driver)
+    except ConfigError as problem:
+        raise source.error(("drivers", name, "driver"), str(problem)) from problem
+    return kind, validate_section(source, ("drivers", name), kind.Options, entry.options)
+
+
+def build_driver(
+    source: Source, name: str, entry: Driver, period_ns: int, seed: int | None = None
+) -> tuple[CyclicDriver, BaseModel]:
+    """The driver that the configuration calls `name`, and its options; raises ConfigError with file, line and key."""
+    kind, options = driver_options(source, name, entry)
+    if seed is not None and "seed" in kind.Options.model_fields:
+        options = options.model_copy(update={"seed": seed})
+    try:
+        return kind(options, period_ns), options
+    except ConfigError as problem:
+        raise source.error(("drivers", name), str(problem)) from problem
+
+
 def wire(configuration: Configuration, source: Source, seed: int | None = None) -> Wiring:
     """Build the drivers and resolve all names; raises ConfigError with file, line and key.
 
@@ -62,18 +89,7 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
     first_input, first_output = {}, {}
     inputs = outputs = 0
     for name, entry in configuration.drivers.items():
-        try:
-            kind = driver_class(entry.driver)
-        except ConfigError as problem:
-            raise source.error(("drivers", name, "driver"), str(problem)) from problem
-        options = validate_section(source, ("drivers", name), kind.Options, entry.options)
-        if seed is not None and "seed" in kind.Options.model_fields:
-            options = options.model_copy(update={"seed": seed})
-        chosen[name] = options
-        try:
-            drivers[name] = kind(options, configuration.loop.period_ns)
-        except ConfigError as problem:
-            raise source.error(("drivers", name), str(problem)) from problem
+        drivers[name], chosen[name] = build_driver(source, name, entry, configuration.loop.period_ns, seed)
         first_input[name], first_output[name] = inputs, outputs
         inputs += len(drivers[name].inputs)
         outputs += len(drivers[name].outputs)

@@ -14,6 +14,7 @@ from micromanip.io.contract import CyclicDriver, Functions
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.states import ARM, DRIVER_ERROR, FAULT, READY, TRACKING
 from micromanip.settings.compile import compile_cell
+from micromanip.settings.faults import AxisFaults, StrainInvalid
 from micromanip.settings.reference import Hold
 from micromanip.sim.virtual import VirtualCell
 
@@ -98,7 +99,9 @@ def card_driver(tmp_path_factory):
 def cell(card_driver, **options):
     """Three axes in mode strain on the card, and the card's context."""
     given = tuned_cell()
-    axes = {name: axis.model_copy(update={"mode": "strain"}) for name, axis in given.configuration.axes.items()}
+    faults = AxisFaults(strain=StrainInvalid(identical=None))  # the card has no noise
+    changed = {"mode": "strain", "faults": faults}
+    axes = {name: axis.model_copy(update=changed) for name, axis in given.configuration.axes.items()}
     configuration = given.configuration.model_copy(
         update={"axes": axes, "reference": Hold(source="hold", offset_um=60.0)}
     )

@@ -30,7 +30,7 @@ SHARED = (
     ("spin_us: 60 ", "spin_us: 10 "),
 )
 QUICK = (
-    ("lift_s: 0.5", "lift_s: 0.2"),
+    ("lift_s: 0.5", "check_s: 0.05\n  sweep_s: 0.2\n  lift_s: 0.2"),
     ("settle_s: 0.2", "settle_s: 0.1"),
     ("authority_s: 0.5", "authority_s: 0.2"),
 )
@@ -41,6 +41,7 @@ SLOW = """\
 schema_version: 1
 loop: {rate_hz: 200, cpu: null, spin_us: 10, limits: hardware}
 start: {lift_s: 0.1, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.2}
+faults: {deadline: {share_percent: null}, hold: {timeout_s: 0.2}}
 drivers: {cell: {driver: simulated, axes: [x]}}
 signals: {strain_x: {driver: cell, max_age_us: null}}
 outputs: {voltage_x: {driver: cell, range_V: [-20, 150], slew_V_per_ms: 40, park_V: 0}}

@@ -63,9 +63,9 @@ def test_wrong_commands_for_the_state(cell):
     with Client(cell.socket) as client:
         with pytest.raises(CheckFailed, match=r"^reset refused: the state is TRACKING$"):
             client.reset()
-        with pytest.raises(CheckFailed, match=r"^arm refused: the state is TRACKING$"):
+        with pytest.raises(CheckFailed, match=r"^arm refused: the state is TRACKING: arming begins in READY"):
             client.arm()
-        with pytest.raises(UsageError, match="unknown verb 'stop'; known are arm, disarm, reset, status"):
+        with pytest.raises(UsageError, match="unknown verb 'stop'; known are arm, audit, diff, "):
             client.request("stop")
         assert client.status()["state"] == "TRACKING"
 
@@ -165,7 +165,7 @@ def test_fault_is_latched_until_reset(run):
         until(lambda: "X-102" in cell.said, cell.last_words)
         (fault,) = client.status()["faults"]
         assert fault.startswith("X-102")
-        with pytest.raises(CheckFailed, match=r"^arm refused: the state is FAULT; X-102 "):
+        with pytest.raises(CheckFailed, match=r"^arm refused: the state is FAULT: .*; a fault is latched .*; X-102 "):
             client.arm()
         client.reset()
         assert client.status()["faults"] == []

@@ -13,7 +13,7 @@ from micromanip_drivers.simulated.records import CONTEXT
 from micromanip.host.control_socket import remove_stale
 from micromanip.host.segments import Segment
 from micromanip.rt import words as w
-from micromanip.rt.states import FAULT, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
+from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
 
 from .cell import SLOW, WAITING, calm, descriptor_of, rows_of, until
 
@@ -22,8 +22,11 @@ RAMP_CYCLES = 5000
 
 
 def assert_smooth_ramp(rows, park_V=0.0):
-    """The last ramp in `rows` is the minimum-jerk course to park: no step, no detour."""
-    ramp = rows[np.flatnonzero(rows["state"] == TRACKING)[-1] :]
+    """Held, then the minimum-jerk course to park: no step, no detour."""
+    held = rows[np.flatnonzero(rows["state"] == TRACKING)[-1] :]
+    ramp = held[np.flatnonzero(held["state"] == HOLDING)[-1] :]
+    assert set(held["state"][1 : -len(ramp)]) == {HOLDING}
+    assert np.ptp(held["axis"]["setpoint_um"][: -len(ramp)], axis=0).max() < 1.0
     assert set(ramp["state"][1:-1]) == {RAMPING}
     assert ramp["state"][-1] == OFF
     assert len(ramp) == pytest.approx(RAMP_CYCLES, abs=4)  # cycles that were run: the ramp waits while the loop is late
@@ -182,10 +185,10 @@ def test_stall_is_latched_under_hardware_limits(run):
     rows = rows_of(cell.ring)
     late = int(np.flatnonzero(rows["periods"] > 3)[0])
     assert rows["state"][late - 1] == TRACKING
-    assert rows["state"][late] == RAMPING  # in that very cycle
+    assert rows["state"][late] == HOLDING  # in that very cycle
     assert (rows["fault"][late:] == OVERRUNS).all()
     after = rows[late:]["state"]
-    assert list(after[np.flatnonzero(np.diff(after, prepend=-1))]) == [RAMPING, FAULT]
+    assert list(after[np.flatnonzero(np.diff(after, prepend=-1))]) == [HOLDING, RAMPING, FAULT]
     voltage = rows["axis"]["voltage_V"][late - 1 :, 0]
     assert voltage[0] == pytest.approx(60.0)
     assert np.abs(np.diff(voltage)).max() <= 1.05 * 1.875 * 60.0 / 40  # 0.2 s are 40 cycles: no step after the stall
@@ -193,5 +196,5 @@ def test_stall_is_latched_under_hardware_limits(run):
     assert cell.end() == 1
     assert cell.report["state"] == "OFF"
     (fault,) = cell.report["faults"]
-    assert fault.startswith(f"X-102 {rows['periods'][late] - 1} deadlines missed in a row. ")
+    assert fault.startswith(f"X-102 {rows['periods'][late] - 1} deadlines missed (limit 3). ")
     assert f"micromanip: {fault}" in " ".join(cell.said.split())

@@ -42,8 +42,9 @@ class Ring(dict):
             return super().__getitem__(key)
         if np.isscalar(key):
             return self.storage[key]
-        copied = np.empty(len(key), FIELDS)
-        for k, index in enumerate(key):
+        places = range(*key.indices(SIZE))
+        copied = np.empty(len(places), FIELDS)
+        for k, index in enumerate(places):
             for name in FIELDS.names:
                 self.write(next(self.pace, 0))
                 copied[k][name] = self.storage[index][name]

@@ -11,7 +11,7 @@ DURATIONS = {"p50", "p99", "p99_9", "p99_99", "max"}
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
-    cell = Running(tmp_path_factory.mktemp("run"), simulated(), "--duration", "3.5")
+    cell = Running(tmp_path_factory.mktemp("run"), simulated(), "--duration", "7")
     try:
         assert cell.wait() == 0, cell.said
         return cell.report  # nothing but one JSON document on standard output, or this fails

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from micromanip.rt import words as w
+from micromanip.rt.phases import PARKING
 from micromanip.rt.states import RAMPING
 
 from .cell import calm, rows_of, simulated, until
@@ -43,10 +44,11 @@ def test_stall_on_the_way_to_park(run):
     cell = run(calm()).reach("TRACKING")
     interrupt(cell)
     cell.reach("RAMPING")
+    until(lambda: rows_of(cell.ring)["phase"][-1] == PARKING, "the correction to be faded out")
     cell.stall(0.7)
     assert_stopped_cleanly(cell)
     rows = rows_of(cell.ring)
-    voltage = rows["axis"]["voltage_V"][rows["state"] == RAMPING]
+    voltage = rows["axis"]["voltage_V"][rows["phase"] == PARKING]
     fastest = 1.875 * voltage.max() / 5000  # of a minimum-jerk course of 0.5 s, a cycle
     assert not rows["axis"]["voltage_V"][-1].any(), f"OFF with {rows['axis']['voltage_V'][-1]} V on the outputs"
     assert np.abs(np.diff(voltage, axis=0)).max() <= 1.1 * fastest

@@ -255,7 +255,7 @@ def test_arming_refused_at_the_start(run):
     assert count == 1
     cell = run(text)
     assert cell.wait() == 1
-    assert "micromanip: arm refused: the state is READY; strain_x is not valid\n" in cell.said
+    assert "micromanip: arm refused: strain_x is not valid, or stuck: check the gauge and its cable\n" in cell.said
     assert "Traceback" not in cell.said
     assert cell.out == ""
     assert cell.left == []

@@ -60,7 +60,8 @@ BROKEN = {
     "signal that nobody takes": (
         ("  strain_x: {driver: cell, max", "  strian_x: {driver: cell, channel: strain_x, max"),
         "strian_x: {",
-        "signals.strian_x: no axis takes a signal of this name; did you mean strain_x? (names are <role>_<axis>)",
+        "signals.strian_x: no axis takes a signal of this name; did you mean strain_x? (names are <role>_<axis>, "
+        "enable, interlock, retracted)",
     ),
     "output that nobody has": (
         ("  voltage_z: {driver: cell,", "  voltage_w: {driver: cell, channel: voltage_z,"),

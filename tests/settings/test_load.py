@@ -7,6 +7,7 @@ import pytest
 from micromanip.errors import ConfigError
 from micromanip.settings.hysteresis import PrandtlIshlinskii
 from micromanip.settings.load import load
+from micromanip.settings.model import Configuration
 
 
 def test_good_configuration_loads(cell):
@@ -131,7 +132,8 @@ VALUES = {
     ),
     "no such variant": (
         ("source: sine", "source: sinus"),
-        "20: reference.source: expected hold, step, sine, file or signal, not the text 'sinus': did you mean sine?",
+        "20: reference.source: expected hold, step, sine, file, signal or jog, not the text 'sinus': "
+        "did you mean sine?",
     ),
     "another version": (
         ("schema_version: 1", "schema_version: 2"),
@@ -224,7 +226,7 @@ def test_one_thing_wrong(cell, change, expected):
     assert cell.message(cell.with_change(*change)) == f"cell.yaml:{expected}"
 
 
-SECTIONS = "schema_version, loop, start, drivers, signals, outputs, reference, axes, arm_on_start"
+SECTIONS = ", ".join(Configuration.model_fields)
 
 
 @pytest.mark.parametrize(

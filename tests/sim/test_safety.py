@@ -232,7 +232,9 @@ def test_reference_lost():
     assert_latched(cell, REFERENCE_LOST, X)
 
 
-@pytest.mark.parametrize("fault", ["kind: nan, for_s: 0.001", "kind: spike, value: 200.0", "kind: value, value: 1.0e6, for_s: 0.001"])  # fmt: skip
+@pytest.mark.parametrize(
+    "fault", ["kind: nan, for_s: 0.001", "kind: spike, value: 200.0", "kind: value, value: 1.0e6, for_s: 0.001"]
+)
 def test_one_bad_sample_of_the_reference_is_rejected(fault):
     cell, quiet = Protected(f"channel: deviation_x, {fault}"), Protected()
     rows, usual = cell.run(0.1), quiet.run(0.1)
@@ -261,8 +263,8 @@ def test_amplifier_hot():
     assert (at, warned, tripped) == (0, DERATED, OVER_TEMPERATURE)
     assert late == 20_000
     assert states(rows) == RAMP
-    derated = rows["axis"][5000:20_000]
-    share = (derated["stage_um"][:, X] * derated["deviation_um"][:, X]).sum() / (derated["deviation_um"][:, X] ** 2).sum()
+    stage, path = (rows["axis"][name][5000:20_000, X] for name in ("stage_um", "deviation_um"))
+    share = (stage * path).sum() / (path**2).sum()
     assert share == pytest.approx(0.5, abs=0.05)
     assert_latched(cell, OVER_TEMPERATURE, X)
 

@@ -44,8 +44,8 @@ def test_a_hundred_times_better_with_them_predicted():
     assert (improvement(prepare(CONFIG)) >= 100.0).all()
 
 
-STEP = "force: {start_s: 3.0, static_N: 5.0, rise_ms: 0.01, tooth_N: 0.0, noise_N: 0.0}"
-NONE = "force: {start_s: 3.0, static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}"
+STEP = "force: {start_s: 4.0, static_N: 5.0, rise_ms: 0.01, tooth_N: 0.0, noise_N: 0.0}"
+NONE = "force: {start_s: 4.0, static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}"
 FORCE = "force: {start_s: 5.0, static_N: 80.0, tooth_N: 40.0, tooth_Hz: 200.0, noise_N: 5.0}"
 
 
@@ -59,7 +59,7 @@ def force_response(tmp_path, mode):
             configuration = with_reference(configuration, Hold(source="hold", offset_um=66.0))
         cell = VirtualExperiment(prepared, process=True).cell(configuration)
         cell.arm()
-        before_s = 3.0 - float(cell.state[0]["cycle"]) * 1e-4
+        before_s = 4.0 - float(cell.state[0]["cycle"]) * 1e-4
         rows = cell.run(before_s + 0.5)
         positions.append(rows["axis"]["true_stage_um"][round(before_s * 1e4) :, 0])
     return positions[0] - positions[1]

@@ -48,6 +48,11 @@ class SimulatedCell(CyclicDriver):
                 raise ConfigError(f"faults[{k}].channel: {self._unknown(fault.channel)}")
 
     @property
+    def device(self) -> str | None:
+        device: str | None = self.options.device
+        return device
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         sensors = tuple(f"{channel}_{axis}" for axis in self.options.axes for channel in CHANNELS)
         return sensors + self._lines if self.options.lines else sensors

@@ -130,6 +130,9 @@ class Options(_Options):
     """Keys of the driver `simulated`."""
 
     driver: str = "simulated"
+    device: str | None = Field(
+        default=None, description="Pretended hardware that only one controller may use at a time; null: none."
+    )
     seed: int = Field(default=1, ge=0, description="Seed of all noise.")
     axes: tuple[str, ...] = Field(default=("x", "y", "z"), min_length=1, max_length=3, description="Names of the axes.")
     plant: Plant = Plant()

@@ -3,6 +3,7 @@
 - ``rows``: each cycle from 2 s before to 0.5 s after the trip (``micromanip.rt.records.ROW``)
 - ``parameters``: each set of parameters that was in force in them; a row's ``version`` names one
 - ``state``: the loop's whole state (1,) as soon as the trip was seen
+- ``events``: the faults and warnings that were raised last, in their order (``micromanip.rt.records.EVENT``)
 - ``meta``: a JSON document: the trip, the configuration's text and hash, the axes, the clocks (see `Box.meta`)
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +24,7 @@ from micromanip.errors import CheckFailed
 
 FORMAT = 1
 PARTIAL = ".part"
-_PARTS = ("rows", "parameters", "state")
+_PARTS = ("rows", "parameters", "state", "events")
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Box:
     rows: NDArray[Any]
     parameters: NDArray[Any]
     state: NDArray[Any]
+    events: NDArray[Any]
 
     @property
     def trip(self) -> dict[str, Any]:
@@ -55,9 +58,7 @@ class Box:
                     stream,
                     allow_pickle=False,
                     meta=np.array(json.dumps(self.meta)),
-                    rows=self.rows,
-                    parameters=self.parameters,
-                    state=self.state,
+                    **{part: getattr(self, part) for part in _PARTS},
                 )
                 stream.flush()
                 os.fsync(stream.fileno())
@@ -75,12 +76,12 @@ class Box:
     def load(cls, file: Path) -> Box:
         """Read a file; raises CheckFailed where it is none, or damaged."""
         try:
-            with np.load(file, allow_pickle=False) as stored:
+            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
                 meta = json.loads(str(stored["meta"]))
                 if meta["format"] != FORMAT:
                     raise CheckFailed(f"{file} has format {meta['format']}; this version reads format {FORMAT}")
                 return cls(meta, *(stored[part] for part in _PARTS))
         except OSError as problem:
             raise CheckFailed(f"{file} can't be read: {problem.strerror or problem}") from problem
-        except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as problem:
-            raise CheckFailed(f"{file} is no black box, or it is damaged ({problem})") from problem
+        except (ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
+            raise CheckFailed(f"{file} is no black box, or it is damaged") from problem

@@ -20,6 +20,7 @@ from .box import FORMAT, Box
 
 BEFORE_S, AFTER_S = 2.0, 0.5
 _COPIES = 50
+_SPARE_ROWS = 100
 
 
 @dataclass(frozen=True)
@@ -51,25 +52,23 @@ class Capture:
         return bool(self._status["words"][w.FINISHED])
 
     @property
-    def fault_cycle(self) -> int | None:
-        """The cycle in which the latched fault was raised: it tells one trip from another; None without a fault."""
-        if self._status["words"][w.FAULT_CODE] == NO_FAULT:
-            return None
-        return int(self._status["state"][0]["fault_cycle"])
+    def trips(self) -> int:
+        """Faults that were latched so far: the number of the newest trip."""
+        return int(self._status["words"][w.TRIPS])
 
     def tripped(self) -> Box:
-        """The box of the fault that is latched now, with what the ring holds of the time before it."""
+        """The box of the newest trip, with what the ring holds of the time before it."""
         state = self._state()
-        rows = self._rows()
+        rows = self._rows(since=int(state[0]["fault_cycle"]) - self._cycles(BEFORE_S))
         at = _first_faulty(rows)
         fault, axis = int(state[0]["fault"]), int(state[0]["fault_axis"])
-        value, limit = float(state[0]["fault_value"]), math.nan
+        value, limit = float(state[0]["fault_value"]), float(state[0]["fault_limit"])
         name = self.cell.axes[axis] if axis >= 0 else None
         trip = {
             "code": FAULTS[fault].code,
             "number": fault,
             "axis": name,
-            "value": value,
+            "value": value if math.isfinite(value) else None,
             "limit": limit if math.isfinite(limit) else None,
             "message": fault_message(fault, name, value, limit),
         }
@@ -77,7 +76,8 @@ class Capture:
 
     def died(self, message: str | None) -> Box:
         """The box of a loop that ended without a word; `message` is what the host saw of it."""
-        state, rows = self._state(), self._rows()
+        state = self._state()
+        rows = self._rows(since=int(state[0]["cycle"]) - self._cycles(BEFORE_S))
         said = message or f"{LOOP_DIED.code} {LOOP_DIED.what.format(how='died')}. {advice(LOOP_DIED)}"
         trip = {"code": LOOP_DIED.code, "number": None, "axis": None, "value": None, "limit": None, "message": said}
         return self._box(trip, rows, len(rows) - 1, state)
@@ -88,14 +88,14 @@ class Capture:
 
     def completed(self, box: Box) -> Box:
         """The same box with the cycles after the trip, and all sets of parameters that were in force."""
-        rows = self._rows()
-        last = box.trip["cycle"] + self._cycles(AFTER_S)
-        known = box.rows["cycle"][-1] if len(box.rows) else -1
-        new = rows[(rows["cycle"] > known) & (rows["cycle"] <= last)]
+        known = int(box.rows["cycle"][-1]) if len(box.rows) else -1
+        new = _between(self._rows(since=known), known + 1, box.trip["cycle"] + self._cycles(AFTER_S))
         rows = np.concatenate([box.rows, new])
         kept = np.concatenate([box.parameters, self._parameters(new)])
         _, first = np.unique(kept["version"], return_index=True)
-        return replace(box, meta=box.meta | {"complete": True}, rows=rows, parameters=kept[first])
+        return replace(
+            box, meta=box.meta | {"complete": True}, rows=rows, parameters=kept[first], events=_events(self._state())
+        )
 
     def _cycles(self, seconds: float) -> int:
         return round(seconds * 1e9 / self.cell.period_ns)
@@ -118,14 +118,14 @@ class Capture:
             "sha256": self.cell.sha256,
             "path": self.cell.path,
         }
-        last = cycle + self._cycles(AFTER_S)
-        rows = rows[(rows["cycle"] >= cycle - self._cycles(BEFORE_S)) & (rows["cycle"] <= last)]
-        return Box(meta, rows, self._parameters(rows), state)
+        rows = _between(rows, cycle - self._cycles(BEFORE_S), cycle + self._cycles(AFTER_S))
+        return Box(meta, rows, self._parameters(rows), state, _events(state))
 
-    def _rows(self) -> NDArray[Any]:
-        """All rows that the ring holds."""
+    def _rows(self, since: int) -> NDArray[Any]:
+        """All rows that the ring holds of the cycles from `since` on, and some before: a row is a cycle or more."""
         reader = RingReader(self._ring)
-        reader.position = 0
+        passed = max(0, int(self._status["words"][w.CYCLE]) - since) + _SPARE_ROWS
+        reader.position = max(0, reader.position - passed)
         return reader.read(len(self._ring["rows"]))
 
     def _parameters(self, rows: NDArray[Any]) -> NDArray[Any]:
@@ -145,6 +145,19 @@ class Capture:
             if state[0]["cycle"] == before == int(words[w.CYCLE]):
                 break
         return state
+
+
+def _between(rows: NDArray[Any], first: int, last: int) -> NDArray[Any]:
+    """The rows of the cycles `first` to `last`."""
+    cycles = np.ascontiguousarray(rows["cycle"])
+    return rows[np.searchsorted(cycles, first) : np.searchsorted(cycles, last, "right")]
+
+
+def _events(state: NDArray[Any]) -> NDArray[Any]:
+    """The events that the loop still remembers, oldest first."""
+    ring, count = state[0]["event"], int(state[0]["events"])
+    newest: NDArray[Any] = ring[np.arange(max(0, count - len(ring)), count) % len(ring)].copy()
+    return newest
 
 
 def _first_faulty(rows: NDArray[Any]) -> int:

@@ -14,6 +14,14 @@ from micromanip.rt.states import STAGE, STRAIN, TRACKING
 from .box import Box
 
 _SENSORS = (("strain", 1, "strain gauge"), ("stage", 2, "capacitive sensor"), ("deviation", 4, "reference signal"))
+_LINES = (
+    ("enable went off", "enable came on"),
+    ("interlock went off", "interlock came on"),
+    ("tool back in the cut", "tool retracted"),
+    ("amplifier switched off", "amplifier switched on"),
+    ("feed-hold taken back", "feed-hold asked of the machine"),
+)
+"""Off and on, in the order of the bits of a row's ``lines``."""
 _GAP_OF_USUAL, _LEAST_GAP = 3, 3
 """A pause between two samples is told when it is that many times the usual one, and at least so many cycles."""
 _FROZEN_SAMPLES = 20
@@ -48,15 +56,13 @@ def parameters_of(box: Box, axis: int) -> Any:
 
 
 def error_um(box: Box, axis: int) -> NDArray[np.float64]:
-    """How far (um) the axis was from where it should be, each row: the stage, or the strain gauge in mode strain."""
+    """How far (um) the axis was from where it should be, each row and as measured: stage, or gauge in mode strain."""
     rows, mode = box.rows["axis"][:, axis], parameters_of(box, axis)["mode"]
+    error: NDArray[np.float64] = np.full(len(rows), np.nan)
     if mode == STRAIN:
-        error: NDArray[np.float64] = rows["setpoint_um"] - rows["strain_um"]
+        error = rows["setpoint_um"] - rows["strain_um"]
     elif mode == STAGE:
-        known = np.isfinite(rows["path_error_um"])
-        error = np.where(known, rows["path_error_um"], rows["reference_um"] - rows["stage_um"])
-    else:
-        error = np.full(len(rows), np.nan)
+        error = rows["reference_um"] - rows["stage_um"]
     return error
 
 
@@ -71,7 +77,7 @@ def observations(box: Box) -> list[Moment]:
     """All moments, in the order of time; of each kind those that are nearest to the trip."""
     if not len(box.rows):
         return []
-    found = [*_newest(_missed_deadlines(box))]
+    found = [*_newest(_missed_deadlines(box)), *_switched(box)]
     for i, name in enumerate(box.meta["axes"]):
         for role, bit, words in _SENSORS:
             if parameters_of(box, i)[role] >= 0:
@@ -97,6 +103,15 @@ def _missed_deadlines(box: Box) -> Iterator[Moment]:
     for k in np.flatnonzero(periods > 1):
         missed = int(periods[k]) - 1
         yield Moment(float(ms[k]), None, f"{missed} deadline{'s' if missed > 1 else ''} missed")
+
+
+def _switched(box: Box) -> Iterator[Moment]:
+    """Digital lines that changed."""
+    ms, lines = milliseconds(box), box.rows["lines"]
+    for bit, words in enumerate(_LINES):
+        level = (lines >> bit) & 1
+        for k in np.flatnonzero(np.diff(level)) + 1:
+            yield Moment(float(ms[k]), None, words[level[k]])
 
 
 def _pauses(box: Box, axis: int, name: str, bit: int, words: str) -> Iterator[Moment]:

@@ -25,6 +25,7 @@ from .shelf import file_name, prune
 _LOOK_S = 0.02
 _RETRY_S = 3.0
 _KEPT_IN_MEMORY = 4
+_PAGE = 4096
 
 
 def tell(**message: Any) -> None:
@@ -55,9 +56,7 @@ class Shelf:
             tell(key=key, file=str(file), code=trip["code"], problem=problem)
         self._waiting[file] = (box, key)
         while len(self._waiting) > _KEPT_IN_MEMORY:
-            lost = min(self._waiting)
-            _, lost_key = self._waiting.pop(lost)
-            tell(key=lost_key, file=str(lost), code=trip["code"], lost="too many trips that can't be written")
+            self._lose(min(self._waiting), "more trips came than can be kept in memory")
         self._next_try = time.monotonic() + _RETRY_S
 
     def retry(self) -> None:
@@ -69,6 +68,16 @@ class Shelf:
         """Try what is waiting again, now."""
         for box, key in list(self._waiting.values()):
             self.put(box, key)
+
+    def give_up(self) -> None:
+        """A last try; what can't be written even now is lost."""
+        self.flush()
+        for file in list(self._waiting):
+            self._lose(file, "the controller ended before it could be written")
+
+    def _lose(self, file: Path, why: str) -> None:
+        box, key = self._waiting.pop(file)
+        tell(key=key, file=str(file), code=box.trip["code"], lost=why)
 
     def _save(self, file: Path, box: Box) -> str | None:
         try:
@@ -83,7 +92,7 @@ class Shelf:
 class Watch:
     """What the process has seen so far."""
 
-    def __init__(self, capture: Capture, shelf: Shelf, known: int | None, stuck_s: float) -> None:
+    def __init__(self, capture: Capture, shelf: Shelf, known: int, stuck_s: float) -> None:
         self._capture, self._shelf, self._stuck_s = capture, shelf, stuck_s
         self._seen = known
         self._open: tuple[Box, int] | None = None
@@ -92,11 +101,11 @@ class Watch:
 
     def look(self, *, host_lives: bool) -> None:
         """Notice a trip, complete the one before; `over` once nothing more can come."""
-        key = self._capture.fault_cycle
-        if key is not None and key != self._seen:
+        newest = self._capture.trips
+        if newest > self._seen:
             self._complete()
-            self._begin(self._capture.tripped(), key)
-        self._seen = key
+            self._begin(self._capture.tripped(), newest)
+            self._seen = newest
         if self._open is not None and self._capture.is_over(self._open[0]):
             self._complete()
         self._shelf.retry()
@@ -117,7 +126,7 @@ class Watch:
     def close(self) -> None:
         """A last try for everything that is not on disk yet."""
         self._complete()
-        self._shelf.flush()
+        self._shelf.give_up()
 
     def _begin(self, box: Box, key: int) -> None:
         self._open = (box, key)
@@ -135,12 +144,16 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):  # the loop's end is ours, too
         signal.signal(number, signal.SIG_IGN)
     lines = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
-    orders = json.loads(lines.readline())
+    first = lines.readline()
+    if not first:
+        return 0  # the host died as it started us
+    orders = json.loads(first)
     segments = Segments.attach(orders["descriptors"], writable=False)
     capture = Capture(
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     )
     watch = Watch(capture, Shelf(Path(orders["folder"]), orders["kept"]), orders["known"], orders["stuck_s"])
+    segments.ring.bytes()[::_PAGE].max()  # map its pages now, not at the trip
     tell(ready=True)
     host_lives = True
     while not watch.over:

@@ -9,23 +9,28 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed, PermissionDenied, UsageError
+from micromanip.host.state_directory import state_directory
 
 from .box import PARTIAL, Box
 
 SUFFIX = ".npz"
 KEPT = 50
+SYSTEM = Path("/var/lib/micromanip/trips")
 _NAME = re.compile(r"\d{8}T\d{6}\.\d{3}Z_.+\.npz")
 _ABANDONED_S = 60.0
 
 
 def default_folder() -> Path:
-    """``$STATE_DIRECTORY/trips`` of a service, else the user's own: ``~/.local/state/micromanip/trips``."""
-    service = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
-    if service:
-        return Path(service) / "trips"
-    base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(base) / "micromanip" / "trips"
+    """Where a controller that is started here puts its trips."""
+    return state_directory() / "trips"
+
+
+def folder_to_read(system: Path = SYSTEM) -> Path:
+    """Where to look for trips: the system's service's where there is one, else as a controller that is started here."""
+    with contextlib.suppress(PermissionError):
+        return default_folder() if "STATE_DIRECTORY" in os.environ or not system.is_dir() else system
+    return system
 
 
 def file_name(utc_ns: int, code: str, axis: str | None) -> str:
@@ -36,10 +41,15 @@ def file_name(utc_ns: int, code: str, axis: str | None) -> str:
 
 
 def trips(folder: Path) -> list[Path]:
-    """All trips, the newest last; none where the folder does not exist."""
-    if not folder.is_dir():
+    """All trips, the newest last; none where the folder does not exist. Raises PermissionDenied."""
+    try:
+        return sorted(entry for entry in folder.iterdir() if _NAME.fullmatch(entry.name))
+    except (FileNotFoundError, NotADirectoryError):
         return []
-    return sorted(entry for entry in folder.iterdir() if _NAME.fullmatch(entry.name))
+    except PermissionError as problem:
+        raise PermissionDenied(
+            f"{folder}: not allowed; your user must be in the controller's group, or name another folder with --trips"
+        ) from problem
 
 
 def find(folder: Path, wanted: str | None) -> Path:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.host.messages import ALL
-from micromanip.rt.states import STATE_NAMES
+from micromanip.host.messages import ALL, FAULTS, seen
+from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
 
 from .box import Box
 from .evidence import Moment, at_end_of_range, error_um, milliseconds, observations, parameters_of
@@ -66,15 +66,41 @@ def states(box: Box) -> list[tuple[float, str]]:
 
 
 def _timeline(box: Box) -> list[Moment]:
-    """Evidence, the trip itself and the states; at the same time in this order."""
-    trip = box.trip
-    told = trip["message"].split(". Likely:")[0]
+    """Evidence, faults and warnings, and states; at the same time in this order."""
     changes = [
         Moment(ms, None, f"{name}{'' if k else ' already'}: {_MEANING.get(name, '')}")
         for k, (ms, name) in enumerate(states(box))
     ]
-    moments = [*observations(box), Moment(0.0, trip["axis"], told), *changes]
-    return sorted(moments, key=lambda moment: moment.ms)
+    return sorted([*observations(box), *_raised(box), *changes], key=lambda moment: moment.ms)
+
+
+def _raised(box: Box) -> list[Moment]:
+    """Faults and warnings of the time that the box holds, the trip at 0."""
+    trip, moments, told = box.trip, [], False
+    for event in box.events:
+        code, axis, cycle = int(event["code"]), int(event["axis"]), int(event["cycle"])
+        own = code == trip["number"] and abs(cycle - trip["cycle"]) <= 1
+        told |= own
+        if len(box.rows) and not box.rows["cycle"][0] - 1 <= cycle <= box.rows["cycle"][-1]:
+            continue
+        ms = 0.0 if own else (cycle - trip["cycle"]) * box.meta["period_ns"] * 1e-6
+        name = box.meta["axes"][axis] if axis >= 0 else None
+        told_of = _noticed(code, float(event["value"]), float(event["limit"]))
+        reaction = int(event["reaction"])
+        moments.append(Moment(ms, name, f"{told_of} -> {REACTION_NAMES[reaction]}" if reaction != WARN else told_of))
+    if not told:
+        moments.append(Moment(0.0, trip["axis"], _first_sentence(trip["message"])))
+    return moments
+
+
+def _noticed(code: int, value: float, limit: float) -> str:
+    """What a fault or a warning saw; one that this version does not know has its number."""
+    return seen(FAULTS[code], value, limit) if code in FAULTS else f"event {code}, {value:g} (limit {limit:g})"
+
+
+def _first_sentence(message: str) -> str:
+    """A message without causes and next step."""
+    return message.split(". Likely:")[0]
 
 
 def _axis(box: Box, axis: int) -> dict[str, float | list[float] | None]:
@@ -114,7 +140,7 @@ def _present(file: Path, sha256: str) -> str:
 
 def lines(told: dict[str, Any]) -> list[str]:
     """The story as text, a line each."""
-    text = [told["message"].split(". Likely:")[0], f"{told['utc']} (cycle {told['cycle']})", ""]
+    text = [_first_sentence(told["message"]), f"{told['utc']} (cycle {told['cycle']})", ""]
     text += ["What happened, in ms from the trip:"]
     for moment in told["timeline"]:
         where = f"{moment['axis']}: " if moment["axis"] and f"axis {moment['axis']}" not in moment["text"] else ""

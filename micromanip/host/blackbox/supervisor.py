@@ -12,16 +12,19 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.errors import CheckFailed
+from micromanip.host import journal
 from micromanip.host.controller import Controller
+from micromanip.host.messages import FAULTS, LOOP_DIED
 from micromanip.rt import words as w
 from micromanip.rt.states import NO_FAULT
 from micromanip.settings.source import Source
 
 LOOP_DEATH = -1
-"""The key of the trip that the loop's death is; every other trip has the cycle of its fault."""
+"""The key of the trip that the loop's death is; every other trip has its number."""
 _STUCK_S = {"hardware": 0.5, "simulation": 3.0}
 _TELL_WITHIN_S = 1.0
 _SETTLE_S = 2.0
+_GIVE_UP_S = 30.0
 _RESTART_S = 1.0
 _DEATHS = 3
 _END_S = 20.0
@@ -61,6 +64,9 @@ class BlackBox:
             self._say(f"WARNING: the black box did not end within {_END_S:g} s; {self._folder} may lack the last trip")
             self._kill()
             await self._following
+        if died is not None and journal.is_connected():
+            file = self._settled.get(LOOP_DEATH, {}).get("file")
+            journal.send(journal.trip_fields(died + self.where(LOOP_DEATH), LOOP_DIED.code, None, None, None, file))
 
     def configured(self, source: Source) -> None:
         """From now on the controller runs another configuration."""
@@ -75,19 +81,39 @@ class BlackBox:
                 raise CheckFailed("reset refused: the black box of this trip is not on disk yet; try again in a moment")
             await asyncio.sleep(0.01)
 
-    def announce(self) -> str | None:
-        """The latched fault in full, once: as soon as its box is on disk, or without it after a second."""
+    def announce(self) -> None:
+        """Tell the latched fault in full, once: as soon as its box is on disk, or without it after a second."""
         key, fault = self._latched(), self._controller.fault()
         if key is None or fault is None:
             self._told = self._noticed = None
-            return None
+            return
         if self._noticed is None or self._noticed[0] != key:
             self._noticed = (key, time.monotonic())
-        waited = time.monotonic() - self._noticed[1] > _TELL_WITHIN_S
-        if key == self._told or not (key in self._settled or waited or self._gone):
-            return None
+        waited_s = time.monotonic() - self._noticed[1]
+        if waited_s > _GIVE_UP_S and key not in self._settled:
+            self._give_up(key)
+        if key == self._told or not (key in self._settled or waited_s > _TELL_WITHIN_S or self._gone):
+            return
         self._told = key
-        return fault + self.where(key)
+        self._publish(key, fault + self.where(key))
+
+    def _give_up(self, key: int) -> None:
+        """A disk that hangs must not keep the cell in FAULT for ever."""
+        code = FAULTS[int(self._controller.words[w.FAULT_CODE])].code
+        problem = f"nothing was heard of it for {_GIVE_UP_S:g} s"
+        self._hear({"key": key, "code": code, "file": str(self._folder), "problem": problem})
+
+    def _publish(self, key: int, message: str) -> None:
+        """To the journal with its fields where there is one, else as any message."""
+        state, box = self._controller.status["state"][0], self._settled.get(key, {})
+        axes = list(self._controller.prepared.configuration.axes)
+        axis = axes[state["fault_axis"]] if state["fault_axis"] >= 0 else None
+        code, file = FAULTS[int(state["fault"])].code, None if "problem" in box else box.get("file")
+        fields = journal.trip_fields(
+            message, code, axis, float(state["fault_value"]), float(state["fault_limit"]), file
+        )
+        if not (journal.is_connected() and journal.send(fields)):
+            self._say(message)
 
     def where(self, key: int) -> str:
         """`` Black box: FILE`` for a message about the trip; empty where there is none."""
@@ -107,9 +133,10 @@ class BlackBox:
         ]
 
     def _latched(self) -> int | None:
+        """The number of the trip that is latched; None without one."""
         if self._controller.words[w.FAULT_CODE] == NO_FAULT:
             return None
-        return int(self._controller.status["state"][0]["fault_cycle"])
+        return int(self._controller.words[w.TRIPS])
 
     def _cell(self) -> dict[str, Any]:
         configuration = self._controller.prepared.configuration
@@ -144,12 +171,11 @@ class BlackBox:
             pass_fds=segments.descriptors,
             start_new_session=True,
         )
-        latched = self._latched()
         orders = self._cell() | {
             "descriptors": segments.descriptors,
             "folder": str(self._folder.absolute()),
             "kept": self._kept,
-            "known": latched if latched in self._settled else None,
+            "known": max(self._settled, default=0),
             "stuck_s": _STUCK_S[self._controller.prepared.configuration.loop.limits],
         }
         self._tell(orders)

@@ -1,0 +1,1 @@
+"""The controller as a service of systemd: which files and commands that takes, and to undo it."""

@@ -1,0 +1,89 @@
+"""Where the service's files go, and their contents: the templates of ``systemd/`` filled in for this machine."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import micromanip
+from micromanip.errors import CheckFailed, DeviceUnavailable
+
+UNIT = "micromanip.service"
+CONFIG = Path("/etc/micromanip/cell.yaml")
+STATE = (Path("/var/lib/micromanip"), Path("/var/cache/micromanip"))
+USER = "micromanip"
+
+_TARGETS = {
+    "micromanip.service.in": Path("/etc/systemd/system") / UNIT,
+    "micromanip.sysusers.conf": Path("/etc/sysusers.d/micromanip.conf"),
+    "micromanip.tmpfiles.conf": Path("/etc/tmpfiles.d/micromanip.conf"),
+    "90-micromanip.rules": Path("/etc/udev/rules.d/90-micromanip.rules"),
+}
+_NOTIFY_RELOAD_SINCE = 253
+_HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the files depend on: the version of systemd, and the program to start."""
+
+    systemd: int
+    program: Path
+
+    def files(self) -> dict[Path, str]:
+        """Text of each file by its path, as seen from the root of the machine."""
+        folder = _templates()
+        return {target: self._filled((folder / name).read_text(encoding="utf-8")) for name, target in _TARGETS.items()}
+
+    def _filled(self, text: str) -> str:
+        reloads = self.systemd >= _NOTIFY_RELOAD_SINCE
+        values = {
+            "@TYPE@": "notify-reload" if reloads else "notify",
+            "@EXEC_RELOAD@": "# reload: SIGHUP, by the type" if reloads else "ExecReload=/bin/kill -HUP $MAINPID",
+            "@PROGRAM@": str(self.program),
+            "@CONFIG@": str(CONFIG),
+        }
+        for name, value in values.items():
+            text = text.replace(name, value)
+        return text
+
+
+def this_machine() -> Machine:
+    """The running one; raises DeviceUnavailable without systemd, CheckFailed where a service can't see the program."""
+    program = Path(sys.executable).with_name("micromanip")
+    if not program.is_file():
+        raise CheckFailed(f"{program} is not there: install the program, e.g. into /opt/micromanip (docs/service.md)")
+    package = Path(micromanip.__file__ or "").resolve().parent
+    for path in (program, Path(sys.executable).resolve(), package):
+        if any(path.is_relative_to(hidden) for hidden in _HIDDEN):
+            raise CheckFailed(
+                f"{path} lies in a folder that a service does not see; install the program elsewhere, e.g. into "
+                "/opt/micromanip (docs/service.md)"
+            )
+    return Machine(systemd_version(), program)
+
+
+def systemd_version() -> int:
+    """Major version of this machine's systemd; raises DeviceUnavailable where it has none."""
+    try:
+        said = subprocess.run(("systemctl", "--version"), capture_output=True, text=True, check=True).stdout
+        return int(said.split()[1].partition(".")[0])
+    except (OSError, subprocess.CalledProcessError, IndexError, ValueError) as problem:
+        raise DeviceUnavailable(
+            "this machine has no systemd; start `micromanip run CONFIG` by other means"
+        ) from problem
+
+
+def _templates() -> Path:
+    """The folder ``systemd/`` of the source tree, or what an installation has of it."""
+    assert micromanip.__file__ is not None
+    places = (
+        Path(micromanip.__file__).resolve().parent.parent / "systemd",
+        Path(sys.prefix) / "share" / "micromanip" / "systemd",
+    )
+    for place in places:
+        if (place / "micromanip.service.in").is_file():
+            return place
+    raise CheckFailed(f"this installation lacks the service's files; they belong into {places[-1]}")

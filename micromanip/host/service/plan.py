@@ -1,0 +1,108 @@
+"""The steps of installing and of removing the service, in order."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, PermissionDenied
+from micromanip.settings.check import prepare
+from micromanip.settings.reference import File
+
+from .layout import CONFIG, STATE, UNIT, USER, Machine
+from .steps import Remove, Run, Step, WriteFile
+
+_UDEV = Path("/run/udev/control")
+_MANAGER = Path("/run/systemd/system")
+
+
+def install(machine: Machine, config: Path | None, root: Path) -> list[Step]:
+    """Steps that are needed to install the service with this configuration; none where all is as it should be.
+
+    `config` None keeps the one that is installed. Files go below `root`, "/" for this machine.
+    Raises ConfigError for a configuration that can't run.
+    """
+    files = [WriteFile(_below(root, path), text) for path, text in machine.files().items()]
+    files += _configuration(config, _below(root, CONFIG))
+    enabled = _below(root, Path("/etc/systemd/system/multi-user.target.wants") / UNIT)
+    steps: list[Step] = [
+        *files,
+        Run(("systemd-sysusers", *_at(root), "micromanip.conf")),
+        Run(("systemd-tmpfiles", *_at(root), "--create", "micromanip.conf")),
+        *_told_systemd(root),
+        Run(("systemctl", *_at(root), "enable", UNIT), always=not enabled.is_symlink()),
+    ]
+    return _needed(steps)
+
+
+def uninstall(machine: Machine, root: Path, *, purge: bool) -> list[Step]:
+    """Steps that remove the service; configuration, state and user go only with `purge`."""
+    installed = [_below(root, path) for path in machine.files()]
+    removals = [Remove(path) for path in installed]
+    if purge:
+        removals += [Remove(_below(root, path)) for path in (CONFIG.parent, *STATE)]
+    steps: list[Step] = []
+    if _below(root, Path("/etc/systemd/system") / UNIT).exists():
+        steps.append(Run(("systemctl", *_at(root), "disable", *(["--now"] if root == Path("/") else []), UNIT)))
+    steps += removals
+    steps += _told_systemd(root)
+    if purge and _has_user(root):
+        steps.append(Run(("userdel", *(["--root", str(root)] if root != Path("/") else []), USER), always=True))
+    return _needed(steps)
+
+
+def carry_out(steps: Iterable[Step], root: Path, say: Callable[[str], None]) -> None:
+    """Do them in order; raises PermissionDenied where this is not root's, DeviceUnavailable without a systemd."""
+    steps = list(steps)
+    if root == Path("/") and steps:
+        if os.geteuid() != 0:
+            raise PermissionDenied("installing a service takes root: sudo, or --dry-run to see what would be done")
+        if not _MANAGER.is_dir():
+            raise DeviceUnavailable("this machine was not booted with systemd; --root DIR prepares another one's files")
+    for step in steps:
+        sentence = step.sentence
+        step.do()
+        say(f"done: {sentence}")
+
+
+def _configuration(config: Path | None, target: Path) -> list[WriteFile]:
+    if config is None:
+        if not target.is_file():
+            raise ConfigError(f"there is no {target} yet: name the CONFIG that the service is to run")
+        prepare(target)
+        return []
+    reference = prepare(config).configuration.reference
+    if isinstance(reference, File) and not Path(reference.path).is_absolute() and config.resolve() != target:
+        raise CheckFailed(
+            f"{config}: reference.path {reference.path} is relative; make it absolute, or copy both files to "
+            f"{target.parent} and install from there"
+        )
+    return [WriteFile(target, config.read_text(encoding="utf-8"))]
+
+
+def _told_systemd(root: Path) -> list[Step]:
+    """Commands that make the running system read its files again; none for another machine's."""
+    if root != Path("/"):
+        return []
+    rules: list[Step] = [Run(("udevadm", "control", "--reload"))] if _UDEV.exists() else []
+    return [*rules, Run(("systemctl", "daemon-reload"))]
+
+
+def _has_user(root: Path) -> bool:
+    users = _below(root, Path("/etc/passwd"))
+    return users.is_file() and any(line.startswith(f"{USER}:") for line in users.read_text().splitlines())
+
+
+def _needed(steps: list[Step]) -> list[Step]:
+    if not any(step.needed() for step in steps):
+        return []
+    return [step for step in steps if step.needed() or isinstance(step, Run)]
+
+
+def _below(root: Path, path: Path) -> Path:
+    return root / path.relative_to("/")
+
+
+def _at(root: Path) -> tuple[str, ...]:
+    return () if root == Path("/") else (f"--root={root}",)

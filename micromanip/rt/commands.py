@@ -1,0 +1,78 @@
+"""Commands of the host: carried out at a cycle boundary, or refused with nothing changed."""
+
+from __future__ import annotations
+
+from .arming import refuse, start_check
+from .axis import start_axis
+from .faults import forget
+from .jit import compiled
+from .phases import CLOSED
+from .records import Record
+from .shadow import promote, withdraw
+from .states import (
+    ARM,
+    ARMED,
+    DISARM,
+    FAULT,
+    HOLD,
+    HOLDING,
+    PROMOTE,
+    READY,
+    RESET,
+    STOP,
+    TRACKING,
+    WITHDRAW,
+)
+from .transitions import begin_hold, begin_ramp, begin_soft_stop, enter
+
+
+@compiled
+def begin_arming(p: Record, s: Record) -> None:
+    """Take every output over where it is, or go on after a hold."""
+    s["resumed"] = 1 if s["state"] == HOLDING else 0
+    if s["resumed"] == 0:
+        for i in range(p["axes"]):
+            start_axis(p["axis"][i], s["axis"][i])
+            start_check(s["axis"][i]["strain_check"])
+            start_check(s["axis"][i]["stage_check"])
+    for i in range(p["axes"]):
+        s["axis"][i]["closed"] = 0
+    enter(s, ARMED)
+
+
+@compiled
+def apply_command(p: Record, s: Record, command: int) -> bool:
+    """Carry out a command; False, and nothing changed, where the state or a sensor does not allow it."""
+    state = s["state"]
+    if command == ARM:
+        if refuse(p, s):
+            return False
+        begin_arming(p, s)
+    elif command == HOLD:
+        if state == TRACKING or (state == ARMED and s["phase"] == CLOSED):
+            begin_hold(p, s)
+        elif state != HOLDING:
+            return False
+    elif command == DISARM:
+        if state == TRACKING:
+            begin_soft_stop(p, s)
+        elif state in (ARMED, HOLDING):
+            begin_ramp(p, s)
+        elif state != READY:
+            return False
+    elif command == STOP:
+        s["stopping"] = 1
+        if state == TRACKING:
+            begin_soft_stop(p, s)
+        elif state in (ARMED, HOLDING):
+            begin_ramp(p, s)
+    elif command == PROMOTE:
+        return promote(p, s)
+    elif command == WITHDRAW:
+        return withdraw(s)
+    elif command == RESET:
+        if state != FAULT or s["stopping"] != 0:
+            return False
+        forget(p, s)
+        enter(s, READY)
+    return True

@@ -1,0 +1,123 @@
+"""Shadow tuning: a candidate computes beside the active tuning, is promoted without a bump, and taken back if worse.
+
+The shadow sees the same samples and the set-points that were really given, so that its innovation says how well its
+model knows the plant; its integrator follows the voltage that was really written, so that it never winds up. Once
+promoted it is on trial: where the mean square error grows beyond what it was before, by a factor, or the
+inner loop begins to swing, or a fault comes, the tuning before is in force again in the same cycle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .axis import axis_cycle
+from .estimator import remember
+from .faults import note
+from .jit import compiled
+from .phases import CLOSED
+from .pid import unwind
+from .records import Record
+from .states import (
+    CONFIRMED,
+    NO_FAULT,
+    NO_SHADOW,
+    ON_TRIAL,
+    ROLLED_BACK,
+    SHADOWING,
+    TAKEN_BACK,
+    TRACKING,
+    VOLTAGE,
+    WARN,
+)
+from .swap import swap_cell
+from .watch import following_error
+
+_WITHDRAWN = -1
+
+
+@compiled
+def start_shadow(p: Record, candidate: Record, s: Record, shadow: Record) -> None:
+    """Begin with `candidate` where the active tuning is."""
+    for i in range(candidate["axes"]):
+        shadow["axis"][i] = s["axis"][i]
+    swap_cell(p, candidate, shadow)
+    s["shadow"] = SHADOWING
+
+
+@compiled
+def end_trial(s: Record) -> None:
+    """No candidate any more: another tuning was put in force, or the candidate was withdrawn."""
+    s["shadow"] = NO_SHADOW
+
+
+@compiled
+def promote(p: Record, s: Record) -> bool:
+    """Begin the trial; False where there is no candidate, or nothing is tracked that could be compared."""
+    if s["shadow"] != SHADOWING or s["state"] != TRACKING:
+        return False
+    s["shadow"] = ON_TRIAL
+    s["trial_cycles"] = 0
+    for i in range(p["axes"]):
+        s["trial_before"][i] = s["trial_now"][i] = s["axis"][i]["figures"]["error"]
+    return True
+
+
+@compiled
+def withdraw(s: Record) -> bool:
+    """Let the candidate go, or take it back if it is on trial; False where there is neither."""
+    if s["shadow"] == ON_TRIAL:
+        s["trial_cycles"] = _WITHDRAWN
+        return True
+    there = s["shadow"] == SHADOWING
+    if there:
+        end_trial(s)
+    return there
+
+
+@compiled
+def takes_back(p: Record, s: Record) -> bool:
+    """Go on with the trial of the tuning `p` that was promoted; True where the one before must be put in force."""
+    if s["shadow"] != ON_TRIAL:
+        return False
+    worse = s["state"] != TRACKING or s["fault"] != NO_FAULT or s["trial_cycles"] == _WITHDRAWN
+    s["trial_cycles"] += 1
+    axis, value, limit = -1, math.nan, math.nan
+    for i in range(p["axes"]):
+        a = s["axis"][i]
+        if p["axis"][i]["mode"] == VOLTAGE:
+            continue
+        error_um = following_error(p["axis"][i], a)
+        s["trial_now"][i] += p["trial_step"] * (error_um * error_um - s["trial_now"][i])
+        allowed = p["trial_factor"] * math.sqrt(s["trial_before"][i]) + p["trial_floor"]
+        if not worse and (s["trial_now"][i] > allowed * allowed or a["watch"]["fallback"] != 0):
+            worse = True
+            axis, value, limit = i, math.sqrt(s["trial_now"][i]), allowed
+    if worse:
+        s["shadow"] = TAKEN_BACK
+        note(s, ROLLED_BACK, axis, value, limit, WARN)
+    elif s["trial_cycles"] >= p["trial_cycles"]:
+        s["shadow"] = CONFIRMED
+    return worse
+
+
+@compiled
+def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, samples: Any, now_ns: int) -> None:
+    """One cycle of the candidate beside the active tuning, while that tracks; nothing of it is written."""
+    if s["shadow"] != SHADOWING or s["state"] != TRACKING:
+        return
+    t_s = (s["cycle"] - s["tracking_cycle"]) * p["period_ns"] * 1e-9
+    for i in range(candidate["axes"]):
+        axis, a, b = candidate["axis"][i], s["axis"][i], shadow["axis"][i]
+        if axis["mode"] == VOLTAGE:
+            continue
+        b["strain"], b["stage"], b["reference"] = a["strain"], a["stage"], a["reference"]
+        b["strain_cycles"] += 1
+        b["voltage_V"] = a["voltage_V"]
+        axis_cycle(axis, b, s["cycle"], now_ns, t_s, samples, CLOSED, 1.0)
+        unwind(axis["pid"], b["pid"], b["voltage_V"] - a["voltage_V"])
+        remember(b["estimator"], a["setpoint_um"] - axis["centre_um"])
+        figures, step = b["figures"], candidate["figures_step"]
+        added_V = a["voltage_V"] - b["hysteresis"]["output_V"]
+        figures["innovation"] += step * (b["estimator"]["innovation_um"] ** 2 - figures["innovation"])
+        figures["feedback"] += step * (added_V * added_V - figures["feedback"])

@@ -1,0 +1,36 @@
+#!/bin/bash
+# scenarios.sh namespace|vm: the service's scenarios of tests/system on a throw-away machine of that kind; takes root.
+set -eu
+tier=$1
+here=$(cd "$(dirname "$0")" && pwd)
+repository=$(cd "$here/../.." && pwd)
+export VENV=${VENV:-$repository/.venv}
+stage="export PATH=/usr/sbin:/usr/bin:/sbin:/bin VENV='$VENV' OPENBLAS_NUM_THREADS=1
+'$here/stage-program.sh' '$repository' || exit"
+pytest="cd '$repository' && PYTHONPATH=tests /opt/micromanip/bin/python -m pytest -n0 --timeout=1200 --durations=10"
+
+case $tier in
+namespace)
+    exec "$here/ns-systemd.sh" "$stage
+        $pytest tests/system/namespace_scenarios.py"
+    ;;
+vm)
+    # Compiling takes the emulated processor many minutes: it is done outside, for a processor that both can be.
+    KEPT=$(mktemp -d)
+    trap 'rm -rf "$KEPT"' EXIT
+    export KEPT
+    generic="export NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= XDG_CACHE_HOME=/kept"
+    "$here/ns-systemd.sh" "$stage
+        $generic
+        /opt/micromanip/bin/python '$repository/tests/system/vm_cell.py' /kept/cell.yaml
+        /opt/micromanip/bin/micromanip run /kept/cell.yaml --duration 1 --socket /run/control.sock
+        /opt/micromanip/bin/micromanip safe-outputs /kept/cell.yaml"
+    "$here/vm.sh" "$stage
+        $generic
+        $pytest -s tests/system/vm_scenarios.py"
+    ;;
+*)
+    echo "scenarios.sh: namespace or vm" >&2
+    exit 64
+    ;;
+esac

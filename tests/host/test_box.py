@@ -1,0 +1,175 @@
+"""The file of a trip and the folder of all: whole or not at all, damaged ones told, bounded."""
+
+import errno
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.errors import CheckFailed, PermissionDenied, UsageError
+from micromanip.host.blackbox import process, shelf
+from micromanip.host.blackbox.box import Box
+
+from .boxes import box
+
+
+@pytest.mark.parametrize("complete", [False, True])
+def test_a_file_brings_everything_back(tmp_path, complete):
+    given = replace(box(), meta=box().meta | {"complete": complete})
+    given.save(tmp_path / "a.npz")
+    read = Box.load(tmp_path / "a.npz")
+    assert read.meta == given.meta
+    for part in ("rows", "parameters", "state", "events"):
+        assert getattr(read, part).dtype == getattr(given, part).dtype
+        assert getattr(read, part).tobytes() == getattr(given, part).tobytes()
+    assert os.listdir(tmp_path) == ["a.npz"]  # noqa: PTH208
+
+
+def test_a_disk_that_is_full_leaves_the_file_before_and_no_part(tmp_path, monkeypatch):
+    file = tmp_path / "a.npz"
+    box().save(file)
+    before = file.read_bytes()
+
+    def full(_descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        replace(box(), meta=box().meta | {"complete": False}).save(file)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.npz"]
+    assert file.read_bytes() == before
+
+
+def damaged(folder):
+    """Files that are no boxes, each in its own way."""
+    good = folder / "good.npz"
+    box().save(good)
+    content = good.read_bytes()
+    middle = len(content) // 2
+    yield "empty", b""
+    yield "text", b"schema_version: 1\n"
+    yield "cut", content[:middle]
+    yield (
+        "flipped",
+        content[:middle] + bytes(byte ^ 0xFF for byte in content[middle : middle + 4000]) + content[middle + 4000 :],
+    )
+    other = folder / "other.npz"
+    np.savez(other, meta=np.array(json.dumps({"format": 1})))
+    yield "lacking", other.read_bytes()
+    np.savez(other, meta=np.array("not JSON"))
+    yield "no JSON", other.read_bytes()
+    np.savez(other, meta=np.array(json.dumps({"format": 99})))
+    yield "newer", other.read_bytes()
+    np.savez(other, meta=np.array([{"format": 1}], dtype=object))
+    yield "pickled", other.read_bytes()
+    np.save(folder / "plain.npy", np.zeros(3))
+    yield "plain array", (folder / "plain.npy").read_bytes()
+
+
+def test_damaged_files_are_told_in_one_sentence(tmp_path):
+    for what, content in list(damaged(tmp_path)):
+        file = tmp_path / "bad.npz"
+        file.write_bytes(content)
+        with pytest.raises(CheckFailed) as caught:
+            Box.load(file)
+        assert str(caught.value).startswith(str(file)), what
+        assert "\n" not in str(caught.value), what
+    with pytest.raises(CheckFailed, match="can't be read: No such file"):
+        Box.load(tmp_path / "none.npz")
+
+
+def test_names_are_in_the_order_of_time():
+    times = [1_773_483_302_250_000_000, 1_773_483_302_251_000_000, 1_773_483_303_000_000_000, 1_800_000_000_000_000_000]
+    names = [shelf.file_name(t, code, "x") for t, code in zip(times, ("X-3", "X-1", "X-2", "X-0"), strict=True)]
+    assert names[0] == "20260314T101502.250Z_X-3_x.npz"
+    assert sorted(names) == names
+    assert shelf.file_name(times[0], "X-104", None) == "20260314T101502.250Z_X-104.npz"
+
+
+def names_of(count):
+    return [shelf.file_name(10**18 + k * 10**9, "X-201", "x") for k in range(count)]
+
+
+def test_the_newest_are_kept_and_nothing_foreign_is_touched(tmp_path):
+    for name in [*names_of(6), "notes.txt", "mine.npz", ".x.npz.123.part", ".y.npz.124.part"]:
+        (tmp_path / name).touch()
+    os.utime(tmp_path / ".x.npz.123.part", (0, 0))  # of a writer that died long ago
+    shelf.prune(tmp_path, 4)
+    left = {entry.name for entry in tmp_path.iterdir()}
+    assert left == {*names_of(6)[2:], "notes.txt", "mine.npz", ".y.npz.124.part"}
+
+
+def test_finding_one(tmp_path):
+    names = names_of(3)
+    for name in names:
+        (tmp_path / name).touch()
+    assert shelf.find(tmp_path, None).name == names[-1]
+    assert shelf.find(tmp_path, names[1]).name == names[1]
+    assert shelf.find(tmp_path, names[1][:19]).name == names[1]
+    assert shelf.find(Path("/nowhere"), str(tmp_path / names[0])).name == names[0]
+    with pytest.raises(UsageError, match=r"3 trips in .* begin with 2001"):
+        shelf.find(tmp_path, "2001")
+    with pytest.raises(UsageError, match="there is no trip 1999"):
+        shelf.find(tmp_path, "1999")
+    with pytest.raises(UsageError, match="there are no trips in"):
+        shelf.find(tmp_path / "none", None)
+
+
+def test_default_folder(monkeypatch, tmp_path):
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert shelf.default_folder() == tmp_path / ".local" / "state" / "micromanip" / "trips"
+    monkeypatch.setenv("XDG_STATE_HOME", "/state")
+    assert shelf.default_folder() == Path("/state/micromanip/trips")
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/micromanip:/var/lib/other")
+    assert shelf.default_folder() == Path("/var/lib/micromanip/trips")
+
+
+def test_trips_of_the_service_are_read_first(monkeypatch, tmp_path):
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "own"))
+    assert shelf.folder_to_read(tmp_path / "system") == tmp_path / "own" / "micromanip" / "trips"
+    (tmp_path / "system").mkdir()
+    assert shelf.folder_to_read(tmp_path / "system") == tmp_path / "system"
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/other")
+    assert shelf.folder_to_read(tmp_path / "system") == Path("/var/lib/other/trips")
+
+
+def test_a_folder_that_may_not_be_read(monkeypatch, tmp_path):
+    def forbidden(_folder):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", forbidden)
+    with pytest.raises(PermissionDenied, match="your user must be in the controller's group"):
+        shelf.trips(tmp_path)
+
+
+def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capsys):
+    blocked = tmp_path / "state"
+    blocked.touch()
+    kept = process.Shelf(blocked / "trips", 50)
+    for key in range(6):
+        kept.put(replace(box(), meta=box().meta | {"utc_ns": 10**18 + key * 10**9}), key)
+    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [m["key"] for m in said if "problem" in m] == list(range(6))
+    assert [m["key"] for m in said if "lost" in m] == [0, 1]  # memory is bounded: the newest four stay
+    kept.retry()
+    assert capsys.readouterr().out == ""  # not yet
+    blocked.unlink()
+    kept.give_up()
+    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(m["key"], m["complete"]) for m in said] == [(key, True) for key in range(2, 6)]
+    assert [file.name for file in shelf.trips(blocked / "trips")] == names_of(6)[2:]
+
+
+def test_what_never_found_room_is_told_at_the_end(tmp_path, capsys):
+    (tmp_path / "state").touch()
+    kept = process.Shelf(tmp_path / "state" / "trips", 50)
+    kept.put(box(code="X-202"), 7)
+    kept.give_up()
+    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(m["key"], m["code"], "lost" in m) for m in said] == [(7, "X-202", False), (7, "X-202", True)]

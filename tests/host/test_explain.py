@@ -1,0 +1,188 @@
+"""A trip in plain words: the order of causes, numbers that are right, bad files told in one line."""
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from micromanip.cli.explain import command
+from micromanip.errors import CheckFailed, UsageError
+from micromanip.host.blackbox.evidence import observations
+from micromanip.host.blackbox.shelf import file_name
+from micromanip.host.blackbox.story import lines, story
+from micromanip.rt.states import OVERRUNS, STAGE_INVALID, STRAIN_INVALID
+
+from .boxes import BEFORE, TRIP, box, event, tracking_rows
+
+
+def seen(rows):
+    return [(round(moment.ms, 1), moment.axis, moment.text) for moment in observations(box(rows))]
+
+
+def test_nothing_is_seen_where_nothing_is():
+    assert seen(tracking_rows()) == []
+
+
+def test_the_order_of_causes():
+    """Saturated, then an error that grows, then the gauge goes, deadlines are missed on the way: told in that order."""
+    rows = tracking_rows()
+    axis = rows["axis"]
+    axis["voltage_V"][BEFORE - 312 : BEFORE + 1, 0] = 150.0
+    axis["voltage_V"][BEFORE - 200 : BEFORE - 195, 0] = 149.0  # a short way off the end counts as at it
+    axis["stage_um"][BEFORE - 50 : BEFORE, 0] = 93.0
+    axis["fresh"][BEFORE - 3 :, 0] &= ~1
+    rows["periods"][BEFORE - 20] = 4
+    assert seen(rows) == [
+        (-31.2, "x", "voltage at the end of its range, 150 V, for 31.2 ms"),
+        (-5.0, "x", "error above what was usual (0.50 um), up to 7.00 um"),
+        (-2.0, None, "3 deadlines missed"),
+        (-0.3, "x", "strain gauge: no good sample any more"),
+    ]
+
+
+def test_a_pause_is_measured_by_what_is_usual_on_the_channel():
+    rows = tracking_rows()
+    stage = rows["axis"]["fresh"][:, 0]
+    stage[:] = 1
+    stage[::10] = 3  # the stage comes every 10 cycles
+    stage[BEFORE - 199 : BEFORE - 150] = 1
+    assert seen(rows) == [(-19.0, "x", "capacitive sensor: no good sample for 4.0 ms")]
+
+
+def test_lines_that_change():
+    rows = tracking_rows()
+    rows["lines"] = 1 | 2 | 8
+    rows["lines"][BEFORE:] = 2 | 8 | 16
+    rows["lines"][BEFORE + 100 :] = 2 | 4 | 16
+    assert seen(rows) == [
+        (0.0, None, "enable went off"),
+        (0.0, None, "feed-hold asked of the machine"),
+        (10.0, None, "tool retracted"),
+        (10.0, None, "amplifier switched off"),
+    ]
+
+
+def test_a_frozen_gauge():
+    rows = tracking_rows()
+    rows["axis"]["strain_um"][BEFORE - 40 : BEFORE, 1] = 70.0
+    rows["axis"]["setpoint_um"][BEFORE - 40 : BEFORE, 1] = 70.0
+    assert (-4.0, "y", "strain gauge: the same reading 40 times in a row") in seen(rows)
+
+
+def test_story_has_trip_states_axes_and_configuration(tmp_path):
+    rows = tracking_rows()
+    rows["axis"]["voltage_V"][BEFORE - 3800 : BEFORE, 0] = 150.0
+    config = tmp_path / "cell.yaml"
+    config.write_text("schema_version: 1\n")
+    told = box(rows)
+    told.meta["path"], told.meta["sha256"] = str(config), hashlib.sha256(config.read_bytes()).hexdigest()
+    result = story(told, tmp_path / "t.npz")
+    assert (result["code"], result["axis"], result["value"]) == ("X-201", "x", 3.0)
+    assert result["states"] == [{"ms": -2000.0, "state": "TRACKING"}, {"ms": 0.0, "state": "RAMPING"}]
+    x, y = result["axes"]["x"], result["axes"]["y"]
+    assert (x["error_um"], x["voltage_V"], x["range_V"], x["saturated_percent"]) == (0.5, 150.0, [-20.0, 150.0], 38.0)
+    assert (y["error_um"], y["max_error_um"], y["saturated_percent"]) == (0.0, 0.0, 0.0)
+    assert result["configuration"]["now"] == "unchanged"
+    assert result["configuration"]["parameter_versions"] == [3]
+    assert result["next_step"].startswith("Check the gauge")
+    order = [(moment["ms"], moment["text"].split(":")[0]) for moment in result["timeline"]]
+    assert order[-2:] == [(0.0, "X-201 axis x"), (0.0, "RAMPING")]
+    text = "\n".join(lines(result))
+    assert "150.0 V of -20 to 150 V, at an end of it 38 % of the last second" in text
+    config.write_text("schema_version: 1\n# touched\n")
+    assert story(told, tmp_path / "t.npz")["configuration"]["now"] == "changed"
+    config.unlink()
+    assert story(told, tmp_path / "t.npz")["configuration"]["now"] == "missing"
+
+
+def test_faults_and_warnings_are_told_in_their_order(tmp_path):
+    """What the loop noticed, with what it measured; the trip is at 0, though noticed before the cycle counted."""
+    raised = [
+        event(TRIP - 40_000, STAGE_INVALID, 0, 3.0, 3.0),  # of an earlier trip
+        event(TRIP - 120, STAGE_INVALID, 1, 7.0, 3.0),
+        event(TRIP - 1, STRAIN_INVALID, 0, 4.0, 3.0),
+        event(TRIP + 30, OVERRUNS, -1, 9.0, 3.0),
+        event(TRIP + 40, 1000, -1, 2.5, 1.0),  # of a newer version
+    ]
+    told = story(box(events=raised), tmp_path / "t.npz")["timeline"]
+    codes = [(moment["ms"], moment["axis"], moment["text"].split()[0]) for moment in told]
+    found = [code for code in codes if code[2].startswith("X-")]
+    assert found == [(-12.0, "y", "X-202"), (0.0, "x", "X-201"), (3.0, None, "X-102")]
+    assert " 7 cycles" in next(moment["text"] for moment in told if moment["text"].startswith("X-202"))
+    assert told[-1]["text"] == "event 1000, 2.5 (limit 1)"
+
+
+def test_a_box_without_any_cycle(tmp_path):
+    empty = replace(box(tracking_rows()[:0]), parameters=box().parameters[:0])
+    assert lines(story(empty, tmp_path / "t.npz"))[0] == "X-201 axis x: no usable strain-gauge sample for 3 cycles"
+
+
+@pytest.fixture
+def shelf(tmp_path):
+    """A folder of two trips, the newer one of the whole loop, and one that is damaged."""
+    names = []
+    for seconds, code, axis in ((0, "X-201", "x"), (5, "X-104", None)):
+        name = file_name(10**18 + seconds * 10**9, code, axis)
+        box(code=code, axis=axis, message=f"{code} happened. Likely: x").save(tmp_path / name)
+        names.append(name)
+    (tmp_path / file_name(9 * 10**17, "X-102", None)).write_bytes(b"damaged")
+    return tmp_path, names
+
+
+def run(*arguments):
+    return CliRunner().invoke(command, [str(a) for a in arguments])
+
+
+def test_command_takes_the_newest_or_the_one_that_is_named(shelf):
+    folder, names = shelf
+    assert json.loads(run("--trips", folder, "--json").stdout)["code"] == "X-104"
+    assert json.loads(run(names[0][:-4], "--trips", folder, "--json").stdout)["code"] == "X-201"
+    assert run(folder / names[0]).stdout.startswith("X-201 happened\n")
+
+
+def test_list(shelf):
+    folder, names = shelf
+    entries = json.loads(run("--list", "--trips", folder, "--json").stdout)
+    assert [entry["code"] for entry in entries] == [None, "X-201", "X-104"]
+    assert "is no black box, or it is damaged" in entries[0]["message"]
+    told = run("--list", "--trips", folder).stdout.splitlines()
+    assert told[1:] == [f"{names[0][:-4]}  X-201 happened", f"{names[1][:-4]}  X-104 happened"]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_plot(shelf, tmp_path, suffix):
+    folder, _ = shelf
+    assert run("--trips", folder, "--plot", tmp_path / f"trip{suffix}").exit_code == 0
+    content = (tmp_path / f"trip{suffix}").read_bytes()
+    assert content.startswith(b"\x89PNG" if suffix == ".png" else b"<?xml")
+
+
+def test_figure_shows_errors_voltages_and_states():
+    from micromanip.host.blackbox.figure import draw
+
+    rows = tracking_rows()
+    figure = draw(box(rows))
+    errors, voltages, near_errors, near_voltages = figure.axes
+    x, y = (line for line in errors.lines if line.get_label() in ("x", "y"))
+    assert x.get_xdata() == pytest.approx((rows["cycle"] - TRIP) * 0.1)
+    assert (np.ptp(x.get_ydata()), np.ptp(y.get_ydata())) == (0.0, 0.0)
+    assert {line.get_ydata()[0] for line in voltages.lines if len(line.get_ydata()) == 2} >= {-20.0, 150.0}
+    assert near_errors.get_xlim() == near_voltages.get_xlim() == (-50.0, 50.0)
+    assert [text.get_text() for text in errors.texts] == ["TRACKING", "RAMPING"]
+
+
+def test_wrong_usage_is_one_sentence(shelf):
+    folder, names = shelf
+    for arguments, kind, words in (
+        (["1999"], UsageError, "there is no trip 1999"),
+        (["--plot", "a.pdf"], UsageError, "must end with .png or .svg"),
+        (["--plot", "/nowhere/a.png"], UsageError, "can't be written: No such file"),
+        (["--list", names[0]], UsageError, "--list shows all trips"),
+        ([file_name(9 * 10**17, "X-102", None)], CheckFailed, "is no black box, or it is damaged"),
+    ):
+        outcome = run("--trips", folder, *arguments)
+        assert isinstance(outcome.exception, kind), (arguments, outcome.output)
+        assert words in str(outcome.exception)

@@ -1,0 +1,185 @@
+"""``micromanip install-service`` into a folder: what it says, does, leaves alone and undoes; commands run on paper."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from micromanip.cli.main import main
+from micromanip.errors import CheckFailed, DeviceUnavailable
+from micromanip.host.service import layout, plan
+from micromanip.host.service.steps import Run
+
+from .cell import SLOW, changed
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    """An empty machine whose commands do nothing but what enabling does."""
+    root = tmp_path / "machine"
+    root.mkdir()
+    machine = layout.Machine(252, Path("/opt/micromanip/bin/micromanip"))
+    monkeypatch.setattr(layout, "this_machine", lambda: machine)
+    wants = root / "etc/systemd/system/multi-user.target.wants/micromanip.service"
+
+    def do(step):
+        if "enable" in step.command:
+            wants.parent.mkdir(parents=True, exist_ok=True)
+            wants.unlink(missing_ok=True)
+            wants.symlink_to("../micromanip.service")
+        if "disable" in step.command:
+            wants.unlink()
+
+    monkeypatch.setattr(Run, "do", do)
+    return root
+
+
+@pytest.fixture
+def config(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(SLOW)
+    return file
+
+
+@pytest.fixture
+def typed(root, capsys):
+    """Types a command; its exit code, standard output and standard error."""
+
+    def typed(*arguments):
+        code = 0
+        try:
+            main(["install-service", "--root", str(root), *map(str, arguments)])
+        except SystemExit as end:
+            code = end.code
+        return code, *capsys.readouterr()
+
+    return typed
+
+
+def files(root):
+    return sorted("/" + str(path.relative_to(root)) for path in root.rglob("*") if path.is_file())
+
+
+def test_dry_run_shows_everything_and_does_nothing(typed, root, config):
+    code, out, _ = typed(config, "--dry-run")
+    assert code == 0
+    assert out.splitlines() == [
+        f"create {root}/etc/systemd/system/micromanip.service",
+        f"create {root}/etc/sysusers.d/micromanip.conf",
+        f"create {root}/etc/tmpfiles.d/micromanip.conf",
+        f"create {root}/etc/udev/rules.d/90-micromanip.rules",
+        f"create {root}/etc/micromanip/cell.yaml",
+        f"run systemd-sysusers --root={root} micromanip.conf",
+        f"run systemd-tmpfiles --root={root} --create micromanip.conf",
+        f"run systemctl --root={root} enable micromanip.service",
+    ]
+    assert files(root) == []
+
+
+def test_it_is_done_once_and_a_change_is_shown_as_a_difference(typed, root, config):
+    assert typed(config, "--yes")[0] == 0
+    assert (root / "etc/micromanip/cell.yaml").read_text() == SLOW
+    assert len(files(root)) == 6  # and the link that enables it
+    assert typed(config, "--yes")[1] == "nothing to do: all is as it should be\n"
+    assert typed()[1] == "nothing to do: all is as it should be\n"
+
+    config.write_text(changed(SLOW, ("ramp_s: 0.2", "ramp_s: 0.3")))
+    (root / "etc/udev/rules.d/90-micromanip.rules").unlink()
+    code, out, _ = typed(config, "--json", "--yes")
+    assert code == 0
+    report = json.loads(out)
+    assert report["done"]
+    assert [step["step"].split(" ")[0] for step in report["steps"]] == ["create", "change", "run", "run", "run"]
+    difference = report["steps"][1]["diff"]
+    assert [line for line in difference if line[0] in "+-" and line[:3] not in ("+++", "---")] == [
+        "-start: {lift_s: 0.1, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.2}",
+        "+start: {lift_s: 0.1, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.3}",
+    ]
+    assert typed("--json", "--dry-run")[1] == '{\n  "steps": [],\n  "done": false\n}\n'
+
+
+def test_without_an_answer_nothing_is_done(typed, root, config):
+    code, _, err = typed(config)
+    assert code == 64
+    assert "add --yes" in err
+    assert files(root) == []
+
+
+def test_uninstall_keeps_what_is_yours_until_purge(typed, root, config):
+    typed(config, "--yes")
+    (root / "var/lib/micromanip").mkdir(parents=True)
+    (root / "var/lib/micromanip/audit.log").write_text("")
+    code, out, _ = typed("--uninstall", "--yes")
+    assert code == 0
+    assert out.splitlines()[0] == f"run systemctl --root={root} disable micromanip.service"
+    assert files(root) == ["/etc/micromanip/cell.yaml", "/var/lib/micromanip/audit.log"]
+    assert typed("--uninstall")[1] == "nothing to do: all is as it should be\n"
+    assert typed("--uninstall", "--purge", "--yes")[0] == 0
+    assert files(root) == []
+    assert typed("--uninstall", "--purge")[1] == "nothing to do: all is as it should be\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"), [(("--purge",), "goes with --uninstall"), (("--uninstall", "x.yaml"), "takes no CONFIG")]
+)
+def test_wrong_usage(typed, arguments, said):
+    code, _, err = typed(*arguments)
+    assert code == 64
+    assert said in err
+
+
+def test_a_wrong_configuration_is_not_installed(typed, root, config):
+    config.write_text(changed(SLOW, ("rate_hz: 200", "rate_hz: fast")))
+    code, _, err = typed(config, "--yes")
+    assert code == 78
+    assert f"{config}:2: loop.rate_hz" in err
+    code, _, err = typed("--yes")
+    assert code == 78
+    assert "name the CONFIG" in err
+    assert files(root) == []
+
+
+def test_samples_beside_the_configuration_would_be_lost(typed, root, config):
+    (config.parent / "path.csv").write_text("x\n0\n1\n2\n")
+    source = "{source: file, path: path.csv, sample_rate_Hz: 100}"
+    config.write_text(changed(SLOW, ("{source: hold, offset_um: 60}", source)))
+    code, _, err = typed(config, "--yes")
+    assert code == 1
+    assert "reference.path path.csv is relative" in err
+    assert files(root) == []
+
+
+def test_this_machine_only_as_root_and_with_systemd(root, config, monkeypatch):
+    steps = [Run(("true",))]
+    monkeypatch.setattr(plan.os, "geteuid", lambda: 1000)
+    with pytest.raises(plan.PermissionDenied, match="sudo, or --dry-run"):
+        plan.carry_out(steps, Path("/"), print)
+    monkeypatch.setattr(plan.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(plan, "_MANAGER", root / "none")
+    with pytest.raises(DeviceUnavailable, match="not booted with systemd"):
+        plan.carry_out(steps, Path("/"), print)
+
+
+def test_no_systemd_at_all(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(DeviceUnavailable, match="no systemd"):
+        layout.systemd_version()
+
+
+def test_a_program_that_the_service_would_not_see(monkeypatch, tmp_path):
+    (tmp_path / "micromanip").write_text("")
+    (tmp_path / "python").write_text("")
+    monkeypatch.setattr(layout.sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setattr(layout, "_HIDDEN", (str(tmp_path),))
+    with pytest.raises(CheckFailed, match="a service does not see; install the program elsewhere"):
+        layout.this_machine()
+    (tmp_path / "micromanip").unlink()
+    with pytest.raises(CheckFailed, match="is not there: install the program"):
+        layout.this_machine()
+
+
+def test_a_command_that_fails_is_shown_with_what_it_said():
+    with pytest.raises(CheckFailed, match=r"^`sh -c echo no >&2; exit 3` ended with 3: no$"):
+        Run(("sh", "-c", "echo no >&2; exit 3")).do()
+    with pytest.raises(CheckFailed, match="can't be run"):
+        Run(("/no/such/command",)).do()

@@ -1,0 +1,143 @@
+"""Word to the service manager, read from a real datagram socket in its place."""
+
+import asyncio
+import os
+import signal
+import socket
+import time
+from contextlib import suppress
+
+import pytest
+
+from micromanip.host.notify import ServiceManager
+
+from .cell import calm, until
+
+
+@pytest.fixture
+def manager(tmp_path):
+    """A service manager's socket; ``heard()`` is every message so far."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(tmp_path / "notify"))
+        listener.setblocking(False)
+        messages = []
+
+        def heard():
+            with suppress(BlockingIOError):
+                while True:
+                    messages.append(listener.recv(4096).decode())
+            return messages
+
+        heard.path = listener.getsockname()
+        yield heard
+
+
+def test_each_message_is_one_datagram(manager):
+    service = ServiceManager({"NOTIFY_SOCKET": manager.path})
+    before = time.monotonic_ns() // 1000
+    service.ready()
+    service.reloading()
+    service.stopping()
+    ready, reloading, stopping = manager()
+    assert (ready, stopping) == ("READY=1", "STOPPING=1")
+    first, second = reloading.split("\n")
+    assert first == "RELOADING=1"
+    name, _, value = second.partition("=")
+    assert name == "MONOTONIC_USEC"
+    assert before <= int(value) <= time.monotonic_ns() // 1000
+
+
+def test_status_is_one_line_and_sent_on_change_only(manager):
+    service = ServiceManager({"NOTIFY_SOCKET": manager.path})
+    for text in ("READY", "READY", "FAULT: X-101\nREADY=1"):
+        service.status(text)
+    assert manager() == ["STATUS=READY", "STATUS=FAULT: X-101 READY=1"]
+
+
+def test_abstract_socket():
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        name = f"micromanip-test-{os.getpid()}"
+        listener.bind("\0" + name)
+        listener.settimeout(5)
+        ServiceManager({"NOTIFY_SOCKET": "@" + name}).ready()
+        assert listener.recv(100) == b"READY=1"
+
+
+@pytest.mark.parametrize("path", ["", "/nowhere/at/all", "/" + "x" * 200])
+def test_nobody_listens(path):
+    service = ServiceManager({"NOTIFY_SOCKET": path})
+    service.ready()
+    service.status("READY")
+
+
+def test_a_manager_that_does_not_read_holds_up_nothing(manager):
+    service = ServiceManager({"NOTIFY_SOCKET": manager.path})
+    for number in range(5000):  # far more than the socket's queue takes
+        service.status(str(number))
+    assert 0 < len(manager()) < 5000
+
+
+@pytest.mark.parametrize(
+    ("environment", "watchdog_s"),
+    [
+        ({"WATCHDOG_USEC": "5000000"}, 5.0),
+        ({"WATCHDOG_USEC": "5000000", "WATCHDOG_PID": str(os.getpid())}, 5.0),
+        ({"WATCHDOG_USEC": "5000000", "WATCHDOG_PID": "1"}, None),
+        ({"WATCHDOG_USEC": "0"}, None),
+        ({"WATCHDOG_USEC": "soon"}, None),
+        ({}, None),
+    ],
+)
+def test_watchdog_that_is_meant_for_us(environment, watchdog_s):
+    assert ServiceManager({"NOTIFY_SOCKET": "@x"} | environment).watchdog_s == watchdog_s
+
+
+def test_watchdog_is_fed_only_while_everything_moves(manager):
+    """Three counters; from a certain look on, one of them stands still."""
+    service = ServiceManager({"NOTIFY_SOCKET": manager.path, "WATCHDOG_USEC": "20000"})
+    looks = 0
+
+    def progress():
+        nonlocal looks
+        looks += 1
+        return looks, min(looks, 4), looks
+
+    async def feed():
+        task = asyncio.create_task(service.feed_while(progress))
+        while looks < 10:
+            await asyncio.sleep(0.001)
+        task.cancel()
+
+    asyncio.run(feed())
+    assert manager() == ["WATCHDOG=1"] * 4
+
+
+def test_controller_tells_its_life(run, manager, monkeypatch):
+    """READY with the loop running, fed, its state followed, a reload answered, the end announced."""
+    monkeypatch.setenv("NOTIFY_SOCKET", manager.path)
+    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
+    cell = run(calm())  # arms by itself
+    until(lambda: "READY=1" in manager(), cell.last_words)
+    assert cell.watch().cycles > 0
+    first = manager().index("READY=1")
+    assert manager()[:first] == ["STATUS=STARTING: compiling, opening the drivers, warming up"]
+    until(lambda: "STATUS=TRACKING" in manager(), cell.last_words)
+    until(lambda: manager().count("WATCHDOG=1") >= 2, cell.last_words)
+
+    cell.process.send_signal(signal.SIGHUP)
+    until(lambda: manager().count("READY=1") == 2, cell.last_words)
+    assert any(message.startswith("RELOADING=1\nMONOTONIC_USEC=") for message in manager()[first:])
+    assert f"{cell.config} is unchanged" in cell.said
+    cell.config.write_text(cell.config.read_text() + "\n# another one\n")
+    cell.process.send_signal(signal.SIGHUP)
+    until(lambda: manager().count("READY=1") == 3, cell.last_words)
+    assert f"{cell.config} is another one now; restart to use it" in cell.said
+    cell.config.write_text(": : :")
+    cell.process.send_signal(signal.SIGHUP)
+    until(lambda: manager().count("READY=1") == 4, cell.last_words)
+    assert "nothing is changed: " in cell.said
+    assert cell.state == "TRACKING"
+
+    assert "STOPPING=1" not in manager()
+    assert cell.end() == 0
+    assert manager().count("STOPPING=1") == 1

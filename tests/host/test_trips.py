@@ -1,0 +1,171 @@
+"""A trip leaves its black box, whoever dies, stands still or finds no room; a reset waits for it."""
+
+import json
+import os
+import signal
+import subprocess
+
+import numpy as np
+import pytest
+
+from micromanip.client import Client
+from micromanip.errors import CheckFailed
+from micromanip.host.blackbox.box import Box
+from micromanip.host.blackbox.shelf import trips
+from micromanip.host.control_socket import remove_stale
+from micromanip.rt.states import RAMPING, TRACKING
+
+from .cell import MICROMANIP, WAITING, calm, until
+
+PERIOD_MS = 0.1
+
+
+def failing(at_s, *changes):
+    """The calm cell; the gauge of axis y fails for a second."""
+    fault = f"    faults: [{{channel: strain_y, kind: nan, at_s: {at_s}, for_s: 1}}]\n"
+    return calm(("    seed: 1\n", "    seed: 1\n" + fault), *changes)
+
+
+def folder(cell):
+    return cell.folder / "micromanip" / "trips"
+
+
+def box_of(cell, *, complete=True, place=None):
+    """The one box that there is, as soon as it is."""
+
+    def found():
+        files = trips(place or folder(cell))
+        assert len(files) <= 1
+        box = Box.load(files[0]) if files else None
+        return box if box is not None and (box.meta["complete"] or not complete) else None
+
+    return until(found, lambda: f"a box; {cell.last_words()}")
+
+
+def explained(cell, *arguments):
+    command = [str(MICROMANIP), "explain", "--trips", str(folder(cell)), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+
+
+def assert_whole(box, before_ms, after_ms):
+    """Every cycle of that time is in it, once; those that were missed are told."""
+    rows = box.rows
+    assert (np.diff(rows["cycle"]) == rows["periods"][1:]).all()
+    ms = (rows["cycle"] - box.trip["cycle"]) * PERIOD_MS
+    late = rows["periods"].max() * PERIOD_MS
+    assert ms[0] == pytest.approx(-before_ms, abs=late + 0.2)
+    assert ms[-1] == pytest.approx(after_ms, abs=late + 0.2)
+
+
+def test_trip_is_on_disk_before_a_reset(run):
+    """The black box is held up: no reset; it goes on: nothing is missing, for the ring remembers."""
+    cell = run(failing(2.3)).reach("TRACKING")
+    helper = until(lambda: cell.child("blackbox"), cell.last_words)
+    until(lambda: cell.cycles > 15_000, cell.last_words)  # it has started
+    os.kill(helper, signal.SIGSTOP)
+    try:
+        cell.reach("FAULT")
+        with Client(cell.socket) as client:
+            with pytest.raises(CheckFailed, match=r"^reset refused: the black box of this trip is not on disk yet"):
+                client.reset()
+            assert cell.state == "FAULT"
+            assert trips(folder(cell)) == []
+            os.kill(helper, signal.SIGCONT)
+            client.reset()
+            box = box_of(cell, complete=False)
+            assert client.status()["trips"][0]["file"] == str(trips(folder(cell))[0])
+    finally:
+        os.kill(helper, signal.SIGCONT)
+    box = box_of(cell)
+    assert_whole(box, 2000.0, 500.0)
+    assert (box.trip["code"], box.trip["axis"]) == ("X-201", "y")
+    at = int(np.searchsorted(box.rows["cycle"], box.trip["cycle"]))
+    assert box.rows["fault"][at - 1] == 0
+    assert (box.rows["fault"][at:][:3000] == box.trip["number"]).all()
+    assert box.rows["state"][at - 1] == TRACKING
+    assert RAMPING in box.rows["state"][at:]
+    assert box.meta["configuration"] == cell.config.read_text()
+    assert box.parameters["version"].tolist() == [1]
+    assert box.parameters["axis"]["pid"]["gain"][0, 0] == 0.6
+    assert box.state[0]["cycle"] >= box.trip["cycle"]
+    told = json.loads(explained(cell, "--json"))
+    assert (told["code"], told["axis"], told["configuration"]["now"]) == ("X-201", "y", "unchanged")
+    texts = [(moment["ms"], moment["axis"], moment["text"]) for moment in told["timeline"]]
+    pause = next(t for t in texts if t[1] == "y" and "strain gauge: no good sample" in t[2])
+    assert -20.0 < pause[0] < 0.0
+    assert [state["state"] for state in told["states"]][:3] == ["ARMED", "TRACKING", "RAMPING"]
+    assert cell.end() == 0
+    assert cell.left == []
+    assert "X-201 axis y: " in cell.said
+    assert [file.name for file in folder(cell).iterdir()] == [file.name for file in trips(folder(cell))]
+
+
+def test_host_killed(run):
+    """The box of the host's death is finished without it, and nobody stays behind."""
+    cell = run(calm()).reach("TRACKING")
+    until(lambda: cell.child("blackbox"), cell.last_words)
+    cell.go_on(5000)
+    cell.process.kill()
+    cell.wait()
+    cell.gone()
+    box = box_of(cell)
+    assert box.trip["code"] == "X-101"
+    assert box.rows["fault"][-1] == box.trip["number"]
+    assert_whole(box, min(2000.0, (box.trip["cycle"] - 1) * PERIOD_MS), min(500.0, (cell.cycles) * PERIOD_MS))
+    assert "X-101 no sign of life" in explained(cell)
+
+
+def test_loop_killed(run):
+    cell = run(calm()).reach("TRACKING")
+    cell.go_on(5000)
+    loop = cell.loop
+    os.kill(loop, signal.SIGKILL)
+    assert cell.wait() == 1
+    assert cell.left == []
+    box = box_of(cell)
+    assert box.trip["code"] == "X-104"
+    assert "was killed by signal 9" in box.trip["message"]
+    assert f"Black box: {trips(folder(cell))[0]}" in cell.said
+    head = cell.ring["rows"]["cycle"].max()
+    assert box.rows["cycle"][-1] == head  # up to the last one it ran
+    assert_whole(box, min(2000.0, (head - 1) * PERIOD_MS), 0.0)
+    assert "X-104" in explained(cell)
+
+
+def test_loop_and_host_killed(run):
+    """Nobody tells it: that no cycle passes any more tells enough."""
+    cell = run(calm(*WAITING)).reach("READY")
+    until(lambda: cell.child("blackbox"), cell.last_words)
+    cell.go_on(5000)
+    loop = cell.loop
+    os.kill(loop, signal.SIGSTOP)  # or it would see the host's death and end in order
+    cell.process.kill()
+    os.kill(loop, signal.SIGKILL)
+    cell.wait()
+    cell.gone()
+    remove_stale(cell.socket)  # as the next host would
+    assert box_of(cell).trip["code"] == "X-104"
+
+
+def test_no_room_and_a_black_box_that_dies(run, tmp_path):
+    """It is started again; what can't be written is said, kept, and written once there is room."""
+    blocked = tmp_path / "state"
+    blocked.write_text("a file where the folder should be")
+    place = blocked / "trips"
+    cell = run(failing(4.0), "--trips", str(place)).reach("TRACKING")
+    first = until(lambda: cell.child("blackbox"), cell.last_words)
+    os.kill(first, signal.SIGKILL)
+    until(lambda: "the black box process died; it is started again" in cell.said, cell.last_words)
+    cell.reach("FAULT")
+    until(lambda: "the black box of X-201 can't be written to" in cell.said, cell.last_words)
+    with Client(cell.socket) as client:
+        assert client.status()["trips"][0]["problem"] == "Not a directory"
+        client.reset()
+    cell.reach("READY")
+    blocked.unlink()
+    box = box_of(cell, place=place)
+    assert box.trip["code"] == "X-201"
+    assert_whole(box, 2000.0, 500.0)
+    until(lambda: f"Black box: {trips(place)[0]}" in cell.said, cell.last_words)
+    assert cell.end() == 0
+    assert cell.left == []

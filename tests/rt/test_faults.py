@@ -1,0 +1,309 @@
+"""The fault manager: written down, latched, answered. The whole state is compared: nothing else may change."""
+
+import ast
+import json
+import math
+import sys
+from pathlib import Path
+
+import coverage
+import numpy as np
+import pytest
+
+from micromanip.rt import faults as module
+from micromanip.rt.faults import axis_fault, begins, cell_fault, forget, note, raise_fault, react, warn
+from micromanip.rt.phases import CLOSED, LIFTING
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENTS
+from micromanip.rt.states import (
+    ARMED,
+    CUTS,
+    DISAGREEMENT,
+    FAULT,
+    FOLLOWING_ERROR,
+    HOLDING,
+    HOLDS,
+    INTERLOCK_OPEN,
+    NO_FAULT,
+    OFF,
+    RAMPING,
+    RAMPS,
+    READY,
+    SATURATED,
+    TRACKING,
+    WARN,
+)
+
+
+def cell(state=TRACKING, **fields):
+    """Parameters and state of three axes, every voltage and flag another."""
+    p, s = np.zeros(1, CELL_PARAMETERS)[0], np.zeros(1, CELL_STATE)[0]
+    p["axes"] = 3
+    p["reaction"][INTERLOCK_OPEN] = RAMPS
+    for i in range(3):
+        p["axis"][i]["watch"]["reaction"][FOLLOWING_ERROR] = (HOLDS, RAMPS, WARN)[i]
+        s["axis"][i]["voltage_V"], s["axis"][i]["start_V"] = 10.0 + i, 1.0 + i
+        s["axis"][i]["closed"] = s["axis"][i]["estimator"]["running"] = 1
+    s["cycle"], s["entered_cycle"], s["state"] = 1000, 900, state
+    for name, value in fields.items():
+        s[name] = value
+    return p, s
+
+
+def event(k, code, axis, value, limit, reaction, state=TRACKING, cycle=1000):
+    """A change of the state's event list."""
+
+    def change(s):
+        e = s["event"][k]
+        e["cycle"], e["code"], e["axis"], e["value"], e["limit"] = cycle, code, axis, value, limit
+        e["reaction"], e["state"] = reaction, state
+        s["events"] = s["events"] + 1
+
+    return change
+
+
+def latch(code, axis, value, limit):
+    def change(s):
+        s["fault"], s["fault_axis"], s["fault_value"], s["fault_limit"] = code, axis, value, limit
+        s["fault_cycle"] = s["cycle"]
+        s["trips"] += 1
+
+    return change
+
+
+def put(**fields):
+    def change(s):
+        for name, value in fields.items():
+            s[name] = value
+
+    return change
+
+
+def entered(state):
+    return put(state=state, entered_cycle=1000)
+
+
+def held(s):
+    s["axis"]["closed"] = 0
+    entered(HOLDING)(s)
+
+
+def ramping(s):
+    for axis in s["axis"]:
+        axis["start_V"] = axis["voltage_V"]
+    s["soft"] = 0
+    entered(RAMPING)(s)
+
+
+def forgotten(s):
+    s["axis"]["closed"] = 0
+    s["axis"]["estimator"]["running"] = 0
+
+
+def dropped(s):
+    forgotten(s)
+    entered(FAULT)(s)
+
+
+def raised(code, axis=-1):
+    def change(s):
+        where = s["axis"][axis]["watch"] if axis >= 0 else s
+        where["raised"] |= 1 << code
+
+    return change
+
+
+def expect(s, before, *changes):
+    """`s` is `before` with `changes`, bit by bit."""
+    for change in changes:
+        change(before)
+    assert s.tobytes() == before.tobytes()
+
+
+def test_an_event_is_written_down():
+    _, s = cell(events=3)
+    before = s.copy()
+    note(s, 7, 2, 1.5, 2.5, RAMPS)
+    expect(s, before, event(3, 7, 2, 1.5, 2.5, RAMPS))
+
+
+def test_the_newest_events_are_kept():
+    _, s = cell(events=EVENTS)
+    before = s.copy()
+    note(s, 7, 2, 1.5, 2.5, RAMPS)
+    expect(s, before, event(0, 7, 2, 1.5, 2.5, RAMPS))
+
+
+@pytest.mark.parametrize(
+    ("bits", "code", "active", "began", "after"),
+    [
+        (0b0000, 2, True, True, 0b0100),
+        (0b0100, 2, True, False, 0b0100),
+        (0b0100, 2, False, False, 0b0000),
+        (0b0000, 2, False, False, 0b0000),
+        (0b1010, 2, True, True, 0b1110),
+        (0b1110, 2, False, False, 0b1010),
+        (0b1010, 0, True, True, 0b1011),
+        (0, 40, True, True, 1 << 40),
+    ],
+)
+def test_a_condition_begins_once(bits, code, active, began, after):
+    _, s = cell(raised=bits)
+    assert bool(begins(s, code, active)) is began
+    assert s["raised"] == after
+
+
+def test_a_warning_is_told_each_time_it_begins():
+    _, s = cell()
+    before = s.copy()
+    warn(s, 1, 22, True, 3.0, 4.0)
+    expect(s, before, raised(22, 1), event(0, 22, 1, 3.0, 4.0, WARN))
+    before = s.copy()
+    warn(s, 1, 22, True, 5.0, 4.0)
+    expect(s, before)
+    warn(s, 1, 22, False, 5.0, 4.0)
+    warn(s, 1, 22, True, 6.0, 4.0)
+    assert s["events"] == 2
+    assert s["event"][1]["value"] == 6.0
+
+
+@pytest.mark.parametrize(("axis", "reaction", "after"), [(0, HOLDS, (held,)), (1, RAMPS, (ramping,)), (2, WARN, ())])
+def test_a_fault_of_an_axis_has_the_reaction_of_that_axis(axis, reaction, after):
+    p, s = cell()
+    before = s.copy()
+    axis_fault(p, s, axis, FOLLOWING_ERROR, True, 6.0, 5.0)
+    latched = () if reaction == WARN else (latch(FOLLOWING_ERROR, axis, 6.0, 5.0),)
+    expect(
+        s, before, raised(FOLLOWING_ERROR, axis), event(0, FOLLOWING_ERROR, axis, 6.0, 5.0, reaction), *latched, *after
+    )
+    before = s.copy()
+    axis_fault(p, s, axis, FOLLOWING_ERROR, True, 7.0, 5.0)
+    expect(s, before)
+
+
+def test_a_fault_of_the_cell():
+    p, s = cell()
+    before = s.copy()
+    cell_fault(p, s, INTERLOCK_OPEN, False, 0.0, 1.0)
+    expect(s, before)
+    cell_fault(p, s, INTERLOCK_OPEN, True, 0.0, 1.0)
+    expect(
+        s,
+        before,
+        raised(INTERLOCK_OPEN),
+        event(0, INTERLOCK_OPEN, -1, 0.0, 1.0, RAMPS),
+        latch(INTERLOCK_OPEN, -1, 0.0, 1.0),
+        ramping,
+    )
+
+
+def test_the_first_fault_stays_and_a_graver_one_hardens_the_reaction():
+    p, s = cell()
+    raise_fault(p, s, FOLLOWING_ERROR, 0, 6.0, 5.0, HOLDS)
+    s["cycle"] = 1000  # the same cycle
+    before = s.copy()
+    raise_fault(p, s, SATURATED, 1, 7.0, 8.0, RAMPS)
+    expect(s, before, event(1, SATURATED, 1, 7.0, 8.0, RAMPS, HOLDING), ramping)
+    assert (s["fault"], s["fault_axis"], s["trips"]) == (FOLLOWING_ERROR, 0, 1)
+
+
+STATES = (OFF, READY, ARMED, TRACKING, HOLDING, RAMPING, FAULT)
+STAYS = ()
+AFTER = {
+    # state: (HOLDS, RAMPS, CUTS)
+    OFF: ((entered(FAULT),), (entered(FAULT),), (forgotten,)),
+    READY: ((entered(FAULT),), (entered(FAULT),), (dropped,)),
+    ARMED: ((ramping,), (ramping,), (dropped,)),
+    TRACKING: ((held,), (ramping,), (dropped,)),
+    HOLDING: (STAYS, (ramping,), (dropped,)),
+    RAMPING: (STAYS, STAYS, (dropped,)),
+    FAULT: (STAYS, STAYS, (dropped,)),
+}
+
+
+@pytest.mark.parametrize("reaction", [HOLDS, RAMPS, CUTS])
+@pytest.mark.parametrize("state", STATES)
+def test_reactions(state, reaction):
+    p, s = cell(state, phase=LIFTING)
+    before = s.copy()
+    react(p, s, reaction)
+    expect(s, before, *AFTER[state][(HOLDS, RAMPS, CUTS).index(reaction)])
+
+
+def test_armed_with_the_outer_loop_closed_it_can_be_held():
+    p, s = cell(ARMED, phase=CLOSED)
+    before = s.copy()
+    react(p, s, HOLDS)
+    expect(s, before, held)
+
+
+def test_a_soft_stop_is_cut_short():
+    for reaction in (HOLDS, RAMPS):
+        p, s = cell(RAMPING, soft=1)
+        before = s.copy()
+        react(p, s, reaction)
+        expect(s, before, ramping)
+
+
+def test_a_hold_that_was_asked_for_is_limited_from_its_first_fault_on():
+    p, s = cell(HOLDING, fault=DISAGREEMENT, fault_cycle=1000)
+    before = s.copy()
+    react(p, s, HOLDS)
+    expect(s, before, entered(HOLDING))
+    p, s = cell(HOLDING, fault=DISAGREEMENT, fault_cycle=950)
+    before = s.copy()
+    react(p, s, HOLDS)
+    expect(s, before)
+
+
+def test_unlatching_lets_every_condition_be_raised_anew():
+    p, s = cell(FAULT, fault=DISAGREEMENT, raised=5, overrun_level=7.5, overruns_in_a_row=3)
+    s["axis"]["watch"]["raised"], s["axis"]["frozen"] = 9, 1
+    before = s.copy()
+    forget(p, s)
+    before["axis"]["watch"]["raised"], before["axis"]["frozen"] = 0, 0
+    expect(s, before, put(fault=NO_FAULT, raised=0, overrun_level=0.0, overruns_in_a_row=0))
+    two, s = cell(FAULT)
+    two["axes"] = 2
+    s["axis"]["frozen"] = 1
+    forget(two, s)
+    assert s["axis"]["frozen"].tolist() == [0, 0, 1]
+
+
+def test_values_that_are_not_finite_are_written_down_as_they_are():
+    p, s = cell()
+    raise_fault(p, s, SATURATED, 1, math.nan, math.inf, RAMPS)
+    assert math.isnan(s["fault_value"])
+    assert s["fault_limit"] == math.inf
+
+
+def test_every_branch_is_taken(tmp_path):
+    """Branch coverage of the whole module by the tests above, measured on the plain Python functions."""
+    if coverage.Coverage.current() is not None or sys.gettrace() is not None:
+        pytest.skip("coverage is being measured from outside: look at its report")
+    source = Path(module.__file__)
+    plain = {name: getattr(function, "py_func", function) for name, function in vars(module).items()}
+    functions = [node for node in ast.parse(source.read_text()).body if isinstance(node, ast.FunctionDef)]
+    if any(plain[node.name] is not getattr(module, node.name) for node in functions):
+        pytest.skip("compiled: `make coverage` measures it with the JIT disabled")
+    measured = coverage.Coverage(data_file=None, branch=True, include=[str(source)], config_file=False)
+    measured.start()
+    try:
+        for name, test in list(globals().items()):
+            if (
+                name.startswith("test_")
+                and not hasattr(test, "pytestmark")
+                and "tmp_path" not in test.__code__.co_varnames
+            ):
+                test()
+        for state in STATES:
+            for reaction in (HOLDS, RAMPS, CUTS):
+                test_reactions(state, reaction)
+        for case in ((0, HOLDS, (held,)), (1, RAMPS, (ramping,)), (2, WARN, ())):
+            test_a_fault_of_an_axis_has_the_reaction_of_that_axis(*case)
+    finally:
+        measured.stop()
+    measured.json_report(outfile=str(tmp_path / "report.json"))
+    (report,) = json.loads((tmp_path / "report.json").read_text())["files"].values()
+    body = {line for node in functions for line in range(node.body[0].lineno, node.end_lineno + 1)}
+    assert [line for line in report["missing_lines"] if line in body] == []
+    assert [branch for branch in report["missing_branches"] if branch[0] in body] == []

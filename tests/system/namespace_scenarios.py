@@ -1,0 +1,240 @@
+"""The service under a real systemd: run by ``make test-system`` on a throw-away machine, never on this one."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import stat
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from host.cell import rows_of, until
+
+from micromanip.rt import words as w
+from micromanip.rt.states import RAMPING, TRACKING
+
+from .machine import CONFIG, PROGRAM, UNIT, done, ok
+
+SLEW_V = 4.0  # a cycle, by slew_V_per_ms: 40
+
+
+def assert_ramped(ring):
+    """The outputs went from where they were to park without a step."""
+    rows = rows_of(ring)
+    voltage = rows["axis"]["voltage_V"]
+    assert (rows["state"] == TRACKING).any()
+    assert np.count_nonzero(rows["state"] == RAMPING) > 100
+    assert np.abs(np.diff(voltage, axis=0)).max() <= SLEW_V
+    assert not voltage[-1].any()
+
+
+def test_starts_to_ready_and_stays_disarmed(service):
+    service.start()
+    assert ok("systemctl", "is-active", UNIT).strip() == "active"
+    assert service.show("StatusText").startswith("READY")
+    assert service.state == "READY"
+    for pid in service.processes:
+        assert Path(f"/proc/{pid}").stat().st_uid == int(ok("id", "-u", "micromanip"))
+        assert "CapEff:\t0000000000000000" in Path(f"/proc/{pid}/status").read_text()
+    socket = Path("/run/micromanip/control.sock")
+    assert stat.S_IMODE(socket.stat().st_mode) == 0o660
+    assert socket.group() == "micromanip"
+
+
+def test_operators_may_and_strangers_may_not(service):
+    service.start()
+    assert json.loads(ok(PROGRAM, "status", "--json", user="cell-operator"))["state"] == "READY"
+    refused = done(PROGRAM, "arm", user="passer-by")
+    assert refused.returncode == 77
+    assert refused.stderr.count("\n") == 1
+    assert "your user must be in the controller's group" in refused.stderr
+    assert service.state == "READY"
+
+
+def test_status_follows_the_state(service):
+    service.start().track()
+    until(lambda: service.show("StatusText").startswith("TRACKING"), "status TRACKING", 5.0)
+    assert service.show("ActiveState") == "active"
+    assert "TRACKING" not in service.journal()  # which is for what happens, not for what is
+
+
+def test_stop_ramps_down_first(service):
+    service.start().track()
+    ok("systemctl", "stop", UNIT)
+    assert service.show("Result") == "success"
+    assert service.show("ExecMainStatus") == "0"
+    assert service.status["words"][w.FINISHED] == 1
+    assert_ramped(service.ring)
+    assert not Path("/run/micromanip").exists()
+
+
+def test_killed_host_leaves_a_loop_that_ramps_and_is_started_again_disarmed(service):
+    service.start().track()
+    ring, status, loop = service.ring, service.status, service.loop
+    os.kill(service.host, signal.SIGKILL)
+    until(lambda: status["words"][w.FINISHED] == 1, lambda: f"end of the loop\n{service.journal()}", 30.0)
+    assert_ramped(ring)
+    service.restarted()
+    assert service.show("Result") == "success"  # of the new run
+    assert service.state == "READY"
+    assert not Path(f"/proc/{loop}").exists()
+    assert len(service.processes) == 2
+    service.track()
+
+
+def test_stuck_host_is_ended_by_the_watchdog(service):
+    service.start().track()
+    ring = service.ring
+    os.kill(service.host, signal.SIGSTOP)
+    service.restarted()
+    assert "Watchdog timeout" in service.journal()
+    assert_ramped(ring)
+    assert service.state == "READY"
+
+
+def test_stuck_loop_is_ended_by_the_host(service):
+    service.start().track()
+    os.kill(service.loop, signal.SIGSTOP)
+    service.restarted()
+    assert "X-105 the loop has stood still for " in service.journal()
+    entry = json.loads(ok("journalctl", "--output=json", "--lines=1", "MICROMANIP_CODE=X-105"))
+    assert entry["PRIORITY"] == "3"
+    assert entry["_SYSTEMD_UNIT"] == UNIT
+    assert "driver cell: outputs at their safe value" in service.journal()
+    assert "Watchdog timeout" not in service.journal()
+    assert service.state == "READY"
+
+
+def test_both_killed_are_followed_by_safe_outputs(service):
+    service.start().track()
+    os.kill(service.loop, signal.SIGKILL)
+    os.kill(service.host, signal.SIGKILL)
+    service.restarted()
+    assert "outputs at their safe value: cell" in service.journal()
+    assert service.state == "READY"
+
+
+def test_wrong_configuration_is_not_tried_again(service):
+    text = CONFIG.read_text()
+    CONFIG.write_text(text.replace("rate_hz: 10000", "rate_hz: fast"))
+    try:
+        assert done("systemctl", "start", UNIT).returncode != 0
+        until(lambda: service.show("ActiveState") == "failed", service.journal, 30.0)
+    finally:
+        CONFIG.write_text(text)
+    assert service.show("ExecMainStatus") == "78"
+    assert service.show("NRestarts") == "0"
+    assert f"micromanip: {CONFIG}:" in service.journal()
+    assert "loop.rate_hz" in service.journal()
+
+
+def test_reload_keeps_everything_running(service):
+    service.start().track()
+    host, cycles = service.host, service.status["words"][w.CYCLES_RUN]
+    ok("systemctl", "reload", UNIT)
+    until(lambda: f"{CONFIG} is unchanged" in service.journal(), service.journal, 5.0)
+    until(lambda: service.show("ActiveState") == "active", "active", 5.0)
+    assert int(service.show("MainPID")) == host
+    assert service.state == "TRACKING"
+    assert service.status["words"][w.CYCLES_RUN] > cycles
+
+
+def test_one_controller_a_device(service):
+    service.start().track()
+    second = done(PROGRAM, "run", str(CONFIG), "--socket", "/tmp/second.sock", user="cell-operator")
+    assert second.returncode == 69
+    assert second.stderr == (
+        f"micromanip: device bench is in use by another controller (process {service.host}, or the loop that it left); "
+        "stop it first\n"
+    )
+    refused = done(PROGRAM, "safe-outputs", str(CONFIG), user="cell-operator")
+    assert refused.returncode == 1
+    assert "nothing was touched: device bench is in use" in refused.stderr
+    assert service.state == "TRACKING"
+    ok("systemctl", "stop", UNIT)
+    ok(PROGRAM, "safe-outputs", str(CONFIG), user="cell-operator")
+    ok(PROGRAM, "safe-outputs", str(CONFIG), user="cell-operator")
+
+
+def test_memory_that_may_not_become_executable_stops_even_cached_code(service):
+    """Why the unit does without MemoryDenyWriteExecute=; if this fails one day, it can have it."""
+    service.drop_in("MemoryDenyWriteExecute=yes", "Restart=no")
+    assert done("systemctl", "start", UNIT).returncode != 0
+
+
+def test_installing_again_changes_nothing_and_a_change_is_shown(service, tmp_path):
+    assert "create /etc/systemd/system/micromanip.service" in service.installation
+    assert ok(PROGRAM, "install-service").startswith("nothing to do")
+    other = tmp_path / "other.yaml"
+    other.write_text(CONFIG.read_text().replace("park_V: 0", "park_V: 1", 1))
+    before = CONFIG.read_text()
+    shown = json.loads(ok(PROGRAM, "install-service", str(other), "--dry-run", "--json"))
+    assert not shown["done"]
+    changes = {step["step"]: step["diff"] for step in shown["steps"] if step["diff"]}
+    assert list(changes) == [f"change {CONFIG}"]
+    assert any(line.startswith("+") and "park_V: 1" in line for line in changes[f"change {CONFIG}"])
+    assert CONFIG.read_text() == before
+    unasked = done(PROGRAM, "install-service", str(other))
+    assert unasked.returncode == 64
+    assert "--yes" in unasked.stderr
+    refused = done(PROGRAM, "install-service", str(CONFIG.parent / "none.yaml"), "--yes")
+    assert refused.returncode == 78
+
+
+def test_not_everybody_installs(service):
+    unit = Path("/etc/systemd/system/micromanip.service")
+    unit.unlink()
+    refused = done(PROGRAM, "install-service", "--yes", user="cell-operator")
+    ok(PROGRAM, "install-service", "--yes")
+    assert unit.exists()
+    assert refused.returncode == 77
+    assert "takes root" in refused.stderr
+
+
+def test_page_of_the_service_can_be_followed_as_written(service, tmp_path):
+    """Every command of docs/service.md in its order; but for those that fetch something, which was done before."""
+    page = (Path(__file__).parents[2] / "docs" / "service.md").read_text()
+    blocks = re.findall(r"^```sh\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    lines = [line for block in blocks if "pip install" not in block for line in block.splitlines()]
+    assert len(lines) > 20
+    (tmp_path / "cell.yaml").write_text(CONFIG.read_text())
+    (tmp_path / "sudo").write_text('#!/bin/sh\nexec "$@"\n')  # the test is root already
+    (tmp_path / "sudo").chmod(0o755)
+    ok(PROGRAM, "install-service", "--uninstall", "--purge", "--yes")
+    environment = os.environ | {"PATH": f"{tmp_path}:/usr/local/bin:{os.environ['PATH']}", "USER": "passer-by"}
+    for line in lines:
+        if "/opt/micromanip" in line and line.startswith("sudo rm"):
+            continue  # the program is needed for what follows here
+        outcome = subprocess.run(
+            ["bash", "-ec", line], capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
+        )
+        assert outcome.returncode == 0, f"{line}\n{outcome.stdout}{outcome.stderr}\n{service.journal()}"
+    (tmp_path / "cell.yaml").replace(tmp_path / "mine.yaml")
+    ok(PROGRAM, "install-service", str(tmp_path / "mine.yaml"), "--yes")
+
+
+@pytest.mark.skipif(shutil.which("udevadm") is None, reason="udev is not installed")
+def test_udev_takes_the_rules(service):
+    read = done("udevadm", "test", "/sys/devices/virtual/net/lo")
+    assert "/etc/udev/rules.d/90-micromanip.rules" in read.stderr
+    assert "90-micromanip.rules:" not in read.stderr  # which is how it begins a complaint, with the line's number
+
+
+def test_uninstall_keeps_what_is_yours_and_purge_does_not(service):
+    service.start()
+    service.release()
+    assert done("systemctl", "is-enabled", UNIT).stdout.strip() == "enabled"
+    ok(PROGRAM, "install-service", "--uninstall", "--yes")
+    assert done("systemctl", "is-active", UNIT).stdout.strip() == "inactive"
+    assert not Path("/etc/systemd/system/multi-user.target.wants/micromanip.service").is_symlink()
+    assert CONFIG.is_file()
+    assert Path("/var/lib/micromanip").is_dir()
+    ok(PROGRAM, "install-service", "--uninstall", "--purge", "--yes")
+    assert not CONFIG.parent.exists()
+    assert not Path("/var/lib/micromanip").exists()
+    assert not Path("/var/cache/micromanip").exists()
+    assert done("id", "micromanip").returncode != 0
+    assert ok(PROGRAM, "install-service", "--uninstall", "--purge").startswith("nothing to do")

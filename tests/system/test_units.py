@@ -1,0 +1,75 @@
+"""The unit as it is installed, judged by systemd's own checker; needs no root and starts nothing."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from micromanip.host.service.layout import CONFIG, UNIT, Machine, systemd_version
+
+MOST_EXPOSURE = 30  # 3.0 of 10
+
+pytestmark = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd-analyze here")
+
+
+def unit_text(machine):
+    return next(text for path, text in machine.files().items() if path.name == UNIT)
+
+
+@pytest.fixture
+def unit(tmp_path):
+    file = tmp_path / UNIT
+    file.write_text(unit_text(Machine(systemd_version(), Path("/usr/bin/true"))))
+    return file
+
+
+def analyze(*arguments):
+    return subprocess.run(["systemd-analyze", *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+def test_verify_is_silent(unit):
+    """An unknown key or a wrong value ends with 0 too: what counts is that nothing is said."""
+    outcome = analyze("verify", "--man=no", unit)
+    assert (outcome.returncode, outcome.stdout, outcome.stderr) == (0, "", "")
+
+
+def test_verify_would_say_something(unit):
+    unit.write_text(unit.read_text().replace("WatchdogSec=5", "WatchdogSecs=5"))
+    assert "WatchdogSecs" in analyze("verify", "--man=no", unit).stderr
+
+
+def test_exposure(unit):
+    judged = analyze("security", "--offline=true", f"--threshold={MOST_EXPOSURE}", "--no-pager", unit)
+    if "unrecognized option" in judged.stderr:
+        pytest.skip("this systemd-analyze can't judge a file: systemd 250 or newer can")
+    assert judged.returncode == 0, judged.stdout
+    assert re.search(r"Overall exposure level for micromanip.service: \d", judged.stdout)
+
+
+@pytest.mark.parametrize(("version", "kind"), [(252, "notify"), (253, "notify-reload"), (257, "notify-reload")])
+def test_reload_as_the_version_has_it(version, kind):
+    text = unit_text(Machine(version, Path("/opt/micromanip/bin/micromanip")))
+    assert f"\nType={kind}\n" in text
+    assert ("\nExecReload=" in text) == (kind == "notify")
+
+
+def test_nothing_is_left_to_fill_in():
+    files = Machine(252, Path("/opt/micromanip/bin/micromanip")).files()
+    assert len(files) == 4
+    for path, text in files.items():
+        assert path.is_relative_to("/etc")
+        assert not re.search(r"@[A-Z_]+@", text), path
+    assert f"/opt/micromanip/bin/micromanip run {CONFIG} " in unit_text(
+        Machine(252, Path("/opt/micromanip/bin/micromanip"))
+    )
+
+
+def test_stop_has_time_for_the_ramp():
+    """systemd must not cut short what the controller gives its loop for the way to park."""
+    from micromanip.host.daemon import _STOP_S
+
+    text = unit_text(Machine(252, Path("/usr/bin/true")))
+    seconds = float(re.search(r"^TimeoutStopSec=(\d+)$", text, re.MULTILINE)[1])
+    assert seconds > _STOP_S + 5

@@ -3,7 +3,7 @@
  *   twin_sensor  twin_laws  twin_estimator      one signal, one law
  *   twin_axis    twin_arming                    one axis; what arming makes of it
  *   twin_transitions  twin_faults  twin_watch   states, reactions, what is watched
- *   twin_cell    twin_telemetry                 the cycle and its row
+ *   twin_cell    twin_figures  twin_telemetry   the cycle, its figures of merit, its row
  */
 #include "twin_telemetry.h"
 

@@ -2,7 +2,7 @@
 #ifndef TWIN_CELL_H
 #define TWIN_CELL_H
 
-#include "twin_watch.h"
+#include "twin_figures.h"
 
 static void read_lines(const struct cell_parameters *p, struct cell_state *s, const struct signal *signals, int64_t now_ns)
 {
@@ -123,14 +123,6 @@ static void switch_outputs(const struct cell_parameters *p, const struct cell_st
         outputs[p->heartbeat] = (double)(s->cycle / p->heartbeat_cycles % 2);
 }
 
-static void score(struct axis_state *a, double error_um, double uncompensated_um)
-{
-    a->errors++;
-    a->error_squares += error_um * error_um;
-    a->error_max = most(a->error_max, fabs(error_um));
-    a->uncompensated_squares += uncompensated_um * uncompensated_um;
-}
-
 static bool cell_cycle(const struct cell_parameters *p, struct cell_state *s, const struct signal *signals, double *outputs,
                        int64_t command, int64_t now_ns, int64_t periods)
 {
@@ -162,6 +154,8 @@ static bool cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
         outputs[axis->voltage] = a->voltage_V;
         if (s->state == TRACKING && s->cycle - s->tracking_cycle >= p->score_cycles)
             score(a, signals[axis->path_error].value, signals[axis->uncompensated].value);
+        if (s->state == TRACKING)
+            mean_squares(p, a);
     }
     switch_outputs(p, s, outputs);
     return accepted;

@@ -81,6 +81,8 @@ static void forget(const struct cell_parameters *p, struct cell_state *s)
 {
     s->fault = NO_FAULT;
     s->raised = 0;
+    s->overruns_in_a_row = 0;
+    s->overrun_level = 0.0;
     for (int i = 0; i < p->axes; i++) {
         s->axis[i].watch.raised = 0;
         s->axis[i].frozen = 0;

@@ -58,13 +58,18 @@ static void watch_innovation(const struct cell_parameters *p, struct cell_state 
     axis_fault(p, s, i, DISAGREEMENT, disagree, w->innovation, limits->innovation_ratio);
 }
 
+static double following_error(const struct axis_state *a)
+{
+    return a->reference.w[0] + a->reference.w[3] - a->stage.value;
+}
+
 static void watch_following(const struct cell_parameters *p, struct cell_state *s, int i, bool active)
 {
     const struct watch_parameters *limits = &p->axis[i].watch;
     const struct axis_state *a = &s->axis[i];
     struct watch_state *w = &s->axis[i].watch;
     bool known = active && w->degraded == 0 && w->coast == 0;
-    double error_um = fabs(a->reference.w[0] + a->reference.w[3] - a->stage.value);
+    double error_um = fabs(following_error(a));
 
     w->following = lasting(w->following, known && error_um > limits->following_um);
     bool over = w->following >= limits->following_cycles;

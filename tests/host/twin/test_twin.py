@@ -11,7 +11,7 @@ from micromanip.rt.records import INPUT_HISTORY
 from micromanip.rt.reference import JOG
 from micromanip.rt.states import ARMED, FAULT, HOLDING, OFF, RAMPING, READY, TRACKING
 
-from .scene import TRACKING_CYCLES, Scene, course
+from .scene import TRACKING_CYCLES, Scene, codes, course
 
 pytestmark = pytest.mark.compiled_only
 
@@ -53,6 +53,18 @@ def test_late_missing_and_false_samples_and_overruns(arming, agreed):
     assert 0.1 < np.mean(axis["fresh"][start:] & 2 > 0) < 0.5
     assert outcome.state["axis"]["reference"]["rejected"][0, 0] > 0
     assert outcome.state["axis"]["errors"][0, 0] > 0
+
+
+def test_samples_that_jump_are_not_taken(scene, agreed):
+    scene.axes["strain_rate_um_per_ns"] = 1e-4
+    scene.sensor("strain")["value"][200:205] += 20.0
+    scene.sensor("deviation")["value"][300:400] += 60.0
+    outcome = agreed(scene.recording())
+    axis = outcome.rows["axis"][:, 0]
+    assert codes(outcome)[0] == st.COASTING
+    assert not np.any(axis["fresh"][200:205] & 1)
+    assert outcome.state["axis"]["reference"]["rejected"][0, 0] > 0
+    assert np.ptp(axis["reference_um"][295:400]) < 50.0
 
 
 def test_hold_and_resume(scene, agreed):

@@ -204,41 +204,55 @@ def processes() -> Figure:
 
 def states() -> Figure:
     """The cell's states, and what leads from one to the next."""
-    s = Sheet(96, 31)
+    s = Sheet(104, 40)
     places = {
-        "STARTING": (10, 25),
-        "READY": (32, 25),
-        "ARMED": (57, 25),
-        "TRACKING": (86, 25),
-        "RAMPING": (71, 11),
-        "FAULT": (32, 11),
-        "OFF": (10, 11),
+        "STARTING": (10, 33),
+        "READY": (32, 33),
+        "ARMED": (58, 33),
+        "TRACKING": (90, 33),
+        "HOLDING": (90, 19),
+        "RAMPING": (64, 12),
+        "FAULT": (32, 12),
+        "OFF": (10, 12),
     }
     for name, (x, y) in places.items():
         s.box(x, y, 14, 6, name, "#f9d9d9" if name == "FAULT" else CONTROLLER)
-    s.arrow((17, 25), (25, 25))
-    s.text(21, 26.4, "first cycle", "center", GREY, 7.5)
-    s.arrow((39, 25), (50, 25))
-    s.text(44.5, 26.4, "arm", "center", GREY, 7.5)
-    s.arrow((64, 25), (79, 25))
-    s.text(71.5, 27.2, "lift, settle,\nauthority 0..1", "center", GREY, 7.5)
-    s.arrow((57, 22), (57, 19), (67, 19), (67, 14))
-    s.arrow((86, 22), (86, 19), (75, 19), (75, 14))
-    s.text(71, 19.3, "disarm,\nstop, fault", "center", GREY, 7.5)
-    s.arrow((64, 11), (39, 11))
-    s.text(52, 12.3, "after a fault", "center", GREY, 7.5)
-    s.arrow((64, 13), (46, 13), (46, 23), (39, 23))
-    s.text(46.7, 17, "after disarm", "left", GREY, 7.5)
-    s.arrow((71, 8), (71, 4), (10, 4), (10, 8))
-    s.text(42, 2.6, "after stop, or when the host is dead", "center", GREY, 7.5)
-    s.arrow((36, 14), (36, 22))
-    s.text(36.7, 18.5, "reset", "left", GREY, 7.5)
-    s.arrow((32, 22), (32, 14))
-    s.text(31.3, 18.5, "fault", "right", GREY, 7.5)
-    s.arrow((25, 11), (17, 11))
-    s.text(21, 12.3, "stop", "center", GREY, 7.5)
-    s.arrow((26.5, 22), (26.5, 17.5), (10, 17.5), (10, 14))
-    s.text(18, 18.7, "stop", "center", GREY, 7.5)
+    labels = (
+        (21, 34.4, "sensors\nheard", "center"),
+        (45, 34.4, "arm", "center"),
+        (74, 34.4, "check, lift, sweep,\nsettle, authority", "center"),
+        (93.5, 25.5, "hold,\nfault", "left"),
+        (75, 22.6, "arm: goes on", "center"),
+        (76, 27.1, "disarm, stop, fault", "center"),
+        (72, 7.2, "disarm, stop; after a fault:\nretracted, or time", "left"),
+        (57.3, 18.5, "disarm,\nstop, fault", "right"),
+        (48, 10, "after a fault", "center"),
+        (46.7, 21, "after\ndisarm", "left"),
+        (48, 7.0, "after stop, or when the host is dead", "center"),
+        (33, 25.5, "reset", "left"),
+        (29.8, 22.5, "fault", "right"),
+        (21, 13.4, "stop", "center"),
+        (17.5, 25.8, "stop", "center"),
+        (61, 2.6, "emergency stop, amplifier fault: from anywhere, at once", "left"),
+    )
+    for x, y, text, align in labels:
+        s.text(x, y, text, align, GREY, 7.5)
+    s.arrow((17, 33), (25, 33))
+    s.arrow((39, 33), (51, 33))
+    s.arrow((65, 33), (83, 33))
+    s.arrow((92, 30), (92, 22))
+    s.arrow((83, 21.5), (61.5, 21.5), (61.5, 30))
+    s.arrow((90, 16), (90, 11), (71, 11))
+    s.arrow((58, 30), (58, 15))
+    s.arrow((86, 30), (86, 26), (66, 26), (66, 15))
+    s.arrow((57, 12), (39, 12))
+    s.arrow((57, 14), (46, 14), (46, 31.5), (39, 31.5))
+    s.arrow((64, 9), (64, 6), (10, 6), (10, 9))
+    s.arrow((36, 15), (36, 30))
+    s.arrow((31, 30), (31, 15))
+    s.arrow((25, 12), (17, 12))
+    s.arrow((27, 30), (27, 24.5), (10, 24.5), (10, 15))
+    s.arrow((60, 3), (33, 3), (33, 9))
     return s.figure
 
 

@@ -22,7 +22,11 @@ machine=
 clean() {
     [ -z "$machine" ] || { kill "$machine" && wait "$machine"; } 2>/dev/null
     echo $$ >"$home_group/cgroup.procs"
-    find "$group" -depth -type d -exec rmdir {} \; 2>/dev/null
+    for _ in {1..50}; do # its last processes may still be about to end
+        find "$group" -depth -type d -exec rmdir {} \; 2>/dev/null
+        [ -d "$group" ] || break
+        sleep 0.1
+    done
     rm -rf --one-file-system "$work"
 }
 trap clean EXIT

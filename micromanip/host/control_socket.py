@@ -11,6 +11,7 @@ import contextlib
 import grp
 import os
 import socket
+import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ from .protocol import LINE_BYTES, Request, Verb, failure, parsed, success
 
 CLIENTS = 256
 UNREAD_S = 5.0
+_REST_S = 0.02
+"""Longest rest after a request: clients that ask without a pause get half of the host's time, however many."""
 _ANSWER_S = 1.0
 
 
@@ -112,6 +115,7 @@ class ControlSocket:
         self._server: asyncio.AbstractServer | None = None
         self._clients: set[asyncio.StreamWriter] = set()
         self._turn = asyncio.Lock()
+        self._rested = 0.0
 
     async def open(self) -> None:
         """Listen; raises CheckFailed or UsageError where it can't."""
@@ -159,9 +163,17 @@ class ControlSocket:
                 return
             if not line:
                 return
-            async with self._turn:  # whatever else is due comes first, however many lines are waiting
-                await asyncio.sleep(0)
-            await self._say(writer, await self._answer(line, peer))
+            await self._turn_of_all()
+            begin = time.monotonic()
+            answer = await self._answer(line, peer)
+            now = time.monotonic()
+            self._rested = max(self._rested, now + min(now - begin, _REST_S))
+            await self._say(writer, answer)
+
+    async def _turn_of_all(self) -> None:
+        """Return when the next request may begin: whatever else is due comes first, and after each a rest as long."""
+        async with self._turn:
+            await asyncio.sleep(max(0.0, self._rested - time.monotonic()))
 
     async def _say(self, writer: asyncio.StreamWriter, answer: bytes) -> None:
         writer.write(answer)

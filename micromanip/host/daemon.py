@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import signal
 import sys
 import time
@@ -85,6 +86,8 @@ class Daemon:
         try:
             leave_cpu(self._prepared.configuration.loop.cpu)
             report(self._controller, self._signals)  # what it compiles would later hold up the sign of life
+            gc.collect()
+            gc.freeze()  # nor must a walk through all that was imported
             await self._controller.start()
             return await self._supervise()
         finally:

@@ -44,7 +44,7 @@ def lines(seed, count):
     draw = random.Random(seed)
     kinds = (_noise, _cut, _flipped, _wrong_version, _wrong_verb, _wrong_fields, _nested, _numbers)
     for number in range(count):
-        kind = draw.choice(kinds) if number % 25 else _wrong_set  # which is checked whole, and takes its time
+        kind = draw.choice(kinds) if number % 100 else _wrong_set  # which is checked whole, and takes its time
         yield kind(draw).replace(b"\n", b" ").replace(b"\r", b" ")
 
 

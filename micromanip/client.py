@@ -13,11 +13,13 @@ import contextlib
 import json
 import os
 import socket
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
+from micromanip.answers import Audit, Differences, Jogged, Parameter, Saved, Status, Swap
+from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
 
 _TIMEOUT_S = 10.0
 
@@ -77,14 +79,14 @@ class Client:
         if answer["ok"]:
             return answer["result"]
         kinds: dict[int, type[MicromanipError]] = {
-            k.exit_code: k for k in (UsageError, PermissionDenied, DeviceUnavailable)
+            k.exit_code: k for k in (UsageError, PermissionDenied, DeviceUnavailable, ConfigError)
         }
         raise kinds.get(answer["exit_code"], CheckFailed)(answer["error"])
 
-    def status(self) -> dict[str, Any]:
+    def status(self) -> Status:
         """The report of the run so far, as ``run --json`` ends with."""
-        result: dict[str, Any] = self.request("status")
-        return result
+        status: Status = self.request("status")
+        return status
 
     def arm(self) -> None:
         """Soft start into TRACKING; returns once arming has begun."""
@@ -94,6 +96,52 @@ class Client:
         """Soft stop to the park voltage; returns once it has begun."""
         self.request("disarm")
 
+    def hold(self) -> None:
+        """Freeze the correction: every axis stays where it is, its loops closed; `arm` goes on."""
+        self.request("hold")
+
     def reset(self) -> None:
         """Clear a latched fault; nothing moves."""
         self.request("reset")
+
+    def get(self, *keys: str) -> list[Parameter]:
+        """Running values of keys, of all below where one is a section; all values without keys."""
+        parameters: list[Parameter] = self.request("get", keys=keys)
+        return parameters
+
+    def value(self, key: str) -> Any:
+        """The running value of one key."""
+        found = {parameter["key"]: parameter["value"] for parameter in self.get(key)}
+        if key not in found:
+            raise UsageError(f"{key} is a section; its keys are {', '.join(found)}")
+        return found[key]
+
+    def set(self, changes: Mapping[str, Any]) -> Swap:
+        """Change values (key -> value), all at one cycle boundary or none; raises with each reason why not."""
+        swap: Swap = self.request("set", changes=dict(changes))
+        return swap
+
+    def diff(self) -> Differences:
+        """The configuration file as it is on disk against what runs."""
+        differences: Differences = self.request("diff")
+        return differences
+
+    def save(self, *, force: bool = False) -> Saved:
+        """Write the running values into the file; refused where somebody edited it meanwhile, unless `force`."""
+        saved: Saved = self.request("save", force=force)
+        return saved
+
+    def jog(self, axis: str, *, by_um: float | None = None, to_um: float | None = None) -> Jogged:
+        """Send an axis `by_um` from its present target, or `to_um`; returns when it is on its way."""
+        jogged: Jogged = self.request("jog", axis=axis, by_um=by_um, to_um=to_um)
+        return jogged
+
+    def reload(self) -> Swap:
+        """Take over the configuration file as it is now, all of it or nothing."""
+        swap: Swap = self.request("reload")
+        return swap
+
+    def audit(self, last: int = 20) -> Audit:
+        """The newest entries of the audit trail, oldest first."""
+        audit: Audit = self.request("audit", last=last)
+        return audit

@@ -17,6 +17,19 @@ settings.register_profile("explore", max_examples=1000 if JIT else 100, database
 settings.load_profile("steady")
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _own_state_directory(tmp_path_factory):
+    """No test writes into the audit trail of the user who runs it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("STATE_DIRECTORY", raising=False)
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
+def pytest_addoption(parser):
+    parser.addoption("--garbage", type=int, default=10_000, help="how many inputs the control socket is tried with")
+
+
 def pytest_configure(config):
     config.addinivalue_line("markers", "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1")
 

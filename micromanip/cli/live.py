@@ -5,20 +5,29 @@ from __future__ import annotations
 import sys
 import time
 from types import TracebackType
-from typing import Any, Self
+from typing import Literal, Self
 
-from rich.console import Console
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from micromanip.answers import Status
 from micromanip.host import journal
 
 _PLAIN_EVERY_S = 2.0
-_STYLES = {"TRACKING": "bold green", "FAULT": "bold red", "RAMPING": "yellow", "ARMED": "yellow"}
+_COLUMNS: tuple[Literal["p50", "p99", "p99_9", "p99_99", "max"], ...] = ("p50", "p99", "p99_9", "p99_99", "max")
+_AGES: tuple[Literal["age_p50_us", "age_max_us"], ...] = ("age_p50_us", "age_max_us")
+_STYLES = {
+    "TRACKING": "bold green",
+    "FAULT": "bold red",
+    "HOLDING": "bold yellow",
+    "RAMPING": "yellow",
+    "ARMED": "yellow",
+}
 
 
-def one_line(report: dict[str, Any]) -> str:
+def one_line(report: Status) -> str:
     """The state of the controller in one line."""
     seconds = report["cycles"] * report["period_ns"] * 1e-9
     errors = " ".join(
@@ -61,10 +70,9 @@ class LiveLine:
         style = "bold red" if message.startswith(("X-", "WARNING")) else ""
         self._console.print(Text(message, style=style), soft_wrap=True)  # one line also in a log file
 
-    def show(self, report: dict[str, Any]) -> None:
+    def show(self, report: Status) -> None:
         """The live line."""
-        state = Text(f"{report['state']:9}", style=_STYLES.get(report["state"], ""))
-        line = state + Text(one_line(report))
+        line = state_line(report)
         if self._live is not None:
             self._live.update(line)
         elif not self._journal and time.monotonic() - self._told > _PLAIN_EVERY_S:
@@ -72,32 +80,47 @@ class LiveLine:
             self._console.print(line, soft_wrap=True)
 
 
-def summary(report: dict[str, Any]) -> None:
-    """Timing and path error of a run as tables on standard output."""
-    console = Console(highlight=False)
+def summary(report: Status) -> None:
+    """Timing and path error of a run on standard output."""
+    Console(highlight=False).print(figures(report))
+
+
+def figures(report: Status) -> Group:
+    """Timing and path error of a run as tables, its faults below."""
     seconds = report["cycles"] * report["period_ns"] * 1e-9
-    console.print(
+    parts: list[RenderableType] = [
         f"{report['cycles']} cycles in {seconds:.1f} s, {report['overruns']} overruns, state {report['state']}"
-    )
+    ]
     timing = Table("", "p50", "p99", "p99.9", "p99.99", "max", title="Timing, us")
-    for name, key in (("lateness", "lateness_ns"), ("compute", "compute_ns")):
-        figures = report[key]
-        timing.add_row(name, *(f"{figures[k] / 1e3:.2f}" for k in ("p50", "p99", "p99_9", "p99_99", "max")))
-    console.print(timing)
+    for name, times in (("lateness", report["lateness_ns"]), ("compute", report["compute_ns"])):
+        timing.add_row(name, *(f"{times[k] / 1e3:.2f}" for k in _COLUMNS))
+    parts.append(timing)
     errors = Table("axis", "uncompensated rms", "rms", "max", "better by", title="Path error at the spindle, um")
-    shown = False
-    for axis, figures in report["path_error_um"].items():
-        if figures["rms"]:
-            better = figures["uncompensated_rms"] / figures["rms"]
+    for axis, error in report["path_error_um"].items():
+        if error["rms"] and error["uncompensated_rms"]:
+            better = error["uncompensated_rms"] / error["rms"]
             errors.add_row(
                 axis,
-                f"{figures['uncompensated_rms']:.1f}",
-                f"{figures['rms']:.3f}",
-                f"{figures['max']:.2f}",
+                f"{error['uncompensated_rms']:.1f}",
+                f"{error['rms']:.3f}",
+                f"{error['max']:.2f}",
                 f"{better:.0f} times",
             )
-            shown = True
-    if shown:
-        console.print(errors)
-    for fault in report["faults"]:
-        console.print(Text(fault, style="bold red"))
+    if errors.row_count:
+        parts.append(errors)
+    return Group(*parts, *(Text(fault, style="bold red") for fault in report["faults"]))
+
+
+def watched(report: Status) -> Group:
+    """All that `status --watch` shows on a terminal."""
+    signals = Table("signal", "Hz", "age p50, us", "age max, us", "lost", title="Signals")
+    for name, signal in report["signals"].items():
+        ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
+        signals.add_row(name, f"{signal['rate_hz']:.0f}", *ages, str(signal["lost"]))
+    running = f"parameter version {report['parameter_version']}, {report['configuration']}"
+    return Group(state_line(report), figures(report), signals, Text(running, style="dim"))
+
+
+def state_line(report: Status) -> Text:
+    """The state, in its colour, and the run in one line."""
+    return Text(f"{report['state']:9}", style=_STYLES.get(report["state"], "")) + Text(one_line(report))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
+from micromanip.answers import Status
 from micromanip.errors import CheckFailed
 
 from .options import config_argument, json_option, print_json, socket_option
@@ -45,6 +45,6 @@ def command(
     _judge(report)
 
 
-def _judge(report: dict[str, Any]) -> None:
+def _judge(report: Status) -> None:
     if report["faults"]:
         raise CheckFailed(report["faults"][0])

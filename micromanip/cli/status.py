@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
+import time
 from pathlib import Path
 
 import click
 
 from micromanip.client import Client
+from micromanip.errors import UsageError
 
 from .options import json_option, print_json, socket_option
 
+_REFRESH_S = 0.2
 
-@click.command("status", epilog="Example: micromanip status --json")
+
+@click.command("status", epilog="Example: micromanip status --watch")
+@click.option("--watch", is_flag=True, help="Go on until Ctrl-C: a live view on a terminal, a line a time elsewhere.")
+@click.option(
+    "--every", "every_s", type=click.FloatRange(min=0.1), default=2.0, show_default=True, help="Seconds a line."
+)
 @socket_option
 @json_option
-def command(socket_path: Path, as_json: bool) -> None:
+def command(watch: bool, every_s: float, socket_path: Path, as_json: bool) -> None:
     """State, timing and path error of the running controller."""
+    if watch and as_json:
+        raise UsageError("--watch goes on and --json is one document: use one of them")
     with Client(socket_path) as client:
+        if watch:
+            with contextlib.suppress(KeyboardInterrupt):
+                _watch(client, every_s)
+            return
         report = client.status()
     if as_json:
         print_json(report)
@@ -24,3 +40,20 @@ def command(socket_path: Path, as_json: bool) -> None:
     from .live import summary
 
     summary(report)
+
+
+def _watch(client: Client, every_s: float) -> None:
+    """Show the status again and again, until the controller goes away."""
+    from rich.live import Live
+
+    from .live import one_line, watched
+
+    if not sys.stdout.isatty():
+        while True:
+            report = client.status()
+            click.echo(f"{report['state']:9}{one_line(report)}")
+            time.sleep(every_s)
+    with Live(watched(client.status()), refresh_per_second=5, screen=True) as view:
+        while True:
+            time.sleep(_REFRESH_S)
+            view.update(watched(client.status()))

@@ -1,28 +1,48 @@
-"""The control socket: versioned JSON lines over a Unix socket.
+"""The control socket: a Unix socket that serves verbs to any number of clients, one line each at a time.
 
--> {"version": 1, "verb": "status"}
-<- {"version": 1, "ok": true, "result": {...}}
-<- {"version": 1, "ok": false, "error": "arm refused: the state is FAULT", "exit_code": 1}
+Nobody can hold up the host's own work: at most one request begins between two turns of the event loop, and
+a client that does not take its answers is dropped.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
+import grp
 import os
 import socket
-from collections.abc import Awaitable, Callable
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from micromanip.errors import CheckFailed, MicromanipError, UsageError
+from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
 
-VERSION = 1
-_LINE_BYTES = 65536
+from .peer import Peer
+from .protocol import LINE_BYTES, Request, Verb, failure, parsed, success
+
+CLIENTS = 256
+UNREAD_S = 5.0
+_REST_S = 0.02
+"""Longest rest after a request: clients that ask without a pause get half of the host's time, however many."""
 _ANSWER_S = 1.0
 
-Verb = Callable[[dict[str, Any]], Awaitable[Any]]
+
+@dataclass(frozen=True)
+class Access:
+    """Who may connect: permissions of the socket, and the group it is given to."""
+
+    mode: int = 0o660
+    group: str | None = None
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """How many clients at a time, and how long one may leave its answers unread (s)."""
+
+    clients: int = CLIENTS
+    unread_s: float = UNREAD_S
 
 
 def claim(path: Path) -> None:
@@ -49,20 +69,60 @@ def remove_stale(path: Path) -> None:
                 path.unlink()
 
 
-class ControlSocket:
-    """Serves `verbs` to any number of clients; none of them can hold up another, or the loop."""
+def bound(path: Path, access: Access) -> socket.socket:
+    """A socket bound at `path` that is at no moment open to more than `access` says; OSError where it can't be."""
+    group = None if access.group is None else _group_id(access.group)
+    bound = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    before = os.umask(0o177)
+    try:
+        bound.bind(str(path))
+    except OSError:
+        bound.close()
+        raise
+    finally:
+        os.umask(before)
+    if group is not None:
+        try:
+            os.chown(path, -1, group)
+        except PermissionError:
+            bound.close()
+            path.unlink()
+            raise PermissionDenied(
+                f"control.group: the socket can't be given to {access.group}; the controller's user must be a member"
+            ) from None
+    path.chmod(access.mode)
+    return bound
 
-    def __init__(self, path: Path, verbs: dict[str, Verb]) -> None:
+
+def _group_id(name: str) -> int:
+    try:
+        return grp.getgrnam(name).gr_gid
+    except KeyError:
+        raise UsageError(
+            f"control.group: there is no group {name} on this machine; `groupadd {name}` makes it"
+        ) from None
+
+
+class ControlSocket:
+    """Serves `verbs`; none of its clients can hold up another, or the host."""
+
+    def __init__(
+        self, path: Path, verbs: Mapping[str, Verb], access: Access = Access(), bounds: Bounds = Bounds()
+    ) -> None:
         self.path = path
         self._verbs = verbs
+        self._access, self._bounds = access, bounds
         self._server: asyncio.AbstractServer | None = None
+        self._clients: set[asyncio.StreamWriter] = set()
+        self._turn = asyncio.Lock()
+        self._rested = 0.0
 
     async def open(self) -> None:
-        """Listen, for the owner and the owner's group only; raises CheckFailed or UsageError where it can't."""
+        """Listen; raises CheckFailed or UsageError where it can't."""
         try:
             claim(self.path)
-            self._server = await asyncio.start_unix_server(self._serve, str(self.path), limit=_LINE_BYTES)
-            os.chmod(self.path, 0o660)  # noqa: PTH101
+            listening = bound(self.path, self._access)
+            self._server = await asyncio.start_unix_server(self._serve, sock=listening, limit=LINE_BYTES)
         except OSError as problem:
             raise UsageError(f"no control socket at {self.path}: {problem}; choose another --socket") from problem
 
@@ -74,49 +134,64 @@ class ControlSocket:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(asyncio.CancelledError):
-            with contextlib.suppress(ConnectionError):
-                await self._converse(reader, writer)
+            self._clients.add(writer)
+            try:
+                with contextlib.suppress(ConnectionError):
+                    await self._converse(reader, writer)
+            except TimeoutError:
+                writer.transport.abort()  # what it has not read is thrown away
+            finally:
+                self._clients.discard(writer)
             writer.close()
             with contextlib.suppress(ConnectionError):  # taken note of, or it may be reported as forgotten
                 await writer.wait_closed()
         writer.close()
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if len(self._clients) > self._bounds.clients:
+            number = self._bounds.clients
+            await self._say(
+                writer, failure(DeviceUnavailable(f"{number} clients are connected already; end one of them"))
+            )
+            return
+        peer = Peer.of(writer.get_extra_info("socket"))
         while True:
             try:
                 line = await reader.readline()
             except ValueError:
-                writer.write(_line(_failure(UsageError(f"a request is at most {_LINE_BYTES} bytes long"))))
-                await writer.drain()
+                await self._say(writer, failure(UsageError(f"a request is at most {LINE_BYTES} bytes long")))
                 return
             if not line:
                 return
-            writer.write(_line(await self._answer(line)))
+            await self._turn_of_all()
+            begin = time.monotonic()
+            answer = await self._answer(line, peer)
+            now = time.monotonic()
+            self._rested = max(self._rested, now + min(now - begin, _REST_S))
+            await self._say(writer, answer)
+
+    async def _turn_of_all(self) -> None:
+        """Return when the next request may begin: whatever else is due comes first, and after each a rest as long."""
+        async with self._turn:
+            await asyncio.sleep(max(0.0, self._rested - time.monotonic()))
+
+    async def _say(self, writer: asyncio.StreamWriter, answer: bytes) -> None:
+        writer.write(answer)
+        async with asyncio.timeout(self._bounds.unread_s):
             await writer.drain()
 
-    async def _answer(self, line: bytes) -> dict[str, Any]:
+    async def _answer(self, line: bytes, peer: Peer) -> bytes:
         try:
-            request = _parsed(line)
-            if not isinstance(request, dict) or request.get("version") != VERSION:
-                raise UsageError(f'a request is a JSON object with "version": {VERSION}')
-            verb = self._verbs.get(str(request.get("verb")))
-            if verb is None:
-                raise UsageError(f"unknown verb {request.get('verb')!r}; known are {', '.join(sorted(self._verbs))}")
-            return {"version": VERSION, "ok": True, "result": await verb(request)}
+            request = parsed(line, peer)
+            return success(await self._verb(request)(request))
         except MicromanipError as problem:
-            return _failure(problem)
+            return failure(problem)
+        except Exception as bug:
+            traceback.print_exc()
+            return failure(MicromanipError(f"bug: {type(bug).__name__}: {bug}; the controller's log has the rest"))
 
-
-def _parsed(line: bytes) -> Any:
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError) as problem:  # not only JSONDecodeError: a number may be too long
-        raise UsageError(f"not a line of JSON: {problem}") from problem
-
-
-def _failure(problem: MicromanipError) -> dict[str, Any]:
-    return {"version": VERSION, "ok": False, "error": str(problem), "exit_code": problem.exit_code}
-
-
-def _line(answer: dict[str, Any]) -> bytes:
-    return json.dumps(answer).encode() + b"\n"
+    def _verb(self, request: Request) -> Verb:
+        verb = self._verbs.get(request.verb)
+        if verb is None:
+            raise UsageError(f"unknown verb {request.verb!r:.60}; known are {', '.join(sorted(self._verbs))}")
+        return verb

@@ -8,6 +8,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -148,9 +149,25 @@ class Controller:
         fault = self.fault()
         return [fault] if fault else []
 
-    async def apply(self, parameters: Any) -> None:
+    async def adopt(self, prepared: Prepared, permit: Callable[[], None]) -> int:
+        """Run `prepared` from the next cycle boundary on; the parameter version then in force.
+
+        `permit` may raise; no command comes between it and the swap. Raises CheckFailed while the loop is starting.
+        """
+
+        def decide() -> None:
+            if self.state == STATE_NAMES[STARTING]:
+                raise CheckFailed("nothing was changed: the controller is still starting")
+            permit()
+            self.prepared = prepared
+
+        await self.apply(prepared.parameters, decide)
+        return int(self.control["words"][w.VERSION])
+
+    async def apply(self, parameters: Any, permit: Callable[[], None] = lambda: None) -> None:
         """Swap to the parameters (1,) at a cycle boundary; CheckFailed where the loop does not take them."""
         async with self._commands:
+            permit()
             words = self.control["words"]
             slot, version = (int(words[w.SLOT]) + 1) % SLOTS, int(words[w.VERSION]) + 1
             self.control["parameters"][slot] = parameters[0]
@@ -158,7 +175,9 @@ class Controller:
             words[w.SLOT] = slot
             words[w.VERSION] = version
             if not await self._reached(w.VERSION_ACTIVE, version):
-                raise CheckFailed(f"the loop did not take the new parameters within {_ANSWER_S:g} s")
+                raise CheckFailed(
+                    f"the loop did not take the new parameters within {_ANSWER_S:g} s, but it will when it turns again"
+                )
 
     async def snapshot(self) -> int:
         """Let the loop copy its whole state at a cycle boundary; returns that cycle."""

@@ -4,38 +4,45 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import signal
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from micromanip.errors import CheckFailed, ConfigError
+from micromanip.answers import Status
+from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.io.device_lock import DeviceLocks
 from micromanip.rt import states
 from micromanip.rt import words as w
 from micromanip.settings.check import Prepared
 from micromanip.settings.commissioned import changes_since
-from micromanip.settings.source import Source
 
+from .audit import AuditTrail
 from .blackbox.shelf import KEPT, default_folder
 from .blackbox.supervisor import LOOP_DEATH, BlackBox
-from .control_socket import ControlSocket
+from .control_socket import Access, ControlSocket
 from .controller import Controller
 from .messages import LOOP_DIED, LOOP_STUCK
 from .notify import ServiceManager
+from .peer import Peer
 from .realtime import leave_cpu, missing_rights
 from .recording import RecorderProcess
+from .state_directory import state_directory
 from .statistics import SignalStatistics, report
+from .verbs import Verbs
 
 _HEARTBEAT_S = 0.02
+_WORKERS, _SWITCH_S = 2, 0.001
+"""Threads that check values and write files, and how soon they let the heartbeat have its turn."""
 _LOOK_S = 0.2
 _STOP_S = 30.0
 _STUCK_S = {"hardware": 0.3, "simulation": 2.0}
 
-Report = dict[str, Any]
+Report = Status
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,9 @@ class Daemon:
         self._controller = Controller(prepared, options.socket, locks)
         self._signals = SignalStatistics(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
+        trail = AuditTrail(state_directory(), say)
+        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._boxes.configured)
+        self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
         self._beats = self._looks = 0
@@ -73,22 +83,21 @@ class Daemon:
     async def run(self) -> Report:
         """The whole life of the controller; returns its final report, raises CheckFailed where the loop died."""
         loop = asyncio.get_running_loop()
+        loop.set_default_executor(ThreadPoolExecutor(_WORKERS, "verbs"))
+        sys.setswitchinterval(_SWITCH_S)
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
-        # without a terminal SIGHUP means "read the configuration again", with one that it was closed
-        loop.add_signal_handler(signal.SIGHUP, self._stop.set if sys.stderr.isatty() else self._reload)
-        verbs = {
-            "status": self._status,
-            "arm": self._commanded(states.ARM),
-            "disarm": self._commanded(states.DISARM),
-            "reset": self._reset,
-        }
-        control_socket = ControlSocket(self._options.socket, verbs)
+        loop.add_signal_handler(signal.SIGHUP, self._hang_up)
+        control = self._prepared.configuration.control
+        access = Access(int(control.socket_mode, 8), control.group)
+        control_socket = ControlSocket(self._options.socket, self._verbs.table(), access)
         await control_socket.open()
         try:
             leave_cpu(self._prepared.configuration.loop.cpu)
             report(self._controller, self._signals)  # what it compiles would later hold up the sign of life
             self._service.status("STARTING: compiling, opening the drivers, warming up")
+            gc.collect()
+            gc.freeze()  # nor must a walk through all that was imported
             await self._controller.start()
             return await self._supervise()
         finally:
@@ -108,7 +117,7 @@ class Daemon:
             recorder = await self._start_recorder()
             self._service.ready()
             if self._prepared.configuration.arm_on_start:
-                await self._controller.command(states.ARM)
+                await self._verbs.command(states.ARM, Peer("configuration"))
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
             if not ended.done():
                 await self._end(ended)
@@ -183,32 +192,28 @@ class Daemon:
             self._looks += 1
             await asyncio.sleep(_LOOK_S)
 
-    def _reload(self) -> None:
-        """SIGHUP: say whether the file is still the one that runs."""
-        self._service.reloading()
-        running = self._prepared.source
-        try:
-            same = Source.read(running.path).hash == running.hash
-            self._say(f"{running.path} is " + ("unchanged" if same else "another one now; restart to use it"))
-        except ConfigError as problem:
-            self._say(f"nothing is changed: {problem}")
-        self._service.ready()
-
-    async def _status(self, _request: dict[str, Any]) -> Report:
-        return self._report()
-
     def _report(self) -> Report:
-        return report(self._controller, self._signals) | {"trips": self._boxes.report()}
+        return report(self._controller, self._signals, self._boxes.report())
 
-    async def _reset(self, _request: dict[str, Any]) -> None:
-        await self._boxes.settle()
-        await self._controller.command(states.RESET)
+    def _hang_up(self) -> None:
+        """SIGHUP: of a service it means reload; of a terminal that was closed it means the end."""
+        if sys.stdin is not None and sys.stdin.isatty():
+            self._stop.set()
+        else:
+            self._reloading = asyncio.create_task(self._reload())
 
-    def _commanded(self, command: int) -> Callable[[dict[str, Any]], Any]:
-        async def verb(_request: dict[str, Any]) -> None:
-            await self._controller.command(command)
-
-        return verb
+    async def _reload(self) -> None:
+        self._service.reloading()
+        try:
+            swap = await self._verbs.reload(Peer("SIGHUP"))
+        except MicromanipError as refusal:
+            self._say(f"WARNING: reload refused: {refusal}")
+            return
+        finally:
+            self._service.ready()
+        keys = ", ".join(change["key"] for change in swap["changed"]) or "nothing"
+        for warning in (f"reloaded, changed: {keys}", *(f"WARNING: {text}" for text in swap["warnings"])):
+            self._say(warning)
 
 
 def serve(prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]) -> Report:

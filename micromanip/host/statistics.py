@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from micromanip.answers import Durations, PathError, SignalFigures, Status
 from micromanip.rt import words as w
 from micromanip.rt.histogram import percentile
 
@@ -14,7 +16,7 @@ from .controller import Controller
 from .ring import RingReader
 
 _ROLES = (("strain", 1), ("stage", 2), ("deviation", 4))
-_PERCENTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "p99_99": 0.9999}
+_PERCENTILES = (0.5, 0.99, 0.999, 0.9999)
 
 
 class SignalStatistics:
@@ -45,10 +47,10 @@ class SignalStatistics:
                 ages, counts = np.unique(rows["axis"][f"{role}_age_ns"][first:, i] // 1000, return_counts=True)
                 self._ages.setdefault(name, Counter()).update(dict(zip(ages.tolist(), counts.tolist(), strict=True)))
 
-    def report(self) -> dict[str, dict[str, float | int | None]]:
+    def report(self) -> dict[str, SignalFigures]:
         """``{name: {rate_hz, age_p50_us, age_max_us, lost}}``."""
         period_s = self._controller.prepared.configuration.loop.period_ns * 1e-9
-        report: dict[str, dict[str, float | int | None]] = {}
+        report: dict[str, SignalFigures] = {}
         for name, ages in self._ages.items():
             role, axis = name.rsplit("_", 1)
             state = self._controller.status["state"][0]["axis"][self._names.index(axis)][role]
@@ -67,19 +69,20 @@ class SignalStatistics:
         return report
 
 
-def durations(histogram: Any, maximum: int) -> dict[str, int]:
+def durations(histogram: Any, maximum: int) -> Durations:
     """Percentiles and maximum (ns) of one of the loop's histograms."""
-    return {name: int(percentile(histogram, share)) for name, share in _PERCENTILES.items()} | {"max": int(maximum)}
+    p50, p99, p99_9, p99_99 = (int(percentile(histogram, share)) for share in _PERCENTILES)
+    return Durations(p50=p50, p99=p99, p99_9=p99_9, p99_99=p99_99, max=int(maximum))
 
 
-def path_errors(controller: Controller) -> dict[str, dict[str, float | None]]:
+def path_errors(controller: Controller) -> dict[str, PathError]:
     """Path error (um) of each axis since a second after tracking began; None where there is none."""
-    report = {}
+    report: dict[str, PathError] = {}
     for i, name in enumerate(controller.prepared.configuration.axes):
         a = controller.status["state"][0]["axis"][i]
         count = int(a["errors"])
         if count == 0 or not np.isfinite(a["error_squares"]):
-            report[name] = dict.fromkeys(("uncompensated_rms", "rms", "max"))
+            report[name] = PathError(uncompensated_rms=None, rms=None, max=None)
             continue
         report[name] = {
             "uncompensated_rms": round(float(np.sqrt(a["uncompensated_squares"] / count)), 4),
@@ -89,8 +92,8 @@ def path_errors(controller: Controller) -> dict[str, dict[str, float | None]]:
     return report
 
 
-def report(controller: Controller, signals: SignalStatistics) -> dict[str, Any]:
-    """The whole report of a run, so far."""
+def report(controller: Controller, signals: SignalStatistics, trips: Sequence[Any] = ()) -> Status:
+    """The whole report of a run, so far; `trips` are those that have a black box."""
     words = controller.words
     fault = controller.fault()
     return {
@@ -106,4 +109,5 @@ def report(controller: Controller, signals: SignalStatistics) -> dict[str, Any]:
         "parameter_version": int(words[w.VERSION_ACTIVE]),
         "configuration": str(controller.prepared.source.path),
         "configuration_sha256": controller.prepared.source.hash,
+        "trips": list(trips),
     }

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .compile import compile_cell
 from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
-from .load import load_with_source
+from .load import validate_document
 from .model import Configuration
 from .outer import dc_gain, outer_gains
 from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
@@ -46,17 +46,36 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
 
     `seed` replaces that of the simulated drivers.
     """
-    configuration, source = load_with_source(file)
-    findings = [*_names(configuration), *_reach(configuration), *_machine(configuration)]
-    if findings:
-        raise source.errors(findings)
+    source = Source.read(file)
+    configuration = validate(source)
     wiring = wire(configuration, source, seed)
-    findings = [*_safety(configuration, wiring), *_stability(configuration)]
+    _refuse(source, [*_safety(configuration, wiring), *_stability(configuration)])
+    samples = load_samples(configuration, source)
+    return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), samples)
+
+
+def validate(source: Source) -> Configuration:
+    """The configuration of a file or a document, as far as it can be judged without its drivers; else ConfigError."""
+    configuration = validate_document(source)
+    _refuse(source, [*_names(configuration), *_reach(configuration), *_machine(configuration)])
+    return configuration
+
+
+def revise(running: Prepared, source: Source) -> Prepared:
+    """`source` checked and compiled to take the place of `running`, on its drivers as they are.
+
+    It must name the same drivers, channels and axes (see `change`); raises ConfigError as `prepare` does.
+    """
+    configuration, wiring = validate(source), running.wiring
+    _refuse(source, [*_safety(configuration, wiring), *_stability(configuration)])
+    same = configuration.reference == running.configuration.reference
+    samples = running.samples if same else load_samples(configuration, source)
+    return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), samples)
+
+
+def _refuse(source: Source, findings: list[Finding]) -> None:
     if findings:
         raise source.errors(findings)
-    return Prepared(
-        configuration, source, wiring, compile_cell(configuration, wiring), load_samples(configuration, source)
-    )
 
 
 def _names(configuration: Configuration) -> Iterator[Finding]:
@@ -131,7 +150,14 @@ def _reach(configuration: Configuration) -> Iterator[Finding]:
                     )
         wanted = low, high
         if axis.mode == "stage":
-            wanted = axis.centre_um + low / dc_gain(axis), axis.centre_um + high / dc_gain(axis)
+            gain = dc_gain(axis)
+            if not (np.isfinite(gain) and gain):
+                yield (
+                    ("axes", name, "outer", "model"),
+                    f"its steady gain is {gain:g}; the stage must follow the set-point",
+                )
+                continue
+            wanted = axis.centre_um + low / gain, axis.centre_um + high / gain
         elif isinstance(configuration.reference, Tracker):
             wanted = axis.centre_um + low, axis.centre_um + high
         if axis.mode == "voltage":

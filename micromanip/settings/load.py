@@ -15,7 +15,7 @@ from .model import Configuration
 from .place import Path as KeyPath
 from .source import Source
 
-__all__ = ["Source", "load", "load_with_source", "validate_section"]
+__all__ = ["Source", "load", "load_with_source", "validate_document", "validate_section"]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -29,11 +29,16 @@ def load(file: Path) -> Configuration:
 def load_with_source(file: Path) -> tuple[Configuration, Source]:
     """The configuration, and where each of its keys stands, for rules that span several sections."""
     source = Source.read(file)
+    return validate_document(source), source
+
+
+def validate_document(source: Source) -> Configuration:
+    """The configuration that a file or a document holds; ConfigError as `load`."""
     if not isinstance(source.data, Mapping):
         found = "nothing" if source.data is None else "a list" if isinstance(source.data, list) else "a single value"
         keys = ", ".join(Configuration.model_fields)
         raise source.error((), f"expected the sections {keys}; the file holds {found}")
-    return validate_section(source, (), Configuration, with_limits(source.data)), source
+    return validate_section(source, (), Configuration, with_limits(source.data))
 
 
 def validate_section(source: Source, path: KeyPath, model: type[Model], data: object) -> Model:

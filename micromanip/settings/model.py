@@ -41,6 +41,20 @@ class Loop(Settings):
         return round(1e9 / self.rate_hz)
 
 
+class Control(Settings):
+    """The control socket: who may command the running controller."""
+
+    socket_mode: str = Field(
+        default="0660",
+        pattern=r"0?[67][0-7]0",
+        description="Permissions of the socket, octal digits as text; to connect is to write. Others are never let in: "
+        "the last digit is 0.",
+    )
+    group: str | None = Field(
+        default=None, min_length=1, description="Group that the socket is given to; null leaves the host's own."
+    )
+
+
 class Start(Settings):
     """Soft start and stop, and what is checked on the way."""
 
@@ -179,7 +193,8 @@ class Configuration(Settings):
     faults: Faults = Faults()
     reference: Reference = Field(description="Where the set-points of the axes come from.")
     axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES, description="The axes of the manipulator.")
+    control: Control = Control()
     arm_on_start: Flag = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
 
 
-__all__ = ["SCHEMA_VERSION", "Configuration", "Count", "Driver", "Loop", "Output", "Signal", "Start"]
+__all__ = ["SCHEMA_VERSION", "Configuration", "Control", "Count", "Driver", "Loop", "Output", "Signal", "Start"]

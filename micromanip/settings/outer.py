@@ -13,6 +13,7 @@ are followed, or cancelled, without error in the model: ``u = -K x + (Gamma + K 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -147,12 +148,15 @@ def outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> Out
 
 
 def dc_gain(axis: Axis) -> float:
-    """Steady stage position (um) per um of set-point; 1 without an outer loop."""
+    """Steady stage position (um) per um of set-point; 1 without an outer loop, infinite for a model that integrates."""
     if axis.outer is None:
         return 1.0
     model = axis.outer.model
     a = np.array(model.A)
-    return float(np.array(model.C) @ np.linalg.solve(np.eye(len(a)) - a, np.array(model.B)))
+    try:
+        return float(np.array(model.C) @ np.linalg.solve(np.eye(len(a)) - a, np.array(model.B)))
+    except np.linalg.LinAlgError:
+        return math.inf
 
 
 def tracker_gain(reference: Tracker) -> Matrix:

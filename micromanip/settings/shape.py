@@ -6,6 +6,7 @@ messages and the reference in ``docs/`` say what is really enforced, for a drive
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -32,6 +33,11 @@ class _Tolerant(GenerateJsonSchema):
         return {}
 
 
+@functools.cache
+def _schema(model: type[BaseModel]) -> Mapping[str, Any]:
+    return model.model_json_schema(schema_generator=_Tolerant)
+
+
 @dataclass(frozen=True)
 class Shape:
     """One place of the file: a section, a list or a value."""
@@ -43,7 +49,7 @@ class Shape:
     @classmethod
     def of(cls, model: type[BaseModel]) -> Shape:
         """Shape of a whole section."""
-        schema = model.model_json_schema(schema_generator=_Tolerant)
+        schema = _schema(model)
         return cls(schema, schema.get("$defs", {}))._resolved()
 
     def _resolved(self) -> Shape:

@@ -1,8 +1,9 @@
-"""The file a configuration came from: its text, and the line of every key, for messages that point at it."""
+"""Where a configuration came from: its text, and the line of every key, for messages that point at it."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import pathlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,22 +23,35 @@ KeyPath = str | Sequence[str | int]
 
 @dataclass(frozen=True)
 class Source:
-    """A configuration file as read."""
+    """A configuration file as read, or a document that stands in no file and has no lines."""
 
     path: pathlib.Path
     text: str
     data: Any
     lines: dict[Path, int]
+    in_file: bool = True
 
     @classmethod
     def read(cls, file: pathlib.Path) -> Source:
         """Read and parse a file; ConfigError if there is none, or what it holds isn't YAML."""
-        text = _read_text(file)
+        return cls.parse(file, _read_text(file))
+
+    @classmethod
+    def parse(cls, file: pathlib.Path, text: str) -> Source:
+        """`text` as if `file` held it; ConfigError where it isn't YAML."""
         document = yaml_nodes.parse(text)
         source = cls(file, text, document.data, document.lines)
         if document.problems:
             raise source.report(document.problems)
         return source
+
+    @classmethod
+    def of(cls, data: Any, file: pathlib.Path) -> Source:
+        """A document of JSON's types, such as a running configuration with changes.
+
+        Messages name its keys alone; relative paths in it begin where `file` is.
+        """
+        return cls(file, json.dumps(data) + "\n", data, {}, in_file=False)
 
     @property
     def hash(self) -> str:
@@ -58,11 +72,11 @@ class Source:
         ordered = sorted(problems, key=lambda problem: problem.line)
         lines = [self._sentence(problem) for problem in ordered[:_MAX_SHOWN]]
         if more := len(ordered) - _MAX_SHOWN:
-            lines += [f"{self.path}: and {more} more"] * (more > 0)
+            lines += [f"{self.path}: and {more} more" if self.in_file else f"and {more} more"] * (more > 0)
         return ConfigError("\n".join(lines))
 
     def _sentence(self, problem: Problem) -> str:
-        where = f"{self.path}:{problem.line}: "
+        where = f"{self.path}:{problem.line}: " if self.in_file else ""
         return f"{where}{key_text(problem.path)}: {problem.text}" if problem.path else where + problem.text
 
     def _line(self, path: Path) -> int:

@@ -57,15 +57,20 @@ def _channel(
     return entry.driver, channels.index(wanted)
 
 
-def build_driver(
-    source: Source, name: str, entry: Driver, period_ns: int, seed: int | None = None
-) -> tuple[CyclicDriver, BaseModel]:
-    """The driver that the configuration calls `name`, and its options; raises ConfigError with file, line and key."""
+def driver_options(source: Source, name: str, entry: Driver) -> tuple[type[CyclicDriver], BaseModel]:
+    """Class and validated options of the driver called `name`; ConfigError where one of them is wrong."""
     try:
         kind = driver_class(entry.driver)
     except ConfigError as problem:
         raise source.error(("drivers", name, "driver"), str(problem)) from problem
-    options = validate_section(source, ("drivers", name), kind.Options, entry.options)
+    return kind, validate_section(source, ("drivers", name), kind.Options, entry.options)
+
+
+def build_driver(
+    source: Source, name: str, entry: Driver, period_ns: int, seed: int | None = None
+) -> tuple[CyclicDriver, BaseModel]:
+    """The driver that the configuration calls `name`, and its options; raises ConfigError with file, line and key."""
+    kind, options = driver_options(source, name, entry)
     if seed is not None and "seed" in kind.Options.model_fields:
         options = options.model_copy(update={"seed": seed})
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import io
 import os
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,8 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _edited(text: str, edit: Callable[[Any], None]) -> str:
+def edited(text: str, edit: Callable[[Any], None]) -> str:
+    """YAML `text` after `edit` has changed its document in place; comments and order are kept."""
     yaml = YAML()
     yaml.width = _WIDTH
     yaml.indent(mapping=2, sequence=4, offset=2)
@@ -60,7 +62,7 @@ def with_hysteresis(text: str, axis: str, model: BaseModel) -> str:
         section = _own_section(document["axes"], axis)
         section["hysteresis"] = _plain(model.model_dump(exclude_defaults=True))
 
-    return _edited(text, edit)
+    return edited(text, edit)
 
 
 def with_models(text: str, configuration: Configuration) -> str:
@@ -70,7 +72,7 @@ def with_models(text: str, configuration: Configuration) -> str:
         for name, axis in configuration.axes.items():
             _put_models(document["axes"][name], axis)
 
-    return _edited(text, edit)
+    return edited(text, edit)
 
 
 def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
@@ -84,7 +86,7 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
             if axis.commissioned is not None:
                 section["commissioned"] = _plain(axis.commissioned.model_dump())
 
-    return _edited(text, edit)
+    return edited(text, edit)
 
 
 def _put_models(section: Any, axis: Axis) -> None:
@@ -96,9 +98,15 @@ def _put_models(section: Any, axis: Axis) -> None:
 
 
 def write_atomically(file: Path, text: str) -> None:
-    """Replace `file` by `text`, whole or not at all."""
+    """Replace `file` by `text`, whole or not at all; its permissions stay. Raises OSError."""
     part = file.with_name(file.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    with part.open("rb") as written:
-        os.fsync(written.fileno())
-    part.replace(file)
+    try:
+        part.write_text(text, encoding="utf-8")
+        if file.exists():
+            shutil.copymode(file, part)
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
+        part.replace(file)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise

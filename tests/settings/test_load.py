@@ -7,6 +7,7 @@ import pytest
 from micromanip.errors import ConfigError
 from micromanip.settings.hysteresis import PrandtlIshlinskii
 from micromanip.settings.load import load
+from micromanip.settings.model import Configuration
 
 
 def test_good_configuration_loads(cell):
@@ -225,7 +226,7 @@ def test_one_thing_wrong(cell, change, expected):
     assert cell.message(cell.with_change(*change)) == f"cell.yaml:{expected}"
 
 
-SECTIONS = "schema_version, loop, start, drivers, signals, outputs, switches, faults, reference, axes, arm_on_start"
+SECTIONS = ", ".join(Configuration.model_fields)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,137 @@
+"""What the control socket's verbs answer: plain JSON types, the same for the host and its clients."""
+
+from __future__ import annotations
+
+from typing import Any, TypedDict
+
+
+class Change(TypedDict):
+    """One value that was changed, or was asked to be."""
+
+    key: str
+    old: Any
+    new: Any
+
+
+class Parameter(TypedDict):
+    """A running value; `change` says what changing it takes: live, needs disarm, needs restart."""
+
+    key: str
+    value: Any
+    change: str
+
+
+class Swap(TypedDict):
+    """Outcome of `set` and `reload`: the parameter version in force, what changed, what to think of."""
+
+    version: int
+    changed: list[Change]
+    warnings: list[str]
+
+
+class Difference(TypedDict):
+    """A key whose value in the file is not the running one; null also stands for "not there"."""
+
+    key: str
+    file: Any
+    running: Any
+    change: str
+
+
+class Differences(TypedDict):
+    """Outcome of `diff`; `changed_on_disk`: somebody edited the file since the controller read it."""
+
+    file: str
+    changed_on_disk: bool
+    differences: list[Difference]
+
+
+class Saved(TypedDict):
+    """Outcome of `save`."""
+
+    file: str
+    sha256: str
+    changed: list[Change]
+
+
+class Jogged(TypedDict):
+    """Outcome of `jog`: where the axis is on its way to."""
+
+    axis: str
+    target_um: float
+
+
+class AuditEntry(TypedDict):
+    """A line of the audit trail; `missing_before` counts entries that could not be written just before it."""
+
+    time: str
+    user: str
+    uid: int | None
+    pid: int | None
+    verb: str
+    accepted: bool
+    reason: str | None
+    changes: list[Change]
+    missing_before: int
+
+
+class Audit(TypedDict):
+    """Outcome of `audit`: the last entries, oldest first; `unwritten` of this run are on no disk."""
+
+    file: str
+    unwritten: int
+    entries: list[AuditEntry]
+
+
+class Durations(TypedDict):
+    """Percentiles and maximum of a time."""
+
+    p50: int
+    p99: int
+    p99_9: int
+    p99_99: int
+    max: int
+
+
+class PathError(TypedDict):
+    """Figures of one axis since a second after tracking began; None where there are none."""
+
+    uncompensated_rms: float | None
+    rms: float | None
+    max: float | None
+
+
+class SignalFigures(TypedDict):
+    """Rate, age and losses of a signal."""
+
+    rate_hz: float
+    age_p50_us: int | None
+    age_max_us: int | None
+    lost: int
+
+
+class Trip(TypedDict):
+    """A latched fault and its black box; `problem` says why it is not on disk."""
+
+    code: str
+    file: str | None
+    complete: bool
+    problem: str | None
+
+
+class Status(TypedDict):
+    """Report of a run so far, as ``run --json`` ends with."""
+
+    state: str
+    cycles: int
+    overruns: int
+    period_ns: int
+    lateness_ns: Durations
+    compute_ns: Durations
+    path_error_um: dict[str, PathError]
+    signals: dict[str, SignalFigures]
+    faults: list[str]
+    parameter_version: int
+    configuration: str
+    configuration_sha256: str
+    trips: list[Trip]

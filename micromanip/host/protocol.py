@@ -1,0 +1,99 @@
+"""Versioned JSON lines: what a request is, and how it is answered.
+
+-> {"version": 1, "verb": "status"}
+<- {"version": 1, "ok": true, "result": {...}}
+<- {"version": 1, "ok": false, "error": "arm refused: the state is FAULT", "exit_code": 1}
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from pydantic import BaseModel
+
+from micromanip.errors import ConfigError, MicromanipError, UsageError
+from micromanip.settings.load import validate_section
+from micromanip.settings.source import Source
+
+from .peer import Peer
+
+VERSION = 1
+LINE_BYTES = 65536
+_DEPTH = 32
+
+Fields = TypeVar("Fields", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Request:
+    """One line of a client: the verb and what it is given."""
+
+    verb: str
+    fields: dict[str, Any]
+    peer: Peer
+
+    def read(self, model: type[Fields]) -> Fields:
+        """The fields, validated; UsageError where one is unknown, missing or wrong."""
+        try:
+            source = Source(Path(self.verb), "", self.fields, {}, in_file=False)
+            return validate_section(source, (), model, self.fields)
+        except ConfigError as problem:
+            raise UsageError(f"{self.verb}: {problem}") from None
+
+
+Verb = Callable[[Request], Awaitable[Any]]
+
+
+def parsed(line: bytes, peer: Peer) -> Request:
+    """The request in `line`; UsageError where there is none."""
+    try:
+        document = json.loads(line, parse_constant=_no_number)
+    except (ValueError, RecursionError) as problem:  # not only JSONDecodeError: a number may be too long
+        raise UsageError(f"not a line of JSON: {problem}") from problem
+    if line.count(b"[") + line.count(b"{") > _DEPTH and _is_deeper(document, _DEPTH):
+        raise UsageError(f"a request is nested at most {_DEPTH} deep")
+    if not isinstance(document, dict) or "version" not in document:
+        raise UsageError(f'a request is a JSON object with "version": {VERSION}')
+    version = document.pop("version")
+    if version != VERSION or not isinstance(version, int) or isinstance(version, bool):
+        raise UsageError(f"version {version!r:.40} of the protocol is not supported; supported is {VERSION}")
+    return Request(_verb(document.pop("verb", None)), document, peer)
+
+
+def _is_deeper(document: Any, depth: int) -> bool:
+    level = [document]
+    for _ in range(depth):
+        level = [entry for part in level if isinstance(part, dict | list) for entry in _entries(part)]
+    return bool(level)
+
+
+def _entries(part: dict[str, Any] | list[Any]) -> Iterable[Any]:
+    return part.values() if isinstance(part, dict) else part
+
+
+def _no_number(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _verb(name: Any) -> str:
+    if not isinstance(name, str):
+        raise UsageError(f"a verb is a text, not {name!r:.40}")
+    return name
+
+
+def success(result: Any) -> bytes:
+    """The answer of a verb that did what was asked."""
+    return _line({"version": VERSION, "ok": True, "result": result})
+
+
+def failure(problem: MicromanipError) -> bytes:
+    """The answer of one that did not."""
+    return _line({"version": VERSION, "ok": False, "error": str(problem), "exit_code": problem.exit_code})
+
+
+def _line(answer: dict[str, Any]) -> bytes:
+    return json.dumps(answer).encode() + b"\n"

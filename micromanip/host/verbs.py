@@ -1,0 +1,202 @@
+"""What a client can ask of a running controller, and what is noted of it in the audit trail."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any, Protocol, Self, TypeVar
+
+from pydantic import Field, model_validator
+
+from micromanip.answers import Audit, Change, Jogged, Saved, Status, Swap
+from micromanip.errors import MicromanipError
+from micromanip.rt import states
+from micromanip.settings.base import Count, Flag, Real, Settings
+from micromanip.settings.source import Source
+
+from .audit import AuditTrail
+from .peer import Peer
+from .protocol import Request, Verb
+from .tuning import Tunable, Tuning
+
+Result = TypeVar("Result")
+
+
+class Commandable(Tunable, Protocol):
+    """What runs, and takes commands: `micromanip.host.controller.Controller`."""
+
+    async def command(self, command: int) -> None:
+        """Give a command and wait for its outcome; CheckFailed where it was refused."""
+
+
+class Nothing(Settings):
+    """Fields of a verb that takes none."""
+
+
+class Get(Settings):
+    """Fields of `get`."""
+
+    keys: tuple[str, ...] = Field(default=(), max_length=200, description="Keys or sections; all without one.")
+
+
+class Set(Settings):
+    """Fields of `set`."""
+
+    changes: dict[str, Any] = Field(min_length=1, max_length=200, description="New values by key.")
+
+
+class Save(Settings):
+    """Fields of `save`."""
+
+    force: Flag = Field(default=False, description="Write although the file was changed on disk.")
+
+
+class JogTo(Settings):
+    """Fields of `jog`."""
+
+    axis: str = Field(description="Name of the axis.")
+    by_um: Real | None = Field(default=None, description="From its present target.")
+    to_um: Real | None = Field(default=None, description="Its new target.")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.by_um is None) == (self.to_um is None):
+            raise ValueError("give either by_um or to_um")
+        return self
+
+
+class Last(Settings):
+    """Fields of `audit`."""
+
+    last: Count = Field(default=20, le=1000, description="How many entries.")
+
+
+class Verbs:
+    """The verbs of one controller."""
+
+    def __init__(
+        self,
+        controller: Commandable,
+        trail: AuditTrail,
+        status: Callable[[], Status],
+        before_reset: Callable[[], Awaitable[None]],
+        tell: Callable[[Source], None],
+    ) -> None:
+        """`before_reset` returns when what is known of a fault is kept, or raises CheckFailed: not yet.
+
+        `tell` hears of each configuration that has come into force.
+        """
+        self._before_reset = before_reset
+        self._controller, self._trail, self._status = controller, trail, status
+        self._tuning = Tuning(controller, tell)
+
+    def table(self) -> dict[str, Verb]:
+        """Every verb by its name."""
+        return {
+            "status": self._answer_status,
+            "get": self._get,
+            "diff": self._diff,
+            "audit": self._audit,
+            "set": self._set,
+            "save": self._save,
+            "reload": self._reload,
+            "jog": self._jog,
+            **{name: self._commanded(number) for name, number in _COMMANDS.items()},
+        }
+
+    async def command(self, command: int, peer: Peer) -> None:
+        """Give a command in the name of `peer`, and note it."""
+        await self._noted(peer, states.COMMAND_NAMES[command], (), self._change_state(command))
+
+    async def reload(self, peer: Peer) -> Swap:
+        """Take over the configuration file in the name of `peer`, and note it."""
+
+        async def change() -> tuple[Swap, Sequence[Change]]:
+            swap = await self._tuning.reload()
+            return swap, swap["changed"]
+
+        return await self._noted(peer, "reload", (), change)
+
+    async def _answer_status(self, request: Request) -> Status:
+        request.read(Nothing)
+        return self._status()
+
+    async def _get(self, request: Request) -> Any:
+        return await self._tuning.get(request.read(Get).keys)
+
+    async def _diff(self, request: Request) -> Any:
+        request.read(Nothing)
+        return await self._tuning.diff()
+
+    async def _audit(self, request: Request) -> Audit:
+        return await asyncio.to_thread(self._trail.last, request.read(Last).last)
+
+    async def _set(self, request: Request) -> Swap:
+        wanted = request.read(Set).changes
+
+        async def change() -> tuple[Swap, Sequence[Change]]:
+            swap = await self._tuning.set(wanted)
+            return swap, swap["changed"]
+
+        asked = [Change(key=key, old=None, new=value) for key, value in wanted.items()]
+        return await self._noted(request.peer, "set", asked, change)
+
+    async def _save(self, request: Request) -> Saved:
+        force = request.read(Save).force
+
+        async def change() -> tuple[Saved, Sequence[Change]]:
+            saved = await self._tuning.save(force=force)
+            return saved, saved["changed"]
+
+        return await self._noted(request.peer, "save", (), change)
+
+    async def _reload(self, request: Request) -> Swap:
+        request.read(Nothing)
+        return await self.reload(request.peer)
+
+    async def _jog(self, request: Request) -> Jogged:
+        fields = request.read(JogTo)
+
+        async def change() -> tuple[Jogged, Sequence[Change]]:
+            jogged, moved = await self._tuning.jog(fields.axis, by_um=fields.by_um, to_um=fields.to_um)
+            return jogged, [moved]
+
+        wanted = fields.to_um if fields.by_um is None else f"{fields.by_um:+g}"
+        asked = [Change(key=f"reference.target_um.{fields.axis}", old=None, new=wanted)]
+        return await self._noted(request.peer, "jog", asked, change)
+
+    def _commanded(self, command: int) -> Verb:
+        async def verb(request: Request) -> None:
+            request.read(Nothing)
+            await self.command(command, request.peer)
+
+        return verb
+
+    def _change_state(self, command: int) -> Callable[[], Awaitable[tuple[None, Sequence[Change]]]]:
+        async def change() -> tuple[None, Sequence[Change]]:
+            before = self._controller.state
+            if command == states.RESET:
+                await self._before_reset()
+            await self._controller.command(command)
+            return None, [Change(key="state", old=before, new=self._controller.state)]
+
+        return change
+
+    async def _noted(
+        self,
+        peer: Peer,
+        verb: str,
+        asked: Sequence[Change],
+        change: Callable[[], Awaitable[tuple[Result, Sequence[Change]]]],
+    ) -> Result:
+        """Result of `change`; the trail gets what it changed, or what was `asked` and why it was refused."""
+        try:
+            result, changes = await change()
+        except MicromanipError as refusal:
+            await self._trail.note(peer, verb, asked, str(refusal))
+            raise
+        await self._trail.note(peer, verb, changes)
+        return result
+
+
+_COMMANDS = {"arm": states.ARM, "disarm": states.DISARM, "hold": states.HOLD, "reset": states.RESET}

@@ -1,0 +1,85 @@
+"""A controller without a loop, and the verbs that speak to it."""
+
+import asyncio
+import re
+from pathlib import Path
+
+from micromanip.errors import CheckFailed
+from micromanip.host.audit import AuditTrail
+from micromanip.host.peer import Peer
+from micromanip.host.protocol import Request
+from micromanip.host.verbs import Verbs
+from micromanip.rt import states
+from micromanip.settings.check import prepare
+
+SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+ALICE = Peer("alice", 1000, 42)
+
+
+class StandIn:
+    """What `Controller` looks like to the verbs; commands follow at once."""
+
+    def __init__(self, prepared, state="TRACKING"):
+        self.prepared, self.state = prepared, state
+        self.swaps, self.commands = [], []
+
+    async def adopt(self, prepared, permit):
+        permit()
+        await asyncio.sleep(0)
+        self.swaps.append(prepared.parameters)
+        self.prepared = prepared
+        return 1 + len(self.swaps)
+
+    async def command(self, command):
+        if command == states.RESET and self.state != "FAULT":
+            raise CheckFailed(f"reset refused: the state is {self.state}")
+        self.commands.append(command)
+        self.state = {states.ARM: "ARMED", states.DISARM: "RAMPING", states.HOLD: "HOLDING"}[command]
+
+    @property
+    def axes(self):
+        """Parameters of the axes as the loop has them."""
+        return (self.swaps or [self.prepared.parameters])[-1][0]["axis"]
+
+
+class Cell:
+    """Verbs on a stand-in controller that runs the file `config`."""
+
+    def __init__(self, folder, text=None, state="TRACKING"):
+        self.config = folder / "cell.yaml"
+        self.config.write_text(text or SIMULATED.read_text())
+        self.controller = StandIn(prepare(self.config), state)
+        self.said, self.told = [], []
+        self.trail = AuditTrail(folder / "state", self.said.append)
+        self.verbs = Verbs(
+            self.controller, self.trail, lambda: {"state": self.controller.state}, self._settle, self.told.append
+        )
+        self.table = self.verbs.table()
+
+    async def _settle(self):
+        self.said.append("settled")
+
+    def __call__(self, verb, **fields):
+        return asyncio.run(self.table[verb](Request(verb, fields, ALICE)))
+
+    def value(self, key):
+        (parameter,) = self("get", keys=[key])
+        return parameter["value"]
+
+    @property
+    def entries(self):
+        """The audit trail as (verb, accepted, {key: (old, new)}, reason)."""
+        return [
+            (e["verb"], e["accepted"], {c["key"]: (c["old"], c["new"]) for c in e["changes"]}, e["reason"])
+            for e in self.trail.last(100)["entries"]
+        ]
+
+
+def jogging():
+    """The tuned configuration, but its axes are jogged."""
+    text = SIMULATED.read_text()
+    reference = "reference: {source: jog, offset_um: 60, range_um: [20, 110]}  # by hand\n"
+    text, references = re.subn(r"(?m)^reference:.*\n(  .*\n)+", reference, text)
+    text, modes = re.subn("    mode: stage  ", "    mode: strain ", text)
+    assert (references, modes) == (1, 3)
+    return text

@@ -1,0 +1,147 @@
+"""A real loop whose values are changed while it tracks, by the commands and by SIGHUP."""
+
+import json
+import signal
+import stat
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from micromanip.cli.main import cli
+from micromanip.client import Client
+from micromanip.errors import CheckFailed, ConfigError
+from micromanip.rt import words as w
+
+from .cell import Running, calm, rows_of, until
+
+OWN = ("arm_on_start: true", 'control: {socket_mode: "0600"}\narm_on_start: true')
+K = "axes.x.inner.K_V_per_um"
+
+
+@pytest.fixture(scope="module")
+def tracking(tmp_path_factory):
+    cell = Running(tmp_path_factory.mktemp("live"), calm(OWN))
+    try:
+        yield cell.reach("TRACKING")
+        assert cell.end() == 0, cell.said
+        assert "Traceback" not in cell.said
+        assert cell.report["faults"] == []
+    finally:
+        left = cell.kill()
+        cell.release()
+    assert left == []
+
+
+@pytest.fixture
+def cell(tracking):
+    """A controller that tracks; after each test it still does."""
+    yield tracking
+    tracking.go_on(200)
+    assert tracking.state == "TRACKING"
+
+
+@pytest.fixture
+def client(cell):
+    with Client(cell.socket) as client:
+        yield client
+
+
+def command(cell, *arguments):
+    """What a command prints."""
+    result = CliRunner().invoke(cli, [*arguments, "--socket", str(cell.socket)], catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.stdout
+
+
+def version(cell):
+    return int(cell.status["words"][w.VERSION_ACTIVE])
+
+
+def test_a_set_is_one_swap(cell, client):
+    """Telemetry shows one change of version, and the loop has all of the new values from there on."""
+    before = version(cell)
+    swap = client.set({K: 0.55, "axes.y.inner.K_V_per_um": 0.5, "axes.z.inner.Ti_ms": 0.6})
+    assert swap["version"] == before + 1
+    assert len(swap["changed"]) == 3
+    cell.go_on(200)
+    rows = rows_of(cell.ring)[-20_000:]  # the oldest ones are being overwritten
+    steps = np.diff(rows["version"])
+    assert np.count_nonzero(steps) == 1
+    assert steps.max() == 1
+    slot = cell.control["parameters"][int(cell.control["words"][w.SLOT])]
+    assert list(slot["axis"]["pid"]["gain"]) == [0.55, 0.5, 0.6]
+    assert client.value(K) == 0.55
+
+
+def test_refused_as_a_whole(cell, client):
+    before = version(cell)
+    with pytest.raises(CheckFailed, match=r"^nothing was changed, the state is TRACKING: axes.x.mode needs disarm$"):
+        client.set({"axes.x.mode": "voltage", K: 0.3})
+    with pytest.raises(ConfigError, match=r"^axes.x.inner.Ti_ms: expected a number greater than 0, not -1$"):
+        client.set({"axes.x.inner.Ti_ms": -1, K: 0.3})
+    cell.go_on(100)
+    assert version(cell) == before
+    assert client.value(K) != 0.3
+
+
+def test_socket_as_configured(cell):
+    assert stat.S_IMODE(cell.socket.stat().st_mode) == 0o600
+
+
+def test_hang_up_reloads(cell, client):
+    """SIGHUP to a service takes over its file; a file that needs more than a swap is refused, and says so."""
+    text = cell.config.read_text()
+    before = version(cell)
+    cell.config.write_text(text.replace("Td_ms: 0.167", "Td_ms: 0.15"))
+    cell.process.send_signal(signal.SIGHUP)
+    until(lambda: "reloaded, changed: " in cell.said, cell.last_words)
+    assert version(cell) == before + 1
+    assert client.value("axes.z.inner.Td_ms") == 0.15
+    cell.config.write_text(text.replace("rate_hz: 10000", "rate_hz: 5000"))
+    cell.process.send_signal(signal.SIGHUP)
+    until(lambda: "WARNING: reload refused: " in cell.said, cell.last_words)
+    assert "loop.rate_hz needs restart" in cell.said
+    assert version(cell) == before + 1
+    entries = client.audit()["entries"]
+    assert [e["accepted"] for e in entries if e["user"] == "SIGHUP"] == [True, False]
+
+
+def test_hold_and_go_on(cell, client):
+    client.hold()
+    until(lambda: cell.state == "HOLDING", cell.last_words)
+    with pytest.raises(CheckFailed, match=r"the state is HOLDING: start\.lift_s needs disarm"):
+        client.set({"start.lift_s": 1.0})
+    client.arm()
+    until(lambda: cell.state == "TRACKING", cell.last_words)
+
+
+def test_commands(cell):
+    old = json.loads(command(cell, "get", K, "--json"))[0]["value"]
+    assert command(cell, "set", f"{K}=0.52").endswith(f"\n  {K}: {old} -> 0.52\n")
+    assert json.loads(command(cell, "get", K, "--json")) == [{"key": K, "value": 0.52, "change": "live"}]
+    assert command(cell, "get", K) == f"live  {K}=0.52\n"
+    assert "running 0.52\n" in command(cell, "diff")
+    assert "written\n" in command(cell, "save", "--force")
+    assert command(cell, "diff").endswith("  says what runs\n")
+    assert command(cell, "reload") == "nothing to change\n"
+    told = command(cell, "audit", "--last", "3")
+    assert [line.split()[-1] for line in told.splitlines() if not line.startswith(" ")] == ["set", "save", "reload"]
+    entries = json.loads(command(cell, "audit", "--json"))["entries"]
+    assert entries[0]["verb"] == "arm"
+    assert entries[0]["user"] == "configuration"
+
+
+def test_watch_where_there_is_no_terminal(cell, monkeypatch):
+    """A line each time, until Ctrl-C; which is no failure."""
+    left = [1, 1]
+
+    def sleep(_):
+        if not left:
+            raise KeyboardInterrupt
+        left.pop()
+
+    monkeypatch.setattr("time.sleep", sleep)
+    lines = command(cell, "status", "--watch").splitlines()
+    assert len(lines) == 3
+    assert all(line.startswith("TRACKING") for line in lines)

@@ -1,0 +1,342 @@
+"""Values changed while it runs: whole or not at all, each refusal with its reasons, everything noted."""
+
+import re
+
+import pytest
+
+from micromanip.errors import CheckFailed, ConfigError, PermissionDenied, UsageError
+from micromanip.rt import states
+from micromanip.settings.check import prepare
+from micromanip.settings.commissioned import tuning_hash
+
+from .standin import Cell, jogging
+
+K, TI, MODE, CENTRE = "axes.x.inner.K_V_per_um", "axes.x.inner.Ti_ms", "axes.x.mode", "axes.x.centre_um"
+
+
+@pytest.fixture
+def cell(tmp_path):
+    return Cell(tmp_path)
+
+
+@pytest.fixture
+def jogged(tmp_path):
+    return Cell(tmp_path, jogging())
+
+
+def refused(cell, error, message, verb, **fields):
+    """It is refused, in these words; nothing has changed, and the refusal is noted."""
+    hash_before = cell.controller.prepared.source.hash
+    swaps = len(cell.controller.swaps)
+    with pytest.raises(error, match=re.compile(f"^{message}$", re.DOTALL)) as told:
+        cell(verb, **fields)
+    assert len(cell.controller.swaps) == swaps
+    assert cell.controller.prepared.source.hash == hash_before
+    assert cell.entries[-1][0] == verb
+    assert cell.entries[-1][1] is False
+    assert cell.entries[-1][3] == str(told.value)
+
+
+def test_get(cell):
+    inner = cell("get", keys=["axes.x.inner"])
+    assert {p["key"]: p["value"] for p in inner}[K] == 0.6
+    assert {p["change"] for p in inner} == {"live"}
+    assert cell("get", keys=[MODE, "loop.rate_hz"]) == [
+        {"key": "loop.rate_hz", "value": 10000, "change": "needs restart"},
+        {"key": MODE, "value": "stage", "change": "needs disarm"},
+    ]
+    assert len(cell("get")) > 150
+    with pytest.raises(UsageError, match=r"^unknown key axes.x.iner; did you mean axes.x.inner\?$"):
+        cell("get", keys=["axes.x.iner"])
+    assert cell.entries == []
+
+
+def test_set_is_one_swap(cell):
+    swap = cell("set", changes={K: 0.5, "axes.y.inner.K_V_per_um": 0.4, "axes.x.setpoint.slew_um_per_ms": 10})
+    assert swap["version"] == 2
+    assert {c["key"]: (c["old"], c["new"]) for c in swap["changed"]} == {
+        K: (0.6, 0.5),
+        "axes.y.inner.K_V_per_um": (0.6, 0.4),
+        "axes.x.setpoint.slew_um_per_ms": (20.0, 10.0),
+    }
+    assert len(cell.controller.swaps) == 1
+    assert list(cell.controller.axes["pid"]["gain"]) == [0.5, 0.4, 0.6]
+    assert list(cell.controller.axes["setpoint_slew_um"]) == [1.0, 2.0, 2.0]
+    assert cell.value(K) == 0.5
+    verb, accepted, changes, reason = cell.entries[-1]
+    assert (verb, accepted, reason) == ("set", True, None)
+    assert changes[K] == (0.6, 0.5)
+
+
+def test_sets_add_up(cell):
+    cell("set", changes={K: 0.5})
+    cell("set", changes={TI: 0.6})
+    assert (cell.value(K), cell.value(TI)) == (0.5, 0.6)
+    gain = cell.controller.axes["pid"][0]
+    assert gain["gain"] == 0.5
+    assert gain["integral"] == pytest.approx(0.5 * 1e-4 / 0.6e-3)
+
+
+def test_a_limit_of_every_axis(cell):
+    cell("set", changes={"faults.axis.saturation.warn_ms": 33})
+    assert list(cell.controller.axes["watch"]["saturating_cycles"]) == [330, 330, 330]
+
+
+def test_hash_tells_the_configuration(cell):
+    """Another one has another hash; back at the file's values, it is the file's again."""
+    original = cell.controller.prepared.source.hash
+    cell("set", changes={K: 0.5})
+    assert cell.controller.prepared.source.hash != original
+    cell("set", changes={K: 0.6})
+    assert cell.controller.prepared.source.hash == original
+    assert [source.hash for source in cell.told][1:] == [original]
+
+
+def test_a_section_as_a_whole(cell):
+    cell("set", changes={"axes.x.hysteresis": {"model": "none"}, "axes.x.inner.mode": "pid"})
+    assert cell.value("axes.x.hysteresis.model") == "none"
+    assert cell.controller.axes["hysteresis"]["plays"][0] == 0
+
+
+WRONG = {
+    "no such key": ({"axes.x.inner.Ti_s": 1}, r"axes.x.inner.Ti_s: unknown key Ti_s: did you mean Ti_ms \(.*\)\?"),
+    "type": ({K: "fast"}, f"{K}: expected a number greater than 0, not the text 'fast'"),
+    "range": ({K: -1}, f"{K}: expected a number greater than 0, not -1"),
+    "rule": (
+        {"axes.x.inner.mode": "pid", "axes.x.setpoint.range_um": [9, 3]},
+        "axes.x.setpoint.range_um: range_um must rise.*",
+    ),
+    "unstable": ({"axes.x.outer.model.C": [0] * 6}, "axes.x.outer.model: its steady gain is 0; .*"),
+    "two": ({K: -1, TI: 0}, f"{K}: expected a number .*\n{TI}: expected a number .*"),
+    "beside a good one": ({K: 0.5, TI: -1}, f"{TI}: expected a number greater than 0, not -1"),
+}
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG.values(), ids=WRONG)
+def test_wrong_value(cell, changes, message):
+    refused(cell, ConfigError, message, "set", changes=changes)
+    assert cell.value(K) == 0.6
+
+
+def test_no_such_section(cell):
+    message = r"unknown key axs.x.mode; did you mean axes.x.mode\?"
+    refused(cell, UsageError, message, "set", changes={"axs.x.mode": 1, K: 0.5})
+
+
+@pytest.mark.parametrize("state", ["ARMED", "TRACKING", "HOLDING", "RAMPING"])
+def test_what_needs_disarm(jogged, state):
+    """A live change of mode or working point is refused, and so is all that came with it."""
+    jogged.controller.state = state
+    message = f"nothing was changed, the state is {state}: {MODE} needs disarm; {CENTRE} needs disarm"
+    refused(jogged, CheckFailed, message, "set", changes={K: 0.5, MODE: "voltage", CENTRE: 65})
+    assert jogged.value(K) == 0.6
+
+
+@pytest.mark.parametrize("state", ["READY", "FAULT"])
+def test_what_needs_disarm_at_rest(cell, state):
+    cell.controller.state = state
+    cell("set", changes={CENTRE: 65, "start.lift_s": 0.25})
+    assert cell.controller.axes["centre_um"][0] == 65
+    assert cell.controller.swaps[-1][0]["lift_cycles"] == 2500
+
+
+def test_armed_at_the_last_moment(cell):
+    """The state counts at the swap, not when the values were checked."""
+    cell.controller.state = "READY"
+    adopt = cell.controller.adopt
+
+    async def arm_before(prepared, permit):
+        cell.controller.state = "ARMED"
+        return await adopt(prepared, permit)
+
+    cell.controller.adopt = arm_before
+    refused(cell, CheckFailed, f".* the state is ARMED: {CENTRE} needs disarm", "set", changes={CENTRE: 65})
+
+
+def test_what_needs_a_restart(cell):
+    cell.controller.state = "READY"
+    message = r"nothing was changed, the state is READY: loop.rate_hz needs restart; drivers.cell.seed needs restart"
+    refused(cell, CheckFailed, message, "set", changes={"loop.rate_hz": 5000, "drivers.cell.seed": 2, CENTRE: 65})
+
+
+def test_a_wrong_option_of_a_driver_is_told_first(cell):
+    refused(cell, ConfigError, "drivers.cell.seed: .*", "set", changes={"drivers.cell.seed": "two"})
+
+
+def test_report_that_no_longer_fits(tmp_path):
+    """An axis that is tuned by hand after it was commissioned: the warning comes with the swap, once."""
+    text = jogging()
+    axis = Cell(tmp_path, text).controller.prepared.configuration.axes["x"]
+    note = f"    commissioned: {{hash: {tuning_hash(axis)}, report: report.html, date: 2026-11-01}}\n"
+    cell = Cell(tmp_path, text.replace("  x:\n", f"  x:\n{note}"))
+    assert cell("set", changes={"axes.y.inner.K_V_per_um": 0.5})["warnings"] == []
+    (warning,) = cell("set", changes={K: 0.5})["warnings"]
+    assert warning.startswith("axis x was changed after it was commissioned (report report.html, 2026-11-01)")
+    assert cell("set", changes={K: 0.4})["warnings"] == []
+
+
+def test_diff(cell):
+    assert cell("diff")["differences"] == []
+    cell("set", changes={K: 0.5})
+    assert cell("diff") == {
+        "file": str(cell.config),
+        "changed_on_disk": False,
+        "differences": [{"key": K, "file": 0.6, "running": 0.5, "change": "live"}],
+    }
+    cell.config.write_text(cell.config.read_text().replace("cpu: 1 ", "cpu: 0 "))
+    found = cell("diff")
+    assert found["changed_on_disk"] is True
+    assert found["differences"][0] == {"key": "loop.cpu", "file": 0, "running": 1, "change": "needs restart"}
+    cell.config.write_text("loop: [")
+    with pytest.raises(ConfigError, match=r"cell.yaml:1: not YAML"):
+        cell("diff")
+
+
+def test_save(cell):
+    before = cell.config.read_text()
+    cell.config.chmod(0o640)
+    cell("set", changes={K: 0.55})
+    saved = cell("save")
+    after = cell.config.read_text()
+    assert saved["changed"] == [{"key": K, "old": 0.6, "new": 0.55}]
+    assert after.count("#") == before.count("#")
+    assert "K_V_per_um: 0.55" in after
+    assert cell.config.stat().st_mode & 0o777 == 0o640
+    assert prepare(cell.config).configuration == cell.controller.prepared.configuration
+    assert cell.controller.prepared.source.hash == saved["sha256"] == prepare(cell.config).source.hash
+    assert cell("diff")["differences"] == []
+    assert [path.name for path in cell.config.parent.iterdir() if "part" in path.name] == []
+    assert cell.entries[-1] == ("save", True, {K: (0.6, 0.55)}, None)
+
+
+def test_save_over_an_edited_file(cell):
+    """Refused, unless forced; then the editor's comments stay, but not the editor's values."""
+    cell("set", changes={K: 0.55})
+    edited = cell.config.read_text().replace("lift_s: 0.5", "lift_s: 0.7  # slower")
+    cell.config.write_text(edited)
+    refused(cell, CheckFailed, f"{cell.config} was changed on disk since it was loaded: .*", "save")
+    assert cell.config.read_text() == edited
+    changes = {change["key"]: (change["old"], change["new"]) for change in cell("save", force=True)["changed"]}
+    assert changes == {"start.lift_s": (0.7, 0.5), K: (0.6, 0.55)}
+    assert "lift_s: 0.5  # slower" in cell.config.read_text()
+    assert prepare(cell.config).configuration == cell.controller.prepared.configuration
+
+
+def test_save_where_it_cannot_be_written(cell, monkeypatch):
+    cell("set", changes={K: 0.55})
+    before = cell.config.read_text()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    refused(cell, PermissionDenied, f"{cell.config} can't be written: No space left on device", "save")
+    assert cell.config.read_text() == before
+    assert list(cell.config.parent.glob("*.part")) == []
+
+
+def test_save_through_a_link(cell):
+    real = cell.config.with_name("real.yaml")
+    cell.config.rename(real)
+    cell.config.symlink_to(real)
+    cell("set", changes={K: 0.55})
+    cell("save")
+    assert cell.config.is_symlink()
+    assert "K_V_per_um: 0.55" in real.read_text()
+
+
+def test_reload(cell):
+    cell("set", changes={TI: 0.6})
+    cell.config.write_text(cell.config.read_text().replace("K_V_per_um: 0.6", "K_V_per_um: 0.7  # anew"))
+    swap = cell("reload")
+    assert len(cell.controller.swaps) == 2
+    assert (cell.value(K), cell.value(TI)) == (0.7, 0.571)
+    assert {change["key"]: change["new"] for change in swap["changed"]}[TI] == 0.571
+    assert cell.controller.prepared.source.text == cell.config.read_text()
+    assert cell("diff") == {"file": str(cell.config), "changed_on_disk": False, "differences": []}
+    cell("save")  # nothing was changed on disk since
+
+
+RELOADS = {
+    "not YAML": ("axes:\n", "axes: [\n", ConfigError, r".*cell.yaml:\d+: .*"),
+    "wrong value": ("Ti_ms: 0.571", "Ti_ms: -1", ConfigError, r".*cell.yaml:\d+: axes.x.inner.Ti_ms: expected .*"),
+    "needs disarm": ("lift_s: 0.5", "lift_s: 0.7", CheckFailed, "nothing was changed, .*: start.lift_s needs disarm"),
+    "needs restart": ("seed: 1", "seed: 2", CheckFailed, "nothing was changed, .*: drivers.cell.seed needs restart"),
+    "driver's option": ("seed: 1", "sed: 2", ConfigError, r".*cell.yaml:\d+: drivers.cell.sed: unknown key sed.*"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "error", "message"), RELOADS.values(), ids=RELOADS)
+def test_reload_refused(cell, old, new, error, message):
+    """The file as a whole, however many good changes there are beside the bad one."""
+    cell.config.write_text(cell.config.read_text().replace("K_V_per_um: 0.6", "K_V_per_um: 0.7").replace(old, new))
+    refused(cell, error, message, "reload")
+    assert cell.value(K) == 0.6
+
+
+def test_reload_without_the_file(cell):
+    cell.config.unlink()
+    refused(cell, ConfigError, r".*cell.yaml: no such file.*", "reload")
+
+
+def test_jog(jogged):
+    assert jogged("jog", axis="x", by_um=5) == {"axis": "x", "target_um": 65}
+    assert jogged("jog", axis="x", by_um=-2.5) == {"axis": "x", "target_um": 62.5}
+    assert jogged("jog", axis="y", to_um=80) == {"axis": "y", "target_um": 80}
+    assert list(jogged.controller.axes["reference"]["target_um"]) == [62.5, 80, 60]
+    assert jogged.entries[1] == ("jog", True, {"reference.target_um.x": (65, 62.5)}, None)
+    jogged("set", changes={K: 0.5})
+    assert list(jogged.controller.axes["reference"]["target_um"]) == [62.5, 80, 60]
+
+
+def test_jog_refused(jogged):
+    refused(jogged, ConfigError, ".*x 200 is outside range_um 20..110", "jog", axis="x", to_um=200)
+    refused(jogged, UsageError, "there is no axis 'q'; there are x, y, z", "jog", axis="q", by_um=1)
+    for state in ("READY", "ARMED", "HOLDING", "FAULT"):
+        jogged.controller.state = state
+        refused(jogged, CheckFailed, f"jog refused: the state is {state}; .*", "jog", axis="x", by_um=1)
+
+
+def test_jog_of_another_source(cell):
+    refused(cell, CheckFailed, "jog refused: reference.source is signal, not jog", "jog", axis="x", by_um=1)
+
+
+def test_commands(cell):
+    for verb, state in (("disarm", "RAMPING"), ("arm", "ARMED"), ("hold", "HOLDING")):
+        before = cell.controller.state
+        assert cell(verb) is None
+        assert cell.entries[-1] == (verb, True, {"state": (before, state)}, None)
+    assert cell.controller.commands == [states.DISARM, states.ARM, states.HOLD]
+    assert cell.said == []
+    refused(cell, CheckFailed, "reset refused: the state is HOLDING", "reset")
+    assert cell.said == ["settled"]
+
+
+def test_audit(cell):
+    cell("arm")
+    (entry,) = cell("audit", last=5)["entries"]
+    assert (entry["user"], entry["uid"], entry["pid"], entry["verb"]) == ("alice", 1000, 42, "arm")
+
+
+FIELDS = {
+    "arm with anything": ("arm", {"now": True}, "arm: now: unknown key now.*"),
+    "status with anything": ("status", {"verbose": 1}, "status: verbose: unknown key verbose.*"),
+    "set without": ("set", {}, "set: changes: missing, .*"),
+    "set nothing": ("set", {"changes": {}}, "set: changes: expected a section, from 1 to 200 entries, .*"),
+    "set a list": ("set", {"changes": [K, 1]}, "set: changes: expected a section.*"),
+    "get a text": ("get", {"keys": K}, "get: keys: expected a list of texts.*"),
+    "save by text": ("save", {"force": "yes"}, r"save: force: expected true or false.*"),
+    "jog nowhere": ("jog", {"axis": "x"}, "jog: give either by_um or to_um"),
+    "jog twice": ("jog", {"axis": "x", "by_um": 1, "to_um": 1}, "jog: give either by_um or to_um"),
+    "jog to infinity": ("jog", {"axis": "x", "to_um": 1e999}, "jog: to_um: .*"),
+    "audit none": ("audit", {"last": 0}, "audit: last: expected a whole number from 1 to 1000, not 0"),
+}
+
+
+@pytest.mark.parametrize(("verb", "fields", "message"), FIELDS.values(), ids=FIELDS)
+def test_fields_are_checked(cell, verb, fields, message):
+    with pytest.raises(UsageError) as told:
+        cell(verb, **fields)
+    assert re.fullmatch(message, str(told.value), re.DOTALL)
+    assert cell.controller.commands == cell.controller.swaps == []
+    assert cell.entries == []

@@ -1,0 +1,135 @@
+"""What a change of each key takes."""
+
+from pathlib import Path
+
+import pytest
+
+from micromanip.settings.change import ABSENT, DISARM, LIVE, RESTART, RULES, changed, needed, needs, rule
+from micromanip.settings.check import prepare, revise, validate
+from micromanip.settings.load import load
+from micromanip.settings.model import Configuration
+from micromanip.settings.shape import Shape
+from micromanip.settings.source import Source
+
+SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+
+
+def leaves(shape, path=()):
+    """Every key of the models, ``<name>`` for a name of the user's choice; lists are one value."""
+    if shape.variants:
+        for variant in shape.variants:
+            yield from leaves(variant, path)
+    elif shape.fields:
+        for key, field in shape.fields.items():
+            yield from leaves(field, (*path, key))
+    elif shape.type == "object":
+        yield from leaves(shape.entry, (*path, "<name>"))
+    else:
+        yield path
+
+
+ALL = sorted(set(leaves(Shape.of(Configuration))))
+
+
+def test_every_key_has_a_rule():
+    assert len(ALL) > 80
+    assert [path for path in ALL if rule(path) is None] == []
+
+
+def test_every_rule_has_a_key():
+    assert {pattern for pattern, _ in RULES} == {rule(path) for path in ALL}
+
+
+@pytest.mark.parametrize(
+    ("key", "wanted"),
+    {
+        "axes.x.inner.K_V_per_um": LIVE,
+        "axes.x.inner.mode": LIVE,
+        "axes.x.outer.model.A": LIVE,
+        "axes.x.outer": LIVE,
+        "axes.x.hysteresis.weights": LIVE,
+        "axes.x.setpoint.slew_um_per_ms": LIVE,
+        "axes.x.setpoint.range_um": DISARM,
+        "axes.x.mode": DISARM,
+        "axes.x.centre_um": DISARM,
+        "start.lift_s": DISARM,
+        "reference.offset_um": DISARM,
+        "reference.path": RESTART,
+        "outputs.voltage_x.range_V": DISARM,
+        "outputs.voltage_x.park_V": RESTART,
+        "outputs.voltage_x.driver": RESTART,
+        "signals.strain_x.channel": RESTART,
+        "signals.strain_x.range_um": LIVE,
+        "drivers.cell.seed": RESTART,
+        "loop.rate_hz": RESTART,
+        "control.group": RESTART,
+        "nobody.knows.it": RESTART,
+    }.items(),
+)
+def test_needed(key, wanted):
+    assert needed(tuple(key.split("."))) == wanted
+
+
+@pytest.fixture(scope="module")
+def running():
+    return load(SIMULATED)
+
+
+def revised(running, **sections):
+    document = running.model_dump(mode="json")
+    document.update({name: edit(document[name]) for name, edit in sections.items()})
+    return validate(Source.of(document, SIMULATED))
+
+
+def test_nothing_changed(running):
+    assert needs(running, revised(running)) == {}
+
+
+def test_defaults_count_as_values(running):
+    new = revised(running, loop=lambda loop: loop | {"priority": 79})
+    assert changed(running, new) == {("loop", "priority"): (80, 79)}
+    assert needs(running, new) == {("loop", "priority"): RESTART}
+
+
+def test_section_taken_away(running):
+    new = revised(running, axes=lambda axes: axes | {"x": axes["x"] | {"hysteresis_affine": None}})
+    found = changed(running, new)
+    assert found["axes", "x", "hysteresis_affine"] == (ABSENT, None)
+    assert found["axes", "x", "hysteresis_affine", "model"] == ("pi", ABSENT)
+    assert set(needs(running, new).values()) == {LIVE}
+
+
+def test_another_set_of_axes_needs_a_restart(running):
+    new = revised(running, axes=lambda axes: {name: axes[name] for name in "xy"}, signals=without_z, outputs=without_z)
+    found = needs(running, new)
+    assert {found[path] for path in found} == {RESTART}
+    assert found["axes", "z", "inner", "K_V_per_um"] == RESTART
+
+
+def without_z(section):
+    return {name: value for name, value in section.items() if not name.endswith("_z")}
+
+
+def test_another_order_of_axes_needs_a_restart(running):
+    new = revised(running, axes=lambda axes: {name: axes[name] for name in "zyx"})
+    assert needs(running, new) == {("axes",): RESTART}
+
+
+def test_samples_need_a_restart(running):
+    new = revised(running, reference=lambda _: {"source": "file", "path": "samples.csv"})
+    assert {needed for path, needed in needs(running, new).items() if path[0] == "reference"} == {RESTART}
+
+
+def test_revise_keeps_the_drivers():
+    prepared = prepare(SIMULATED)
+    document = prepared.configuration.model_dump(mode="json")
+    document["axes"]["x"]["inner"]["K_V_per_um"] = 0.5
+    source = Source.of(document, SIMULATED)
+    new = revise(prepared, source)
+    assert new.wiring is prepared.wiring
+    assert new.source.hash != prepared.source.hash
+    old_axes, new_axes = prepared.parameters[0]["axis"], new.parameters[0]["axis"]
+    assert list(new_axes["pid"]["gain"]) == [0.5, 0.6, 0.6]
+    assert new_axes[1:].tobytes() == old_axes[1:].tobytes()
+    restored = revise(new, prepared.source)
+    assert restored.parameters.tobytes() == prepared.parameters.tobytes()

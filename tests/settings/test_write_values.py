@@ -1,0 +1,101 @@
+"""Running values written back: the file means what runs, and looks as it did."""
+
+from pathlib import Path
+
+import pytest
+
+from micromanip.errors import ConfigError
+from micromanip.settings.keys import assigned
+from micromanip.settings.load import validate_document
+from micromanip.settings.source import Source
+from micromanip.settings.write_values import with_values
+
+SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SHARED = """\
+schema_version: 1
+loop: {rate_hz: 10000, limits: simulation}  # the loop
+drivers: {cell: {driver: simulated}}
+signals: {strain_x: {driver: cell}, strain_y: {driver: cell}}
+outputs:
+  voltage_x: {driver: cell, range_V: [-20, 150], slew_V_per_ms: 40}
+  voltage_y: {driver: cell, range_V: [-20, 150], slew_V_per_ms: 40}
+reference: {source: hold, offset_um: 60}
+axes:
+  x: &tuned
+    mode: strain
+    centre_um: 66
+    setpoint: {range_um: [2, 128]}
+    inner: {mode: pid, K_V_per_um: 0.6, Ti_ms: 0.571, Td_ms: 0.167, filter_ms: 0.3}  # by hand
+"""
+ALIAS = SHARED + "  y: *tuned\n"
+MERGE = SHARED + "  y:\n    <<: *tuned\n    centre_um: 60  # lower\n"
+
+
+def written(text, **values):
+    """`text` with `values` (``__`` for a dot), and the configuration that was meant."""
+    source = Source.parse(Path("cell.yaml"), text)
+    known = validate_document(source).model_dump(mode="json")
+    document = assigned(source.data, known, {key.replace("__", "."): value for key, value in values.items()})
+    return with_values(source, document), validate_document(Source.of(document, Path()))
+
+
+def differing(old, new):
+    return [line for line in new.splitlines() if line not in old.splitlines()]
+
+
+def test_one_value():
+    text = SIMULATED.read_text()
+    new, meant = written(text, axes__x__setpoint__slew_um_per_ms=12.25)
+    assert differing(text, new) == ["    setpoint: {range_um: [2, 128], slew_um_per_ms: 12.25}"]
+    assert new.count("#") == text.count("#")
+    assert validate_document(Source.parse(SIMULATED, new)) == meant
+
+
+def test_every_digit_is_kept():
+    new, _ = written(SIMULATED.read_text(), axes__x__centre_um=0.1 + 0.2 + 60)
+    assert validate_document(Source.parse(SIMULATED, new)).axes["x"].centre_um == 0.1 + 0.2 + 60
+
+
+def test_same_values_same_text():
+    source = Source.read(SIMULATED)
+    assert with_values(source, source.data) == source.text
+
+
+def test_a_limit_of_every_axis_is_written_once():
+    text = SIMULATED.read_text()
+    new, meant = written(text, faults__axis__saturation__warn_ms=33.0)
+    assert [line for line in differing(text, new) if "33" in line] == ["      warn_ms: 33.0"]
+    assert {axis.faults.saturation.warn_ms for axis in meant.axes.values()} == {33.0}
+
+
+def test_a_key_that_the_file_left_out():
+    new, _ = written(ALIAS, start__lift_s=0.75)
+    assert differing(ALIAS, new) == ["start:", "  lift_s: 0.75"]
+
+
+def test_another_kind_of_section():
+    text = SIMULATED.read_text()
+    new, meant = written(text, axes__y__hysteresis={"model": "none"}, axes__y__inner__mode="pid")
+    assert validate_document(Source.parse(SIMULATED, new)) == meant
+    assert new.count("thresholds_um") == text.count("thresholds_um") - 1
+
+
+@pytest.mark.parametrize("text", [ALIAS, MERGE])
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_an_axis_that_shares_its_section(text, axis):
+    """Only the axis that was meant changes, though the file writes both at once."""
+    new, meant = written(text, **{f"axes__{axis}__inner__K_V_per_um": 0.5})
+    found = validate_document(Source.parse(Path("cell.yaml"), new))
+    assert found == meant
+    assert {name: a.inner.K_V_per_um for name, a in found.axes.items()} == {"x": 0.6, "y": 0.6} | {axis: 0.5}
+    assert "# by hand" in new
+
+
+def test_a_file_that_cannot_be_edited_is_refused():
+    """A merged key can't be taken away from the section that merges it."""
+    text = MERGE.replace(
+        "reference: {source: hold, offset_um: 60}", "reference: {<<: {start_s: 1.0}, source: hold, offset_um: 60}"
+    )
+    source = Source.parse(Path("cell.yaml"), text)
+    with pytest.raises(ConfigError, match=r"^cell.yaml: its anchors or merge keys can't be kept"):
+        with_values(source, source.data | {"reference": {"source": "hold", "offset_um": 60}})

@@ -98,6 +98,8 @@ class Daemon:
             gc.collect()
             gc.freeze()  # nor must a walk through all that was imported
             self._service.status("STARTING: compiling, opening the drivers, warming up")
+            gc.collect()
+            gc.freeze()  # nor must a walk through all that was imported
             await self._controller.start()
             return await self._supervise()
         finally:
@@ -204,7 +206,8 @@ class Daemon:
     async def _reload(self) -> None:
         self._service.reloading()
         try:
-            swap = await self._verbs.reload(Peer("SIGHUP"))
+            with self._service.reload():
+                swap = await self._verbs.reload(Peer("SIGHUP"))
         except MicromanipError as refusal:
             self._say(f"WARNING: reload refused: {refusal}")
             return

@@ -11,7 +11,7 @@ import contextlib
 import os
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 _FEEDINGS = 4
 """How often the watchdog is fed in its time: three feedings in a row may be late or lost."""
@@ -24,17 +24,26 @@ class ServiceManager:
         """`environment` holds NOTIFY_SOCKET (a path, or an abstract name after ``@``), WATCHDOG_USEC, WATCHDOG_PID."""
         path = environment.get("NOTIFY_SOCKET", "")
         self._address = "\0" + path[1:] if path.startswith("@") else path
-        self._status = ""
+        self._status, self._ready = "", False
         self.watchdog_s = _watchdog_s(environment) if self._address else None
         """Time after which the service manager ends a process that has not fed its watchdog; None: it has none."""
 
     def ready(self) -> None:
-        """Starting, or reloading, is done."""
+        """Starting is done."""
+        self._ready = True
         self._send("READY=1")
 
-    def reloading(self) -> None:
-        """The configuration is being read again; `ready` ends that."""
+    @contextlib.contextmanager
+    def reload(self) -> Iterator[None]:
+        """The configuration is read again meanwhile; before `ready` nobody is told, it would count as that."""
+        if not self._ready:
+            yield
+            return
         self._send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
+        try:
+            yield
+        finally:
+            self._send("READY=1")
 
     def stopping(self) -> None:
         """The orderly end has begun."""

@@ -3,7 +3,7 @@
 #
 # It sees a throw-away overlay of this machine's /, so that it may install, break and leave what it likes; it has no
 # network and its own processes, journal and cgroups. Ends with the command's exit status, 125 where there is none.
-# Environment: LIMIT  seconds until all of it is ended (600)   KEPT  a folder that stays, inside it is /kept
+# Environment: LIMIT  seconds until all of it is ended (1800)   KEPT  a folder that stays, inside it is /kept
 set -u
 [ "$(id -u)" = 0 ] || { echo "ns-systemd.sh: takes root" >&2; exit 77; }
 [ -x /lib/systemd/systemd ] || { echo "ns-systemd.sh: there is no systemd here: apt-get install systemd" >&2; exit 69; }
@@ -22,7 +22,11 @@ machine=
 clean() {
     [ -z "$machine" ] || { kill "$machine" && wait "$machine"; } 2>/dev/null
     echo $$ >"$home_group/cgroup.procs"
-    find "$group" -depth -type d -exec rmdir {} \; 2>/dev/null
+    for _ in {1..50}; do # its last processes may still be about to end
+        find "$group" -depth -type d -exec rmdir {} \; 2>/dev/null
+        [ -d "$group" ] || break
+        sleep 0.1
+    done
     rm -rf --one-file-system "$work"
 }
 trap clean EXIT
@@ -80,7 +84,7 @@ umount -l .old
 exec env -i container=other "PATH=$PATH" /lib/systemd/systemd --system --unit=test-command.service --show-status=no
 INSIDE
 
-timeout -k 5 "${LIMIT:-600}" unshare --fork --pid --mount --uts --ipc --net --cgroup --kill-child --propagation private \
+timeout -k 5 "${LIMIT:-1800}" unshare --fork --pid --mount --uts --ipc --net --cgroup --kill-child --propagation private \
     /bin/bash -c "$inside" - "$work" "${KEPT:-$work/none}" >/dev/null 2>"$work/errors" &
 machine=$!
 wait "$machine"
@@ -88,7 +92,7 @@ status=$?
 machine=
 if [ -e "$work/exchange/output" ]; then
     cat "$work/exchange/output"
-    [ $status = 124 ] && echo "ns-systemd.sh: ended after ${LIMIT:-600} s" >&2
+    [ $status = 124 ] && echo "ns-systemd.sh: ended after ${LIMIT:-1800} s" >&2
 else
     cat "$work/errors" "$work/exchange/console" >&2
     status=125

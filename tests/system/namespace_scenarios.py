@@ -73,15 +73,14 @@ def test_stop_ramps_down_first(service):
 
 def test_killed_host_leaves_a_loop_that_ramps_and_is_started_again_disarmed(service):
     service.start().track()
-    ring, status, loop = service.ring, service.status, service.loop
+    ring, status, processes = service.ring, service.status, service.processes
     os.kill(service.host, signal.SIGKILL)
     until(lambda: status["words"][w.FINISHED] == 1, lambda: f"end of the loop\n{service.journal()}", 30.0)
     assert_ramped(ring)
     service.restarted()
     assert service.show("Result") == "success"  # of the new run
     assert service.state == "READY"
-    assert not Path(f"/proc/{loop}").exists()
-    assert len(service.processes) == 2
+    assert not set(processes) & set(service.processes)
     service.track()
 
 
@@ -135,7 +134,7 @@ def test_reload_keeps_everything_running(service):
     service.start().track()
     host, cycles = service.host, service.status["words"][w.CYCLES_RUN]
     ok("systemctl", "reload", UNIT)
-    until(lambda: f"{CONFIG} is unchanged" in service.journal(), service.journal, 5.0)
+    until(lambda: "reloaded, changed: nothing" in service.journal(), service.journal, 5.0)
     until(lambda: service.show("ActiveState") == "active", "active", 5.0)
     assert int(service.show("MainPID")) == host
     assert service.state == "TRACKING"

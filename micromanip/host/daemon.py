@@ -204,15 +204,12 @@ class Daemon:
             self._reloading = asyncio.create_task(self._reload())
 
     async def _reload(self) -> None:
-        self._service.reloading()
         try:
             with self._service.reload():
                 swap = await self._verbs.reload(Peer("SIGHUP"))
         except MicromanipError as refusal:
             self._say(f"WARNING: reload refused: {refusal}")
             return
-        finally:
-            self._service.ready()
         keys = ", ".join(change["key"] for change in swap["changed"]) or "nothing"
         for warning in (f"reloaded, changed: {keys}", *(f"WARNING: {text}" for text in swap["warnings"])):
             self._say(warning)

@@ -34,7 +34,7 @@ def test_every_command_shows_an_example(name, capsys):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_a_file_of_its_own(name):
-    assert importlib.import_module(f"micromanip.cli.{name}").command.name == name
+    assert importlib.import_module(f"micromanip.cli.{name.replace('-', '_')}").command.name == name
 
 
 @pytest.mark.parametrize(

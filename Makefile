@@ -7,7 +7,7 @@ JOBS   ?= 2
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run test test-laws test-system test-vm lint bench mutation fuzz-socket robustness docs tune clean
+.PHONY: help run test test-laws test-system test-vm lint bench mutation soak-machine fuzz-socket robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -45,11 +45,14 @@ test-vm: $(READY) ## the same on a PREEMPT_RT kernel in an emulated machine; tak
 bench: $(READY)   ## speed beside references measured in the same run
 	$(BIN)/micromanip bench
 
-mutation: $(READY) ## every mutant of the last gate must die
+mutation: $(READY) ## every mutant of the last gate and of the fault manager must die
 	NUMBA_DISABLE_JIT=1 $(BIN)/python scripts/mutation.py
 
 fuzz-socket: $(READY) ## a million lines of garbage against the control socket
 	$(BIN)/pytest tests/host/test_garbage.py --garbage 1000000
+
+soak-machine: $(READY) ## ten thousand steps of commands, faults, lines and swaps on the cell
+	$(BIN)/pytest -n0 --hypothesis-profile=soak tests/rt/test_cell_machine.py
 
 robustness: $(READY) ## commission 50 cells with plants drawn at +-30 %
 	$(BIN)/python scripts/robustness.py

@@ -2,7 +2,8 @@
 
 The laws' tests run in three modes: compiled, with bounds checks (NUMBA_BOUNDSCHECK=1) and as plain
 Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the search is shorter.
-``--hypothesis-profile=explore`` searches longer, and elsewhere in each run.
+``--hypothesis-profile=explore`` searches longer, and elsewhere in each run; ``soak`` takes ten thousand steps of a
+state machine.
 """
 
 import numba
@@ -14,6 +15,7 @@ JIT = not numba.config.DISABLE_JIT
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
 settings.register_profile("steady", max_examples=60 if JIT else 15, derandomize=True, database=None, **_COMMON)
 settings.register_profile("explore", max_examples=1000 if JIT else 100, database=None, **_COMMON)
+settings.register_profile("soak", max_examples=100, stateful_step_count=100, database=None, **_COMMON)
 settings.load_profile("steady")
 
 

@@ -193,10 +193,11 @@ def test_not_everybody_installs(service):
     assert "takes root" in refused.stderr
 
 
-def test_page_of_the_service_can_be_followed_as_written(service, tmp_path):
-    """Every command of docs/service.md in its order; but for those that fetch something, which was done before."""
-    page = (Path(__file__).parents[2] / "docs" / "service.md").read_text()
-    blocks = re.findall(r"^```sh\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+@pytest.mark.parametrize("page", ["service", "operations"])
+def test_page_can_be_followed_as_written(service, tmp_path, page):
+    """Every command of the page in its order; but for those that fetch something, which was done before."""
+    text = (Path(__file__).parents[2] / "docs" / f"{page}.md").read_text()
+    blocks = re.findall(r"^```sh\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
     lines = [line for block in blocks if "pip install" not in block for line in block.splitlines()]
     assert len(lines) > 20
     (tmp_path / "cell.yaml").write_text(CONFIG.read_text())
@@ -210,7 +211,9 @@ def test_page_of_the_service_can_be_followed_as_written(service, tmp_path):
         outcome = subprocess.run(
             ["bash", "-ec", line], capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
         )
+        print(f"$ {line}\n{outcome.stdout}{outcome.stderr}")
         assert outcome.returncode == 0, f"{line}\n{outcome.stdout}{outcome.stderr}\n{service.journal()}"
+    ok(PROGRAM, "install-service", "--uninstall", "--purge", "--yes")
     (tmp_path / "cell.yaml").replace(tmp_path / "mine.yaml")
     ok(PROGRAM, "install-service", str(tmp_path / "mine.yaml"), "--yes")
 

@@ -74,7 +74,7 @@ class Daemon:
         self._signals = SignalStatistics(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         trail = AuditTrail(state_directory(), say)
-        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._boxes.configured)
+        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._boxes.configured, say)
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
@@ -109,7 +109,7 @@ class Daemon:
             self._say(f"WARNING: {advice}")
         self._say("READY")
         ended = asyncio.create_task(self._controller.wait())
-        helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
+        helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed(), self._follow())]
         stopped = asyncio.create_task(self._stop.wait())
         recorder = None
         try:
@@ -189,6 +189,12 @@ class Daemon:
             latched = self._controller.fault()
             self._service.status(self._controller.state + (f": {latched}" if latched else ""))
             self._looks += 1
+            await asyncio.sleep(_LOOK_S)
+
+    async def _follow(self) -> None:
+        """Apart from `_look`, which must not wait for the disk of the audit trail."""
+        while True:
+            await self._verbs.follow_trial()
             await asyncio.sleep(_LOOK_S)
 
     def _report(self) -> Report:

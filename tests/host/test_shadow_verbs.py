@@ -1,4 +1,4 @@
-"""A candidate tuning over the control socket's verbs: offered, compared, promoted, withdrawn, taken back by the loop."""
+"""A candidate tuning over the control socket's verbs: offered, compared, promoted, withdrawn, taken back."""
 
 import re
 
@@ -163,7 +163,7 @@ def test_taken_back_by_the_loop(promoted):
     promoted.follow()
     (told,) = promoted.said
     assert told.startswith(
-        "W-501 axis x: the promoted tuning was taken back: error 7.50 um rms (limit 3.00 um). Likely: "
+        "W-501 axis x: the promoted tuning was taken back: error 7.50 um rms (limit 3.00 um). "
     )
     verb, accepted, changes, _ = promoted.entries[-1]
     assert (verb, accepted) == ("take back", True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from micromanip.rt.intrinsics import call_context
 from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, PROMOTE, SHADOWING, STARTING, STATE_NAMES
 from micromanip.settings.check import Prepared
 
+from .loop_orders import loop_orders
 from .messages import fault_message
 from .parameter_slots import ParameterSlots
 from .refusals import axis_refusals, refusals
@@ -54,6 +54,7 @@ class Controller:
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
         self.beat()
+        orders = loop_orders(self.prepared, self.segments.descriptors, self._offsets, self._socket_path)
         self.process = await asyncio.create_subprocess_exec(
             sys.executable,
             *("-m", "micromanip.host.loop_process"),
@@ -63,7 +64,7 @@ class Controller:
             start_new_session=True,
         )
         assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps(self._orders()).encode())
+        self.process.stdin.write(json.dumps(orders).encode())
         self.process.stdin.close()
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
         while self.words[w.CYCLES_RUN] < heard:
@@ -71,32 +72,6 @@ class Controller:
                 raise await self._start_failure(self.process)
             self.beat()
             await asyncio.sleep(0.005)
-
-    def _orders(self) -> dict[str, Any]:
-        configuration, wiring = self.prepared.configuration, self.prepared.wiring
-        loop = configuration.loop
-        drivers = [
-            {
-                "name": name,
-                "driver": configuration.drivers[name].driver,
-                "options": wiring.options[name].model_dump_json(),
-                "context": offset,
-                "first_input": wiring.first_input[name],
-                "first_output": wiring.first_output[name],
-            }
-            for name, offset in zip(wiring.drivers, self._offsets, strict=True)
-        ]
-        return {
-            "descriptors": self.segments.descriptors,
-            "drivers": drivers,
-            "period_ns": loop.period_ns,
-            "cpu": loop.cpu,
-            "priority": loop.priority,
-            "spin_ns": round(loop.spin_us * 1e3),
-            "refuse_without_rights": loop.limits == "hardware",
-            "host": os.getpid(),
-            "socket": str(self._socket_path),
-        }
 
     async def _start_failure(self, process: asyncio.subprocess.Process) -> MicromanipError:
         assert process.stderr is not None

@@ -109,7 +109,8 @@ class Daemon:
             self._say(f"WARNING: {advice}")
         self._say("READY")
         ended = asyncio.create_task(self._controller.wait())
-        helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed(), self._follow())]
+        helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
+        helpers.append(asyncio.create_task(self._verbs.follow_trials()))  # apart: it writes to the audit trail's disk
         stopped = asyncio.create_task(self._stop.wait())
         recorder = None
         try:
@@ -189,12 +190,6 @@ class Daemon:
             latched = self._controller.fault()
             self._service.status(self._controller.state + (f": {latched}" if latched else ""))
             self._looks += 1
-            await asyncio.sleep(_LOOK_S)
-
-    async def _follow(self) -> None:
-        """Apart from `_look`, which must not wait for the disk of the audit trail."""
-        while True:
-            await self._verbs.follow_trial()
             await asyncio.sleep(_LOOK_S)
 
     def _report(self) -> Report:

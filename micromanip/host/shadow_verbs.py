@@ -50,7 +50,7 @@ class ShadowVerbs:
             "withdraw": self._asked(self._tuning.withdraw),
         }
 
-    async def follow_trial(self) -> None:
+    async def follow(self) -> None:
         """Notice the end of a trial and note it in the audit trail, in the name of the loop."""
         self.running.notice()
         while self._outcomes:

@@ -108,9 +108,11 @@ class Verbs:
 
         return await self._trail.follow(peer, "reload", (), change)
 
-    async def follow_trial(self) -> None:
-        """Notice what the loop has decided of a promoted tuning, tell it, and write it down."""
-        await self._shadow.follow_trial()
+    async def follow_trials(self) -> None:
+        """As long as it runs: notice what the loop has decided of a promoted tuning, tell it, and write it down."""
+        while True:
+            await self._shadow.follow()
+            await asyncio.sleep(_LOOK_S)
 
     async def _answer_status(self, request: Request) -> Status:
         request.read(Nothing)
@@ -179,4 +181,5 @@ class Verbs:
         return change
 
 
+_LOOK_S = 0.2
 _COMMANDS = {"arm": states.ARM, "disarm": states.DISARM, "hold": states.HOLD, "reset": states.RESET}

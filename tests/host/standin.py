@@ -1,6 +1,7 @@
 """A controller without a loop, and the verbs that speak to it."""
 
 import asyncio
+import contextlib
 import re
 from pathlib import Path
 
@@ -95,7 +96,8 @@ class Cell:
 
     def follow(self):
         """What the daemon does now and then."""
-        asyncio.run(self.verbs.follow_trial())
+        with contextlib.suppress(TimeoutError):
+            asyncio.run(asyncio.wait_for(self.verbs.follow_trials(), 0.1))
 
     def value(self, key):
         (parameter,) = self("get", keys=[key])

@@ -162,9 +162,7 @@ def test_taken_back_by_the_loop(promoted):
     takes_back(promoted)
     promoted.follow()
     (told,) = promoted.said
-    assert told.startswith(
-        "W-501 axis x: the promoted tuning was taken back: error 7.50 um rms (limit 3.00 um). "
-    )
+    assert told.startswith("W-501 axis x: the promoted tuning was taken back: error 7.50 um rms (limit 3.00 um). ")
     verb, accepted, changes, _ = promoted.entries[-1]
     assert (verb, accepted) == ("take back", True)
     assert changes == {K: (0.5, 0.6), TI: (0.6, 0.571), "candidate": ("on trial", f"taken back: {told}")}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
@@ -20,6 +21,7 @@ from .protocol import Nothing, Request, Verb
 from .running import Outcome, Running, Tunable
 
 _LOOP = Peer("loop")
+_LOOK_S = 0.2
 
 
 class Offer(Settings):
@@ -49,6 +51,12 @@ class ShadowVerbs:
             "promote": self._asked(self._tuning.promote),
             "withdraw": self._asked(self._tuning.withdraw),
         }
+
+    async def follow_trials(self) -> None:
+        """As long as it runs: notice what the loop has decided of a promoted tuning, tell it, and write it down."""
+        while True:
+            await self.follow()
+            await asyncio.sleep(_LOOK_S)
 
     async def follow(self) -> None:
         """Notice the end of a trial and note it in the audit trail, in the name of the loop."""

@@ -77,8 +77,8 @@ class Verbs:
         """
         self._before_reset = before_reset
         self._controller, self._trail, self._status = controller, trail, status
-        self._shadow = ShadowVerbs(controller, trail, tell, say)
-        self._tuning = Tuning(self._shadow.running)
+        self.shadow = ShadowVerbs(controller, trail, tell, say)
+        self._tuning = Tuning(self.shadow.running)
 
     def table(self) -> dict[str, Verb]:
         """Every verb by its name."""
@@ -91,7 +91,7 @@ class Verbs:
             "save": self._save,
             "reload": self._reload,
             "jog": self._jog,
-            **self._shadow.table(),
+            **self.shadow.table(),
             **{name: self._commanded(number) for name, number in _COMMANDS.items()},
         }
 
@@ -108,15 +108,9 @@ class Verbs:
 
         return await self._trail.follow(peer, "reload", (), change)
 
-    async def follow_trials(self) -> None:
-        """As long as it runs: notice what the loop has decided of a promoted tuning, tell it, and write it down."""
-        while True:
-            await self._shadow.follow()
-            await asyncio.sleep(_LOOK_S)
-
     async def _answer_status(self, request: Request) -> Status:
         request.read(Nothing)
-        self._shadow.running.notice()
+        self.shadow.running.notice()
         return self._status()
 
     async def _get(self, request: Request) -> Any:
@@ -181,5 +175,4 @@ class Verbs:
         return change
 
 
-_LOOK_S = 0.2
 _COMMANDS = {"arm": states.ARM, "disarm": states.DISARM, "hold": states.HOLD, "reset": states.RESET}

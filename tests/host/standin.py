@@ -1,7 +1,6 @@
 """A controller without a loop, and the verbs that speak to it."""
 
 import asyncio
-import contextlib
 import re
 from pathlib import Path
 
@@ -96,8 +95,7 @@ class Cell:
 
     def follow(self):
         """What the daemon does now and then."""
-        with contextlib.suppress(TimeoutError):
-            asyncio.run(asyncio.wait_for(self.verbs.follow_trials(), 0.1))
+        asyncio.run(self.verbs.shadow.follow())
 
     def value(self, key):
         (parameter,) = self("get", keys=[key])

@@ -110,9 +110,7 @@ class Daemon:
         self._say("READY")
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
-        helpers.append(
-            asyncio.create_task(self._verbs.shadow.follow_trials())
-        )  # apart: it writes to the audit trail's disk
+        helpers.append(asyncio.create_task(self._verbs.shadow.follow_trials()))
         stopped = asyncio.create_task(self._stop.wait())
         recorder = None
         try:

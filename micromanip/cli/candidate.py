@@ -34,7 +34,7 @@ def standing_line(shadow: Shadow) -> str:
 
 
 def _comparison(shadow: Shadow) -> Table:
-    table = Table("axis", title="rms of the last second: active -> candidate")
+    table = Table("axis", title="rms: active -> candidate")
     table.add_column("innovation, um")
     table.add_column("feedback, V")
     for axis, figures in shadow["comparison"].items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
 from typing import Any
 
@@ -38,7 +39,7 @@ class ShadowTuning:
             self._refuse_unless_tracking("shadow")
             running.refuse_on_trial()
             known = running.prepared.configuration.model_dump(mode="json")
-            document = assigned(running.document, known, wanted)
+            document = await asyncio.to_thread(assigned, running.document, known, wanted)
             candidate, _ = await running.revised(Source.of(document, running.file.path), _refuse)
             self._refuse_unless_tracking("shadow")
             version = await running.controller.offer(candidate.parameters)

@@ -120,7 +120,7 @@ class Trip(TypedDict):
 
 
 class Status(TypedDict):
-    """Report of a run so far, as ``run --json`` ends with."""
+    """Report of a run so far, as ``run --json`` ends with; `shadow` says where a candidate tuning stands."""
 
     state: str
     cycles: int
@@ -132,6 +132,50 @@ class Status(TypedDict):
     signals: dict[str, SignalFigures]
     faults: list[str]
     parameter_version: int
+    shadow: str
     configuration: str
     configuration_sha256: str
     trips: list[Trip]
+
+
+class TuningFigures(TypedDict):
+    """How well a tuning does, rms over about the last second.
+
+    `innovation_um`: how far its model is off one period ahead, None where the axis has no such model; `feedback_V`:
+    what the PID has to add to the feedforward. None also where the figure has grown beyond all bounds.
+    """
+
+    innovation_um: float | None
+    feedback_V: float | None
+
+
+class Comparison(TypedDict):
+    """One axis' figures under the tuning in force and, were it in force, under the candidate; smaller is better."""
+
+    active: TuningFigures
+    candidate: TuningFigures
+
+
+class TrialError(TypedDict):
+    """Error (rms) of an axis before the promotion and since; beyond the limit the promotion is taken back."""
+
+    before_um: float | None
+    now_um: float | None
+    limit_um: float | None
+
+
+class Shadow(TypedDict):
+    """Where the candidate stands: none, shadowing, on trial, confirmed, taken back.
+
+    `comparison` is there while it shadows, `trial` once it was promoted, both by axis; `reason` says why it was taken
+    back, `passed_s` and `trial_s` how much of the trial is over.
+    """
+
+    standing: str
+    version: int | None
+    changed: list[Change]
+    comparison: dict[str, Comparison]
+    trial: dict[str, TrialError]
+    passed_s: float | None
+    trial_s: float | None
+    reason: str | None

@@ -13,15 +13,17 @@ import contextlib
 import json
 import os
 import socket
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from micromanip.answers import Audit, Differences, Jogged, Parameter, Saved, Status, Swap
+from micromanip.answers import Audit, Differences, Jogged, Parameter, Saved, Shadow, Status, Swap
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
 
 _TIMEOUT_S = 10.0
+_TRIAL_LOOK_S = 0.1
 
 
 def default_socket() -> Path:
@@ -120,6 +122,30 @@ class Client:
         """Change values (key -> value), all at one cycle boundary or none; raises with each reason why not."""
         swap: Swap = self.request("set", changes=dict(changes))
         return swap
+
+    def shadow(self, changes: Mapping[str, Any] | None = None) -> Shadow:
+        """Let a candidate, what runs but with `changes` (key -> value), compute beside it; where it stands.
+
+        Without changes: where the last candidate stands, and how it compares. Raises as `set`; live keys only.
+        """
+        shadow: Shadow = self.request("shadow", changes=dict(changes or {}))
+        return shadow
+
+    def promote(self) -> Shadow:
+        """Put the candidate in force, on trial; raises CheckFailed where there is none or nothing tracks."""
+        shadow: Shadow = self.request("promote")
+        return shadow
+
+    def trial(self) -> Shadow:
+        """Wait for the end of the trial; the outcome: confirmed, taken back (or dropped: none)."""
+        while (shadow := self.shadow())["standing"] == "on trial":
+            time.sleep(_TRIAL_LOOK_S)
+        return shadow
+
+    def withdraw(self) -> Shadow:
+        """Let the candidate go; where it is on trial, what ran before is in force again."""
+        shadow: Shadow = self.request("withdraw")
+        return shadow
 
     def diff(self) -> Differences:
         """The configuration file as it is on disk against what runs."""

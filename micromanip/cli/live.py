@@ -108,6 +108,8 @@ def figures(report: Status) -> Group:
             )
     if errors.row_count:
         parts.append(errors)
+    if report["shadow"] != "none":
+        parts.append(f"candidate tuning: {report['shadow']}; see `micromanip shadow`")
     return Group(*parts, *(Text(fault, style="bold red") for fault in report["faults"]))
 
 

@@ -10,17 +10,20 @@ import json
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from micromanip.answers import Audit, AuditEntry, Change
+from micromanip.errors import MicromanipError
 
 from .peer import Peer
 
 _NAME = "audit.jsonl"
 _MAX_BYTES = 10_000_000
+
+Result = TypeVar("Result")
 
 
 class AuditTrail:
@@ -51,6 +54,22 @@ class AuditTrail:
             if not self.unwritten:
                 self._say(f"WARNING: the audit trail {self.file} can't be written: {problem}. What is not is counted.")
             self.unwritten += 1
+
+    async def follow(
+        self,
+        peer: Peer,
+        verb: str,
+        asked: Sequence[Change],
+        change: Callable[[], Awaitable[tuple[Result, Sequence[Change]]]],
+    ) -> Result:
+        """Result of `change`; the trail gets what it changed, or what was `asked` and why it was refused."""
+        try:
+            result, changes = await change()
+        except MicromanipError as refusal:
+            await self.note(peer, verb, asked, str(refusal))
+            raise
+        await self.note(peer, verb, changes)
+        return result
 
     def last(self, count: int) -> Audit:
         """The newest `count` entries; what is not a line of ours is passed over."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -15,12 +14,14 @@ from typing import Any
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.rt import words as w
 from micromanip.rt.intrinsics import call_context
-from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, STARTING, STATE_NAMES
+from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, PROMOTE, SHADOWING, STARTING, STATE_NAMES
 from micromanip.settings.check import Prepared
 
+from .loop_orders import loop_orders
 from .messages import fault_message
+from .parameter_slots import ParameterSlots
 from .refusals import axis_refusals, refusals
-from .segments import CONTROL, RING, SLOTS, STATUS, Segments, context_layout
+from .segments import CONTROL, RING, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
 _SENSORS_S = 0.05
@@ -43,8 +44,7 @@ class Controller:
         self.control = self.segments.control.record(CONTROL)
         self.status = self.segments.status.record(STATUS)
         self.ring = self.segments.ring.record(RING)
-        self.control["parameters"][0] = prepared.parameters[0]
-        self.control["words"][w.VERSION] = prepared.parameters[0]["version"]
+        self.slots = ParameterSlots(self.control, self.words, prepared.parameters[0])
         self.process: asyncio.subprocess.Process | None = None
         self._commands = asyncio.Lock()
 
@@ -54,6 +54,7 @@ class Controller:
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
         self.beat()
+        orders = loop_orders(self.prepared, self.segments.descriptors, self._offsets, self._socket_path)
         self.process = await asyncio.create_subprocess_exec(
             sys.executable,
             *("-m", "micromanip.host.loop_process"),
@@ -63,7 +64,7 @@ class Controller:
             start_new_session=True,
         )
         assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps(self._orders()).encode())
+        self.process.stdin.write(json.dumps(orders).encode())
         self.process.stdin.close()
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
         while self.words[w.CYCLES_RUN] < heard:
@@ -71,32 +72,6 @@ class Controller:
                 raise await self._start_failure(self.process)
             self.beat()
             await asyncio.sleep(0.005)
-
-    def _orders(self) -> dict[str, Any]:
-        configuration, wiring = self.prepared.configuration, self.prepared.wiring
-        loop = configuration.loop
-        drivers = [
-            {
-                "name": name,
-                "driver": configuration.drivers[name].driver,
-                "options": wiring.options[name].model_dump_json(),
-                "context": offset,
-                "first_input": wiring.first_input[name],
-                "first_output": wiring.first_output[name],
-            }
-            for name, offset in zip(wiring.drivers, self._offsets, strict=True)
-        ]
-        return {
-            "descriptors": self.segments.descriptors,
-            "drivers": drivers,
-            "period_ns": loop.period_ns,
-            "cpu": loop.cpu,
-            "priority": loop.priority,
-            "spin_ns": round(loop.spin_us * 1e3),
-            "refuse_without_rights": loop.limits == "hardware",
-            "host": os.getpid(),
-            "socket": str(self._socket_path),
-        }
 
     async def _start_failure(self, process: asyncio.subprocess.Process) -> MicromanipError:
         assert process.stderr is not None
@@ -130,9 +105,11 @@ class Controller:
             if before == STATE_NAMES[STARTING]:
                 raise CheckFailed(f"{COMMAND_NAMES[command]} refused: the controller is still starting")
             number = int(words[w.COMMAND_NUMBER]) + 1
+            if command == PROMOTE:
+                self.slots.keep_for_trial()
             words[w.COMMAND] = command
             words[w.COMMAND_NUMBER] = number
-            if not await self._reached(w.COMMAND_DONE, number):
+            if not await _comes_true(lambda: bool(self.words[w.COMMAND_DONE] == number)):
                 raise CheckFailed(f"{COMMAND_NAMES[command]}: the loop did not answer within {_ANSWER_S:g} s")
             if not self.words[w.COMMAND_ACCEPTED]:
                 raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(command, before))}")
@@ -164,39 +141,38 @@ class Controller:
             permit()
             self.prepared = prepared
 
-        await self.apply(prepared.parameters, decide)
-        return int(self.control["words"][w.VERSION])
+        return await self.apply(prepared.parameters, decide)
 
-    async def apply(self, parameters: Any, permit: Callable[[], None] = lambda: None) -> None:
-        """Swap to the parameters (1,) at a cycle boundary; CheckFailed where the loop does not take them."""
+    async def apply(self, parameters: Any, permit: Callable[[], None] = lambda: None) -> int:
+        """Swap to the parameters (1,) at a cycle boundary; their version. CheckFailed where the loop takes none."""
         async with self._commands:
             permit()
-            words = self.control["words"]
-            slot, version = (int(words[w.SLOT]) + 1) % SLOTS, int(words[w.VERSION]) + 1
-            self.control["parameters"][slot] = parameters[0]
-            self.control["parameters"][slot]["version"] = version
-            words[w.SLOT] = slot
-            words[w.VERSION] = version
-            if not await self._reached(w.VERSION_ACTIVE, version):
-                raise CheckFailed(
-                    f"the loop did not take the new parameters within {_ANSWER_S:g} s, but it will when it turns again"
-                )
+            version = self.slots.put_in_force(parameters)
+            await self._take("new parameters", lambda: bool(self.words[w.VERSION_ACTIVE] == version))
+            self.slots.taken()
+            return version
+
+    async def offer(self, parameters: Any) -> int:
+        """Let a candidate (1,) compute beside what is in force; its version. CheckFailed where the loop takes none."""
+        async with self._commands:
+            version = self.slots.offer(parameters)
+            shadow = self.status["shadow"][0]
+            await self._take("candidate", lambda: self.words[w.SHADOW] == SHADOWING and shadow["version"] == version)
+            return version
+
+    async def _take(self, what: str, taken: Callable[[], bool]) -> None:
+        if not await _comes_true(taken):
+            raise CheckFailed(
+                f"the loop did not take the {what} within {_ANSWER_S:g} s, but it will when it turns again"
+            )
 
     async def snapshot(self) -> int:
         """Let the loop copy its whole state at a cycle boundary; returns that cycle."""
         number = int(self.control["words"][w.SNAPSHOT_NUMBER]) + 1
         self.control["words"][w.SNAPSHOT_NUMBER] = number
-        if not await self._reached(w.SNAPSHOT_DONE, number):
+        if not await _comes_true(lambda: bool(self.words[w.SNAPSHOT_DONE] == number)):
             raise CheckFailed(f"the loop made no snapshot within {_ANSWER_S:g} s")
         return int(self.status["snapshot"][0]["cycle"])
-
-    async def _reached(self, word: int, value: int) -> bool:
-        end = time.monotonic() + _ANSWER_S
-        while self.words[word] != value:
-            if time.monotonic() > end:
-                return False
-            await asyncio.sleep(0.001)
-        return True
 
     def fault(self) -> str | None:
         """The latched fault in plain words."""
@@ -230,3 +206,13 @@ class Controller:
             assert self.process.stderr is not None
             sys.stderr.write((await self.process.stderr.read()).decode(errors="replace"))
         return await self.process.wait()
+
+
+async def _comes_true(condition: Callable[[], bool]) -> bool:
+    """Wait for the loop's answer; False where it does not come."""
+    end = time.monotonic() + _ANSWER_S
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        await asyncio.sleep(0.001)
+    return True

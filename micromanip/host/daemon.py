@@ -74,7 +74,7 @@ class Daemon:
         self._signals = SignalStatistics(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         trail = AuditTrail(state_directory(), say)
-        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._boxes.configured)
+        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._boxes.configured, say)
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
@@ -112,6 +112,7 @@ class Daemon:
         self._say("READY")
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
+        helpers.append(asyncio.create_task(self._verbs.shadow.follow_trials()))
         stopped = asyncio.create_task(self._stop.wait())
         recorder = None
         try:

@@ -16,6 +16,7 @@ from typing import Any, NoReturn, TypeVar
 from pydantic import BaseModel
 
 from micromanip.errors import ConfigError, MicromanipError, UsageError
+from micromanip.settings.base import Settings
 from micromanip.settings.load import validate_section
 from micromanip.settings.source import Source
 
@@ -26,6 +27,10 @@ LINE_BYTES = 65536
 _DEPTH = 32
 
 Fields = TypeVar("Fields", bound=BaseModel)
+
+
+class Nothing(Settings):
+    """Fields of a verb that takes none."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ class Recording:
             self.file.attrs[name] = orders[name]
         self.rows = self.file.create_dataset(ROWS, (0,), ROW, maxshape=(None,), chunks=(_CHUNK_ROWS,))
         self.parameters = self.file.create_dataset(PARAMETERS, (0,), CELL_PARAMETERS, maxshape=(None,), chunks=(1,))
-        self.version = -1
+        self.versions: set[int] = set()
 
     def begin(self, state: Any) -> None:
         """Store the snapshot the rows follow."""
@@ -44,8 +44,8 @@ class Recording:
         if len(rows) == 0:
             return
         for version in np.unique(rows["version"]):
-            if version > self.version:
-                self.version = int(version)
+            if int(version) not in self.versions:  # an older one comes back where a promotion is taken back
+                self.versions.add(int(version))
                 self._extend(self.parameters, slots[slots["version"] == version])
         self._extend(self.rows, rows)
         self.file.flush()

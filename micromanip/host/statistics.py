@@ -11,6 +11,7 @@ import numpy as np
 from micromanip.answers import Durations, PathError, SignalFigures, Status
 from micromanip.rt import words as w
 from micromanip.rt.histogram import percentile
+from micromanip.rt.states import SHADOW_NAMES
 
 from .controller import Controller
 from .ring import RingReader
@@ -107,6 +108,7 @@ def report(controller: Controller, signals: SignalStatistics, trips: Sequence[An
         "signals": signals.report(),
         "faults": [fault] if fault else [],
         "parameter_version": int(words[w.VERSION_ACTIVE]),
+        "shadow": SHADOW_NAMES[int(words[w.SHADOW])],
         "configuration": str(controller.prepared.source.path),
         "configuration_sha256": controller.prepared.source.hash,
         "trips": list(trips),

@@ -4,33 +4,21 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from micromanip.answers import Audit, Change, Jogged, Saved, Status, Swap
-from micromanip.errors import MicromanipError
 from micromanip.rt import states
 from micromanip.settings.base import Count, Flag, Real, Settings
 from micromanip.settings.source import Source
 
 from .audit import AuditTrail
 from .peer import Peer
-from .protocol import Request, Verb
-from .tuning import Tunable, Tuning
-
-Result = TypeVar("Result")
-
-
-class Commandable(Tunable, Protocol):
-    """What runs, and takes commands: `micromanip.host.controller.Controller`."""
-
-    async def command(self, command: int) -> None:
-        """Give a command and wait for its outcome; CheckFailed where it was refused."""
-
-
-class Nothing(Settings):
-    """Fields of a verb that takes none."""
+from .protocol import Nothing, Request, Verb
+from .running import Tunable
+from .shadow_verbs import ShadowVerbs
+from .tuning import Tuning
 
 
 class Get(Settings):
@@ -76,19 +64,21 @@ class Verbs:
 
     def __init__(
         self,
-        controller: Commandable,
+        controller: Tunable,
         trail: AuditTrail,
         status: Callable[[], Status],
         before_reset: Callable[[], Awaitable[None]],
         tell: Callable[[Source], None],
+        say: Callable[[str], None],
     ) -> None:
         """`before_reset` returns when what is known of a fault is kept, or raises CheckFailed: not yet.
 
-        `tell` hears of each configuration that has come into force.
+        `tell` hears of each configuration that has come into force; `say` gets messages for people.
         """
         self._before_reset = before_reset
         self._controller, self._trail, self._status = controller, trail, status
-        self._tuning = Tuning(controller, tell)
+        self.shadow = ShadowVerbs(controller, trail, tell, say)
+        self._tuning = Tuning(self.shadow.running)
 
     def table(self) -> dict[str, Verb]:
         """Every verb by its name."""
@@ -101,12 +91,13 @@ class Verbs:
             "save": self._save,
             "reload": self._reload,
             "jog": self._jog,
+            **self.shadow.table(),
             **{name: self._commanded(number) for name, number in _COMMANDS.items()},
         }
 
     async def command(self, command: int, peer: Peer) -> None:
         """Give a command in the name of `peer`, and note it."""
-        await self._noted(peer, states.COMMAND_NAMES[command], (), self._change_state(command))
+        await self._trail.follow(peer, states.COMMAND_NAMES[command], (), self._change_state(command))
 
     async def reload(self, peer: Peer) -> Swap:
         """Take over the configuration file in the name of `peer`, and note it."""
@@ -115,10 +106,11 @@ class Verbs:
             swap = await self._tuning.reload()
             return swap, swap["changed"]
 
-        return await self._noted(peer, "reload", (), change)
+        return await self._trail.follow(peer, "reload", (), change)
 
     async def _answer_status(self, request: Request) -> Status:
         request.read(Nothing)
+        self.shadow.running.notice()
         return self._status()
 
     async def _get(self, request: Request) -> Any:
@@ -139,7 +131,7 @@ class Verbs:
             return swap, swap["changed"]
 
         asked = [Change(key=key, old=None, new=value) for key, value in wanted.items()]
-        return await self._noted(request.peer, "set", asked, change)
+        return await self._trail.follow(request.peer, "set", asked, change)
 
     async def _save(self, request: Request) -> Saved:
         force = request.read(Save).force
@@ -148,7 +140,7 @@ class Verbs:
             saved = await self._tuning.save(force=force)
             return saved, saved["changed"]
 
-        return await self._noted(request.peer, "save", (), change)
+        return await self._trail.follow(request.peer, "save", (), change)
 
     async def _reload(self, request: Request) -> Swap:
         request.read(Nothing)
@@ -163,7 +155,7 @@ class Verbs:
 
         wanted = fields.to_um if fields.by_um is None else f"{fields.by_um:+g}"
         asked = [Change(key=f"reference.target_um.{fields.axis}", old=None, new=wanted)]
-        return await self._noted(request.peer, "jog", asked, change)
+        return await self._trail.follow(request.peer, "jog", asked, change)
 
     def _commanded(self, command: int) -> Verb:
         async def verb(request: Request) -> None:
@@ -181,22 +173,6 @@ class Verbs:
             return None, [Change(key="state", old=before, new=self._controller.state)]
 
         return change
-
-    async def _noted(
-        self,
-        peer: Peer,
-        verb: str,
-        asked: Sequence[Change],
-        change: Callable[[], Awaitable[tuple[Result, Sequence[Change]]]],
-    ) -> Result:
-        """Result of `change`; the trail gets what it changed, or what was `asked` and why it was refused."""
-        try:
-            result, changes = await change()
-        except MicromanipError as refusal:
-            await self._trail.note(peer, verb, asked, str(refusal))
-            raise
-        await self._trail.note(peer, verb, changes)
-        return result
 
 
 _COMMANDS = {"arm": states.ARM, "disarm": states.DISARM, "hold": states.HOLD, "reset": states.RESET}

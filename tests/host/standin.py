@@ -4,12 +4,16 @@ import asyncio
 import re
 from pathlib import Path
 
+import numpy as np
+
 from micromanip.errors import CheckFailed
 from micromanip.host.audit import AuditTrail
 from micromanip.host.peer import Peer
 from micromanip.host.protocol import Request
+from micromanip.host.segments import STATUS
 from micromanip.host.verbs import Verbs
 from micromanip.rt import states
+from micromanip.rt import words as w
 from micromanip.settings.check import prepare
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -21,16 +25,38 @@ class StandIn:
 
     def __init__(self, prepared, state="TRACKING"):
         self.prepared, self.state = prepared, state
-        self.swaps, self.commands = [], []
+        self.swaps, self.commands, self.offers = [], [], []
+        self.status = np.zeros((), STATUS)
+        self.shadow(states.NO_SHADOW)
 
     async def adopt(self, prepared, permit):
         permit()
         await asyncio.sleep(0)
         self.swaps.append(prepared.parameters)
         self.prepared = prepared
-        return 1 + len(self.swaps)
+        self.shadow(states.NO_SHADOW)
+        return self.version
+
+    async def offer(self, parameters):
+        await asyncio.sleep(0)
+        self.offers.append(parameters)
+        self.shadow(states.SHADOWING)
+        return self.version
+
+    @property
+    def version(self):
+        return 1 + len(self.swaps) + len(self.offers)
+
+    def shadow(self, standing):
+        """The loop says where the candidate stands."""
+        self.status["words"][w.SHADOW] = standing
 
     async def command(self, command):
+        if command in (states.PROMOTE, states.WITHDRAW):
+            on_trial = self.status["words"][w.SHADOW] == states.ON_TRIAL
+            ended = states.TAKEN_BACK if on_trial else states.NO_SHADOW
+            self.shadow(states.ON_TRIAL if command == states.PROMOTE else ended)
+            return
         if command == states.RESET and self.state != "FAULT":
             raise CheckFailed(f"reset refused: the state is {self.state}")
         self.commands.append(command)
@@ -52,7 +78,12 @@ class Cell:
         self.said, self.told = [], []
         self.trail = AuditTrail(folder / "state", self.said.append)
         self.verbs = Verbs(
-            self.controller, self.trail, lambda: {"state": self.controller.state}, self._settle, self.told.append
+            self.controller,
+            self.trail,
+            lambda: {"state": self.controller.state},
+            self._settle,
+            self.told.append,
+            self.said.append,
         )
         self.table = self.verbs.table()
 
@@ -61,6 +92,10 @@ class Cell:
 
     def __call__(self, verb, **fields):
         return asyncio.run(self.table[verb](Request(verb, fields, ALICE)))
+
+    def follow(self):
+        """What the daemon does now and then."""
+        asyncio.run(self.verbs.shadow.follow())
 
     def value(self, key):
         (parameter,) = self("get", keys=[key])

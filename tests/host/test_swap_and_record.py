@@ -11,10 +11,11 @@ import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
+from micromanip.host.recorder import Recording
 from micromanip.host.recording import PARAMETERS, ROWS, STATE, RecorderProcess
 from micromanip.host.ring import RingReader
 from micromanip.rt import words as w
-from micromanip.rt.records import ROW
+from micromanip.rt.records import CELL_PARAMETERS, ROW
 from micromanip.rt.states import ARM, STOP, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.compile import compile_cell
@@ -219,6 +220,21 @@ def test_recording_over_quick_swaps_has_every_set(prepared, tmp_path):
     assert list(sets["version"]) == list(np.unique(rows["version"]))
     gains = dict(zip(sets["version"].tolist(), sets["axis"]["pid"]["gain"][:, 0], strict=True))
     assert all(gains[version] == pytest.approx(0.4 + 0.01 * (version - 2)) for version in gains if version > 1)
+
+
+def test_recording_of_a_tuning_that_was_taken_back(prepared, tmp_path):
+    """Also the older set, in force again, is in a file that began with the newer one."""
+    slots = np.zeros(3, CELL_PARAMETERS)
+    slots["version"][:2] = 1, 2
+    rows = np.zeros(6, ROW)
+    rows["version"] = 2, 2, 1, 1, 2, 1
+    orders = {"file": str(tmp_path / "run.h5"), "configuration": "", "sha256": "", "axes": ["x"], "period_ns": 100_000}
+    recording = Recording(orders)
+    for part in np.split(rows, 3):
+        recording.append(part, slots)
+    assert list(recording.parameters["version"]) == [2, 1]
+    assert list(recording.rows["version"]) == [2, 2, 1, 1, 2, 1]
+    recording.file.close()
 
 
 def test_recording_to_an_impossible_place(prepared, tmp_path):

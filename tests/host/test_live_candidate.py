@@ -1,0 +1,106 @@
+"""A candidate tuning beside a real loop that tracks: promoted and confirmed, or taken back by the loop itself."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from micromanip.cli.main import cli
+from micromanip.client import Client
+from micromanip.errors import CheckFailed
+from micromanip.rt import words as w
+
+from .cell import Running, calm, rows_of, until
+
+TRIAL = ("arm_on_start: true", "shadow: {trial_s: 1.0, error_factor: 3.0}\narm_on_start: true")
+AXES = ("x", "y", "z")
+K = "axes.x.inner.K_V_per_um"
+USUAL_K, USUAL_TD = 0.6, 0.167
+
+
+@pytest.fixture(scope="module")
+def tracking(tmp_path_factory):
+    cell = Running(tmp_path_factory.mktemp("candidate"), calm(TRIAL))
+    try:
+        yield cell.reach("TRACKING")
+        assert cell.end() == 0, cell.said
+        assert "Traceback" not in cell.said
+        assert cell.report["faults"] == []
+    finally:
+        left = cell.kill()
+        cell.release()
+    assert left == []
+
+
+@pytest.fixture
+def client(tracking):
+    with Client(tracking.socket) as client:
+        tracking.go_on(10_000)  # the figures of what runs are a mean over a second
+        yield client
+    tracking.go_on(200)
+    assert tracking.state == "TRACKING"
+
+
+def pid(**values):
+    """Values of the PIDs of all axes."""
+    return {f"axes.{axis}.inner.{key}": value for axis in AXES for key, value in values.items()}
+
+
+def command(cell, *arguments):
+    return CliRunner().invoke(cli, [*arguments, "--socket", str(cell.socket)])
+
+
+def test_promoted_and_confirmed(tracking, client):
+    before = int(tracking.status["words"][w.VERSION_ACTIVE])
+    offered = client.shadow(pid(K_V_per_um=0.5))
+    assert offered["version"] == before + 1
+    tracking.go_on(2000)
+    compared = client.shadow()["comparison"]
+    assert all(compared[axis]["candidate"]["feedback_V"] > 0.0 for axis in AXES)
+    assert client.value(K) == USUAL_K
+    usual = np.abs(np.diff(rows_of(tracking.ring)[-2000:]["axis"]["voltage_V"], axis=0)).max()
+
+    assert client.promote()["standing"] == "on trial"
+    assert client.value(K) == 0.5
+    with pytest.raises(CheckFailed, match="is on trial"):
+        client.set({K: 0.4})
+    assert client.trial()["standing"] == "confirmed"
+    rows = rows_of(tracking.ring)[-20_000:]
+    at = int(np.argmax(rows["version"] == before + 1))
+    assert set(np.unique(rows["version"][at:])) == {before + 1}
+    voltage, periods = rows["axis"]["voltage_V"], rows["periods"][1:, None]
+    assert (np.abs(np.diff(voltage, axis=0))[at - 1] / periods[at - 1]).max() <= 1.5 * usual
+    assert client.value(K) == 0.5
+    client.set(pid(K_V_per_um=USUAL_K))
+
+
+def test_taken_back_by_itself(tracking, client):
+    """Gains five times too high: the loop takes them back before the host knows, and tracks on."""
+    before = int(tracking.status["words"][w.VERSION_ACTIVE])
+    changes = pid(K_V_per_um=5 * USUAL_K, Td_ms=USUAL_TD, Ti_ms=0.571)
+    offered = json.loads(command(tracking, "shadow", *(f"{k}={v}" for k, v in changes.items()), "--json").stdout)
+    assert offered["version"] == before + 1
+    ended = command(tracking, "promote", "--wait")
+    assert ended.exit_code == 1
+    assert f"candidate, parameter version {before + 1}: taken back" in ended.stdout
+    until(lambda: "W-501 axis " in tracking.said, tracking.last_words)
+    assert client.value(K) == USUAL_K
+    tracking.go_on(2000)
+    rows = rows_of(tracking.ring)[-60_000:]
+    assert set(np.unique(rows["version"][rows["version"] >= before])) == {before, before + 1}
+    assert rows["version"][-1] == before
+    assert not rows["fault"].any()
+    assert np.abs(rows["axis"]["setpoint_um"] - rows["axis"]["strain_um"])[-1000:].max() < 3.0
+    (entry,) = [e for e in client.audit()["entries"] if e["verb"] == "take back"]
+    assert entry["user"] == "loop"
+
+
+def test_shown_by_the_commands(tracking, client):
+    assert command(tracking, "shadow", f"{K}=0.55").stdout.splitlines()[1] == f"  {K}: 0.6 -> 0.55"
+    assert json.loads(command(tracking, "status", "--json").stdout)["shadow"] == "shadowing"
+    shown = command(tracking, "shadow").stdout
+    assert "shadowing" in shown
+    assert "feedback, V" in shown
+    assert command(tracking, "withdraw").stdout == "there is no candidate\n"
+    assert command(tracking, "status").stdout.count("candidate") == 0

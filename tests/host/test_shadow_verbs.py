@@ -1,0 +1,253 @@
+"""A candidate tuning over the control socket's verbs: offered, compared, promoted, withdrawn, taken back."""
+
+import re
+
+import pytest
+
+from micromanip.errors import CheckFailed, ConfigError, UsageError
+from micromanip.rt import states
+
+from .standin import Cell, jogging
+
+K, TI = "axes.x.inner.K_V_per_um", "axes.x.inner.Ti_ms"
+BETTER = {K: 0.5, TI: 0.6}
+
+
+@pytest.fixture
+def cell(tmp_path):
+    return Cell(tmp_path)
+
+
+@pytest.fixture
+def offered(cell):
+    cell("shadow", changes=BETTER)
+    return cell
+
+
+@pytest.fixture
+def promoted(offered):
+    offered("promote")
+    return offered
+
+
+def refused(cell, message, verb, error=CheckFailed, **fields):
+    """It is refused, in these words, and nothing of the candidate or of what runs has changed."""
+    before = cell("shadow"), cell("get"), len(cell.controller.swaps), len(cell.controller.offers)
+    with pytest.raises(error, match=re.compile(f"^{message}$", re.DOTALL)) as told:
+        cell(verb, **fields)
+    assert before == (cell("shadow"), cell("get"), len(cell.controller.swaps), len(cell.controller.offers))
+    assert cell.entries[-1][:2] == (verb, False)
+    assert cell.entries[-1][3] == str(told.value)
+
+
+def takes_back(cell, axis=0, value=7.5, limit=3.0):
+    """The loop takes back what is on trial, for its error."""
+    state = cell.controller.status["state"][0]
+    for code in (states.ROLLED_BACK, states.SATURATING):
+        event = state["event"][int(state["events"]) % len(state["event"])]
+        event["code"], event["axis"], event["value"], event["limit"] = code, axis, value, limit
+        state["events"] += 1
+    cell.controller.shadow(states.TAKEN_BACK)
+
+
+def test_none(cell):
+    shadow = cell("shadow")
+    assert (shadow["standing"], shadow["version"], shadow["changed"]) == ("none", None, [])
+    assert cell.entries == []
+    refused(cell, "promote refused: there is none; `micromanip shadow KEY=VALUE` offers a candidate", "promote")
+    refused(cell, "withdraw refused: there is none; nothing to withdraw", "withdraw")
+
+
+def test_offer(cell):
+    """It has a version of its own; what runs is what ran."""
+    shadow = cell("shadow", changes=BETTER)
+    assert (shadow["standing"], shadow["version"]) == ("shadowing", 2)
+    assert {c["key"]: (c["old"], c["new"]) for c in shadow["changed"]} == {K: (0.6, 0.5), TI: (0.571, 0.6)}
+    assert list(cell.controller.offers[0][0]["axis"]["pid"]["gain"]) == [0.5, 0.6, 0.6]
+    assert cell.value(K) == 0.6
+    assert cell("diff")["differences"] == []
+    assert cell.controller.swaps == cell.told == []
+    assert cell.entries == [("shadow", True, {K: (0.6, 0.5), TI: (0.571, 0.6)}, None)]
+
+
+def test_figures_beside_each_other(offered):
+    for name, scale in (("state", 1.0), ("shadow", 0.25)):
+        figures = offered.controller.status[name][0]["axis"]["figures"]
+        figures["innovation"], figures["feedback"] = 0.04 * scale, 9.0 * scale
+    offered.controller.status["shadow"][0]["axis"]["figures"]["innovation"][1] = float("inf")
+    compared = offered("shadow")["comparison"]
+    assert list(compared) == ["x", "y", "z"]
+    assert compared["x"] == {
+        "active": {"innovation_um": 0.2, "feedback_V": 3.0},
+        "candidate": {"innovation_um": 0.1, "feedback_V": 1.5},
+    }
+    assert compared["y"]["candidate"] == {"innovation_um": None, "feedback_V": 1.5}
+
+
+def test_an_axis_without_such_a_model(tmp_path):
+    cell = Cell(tmp_path, jogging())
+    figures = cell("shadow", changes=BETTER)["comparison"]["x"]
+    assert figures["active"] == figures["candidate"] == {"innovation_um": None, "feedback_V": 0.0}
+
+
+WRONG = {
+    "value": (ConfigError, {K: -1, TI: 0.6}, f"{K}: expected a number greater than 0, not -1"),
+    "key": (UsageError, {"axes.x.iner.Ti_ms": 1}, "unknown key axes.x.iner.Ti_ms; did you mean axes.x.inner.Ti_ms.*"),
+    "rest": (
+        CheckFailed,
+        {"axes.x.centre_um": 65.5, K: 0.5, "loop.rate_hz": 5000},
+        "nothing was changed, a candidate takes live values only: loop.rate_hz needs restart; "
+        "axes.x.centre_um needs disarm",
+    ),
+}
+
+
+@pytest.mark.parametrize(("error", "changes", "message"), WRONG.values(), ids=WRONG)
+def test_offer_refused(offered, error, changes, message):
+    refused(offered, message, "shadow", error, changes=changes)
+
+
+@pytest.mark.parametrize("state", ["READY", "ARMED", "HOLDING", "FAULT"])
+def test_only_beside_what_tracks(offered, state):
+    offered.controller.state = state
+    why = f"refused: the state is {state}; a candidate is compared while TRACKING"
+    refused(offered, f"shadow {why}", "shadow", changes={K: 0.4})
+    refused(offered, f"promote {why}", "promote")
+
+
+def test_promote(promoted):
+    """What runs is the candidate, for every verb; only the trial is not over yet."""
+    assert promoted("shadow")["standing"] == "on trial"
+    assert promoted.value(K) == 0.5
+    assert {d["key"]: (d["file"], d["running"]) for d in promoted("diff")["differences"]} == {
+        K: (0.6, 0.5),
+        TI: (0.571, 0.6),
+    }
+    assert [source.hash for source in promoted.told] == [promoted.controller.prepared.source.hash]
+    changes = {"candidate": ("shadowing", "on trial"), K: (0.6, 0.5), TI: (0.571, 0.6)}
+    assert promoted.entries[-1] == ("promote", True, changes, None)
+    refused(promoted, "promote refused: the last one is on trial; .*", "promote")
+
+
+def test_nothing_else_changes_on_trial(promoted, tmp_path):
+    why = r"nothing was changed: the promoted tuning, parameter version 2, is on trial; wait for its end .*"
+    refused(promoted, why, "set", changes={K: 0.7})
+    refused(promoted, why, "shadow", changes={K: 0.7})
+    refused(promoted, why, "reload")
+
+
+def test_no_jog_on_trial(tmp_path):
+    cell = Cell(tmp_path, jogging())
+    cell("shadow", changes=BETTER)
+    cell("promote")
+    refused(cell, "nothing was changed: the promoted tuning, .* is on trial; .*", "jog", axis="x", by_um=1)
+
+
+def test_confirmed(promoted):
+    promoted.controller.shadow(states.CONFIRMED)
+    promoted.follow()
+    assert promoted.said == ["the promoted tuning, parameter version 2, is confirmed"]
+    assert promoted.entries[-1] == ("confirm", True, {"candidate": ("on trial", "confirmed")}, None)
+    promoted.follow()
+    assert len(promoted.said) == 1
+    assert promoted("shadow")["standing"] == "confirmed"
+    assert [c["key"] for c in promoted("save")["changed"]] == [K, TI]
+    promoted("set", changes={"axes.x.inner.Td_ms": 0.1})
+    assert (promoted.value(K), promoted("shadow")["standing"]) == (0.5, "none")
+
+
+def test_taken_back_by_the_loop(promoted):
+    """What ran before is in force again; people are told once, and the trail knows."""
+    trial = promoted.controller.prepared.source.hash
+    takes_back(promoted)
+    promoted.follow()
+    (told,) = promoted.said
+    assert told.startswith("W-501 axis x: the promoted tuning was taken back: error 7.50 um rms (limit 3.00 um). ")
+    verb, accepted, changes, _ = promoted.entries[-1]
+    assert (verb, accepted) == ("take back", True)
+    assert changes == {K: (0.5, 0.6), TI: (0.6, 0.571), "candidate": ("on trial", f"taken back: {told}")}
+    assert promoted.trail.last(1)["entries"][0]["user"] == "loop"
+    shadow = promoted("shadow")
+    assert (shadow["standing"], shadow["reason"]) == ("taken back", told)
+    assert promoted.value(K) == 0.6
+    assert promoted("diff")["differences"] == []
+    assert [source.hash for source in promoted.told] == [trial, promoted.controller.prepared.source.hash]
+
+
+@pytest.mark.parametrize("verb", ["get", "set", "diff", "save", "reload", "shadow"])
+def test_noticed_before_anything_else(promoted, verb):
+    """However soon a verb comes after the loop's decision, it finds the former values."""
+    takes_back(promoted)
+    promoted(verb, **{"set": {"changes": {"axes.x.inner.Td_ms": 0.1}}}.get(verb, {}))
+    assert promoted.controller.prepared.configuration.axes["x"].inner.K_V_per_um == 0.6
+    assert len(promoted.said) == 1
+
+
+def test_taken_back_after_a_save(promoted):
+    """The file then has what did not last: the difference shows."""
+    promoted("save")
+    takes_back(promoted)
+    assert {d["key"]: (d["file"], d["running"]) for d in promoted("diff")["differences"]} == {
+        K: (0.5, 0.6),
+        TI: (0.6, 0.571),
+    }
+
+
+def test_taken_back_for_other_reasons(promoted):
+    takes_back(promoted, value=1.0)
+    assert "W-501 axis x: the promoted tuning was taken back: it swings. " in promoted("shadow")["reason"]
+
+
+def test_taken_back_with_the_tracking(promoted):
+    promoted.controller.state = "RAMPING"
+    takes_back(promoted, axis=-1, value=float("nan"), limit=float("nan"))
+    told = "W-501 the promoted tuning was taken back: the cell does not track any more, its state is RAMPING"
+    assert promoted("shadow")["reason"] == told
+    assert promoted.said == [told]
+
+
+def test_withdraw_on_trial(promoted):
+    shadow = promoted("withdraw")
+    assert (shadow["standing"], shadow["reason"]) == ("taken back", "it was withdrawn")
+    assert promoted.value(K) == 0.6
+    promoted.follow()
+    assert promoted.said == []
+    changes = {"candidate": ("on trial", "taken back"), K: (0.5, 0.6), TI: (0.6, 0.571)}
+    assert promoted.entries[-1] == ("withdraw", True, changes, None)
+
+
+def test_withdraw_before(offered):
+    assert offered("withdraw")["standing"] == "none"
+    assert offered.value(K) == 0.6
+    assert offered.entries[-1] == ("withdraw", True, {"candidate": ("shadowing", "none")}, None)
+    refused(offered, "withdraw refused: .*", "withdraw")
+
+
+def test_another_tuning_drops_the_candidate(offered):
+    offered("set", changes={"axes.x.inner.Td_ms": 0.1})
+    assert offered("shadow")["standing"] == "none"
+    assert offered.said == ["WARNING: the candidate, parameter version 2, is dropped: another tuning came into force"]
+    offered.follow()
+    assert offered.entries[-1][0] == "drop"
+    refused(offered, "promote refused: .*", "promote")
+
+
+def test_another_candidate_takes_its_place(offered):
+    shadow = offered("shadow", changes={TI: 0.7})
+    assert (shadow["version"], [c["key"] for c in shadow["changed"]]) == (3, [TI])
+    offered("promote")
+    assert (offered.value(K), offered.value(TI)) == (0.6, 0.7)
+
+
+FIELDS = {
+    "a list": ("shadow", {"changes": [K, 1]}, "shadow: changes: expected a section.*"),
+    "promote with anything": ("promote", {"wait": True}, "promote: wait: unknown key wait.*"),
+    "withdraw with anything": ("withdraw", {"now": True}, "withdraw: now: unknown key now.*"),
+}
+
+
+@pytest.mark.parametrize(("verb", "fields", "message"), FIELDS.values(), ids=FIELDS)
+def test_fields_are_checked(cell, verb, fields, message):
+    with pytest.raises(UsageError, match=re.compile(message)):
+        cell(verb, **fields)
+    assert cell.entries == []

@@ -57,7 +57,8 @@ def promote(p: Record, s: Record) -> bool:
     if s["shadow"] != SHADOWING or s["state"] != TRACKING:
         return False
     s["shadow"] = ON_TRIAL
-    s["trial_cycles"] = 0
+    s["trial_cycles"] = s["trial_rest"] = 0
+    s["trial_overruns"] = s["overruns"]
     for i in range(p["axes"]):
         s["trial_before"][i] = s["trial_now"][i] = s["axis"][i]["figures"]["error"]
     return True
@@ -76,23 +77,37 @@ def withdraw(s: Record) -> bool:
 
 
 @compiled
+def rests(p: Record, s: Record) -> bool:
+    """After a missed deadline the trial rests: what the stall does to the error is not the tuning's fault."""
+    if s["overruns"] != s["trial_overruns"]:
+        s["trial_overruns"] = s["overruns"]
+        s["trial_rest"] = p["trial_rest"]
+    s["trial_rest"] = max(0, s["trial_rest"] - 1)
+    return s["trial_rest"] > 0
+
+
+@compiled
 def takes_back(p: Record, s: Record) -> bool:
     """Go on with the trial of the tuning `p` that was promoted; True where the one before must be put in force."""
     if s["shadow"] != ON_TRIAL:
         return False
     worse = s["state"] != TRACKING or s["fault"] != NO_FAULT or s["trial_cycles"] == _WITHDRAWN
-    s["trial_cycles"] += 1
-    axis, value, limit = -1, math.nan, math.nan
+    axis, share, value, limit = -1, 0.0, 0.0, 0.0
+    judged = not rests(p, s)
     for i in range(p["axes"]):
         a = s["axis"][i]
         if p["axis"][i]["mode"] == VOLTAGE:
             continue
-        error_um = following_error(p["axis"][i], a)
-        s["trial_now"][i] += p["trial_step"] * (error_um * error_um - s["trial_now"][i])
-        allowed = p["trial_factor"] * math.sqrt(s["trial_before"][i]) + p["trial_floor"]
-        if not worse and (s["trial_now"][i] > allowed * allowed or a["watch"]["fallback"] != 0):
-            worse = True
-            axis, value, limit = i, math.sqrt(s["trial_now"][i]), allowed
+        if judged:
+            error_um = following_error(p["axis"][i], a)
+            s["trial_now"][i] += p["trial_step"] * (error_um * error_um - s["trial_now"][i])
+        rms_um = math.sqrt(s["trial_now"][i])
+        allowed_um = p["trial_factor"] * math.sqrt(s["trial_before"][i]) + p["trial_floor"]
+        worse = worse or rms_um > allowed_um or a["watch"]["fallback"] != 0
+        if axis < 0 or rms_um > share * allowed_um:
+            axis, share, value, limit = i, rms_um / allowed_um, rms_um, allowed_um
+    if judged:
+        s["trial_cycles"] += 1
     if worse:
         s["shadow"] = TAKEN_BACK
         note(s, ROLLED_BACK, axis, value, limit, WARN)
@@ -106,6 +121,8 @@ def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, sample
     """One cycle of the candidate beside the active tuning, while that tracks; nothing of it is written."""
     if s["shadow"] != SHADOWING or s["state"] != TRACKING:
         return
+    if s["cycle"] == s["tracking_cycle"]:  # a candidate from before: it begins anew, where the active tuning is
+        start_shadow(p, candidate, s, shadow)
     t_s = (s["cycle"] - s["tracking_cycle"]) * p["period_ns"] * 1e-9
     for i in range(candidate["axes"]):
         axis, a, b = candidate["axis"][i], s["axis"][i], shadow["axis"][i]

@@ -9,6 +9,7 @@ from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.options import Options
 
 from micromanip.design.experiment import with_axes, with_reference
+from micromanip.settings.faults import AxisFaults, StrainInvalid
 from micromanip.settings.reference import Hold, Step
 from micromanip.sim.experiment import VirtualExperiment
 
@@ -23,7 +24,8 @@ def course(mode, reference):
     options = {**quiet(), "axes": ["x", "y", "z"]}
     driver = SimulatedCell(Options.model_validate_json(json.dumps(options)), PERIOD_NS)
     wired = replace(given, wiring=replace(given.wiring, drivers={"cell": driver}))
-    configuration = with_reference(with_axes(given.configuration, mode=mode), reference)
+    faults = AxisFaults(strain=StrainInvalid(identical=None))  # without noise the gauge reads the same again and again
+    configuration = with_reference(with_axes(given.configuration, mode=mode, faults=faults), reference)
     rows = VirtualExperiment(wired)(configuration, SECONDS, every=EVERY)
     return np.arange(1, len(rows) + 1) * EVERY * PERIOD_NS * 1e-9, rows["axis"]["true_strain_um"][:, 0]
 

@@ -211,7 +211,6 @@ def test_page_can_be_followed_as_written(service, tmp_path, page):
         outcome = subprocess.run(
             ["bash", "-ec", line], capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
         )
-        print(f"$ {line}\n{outcome.stdout}{outcome.stderr}")
         assert outcome.returncode == 0, f"{line}\n{outcome.stdout}{outcome.stderr}\n{service.journal()}"
     ok(PROGRAM, "install-service", "--uninstall", "--purge", "--yes")
     (tmp_path / "cell.yaml").replace(tmp_path / "mine.yaml")

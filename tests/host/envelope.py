@@ -25,6 +25,7 @@ class Envelope:
         limiter = parameters["axis"]["limiter"][: self.axes]
         self._low_V, self._high_V, self._slew_V = (limiter[name].copy() for name in ("low_V", "high_V", "slew_V"))
         self.park_V = limiter["park_V"].copy()
+        self.slew_V_per_s = self._slew_V / (parameters["period_ns"] * 1e-9)
         self._reader = RingReader(cell.ring)
         self._reader.position = 0
         self.cycles, self.largest_step_V = 0, 0.0

@@ -7,8 +7,10 @@ from dataclasses import asdict, dataclass, field
 
 from micromanip_drivers.simulated.records import CONTEXT
 
+from micromanip.errors import MicromanipError
 from micromanip.host.blackbox.box import Box
 from micromanip.host.blackbox.shelf import trips
+from micromanip.rt import words as w
 
 from .cell import tagged, until
 from .envelope import Envelope
@@ -34,12 +36,14 @@ class Kill:
     outcome: str = "not as documented"
     step_V: float = 0.0
     """Largest change of an output within one cycle, from the kill before (or the start) on."""
-    safe_step_V: float | None = None
-    """How far the dead loop's outputs were from the safe value that the host gave them at once."""
+    frozen_s: float | None = None
+    """How long the outputs of a dead loop stayed as they were before `safe` began to move them."""
     seconds: float | None = None
     """From the kill until the outputs were at park or safe; where the loop lives on, until people were told."""
     violations: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
+    spoilt: int = 0
+    """Armings before, whose polarity check failed because the machine stalled."""
 
     def document(self):
         return asdict(self)
@@ -58,6 +62,7 @@ class Life:
         try:
             for module in MODULES.values():
                 until(lambda module=module: cell.child(module), cell.last_words)
+            until(lambda: cell.status["words"][w.SNAPSHOT_DONE], cell.last_words)  # the recorder's file is open
             cell.go_on(200)
             assert cell.state == "READY", f"it began in {cell.state}: nobody has armed it"
             self._descriptors = cell.descriptors
@@ -83,6 +88,8 @@ class Life:
         kill = Kill(victim, moment)
         try:
             with Moment(self.cell, moment, random) as reached:
+                kill.spoilt = reached.spoilt
+                self._known.update(file for file in self._new_boxes() if moment != "trip" or _of_a_check(file))
                 at_ns = self._strike(kill)
                 if victim in LETHAL:
                     getattr(self, f"_{victim}_died")(kill, at_ns)
@@ -91,8 +98,8 @@ class Life:
             if victim not in LETHAL:
                 reached.undo()
                 self._no_descriptor_more()
-        except AssertionError as wrong:
-            kill.violations.append(str(wrong))
+        except (AssertionError, MicromanipError) as wrong:
+            kill.violations.append(shortened(str(wrong)))
         kill.step_V = self.envelope.fresh_step()
         kill.violations += self.envelope.fresh_violations()
         return kill
@@ -128,11 +135,7 @@ class Life:
     def _loop_died(self, kill, at_ns):
         """The host makes the outputs safe, says so, and ends with 1; the trip is on disk."""
         cell = self.cell
-        kill.safe_step_V = float(abs(self.driver["s"]["latched_V"][: self.envelope.axes]).max())
-        end_ns = at_ns + int(_PATIENCE_S * 1e9)
-        while not self.driver["safe"] and time.monotonic_ns() < end_ns:
-            time.sleep(0.0005)
-        kill.seconds = (time.monotonic_ns() - at_ns) * 1e-9
+        self._watch_discharge(kill, at_ns)
         code = cell.wait()
         until(lambda: not tagged(cell.tag), lambda: f"left behind: {cell.left}", _PATIENCE_S)
         self.envelope.end()
@@ -147,6 +150,25 @@ class Life:
         assert not cell.socket.exists(), "the host left its socket behind"
         self._boxes(kill)
         kill.outcome = "safe by the host, X-104"
+
+    def _watch_discharge(self, kill, at_ns):
+        """Follow the outputs that the host makes safe: faster than the slew limit between no two looks."""
+        slew_V_per_s = self.envelope.slew_V_per_s
+        before_V, before_ns = self._latched()
+        start_V = before_V
+        while not self.driver["safe"] and before_ns < at_ns + _PATIENCE_S * 1e9:
+            time.sleep(0.0005)
+            now_V, now_ns = self._latched()
+            step_V = abs(now_V - before_V)
+            if (step_V > slew_V_per_s * max(1e-3, (now_ns - before_ns) * 1e-9)).any():
+                kill.violations.append(f"a step from {before_V} V to {now_V} V as the loop's outputs were made safe")
+            if kill.frozen_s is None and (now_V != start_V).any():
+                kill.frozen_s = (now_ns - at_ns) * 1e-9
+            before_V, before_ns = now_V, now_ns
+        kill.seconds = (before_ns - at_ns) * 1e-9
+
+    def _latched(self):
+        return self.driver["s"]["latched_V"][: self.envelope.axes].copy(), time.monotonic_ns()
 
     def _helper_died(self, kill, at_ns, moment):
         """The loop goes on as if nothing had been; people are told at once; the black box comes back."""
@@ -198,3 +220,12 @@ class Life:
             lambda: f"{self.cell.descriptors} descriptors of the host, before {self._descriptors}",
             _PATIENCE_S,
         )
+
+
+def _of_a_check(file):
+    return "_X-401_" in file.name or "_X-402_" in file.name
+
+
+def shortened(text):
+    """Without the middle of what a controller says all day long."""
+    return text if len(text) < 1000 else f"{text[:300]} ... {text[-700:]}"

@@ -7,6 +7,7 @@ import time
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, DeviceUnavailable
 from micromanip.rt import words as w
+from micromanip.rt.states import STAGE_CHECK, STRAIN_CHECK
 
 from .cell import until
 
@@ -15,6 +16,7 @@ FOLLOWING = {f"faults.axis.following_error.{key}": value for key, value in (("li
 STRAIN = {"faults.axis.strain.rate_um_per_ms": 1e-6}
 _STATE = {"arming": "TRACKING", "tracking": "TRACKING", "set": "TRACKING"}
 _STATE |= {"holding": "HOLDING", "ramping": "READY", "trip": "FAULT"}
+_TRIALS = 5
 WEIGHTS = {"arming": 4, "tracking": 5, "set": 3, "holding": 2, "ramping": 3, "trip": 3}
 """How often each comes, in shares."""
 
@@ -31,6 +33,8 @@ class Moment:
         self._changing = None
         self._over = threading.Event()
         self._limits = {}
+        self.spoilt = 0
+        """Checks that failed before: on a busy machine a stalled loop moves late."""
 
     def __enter__(self):
         with Client(self._cell.socket) as client:
@@ -38,9 +42,21 @@ class Moment:
             if self.name == "arming":
                 self._wait(self._seconds("lift_cycles", "sweep_cycles", "settle_cycles", "authority_cycles", check=2))
                 return self
-            self._cell.reach("TRACKING")
+            self._track(client)
             getattr(self, f"_{self.name}")(client)
         return self
+
+    def _track(self, client):
+        """Wait for TRACKING; a check that a stall of the machine has spoilt is tried again."""
+        for _ in range(_TRIALS):
+            until(lambda: self._cell.state in ("TRACKING", "FAULT"), lambda: f"TRACKING, it is {self._cell.state}", 20.0)
+            if self._cell.state == "TRACKING":
+                return
+            assert self._cell.status["words"][w.FAULT_CODE] in (STRAIN_CHECK, STAGE_CHECK), self._cell.said
+            self.spoilt += 1
+            until(lambda: _accepted(client.reset), "the reset", 20.0)
+            client.arm()
+        raise AssertionError(f"its check failed {_TRIALS} times; {self._cell.said}")
 
     def __exit__(self, *_):
         self._over.set()

@@ -40,7 +40,10 @@ class Moment:
         with Client(self._cell.socket) as client:
             client.arm()
             if self.name == "arming":
-                self._wait(self._seconds("lift_cycles", "sweep_cycles", "settle_cycles", "authority_cycles", check=2))
+                checks = 0 if self._cell.status["state"][0]["checked"] else 2
+                self._wait(
+                    self._seconds("lift_cycles", "sweep_cycles", "settle_cycles", "authority_cycles", checks=checks)
+                )
                 return self
             self._track(client)
             getattr(self, f"_{self.name}")(client)
@@ -49,7 +52,9 @@ class Moment:
     def _track(self, client):
         """Wait for TRACKING; a check that a stall of the machine has spoilt is tried again."""
         for _ in range(_TRIALS):
-            until(lambda: self._cell.state in ("TRACKING", "FAULT"), lambda: f"TRACKING, it is {self._cell.state}", 20.0)
+            until(
+                lambda: self._cell.state in ("TRACKING", "FAULT"), lambda: f"TRACKING, it is {self._cell.state}", 20.0
+            )
             if self._cell.state == "TRACKING":
                 return
             assert self._cell.status["words"][w.FAULT_CODE] in (STRAIN_CHECK, STAGE_CHECK), self._cell.said
@@ -74,9 +79,9 @@ class Moment:
                 client.disarm()
         self._cell.reach("READY")
 
-    def _seconds(self, *phases, check=0):
+    def _seconds(self, *phases, checks=0):
         p = self._cell.control["parameters"][0]
-        cycles = sum(p[name] for name in phases) + check * p["axes"] * p["check_cycles"]
+        cycles = sum(p[name] for name in phases) + checks * p["axes"] * p["check_cycles"]
         return float(cycles * p["period_ns"] * 1e-9)
 
     def _wait(self, most_s):

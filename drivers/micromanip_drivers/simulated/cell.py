@@ -23,7 +23,6 @@ from .records import (
     CHANNELS,
     CONTEXT,
     CREEP_OPERATORS,
-    MAX_AXES,
     MAX_INPUTS,
     MAX_OUTPUTS,
     MECHANICAL_STATES,
@@ -179,18 +178,18 @@ def open_c(context: Any) -> Any:
 @compiled
 def discharge(c: Any) -> None:
     """Every voltage to 0 in 0.2 s: a step would ring the flexure. A stall draws it out, and makes no step either."""
-    timespec = np.zeros(2, np.int64)
-    start_V = np.zeros(MAX_AXES)
     charged = False
     for i in range(c["axes"]):
-        start_V[i] = c["s"][i]["latched_V"]
-        charged = charged or start_V[i] != 0.0
+        s = c["s"][i]
+        s["charged_V"] = s["latched_V"]
+        charged = charged or s["charged_V"] != 0.0
     step = 0
     while charged and step < _DISCHARGE_STEPS:
         step += 1
         for i in range(c["axes"]):
-            c["s"][i]["latched_V"] = start_V[i] * (1.0 - smooth(step / _DISCHARGE_STEPS))
-        sleep_until(timespec, now_ns(timespec) + _DISCHARGE_STEP_NS)
+            s = c["s"][i]
+            s["latched_V"] = s["charged_V"] * (1.0 - smooth(step / _DISCHARGE_STEPS))
+        sleep_until(c["timespec"], now_ns(c["timespec"]) + _DISCHARGE_STEP_NS)
 
 
 @compiled.c_function(_CONTEXT_FUNCTION)

@@ -7,75 +7,17 @@ and the next controller, on the same socket and device, comes to READY and is no
 from __future__ import annotations
 
 import argparse
-import gc
 import json
-import shutil
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
-from random import Random
 from statistics import median
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
-from host.cell import LOCKS_ELSEWHERE, QUICK, WAITING, Running, simulated
-from host.kills import LETHAL, Kill, Life
-from host.moments import WEIGHTS
-
-VICTIMS = ("recorder", "host", "black box", "loop")
-"""In turn; each second kill ends a controller, so that each of the others is killed in one that lives on."""
-CALMER = ("check_s: 0.05", "check_s: 0.15")  # a stall of a busy machine must not outlast it
-DEVICE = ("    driver: simulated\n", "    driver: simulated\n    device: bench\n")
-
-
-def remains() -> list[str]:
-    """Shared memory: what is mapped or open in this process, and what has a name."""
-    maps = [line.split(maxsplit=5)[-1] for line in Path("/proc/self/maps").read_text().splitlines()]
-    links = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
-    named = [entry.name for entry in Path("/dev/shm").iterdir() if "micromanip" in entry.name]
-    return [text for text in (*maps, *links, *named) if "micromanip-" in text and "memfd" in text] + named
-
-
-def campaign(count: int, seed: int, folder: Path) -> Iterator[Kill]:
-    """`count` kills; the same seed draws the same moments."""
-    random = Random(seed)
-    text = simulated(*QUICK, *WAITING, CALMER, DEVICE)
-    before = len(remains())
-    life: Life | None = None
-    for k in range(count):
-        victim = VICTIMS[k % len(VICTIMS)]
-        moment = random.choices([*WEIGHTS], [*WEIGHTS.values()])[0]
-        try:
-            life = life or start(folder, text)
-            kill = life.kill(victim, moment, random)
-        except AssertionError as wrong:
-            kill = Kill(victim, moment, violations=[f"the controller did not start: {wrong}"])
-        if life is not None and (victim in LETHAL or kill.violations or k == count - 1):
-            kill.left += life.close()
-            shutil.rmtree(life.cell.folder)
-            life = None
-            gc.collect()
-            kill.left += remains()[before:]
-        yield kill
-
-
-def start(folder: Path, text: str) -> Life:
-    """A controller in READY, on the socket and the device of the one before."""
-    cell = Running(
-        folder,
-        text,
-        *("--socket", str(folder / "control.sock"), "--record", "run.h5", "--trips", "trips"),
-        prefix=(sys.executable, "-c", LOCKS_ELSEWHERE, str(folder / "locks")),
-    )
-    cell.socket = folder / "control.sock"
-    try:
-        return Life(cell)
-    except BaseException:
-        cell.kill()
-        cell.release()
-        raise
+from host.campaign import VICTIMS, campaign
+from host.kills import Kill
 
 
 def table(kills: list[Kill]) -> str:

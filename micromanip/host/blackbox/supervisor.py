@@ -191,7 +191,7 @@ class BlackBox:
         self._ready = False
 
     def _known(self) -> int:
-        """The newest trip that a new process need not look at; one that is latched still, only if its box is complete."""
+        """The newest trip that a new process need not look at: the latched one only if its box is complete."""
         latched = self._latched()
         return max((key for key, box in self._settled.items() if key != latched or box.get("complete")), default=0)
 

@@ -181,6 +181,7 @@ class BlackBox:
             "folder": str(self._folder.absolute()),
             "kept": self._kept,
             "known": self._known(),
+            "begun": self._begun(),
             "stuck_s": _STUCK_S[self._controller.prepared.configuration.loop.limits],
         }
         self._tell(orders)
@@ -191,9 +192,15 @@ class BlackBox:
         self._ready = False
 
     def _known(self) -> int:
-        """The newest trip that a new process need not look at: the latched one only if its box is complete."""
+        """The newest trip that a new process need not look at; one that is latched and was kept in memory was lost."""
         latched = self._latched()
-        return max((key for key, box in self._settled.items() if key != latched or box.get("complete")), default=0)
+        return max((key for key, box in self._settled.items() if key != latched or "problem" not in box), default=0)
+
+    def _begun(self) -> dict[str, Any] | None:
+        """The newest trip, where only its first half is on disk: ``{key, file}``."""
+        newest = max(self._settled, default=0)
+        box = self._settled.get(newest, {"complete": True})
+        return None if "problem" in box or box["complete"] else {"key": newest, "file": box["file"]}
 
     def _tell(self, message: dict[str, Any]) -> None:
         if self._process is not None and self._process.stdin is not None:

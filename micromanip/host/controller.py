@@ -36,6 +36,9 @@ class Controller:
         self.prepared = prepared
         self._socket_path, self._locks = socket_path, locks
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
+        self._drivers = dict(prepared.wiring.drivers)
+        # loaded now: it must neither take time nor fail once the loop has died
+        self._safe = {name: driver.functions().safe for name, driver in self._drivers.items()}
         self._offsets, size = context_layout([len(context) for context in contexts])
         self.segments = Segments.create(size, prepared.samples)
         shared = self.segments.contexts.bytes()
@@ -187,8 +190,8 @@ class Controller:
         """Bring the outputs to their safe value with the loop dead; one line a driver."""
         done = []
         base = self.segments.contexts.bytes().ctypes.data
-        for (name, driver), offset in zip(self.prepared.wiring.drivers.items(), self._offsets, strict=True):
-            code = call_context(driver.functions().safe, base + offset)
+        for (name, safe), offset in zip(self._safe.items(), self._offsets, strict=True):
+            code = call_context(safe, base + offset)
             done.append(
                 f"driver {name}: " + ("outputs at their safe value" if code == 0 else f"safe failed, code {code}")
             )

@@ -118,6 +118,8 @@ class Daemon:
         try:
             self._boxes.start()
             recorder = await self._start_recorder()
+            if recorder is not None:
+                helpers.append(asyncio.create_task(self._mourn(recorder)))
             self._service.ready()
             if self._prepared.configuration.arm_on_start:
                 await self._verbs.command(states.ARM, Peer("configuration"))
@@ -143,6 +145,10 @@ class Daemon:
         recorder = RecorderProcess(self._controller, self._options.record)
         await recorder.start()
         return recorder
+
+    async def _mourn(self, recorder: RecorderProcess) -> None:
+        """Tell at once that nothing is recorded any more; the control goes on."""
+        self._say(f"WARNING: {await recorder.death()}")
 
     async def _end(self, ended: asyncio.Task[int]) -> None:
         """Ramp down and let the loop end."""

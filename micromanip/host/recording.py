@@ -74,6 +74,16 @@ class RecorderProcess:
         assert self._process.stdout is not None
         return (await self._process.stdout.readline()).decode().strip()
 
+    async def death(self) -> str:
+        """Wait until the process ends without having been told to; what to say of it."""
+        assert self._process is not None
+        await self._process.wait()
+        return f"the recorder of {self._file} died, nothing more is recorded; {self._remedy}"
+
+    @property
+    def _remedy(self) -> str:
+        return f"`h5clear -s {self._file}` opens what it had written"
+
     async def stop(self) -> str:
         """End the recording; what came of it, in a line."""
         assert self._process is not None
@@ -81,4 +91,4 @@ class RecorderProcess:
         self._process.stdin.close()
         said = await self._hear()
         await self._process.wait()
-        return said or f"the recorder of {self._file} died; `h5clear -s {self._file}` opens what it had written"
+        return said or f"the recorder of {self._file} died; {self._remedy}"

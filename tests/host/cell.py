@@ -24,6 +24,12 @@ SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 TAG = "MICROMANIP_TEST_TAG"
 PATIENCE_S = 150.0  # compiling anew, on a busy machine, takes a minute
 
+# The program, with the locks of the devices in a folder of the test's own.
+LOCKS_ELSEWHERE = (
+    "import sys, pathlib, micromanip.io.device_lock as lock; lock.FOLDER = pathlib.Path(sys.argv[1]); "
+    "from micromanip.cli.main import main; main(sys.argv[3:])"
+)
+
 # Two daemons may run at a time (pytest -n 2) on two CPUs: none is pinned, each leaves the CPU to others.
 SHARED = (
     ("  cpu: 1                  # the loop's own CPU; null leaves it free\n", "  cpu: null\n"),

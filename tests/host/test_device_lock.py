@@ -15,13 +15,8 @@ from micromanip.errors import DeviceUnavailable, PermissionDenied
 from micromanip.io.contract import CyclicDriver
 from micromanip.io.device_lock import DeviceLocks
 
-from .cell import WAITING, calm, changed
+from .cell import LOCKS_ELSEWHERE, WAITING, calm, changed
 
-# The program, with the locks in a folder of the test's own.
-ELSEWHERE = (
-    "import sys, pathlib, micromanip.io.device_lock as lock; lock.FOLDER = pathlib.Path(sys.argv[1]); "
-    "from micromanip.cli.main import main; main(sys.argv[3:])"
-)
 BENCH = ("    driver: simulated\n", "    driver: simulated\n    device: bench\n")
 
 
@@ -118,7 +113,7 @@ def test_a_driver_that_does_not_say_owns_one_device_of_its_kind():
 def test_second_daemon_and_an_orphaned_loop(run, tmp_path):
     """The loop of a killed host still moves the outputs: nobody else may, until it has ended too."""
     folder = tmp_path / "locks"
-    elsewhere = {"prefix": (sys.executable, "-c", ELSEWHERE, str(folder))}
+    elsewhere = {"prefix": (sys.executable, "-c", LOCKS_ELSEWHERE, str(folder))}
     text = changed(calm(*WAITING), BENCH)
     first = run(text, **elsewhere).reach("READY")
     second = run(text, **elsewhere)
@@ -140,5 +135,5 @@ def test_second_daemon_and_an_orphaned_loop(run, tmp_path):
     os.kill(loop, signal.SIGKILL)
     DeviceLocks(["bench"], folder, wait_s=60.0).release()
     assert [file.name for file in Path(folder).iterdir()] == ["bench.lock"]
-    first.gone()
+    first.gone()  # its black box writes down the loop's death first
     first.socket.unlink()

@@ -100,6 +100,29 @@ def test_trip_is_on_disk_before_a_reset(run):
     assert [file.name for file in folder(cell).iterdir()] == [file.name for file in trips(folder(cell))]
 
 
+def test_black_box_killed_between_its_halves(run):
+    """The half that it had written is completed by the one that follows."""
+    cell = run(failing(2.3)).reach("TRACKING")
+    until(lambda: trips(folder(cell)), cell.last_words)
+    os.kill(cell.child("blackbox"), signal.SIGKILL)
+    assert not box_of(cell, complete=False).meta["complete"]
+    assert_whole(box_of(cell), 2000.0, 500.0)
+    cell.end()
+    assert [trip["complete"] for trip in cell.report["trips"]] == [True]
+
+
+def test_black_box_that_keeps_dying(run):
+    """Started again three times, then given up, and said so; the loop does not care, nor does a reset wait."""
+    cell = run(calm()).reach("TRACKING")
+    for _ in range(4):
+        os.kill(until(lambda: cell.child("blackbox"), cell.last_words), signal.SIGKILL)
+        until(lambda: not cell.child("blackbox"), "its end")
+    until(lambda: "died again; trips leave no black box any more" in cell.said, cell.last_words)
+    assert cell.said.count("the black box process died; it is started again") == 3
+    assert cell.state == "TRACKING"
+    assert cell.end() == 0
+
+
 def test_host_killed(run):
     """The box of the host's death is finished without it, and nobody stays behind."""
     cell = run(calm()).reach("TRACKING")

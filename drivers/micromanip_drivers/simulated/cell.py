@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numba import types
 
+from micromanip.rt.clock import now_ns, sleep_until
+from micromanip.rt.course import smooth
 from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
 from micromanip.rt.records import SIGNAL
 
@@ -32,6 +34,7 @@ _CHANNELS = len(CHANNELS)
 SATURATED = 1
 """Status of a capacitive sample at the end of its range: it says no more than that."""
 _HUM_PHASE = 1.0
+_DISCHARGE_STEPS, _DISCHARGE_STEP_NS = 200, 1_000_000
 
 
 @compiled
@@ -172,12 +175,28 @@ def open_c(context: Any) -> Any:
     return 0
 
 
+@compiled
+def discharge(c: Any) -> None:
+    """Every voltage to 0 in 0.2 s: a step would ring the flexure. A stall draws it out, and makes no step either."""
+    charged = False
+    for i in range(c["axes"]):
+        s = c["s"][i]
+        s["charged_V"] = s["latched_V"]
+        charged = charged or s["charged_V"] != 0.0
+    step = 0
+    while charged and step < _DISCHARGE_STEPS:
+        step += 1
+        for i in range(c["axes"]):
+            s = c["s"][i]
+            s["latched_V"] = s["charged_V"] * (1.0 - smooth(step / _DISCHARGE_STEPS))
+        sleep_until(c["timespec"], now_ns(c["timespec"]) + _DISCHARGE_STEP_NS)
+
+
 @compiled.c_function(_CONTEXT_FUNCTION)
 def safe_c(context: Any) -> Any:
-    """Discharge: every voltage to 0, noted for whoever looks."""
+    """Discharge, noted for whoever looks."""
     c = numba.carray(context, 1)[0]
-    for i in range(c["axes"]):
-        c["s"][i]["latched_V"] = 0.0
+    discharge(c)
     c["lines"]["amplifier_enable"] = 0
     c["safe"] = 1
     return 0

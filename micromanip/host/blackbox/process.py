@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from micromanip.errors import CheckFailed
 from micromanip.host.segments import CONTROL, RING, STATUS, Segments
 
 from .box import Box
@@ -99,6 +100,11 @@ class Watch:
         self._cycles, self._turned = -1, time.monotonic()
         self.over = False
 
+    def resume(self, file: Path, key: int) -> None:
+        """Complete the half of a box that a process before this one has left."""
+        with contextlib.suppress(CheckFailed):  # somebody has removed it
+            self._open = (Box.load(file), key)
+
     def look(self, *, host_lives: bool) -> None:
         """Notice a trip, complete the one before; `over` once nothing more can come."""
         newest = self._capture.trips
@@ -153,6 +159,8 @@ def main() -> int:
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     )
     watch = Watch(capture, Shelf(Path(orders["folder"]), orders["kept"]), orders["known"], orders["stuck_s"])
+    if begun := orders["begun"]:
+        watch.resume(Path(begun["file"]), begun["key"])
     segments.ring.bytes()[::_PAGE].max()  # map its pages now, not at the trip
     tell(ready=True)
     host_lives = True

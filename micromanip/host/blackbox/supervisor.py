@@ -26,7 +26,8 @@ _TELL_WITHIN_S = 1.0
 _SETTLE_S = 2.0
 _GIVE_UP_S = 30.0
 _RESTART_S = 1.0
-_DEATHS = 3
+_RESTARTS, _RECENT_S = 3, 600.0
+"""It is started again so often within that time; one that dies by every trip must not keep a CPU busy."""
 _END_S = 20.0
 
 
@@ -149,15 +150,19 @@ class BlackBox:
         }
 
     async def _keep_alive(self) -> None:
-        for death in range(_DEATHS):
+        deaths: list[float] = []
+        while True:
             await self._follow()
             if self._stopping or self._controller.words[w.FINISHED]:
                 return
-            again = "it is started again" if death + 1 < _DEATHS else "trips leave no black box any more"
-            self._say(f"WARNING: the black box process died; {again}")
+            deaths = [died for died in deaths if time.monotonic() - died < _RECENT_S] + [time.monotonic()]
+            if len(deaths) > _RESTARTS:
+                break
+            self._say("WARNING: the black box process died; it is started again")
             await asyncio.sleep(_RESTART_S)
             if self._stopping:
                 return
+        self._say("WARNING: the black box process died again; trips leave no black box any more")
         self._gone = True
 
     async def _follow(self) -> None:
@@ -175,7 +180,8 @@ class BlackBox:
             "descriptors": segments.descriptors,
             "folder": str(self._folder.absolute()),
             "kept": self._kept,
-            "known": max(self._settled, default=0),
+            "known": self._known(),
+            "begun": self._begun(),
             "stuck_s": _STUCK_S[self._controller.prepared.configuration.loop.limits],
         }
         self._tell(orders)
@@ -184,6 +190,17 @@ class BlackBox:
             self._hear(json.loads(line))
         await self._process.wait()
         self._ready = False
+
+    def _known(self) -> int:
+        """The newest trip that a new process need not look at; one that is latched and was kept in memory was lost."""
+        latched = self._latched()
+        return max((key for key, box in self._settled.items() if key != latched or "problem" not in box), default=0)
+
+    def _begun(self) -> dict[str, Any] | None:
+        """The newest trip, where only its first half is on disk: ``{key, file}``."""
+        newest = max(self._settled, default=0)
+        box = self._settled.get(newest, {"complete": True})
+        return None if "problem" in box or box["complete"] else {"key": newest, "file": box["file"]}
 
     def _tell(self, message: dict[str, Any]) -> None:
         if self._process is not None and self._process.stdin is not None:

@@ -284,7 +284,7 @@ def test_every_branch_is_taken(tmp_path):
     plain = {name: getattr(function, "py_func", function) for name, function in vars(module).items()}
     functions = [node for node in ast.parse(source.read_text()).body if isinstance(node, ast.FunctionDef)]
     if any(plain[node.name] is not getattr(module, node.name) for node in functions):
-        pytest.skip("compiled: `make coverage` measures it with the JIT disabled")
+        pytest.skip("compiled: measured where the laws run as plain Python")
     measured = coverage.Coverage(data_file=None, branch=True, include=[str(source)], config_file=False)
     measured.start()
     try:

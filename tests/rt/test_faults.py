@@ -12,7 +12,7 @@ import pytest
 
 from micromanip.rt import faults as module
 from micromanip.rt.faults import axis_fault, begins, cell_fault, forget, note, raise_fault, react, warn
-from micromanip.rt.phases import CLOSED, LIFTING
+from micromanip.rt.phases import CLOSED, LIFTING, PARKING
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENTS
 from micromanip.rt.states import (
     ARMED,
@@ -155,13 +155,13 @@ def test_a_condition_begins_once(bits, code, active, began, after):
 def test_a_warning_is_told_each_time_it_begins():
     _, s = cell()
     before = s.copy()
-    warn(s, 1, 22, True, 3.0, 4.0)
-    expect(s, before, raised(22, 1), event(0, 22, 1, 3.0, 4.0, WARN))
+    warn(s, 2, 22, True, 3.0, 4.0)
+    expect(s, before, raised(22, 2), event(0, 22, 2, 3.0, 4.0, WARN))
     before = s.copy()
-    warn(s, 1, 22, True, 5.0, 4.0)
+    warn(s, 2, 22, True, 5.0, 4.0)
     expect(s, before)
-    warn(s, 1, 22, False, 5.0, 4.0)
-    warn(s, 1, 22, True, 6.0, 4.0)
+    warn(s, 2, 22, False, 5.0, 4.0)
+    warn(s, 2, 22, True, 6.0, 4.0)
     assert s["events"] == 2
     assert s["event"][1]["value"] == 6.0
 
@@ -183,15 +183,15 @@ def test_a_fault_of_an_axis_has_the_reaction_of_that_axis(axis, reaction, after)
 def test_a_fault_of_the_cell():
     p, s = cell()
     before = s.copy()
-    cell_fault(p, s, INTERLOCK_OPEN, False, 0.0, 1.0)
+    cell_fault(p, s, INTERLOCK_OPEN, False, 0.5, 2.5)
     expect(s, before)
-    cell_fault(p, s, INTERLOCK_OPEN, True, 0.0, 1.0)
+    cell_fault(p, s, INTERLOCK_OPEN, True, 0.5, 2.5)
     expect(
         s,
         before,
         raised(INTERLOCK_OPEN),
-        event(0, INTERLOCK_OPEN, -1, 0.0, 1.0, RAMPS),
-        latch(INTERLOCK_OPEN, -1, 0.0, 1.0),
+        event(0, INTERLOCK_OPEN, -1, 0.5, 2.5, RAMPS),
+        latch(INTERLOCK_OPEN, -1, 0.5, 2.5),
         ramping,
     )
 
@@ -204,6 +204,14 @@ def test_the_first_fault_stays_and_a_graver_one_hardens_the_reaction():
     raise_fault(p, s, SATURATED, 1, 7.0, 8.0, RAMPS)
     expect(s, before, event(1, SATURATED, 1, 7.0, 8.0, RAMPS, HOLDING), ramping)
     assert (s["fault"], s["fault_axis"], s["trips"]) == (FOLLOWING_ERROR, 0, 1)
+
+
+def test_after_a_reset_the_next_fault_is_latched():
+    p, s = cell(trips=3, fault_cycle=900, fault_value=1.0, fault_limit=2.0)
+    before = s.copy()
+    raise_fault(p, s, SATURATED, 1, 7.0, 8.0, RAMPS)
+    expect(s, before, event(0, SATURATED, 1, 7.0, 8.0, RAMPS), latch(SATURATED, 1, 7.0, 8.0), ramping)
+    assert s["trips"] == 4
 
 
 STATES = (OFF, READY, ARMED, TRACKING, HOLDING, RAMPING, FAULT)
@@ -236,9 +244,17 @@ def test_armed_with_the_outer_loop_closed_it_can_be_held():
     expect(s, before, held)
 
 
+@pytest.mark.parametrize("phase", [LIFTING, PARKING])
+def test_armed_with_the_outer_loop_open_there_is_nothing_to_hold(phase):
+    p, s = cell(ARMED, phase=phase)
+    before = s.copy()
+    react(p, s, HOLDS)
+    expect(s, before, ramping)
+
+
 def test_a_soft_stop_is_cut_short():
     for reaction in (HOLDS, RAMPS):
-        p, s = cell(RAMPING, soft=1)
+        p, s = cell(RAMPING, soft=1, phase=CLOSED)
         before = s.copy()
         react(p, s, reaction)
         expect(s, before, ramping)

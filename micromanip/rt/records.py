@@ -356,6 +356,7 @@ CELL_STATE = _record(
     ("version", "i8"),
     ("shadow", "i8"),
     ("trial_cycles", "i8"),
+    ("trial_judged", "i8"),
     ("trial_overruns", "i8"),
     ("trial_rest", "i8"),
     ("trial_before", "f8", (MAX_AXES,)),

@@ -34,6 +34,8 @@ from .swap import swap_cell
 from .watch import following_error
 
 _WITHDRAWN = -1
+_PATIENCE = 3
+"""So many times its length a trial may take; a tuning that can't be judged by then is taken back."""
 
 
 @compiled
@@ -57,7 +59,7 @@ def promote(p: Record, s: Record) -> bool:
     if s["shadow"] != SHADOWING or s["state"] != TRACKING:
         return False
     s["shadow"] = ON_TRIAL
-    s["trial_cycles"] = s["trial_rest"] = 0
+    s["trial_cycles"] = s["trial_judged"] = s["trial_rest"] = 0
     s["trial_overruns"] = s["overruns"]
     for i in range(p["axes"]):
         s["trial_before"][i] = s["trial_now"][i] = s["axis"][i]["figures"]["error"]
@@ -106,12 +108,15 @@ def takes_back(p: Record, s: Record) -> bool:
         worse = worse or rms_um > allowed_um or a["watch"]["fallback"] != 0
         if axis < 0 or rms_um > share * allowed_um:
             axis, share, value, limit = i, rms_um / allowed_um, rms_um, allowed_um
+    s["trial_cycles"] += 1
     if judged:
-        s["trial_cycles"] += 1
+        s["trial_judged"] += 1
+    over = s["trial_cycles"] >= p["trial_cycles"] and 4 * s["trial_judged"] >= p["trial_cycles"]
+    worse = worse or (not over and s["trial_cycles"] >= _PATIENCE * p["trial_cycles"])  # it can't be judged here
     if worse:
         s["shadow"] = TAKEN_BACK
         note(s, ROLLED_BACK, axis, value, limit, WARN)
-    elif s["trial_cycles"] >= p["trial_cycles"]:
+    elif over:
         s["shadow"] = CONFIRMED
     return worse
 

@@ -150,3 +150,28 @@ def test_a_trial_ends_with_the_tracking(shadowed):
     assert (shadowed.s["shadow"], shadowed.s["version"]) == (TAKEN_BACK, 1)
     assert not shadowed.cell.run(1e-4, command=PROMOTE)["fault"].any()
     assert shadowed.s["shadow"] == TAKEN_BACK  # nothing to promote
+
+
+def test_a_trial_that_cannot_be_judged_is_taken_back(shadowed):
+    """Deadlines are missed all the time: nothing is compared, and nothing is taken for proven."""
+    shadowed.active[0]["trial_cycles"] = 400
+    shadowed.begin(better_pid).run(10)
+    shadowed.run(1, PROMOTE)
+    for _ in range(1300):
+        shadowed.s["overruns"] += 1
+        shadowed.run(1)
+        if shadowed.s["shadow"] != ON_TRIAL:
+            break
+    assert (shadowed.s["shadow"], shadowed.s["version"]) == (TAKEN_BACK, 1)
+    assert shadowed.s["trial_cycles"] == pytest.approx(1200, abs=2)
+
+
+def test_a_single_stall_only_makes_the_trial_rest(shadowed):
+    shadowed.begin(too_hot).run(10)
+    shadowed.run(1, PROMOTE)
+    shadowed.s["overruns"] += 1
+    before = shadowed.s["trial_now"].copy()
+    shadowed.run(100)
+    assert (shadowed.s["trial_now"] == before).all()
+    shadowed.run(1500)
+    assert shadowed.s["shadow"] == TAKEN_BACK

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -16,7 +15,17 @@ from typing import Any, Protocol
 from micromanip.answers import Change
 from micromanip.errors import CheckFailed, ConfigError
 from micromanip.rt import words as w
-from micromanip.rt.states import CONFIRMED, NO_SHADOW, ON_TRIAL, ROLLED_BACK, SHADOW_NAMES, SHADOWING, TAKEN_BACK
+from micromanip.rt.states import (
+    CONFIRMED,
+    NO_SHADOW,
+    ON_TRIAL,
+    ROLLED_BACK,
+    SHADOW_NAMES,
+    SHADOWING,
+    STATE_NAMES,
+    TAKEN_BACK,
+    TRACKING,
+)
 from micromanip.settings.change import LIVE, needs
 from micromanip.settings.check import Prepared, revise, validate
 from micromanip.settings.load import validate_document
@@ -136,11 +145,14 @@ class Running:
         ring, text = state["event"], FAULTS[ROLLED_BACK]
         newest = [ring[k % len(ring)] for k in range(int(state["events"]) - 1, -1, -1)[: len(ring)]]
         event = next((event for event in newest if event["code"] == ROLLED_BACK), None)
-        if event is None or not math.isfinite(event["value"]):
-            return (
-                f"{text.code} the promoted tuning was taken back: the cell does not track any more, "
-                f"its state is {self.controller.state}"
+        if event is None or event["axis"] < 0:  # no axis is to blame
+            state_name = self.controller.state
+            why = (
+                "too many deadlines were missed to judge it"
+                if state_name == STATE_NAMES[TRACKING]
+                else f"the cell does not track any more, its state is {state_name}"
             )
+            return f"{text.code} the promoted tuning was taken back: {why}"
         axis = list(self.prepared.configuration.axes)[int(event["axis"])]
         value, limit = float(event["value"]), float(event["limit"])
         if value <= limit:

@@ -94,7 +94,7 @@ def takes_back(p: Record, s: Record) -> bool:
     if s["shadow"] != ON_TRIAL:
         return False
     worse = s["state"] != TRACKING or s["fault"] != NO_FAULT or s["trial_cycles"] == _WITHDRAWN
-    axis, share, value, limit = -1, 0.0, 0.0, 0.0
+    axis, share, value, limit = -1, -1.0, 0.0, 0.0  # which one is to blame, and the largest error
     judged = not rests(p, s)
     for i in range(p["axes"]):
         a = s["axis"][i]
@@ -105,9 +105,10 @@ def takes_back(p: Record, s: Record) -> bool:
             s["trial_now"][i] += p["trial_step"] * (error_um * error_um - s["trial_now"][i])
         rms_um = math.sqrt(s["trial_now"][i])
         allowed_um = p["trial_factor"] * math.sqrt(s["trial_before"][i]) + p["trial_floor"]
-        worse = worse or rms_um > allowed_um or a["watch"]["fallback"] != 0
-        if axis < 0 or rms_um > share * allowed_um:
-            axis, share, value, limit = i, rms_um / allowed_um, rms_um, allowed_um
+        if not worse and (rms_um > allowed_um or a["watch"]["fallback"] != 0):
+            worse, axis, value, limit = True, i, rms_um, allowed_um
+        elif axis < 0 and rms_um > share * allowed_um:
+            share, value, limit = rms_um / allowed_um, rms_um, allowed_um
     s["trial_cycles"] += 1
     if judged:
         s["trial_judged"] += 1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.rt.records import CELL_STATE
+from micromanip.rt.records import CELL_STATE, EVENTS
 from micromanip.rt.shadow import shadow_cycle, start_shadow, takes_back
 from micromanip.rt.states import (
     CONFIRMED,
@@ -127,7 +127,8 @@ def test_taken_back_by_itself_when_it_is_worse(shadowed):
     assert shadowed.s["shadow"] == TAKEN_BACK
     assert shadowed.s["version"] == 1
     assert (shadowed.active[0]["axis"]["pid"]["gain"] == shadowed.before[0]["axis"]["pid"]["gain"]).all()
-    assert ROLLED_BACK in shadowed.s["event"]["code"]
+    event = shadowed.s["event"][list(shadowed.s["event"]["code"]).index(ROLLED_BACK)]
+    assert event["axis"] >= 0
     assert shadowed.s["state"] == TRACKING
     assert np.abs(rows["axis"]["path_error_um"][-300:]).max() < 8.0
 
@@ -164,6 +165,9 @@ def test_a_trial_that_cannot_be_judged_is_taken_back(shadowed):
             break
     assert (shadowed.s["shadow"], shadowed.s["version"]) == (TAKEN_BACK, 1)
     assert shadowed.s["trial_cycles"] == pytest.approx(1200, abs=2)
+    event = shadowed.s["event"][(int(shadowed.s["events"]) - 1) % EVENTS]
+    assert (event["code"], event["axis"]) == (ROLLED_BACK, -1)  # no axis is to blame
+    assert 0.0 < event["value"] <= event["limit"]
 
 
 def test_a_single_stall_only_makes_the_trial_rest(shadowed):

@@ -1,0 +1,199 @@
+"""The contract of a bus driver: it talks to its bus, and to nothing else.
+
+A bus driver runs in a worker process of its own (``worker.py``), which owns all that drivers have in common: shared
+memory, the schedule, the safe state, reconnection, statistics. So a driver is a Python object that is called by one
+thread, may block for a few milliseconds, and says what happened by raising one of the errors of ``bus_errors.py``.
+
+    open      once for each try to reach the device
+    perform   at the rate of each task: send a frame, ask for registers, write outputs
+    receive   between the tasks: take what comes by itself
+    close     after every open, also one that failed
+
+``docs/drivers.md`` has a complete example, and the suite that a driver must pass.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class BusOptions(BaseModel):
+    """Keys that every bus driver has; a driver's own model derives from it. Unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    driver: str = Field(default="", description="Name of the driver's entry point.")
+    simulated: bool = Field(
+        default=False,
+        strict=True,
+        description="What answers is `micromanip simulate-device`, or a bench without actuators: nothing real moves.",
+    )
+
+
+@dataclass(frozen=True)
+class Channel:
+    """An input or an output of a bus driver."""
+
+    name: str
+    rate_hz: float
+    """Declared rate: fresh samples, or writes, a second."""
+    latency_s: float = 0.0
+    """Input: from being measured to being received, as far as known. Output: from being sent to being in force."""
+    safe: float = 0.0
+    """Output that the configuration does not use: what it is kept at."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is done on the bus at a fixed rate: a frame sent, registers asked for."""
+
+    name: str
+    rate_hz: float
+    outputs: tuple[int, ...] = ()
+    """Indices of the outputs that it writes; empty for one that only asks."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a resource of the bus must carry, at worst, for the budget that ``check`` prints."""
+
+    name: str
+    share: float
+    """Used part of it, 1 is all."""
+    detail: str
+    """How it comes about, in a few words: "2000 x 145 us + 2000 x 68 us"."""
+    limit: float = 0.8
+
+
+@dataclass
+class Sample:
+    """One fresh reading of an input."""
+
+    channel: int
+    value: float
+    time_ns: int
+    """When it was taken, CLOCK_MONOTONIC."""
+    status: int = 0
+    """0 is good; anything else is the device's own word for "do not use"."""
+    lost: int = 0
+    """Samples that are known to be missing before it (a gap in the device's counter)."""
+
+
+class Inbox:
+    """Where a driver puts what it received; the worker empties it into the process image."""
+
+    def __init__(self) -> None:
+        self._samples: list[Sample] = []
+
+    def put(self, channel: int, value: float, time_ns: int, status: int = 0, lost: int = 0) -> None:
+        """Add a fresh sample of the input with index `channel`; the newest of several wins, none is counted lost."""
+        self._samples.append(Sample(channel, value, time_ns, status, lost))
+
+    def __iter__(self) -> Iterator[Sample]:
+        return iter(self._samples)
+
+    def __len__(self) -> int:
+        return len(self._samples)
+
+    def clear(self) -> None:
+        """Forget what was taken over."""
+        self._samples.clear()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One thing that was found on a bus by ``probe``."""
+
+    name: str
+    """What answers: "node 5", "message 0x101", "unit 3"."""
+    values: Mapping[str, Any]
+    """What it says, by name."""
+    note: str = ""
+
+
+class BusDriver(ABC):
+    """A driver that runs in a worker process, found by an entry point in ``micromanip.drivers``."""
+
+    Options: ClassVar[type[BusOptions]]
+    """Model of the driver's own keys in the configuration."""
+
+    version: ClassVar[str] = ""
+    """Shown by ``micromanip drivers``; the version of its package if empty."""
+
+    @abstractmethod
+    def __init__(self, options: Any, folder: Path) -> None:
+        """`options` is a validated ``Options``; names of files in it are seen from `folder`.
+
+        Opens nothing. Raises ConfigError for what only the driver can know.
+        """
+
+    @property
+    @abstractmethod
+    def device(self) -> str:
+        """The hardware that it owns, e.g. "can0" or "/dev/ttyUSB0": a second owner of the same one is refused."""
+
+    @property
+    @abstractmethod
+    def watchdog(self) -> str | None:
+        """What brings the outputs to a safe value when this machine is dead, in a few words; None if nothing does."""
+
+    @property
+    @abstractmethod
+    def inputs(self) -> Sequence[Channel]:
+        """Its inputs, in a fixed order."""
+
+    @property
+    @abstractmethod
+    def outputs(self) -> Sequence[Channel]:
+        """Its outputs, in a fixed order."""
+
+    @property
+    @abstractmethod
+    def tasks(self) -> Sequence[Task]:
+        """What is to be done at fixed rates."""
+
+    @abstractmethod
+    def loads(self) -> Sequence[Load]:
+        """What the declared rates cost, with worst-case bits."""
+
+    @abstractmethod
+    def open(self) -> None:
+        """Reach the device; at most a second. Raises LinkError, or IdentityMismatch for the wrong device.
+
+        Must not move anything: the first outputs come by ``perform``.
+        """
+
+    @abstractmethod
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+        """Do task number `task` with `values`, one for each output of the driver.
+
+        Latest value wins: nothing is queued. Raises OutputRefused, with nothing sent, for a value that is not
+        finite or that the wire can't carry; TransientError; LinkError; DeviceFault.
+        """
+
+    def receive(self, inbox: Inbox, until_ns: int) -> None:
+        """Put what came by itself into `inbox`; return soon after the first, and at `until_ns` at the latest.
+
+        `until_ns` (CLOCK_MONOTONIC) may have passed already: then only what is there is taken. Raises TransientError,
+        LinkError, DeviceFault. The default is for devices that speak only when they are asked.
+        """
+        time.sleep(max(0, until_ns - time.monotonic_ns()) * 1e-9)
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of everything that ``open`` took; does no harm twice, never raises, never moves anything."""
+
+    def statistics(self) -> Mapping[str, int]:
+        """Counters of its own, since ``__init__``: frames, errors, overflows."""
+        return {}
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        """Look, without moving anything, what answers on the bus; what is found, as it is found."""
+        raise NotImplementedError

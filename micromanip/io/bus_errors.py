@@ -1,0 +1,37 @@
+"""What can go wrong on a bus, by what is to be done about it.
+
+A driver raises these; the worker owns the policy. Anything else that a driver raises is a bug: the worker ends, and is
+started again.
+"""
+
+from __future__ import annotations
+
+
+class BusError(Exception):
+    """Base of all that a driver may raise once it was built."""
+
+
+class TransientError(BusError):
+    """This once: a time-out, a wrong checksum, a device that is busy, a full transmit buffer, a stale reply.
+
+    Counted; so many among the last tries are a lost link.
+    """
+
+
+class LinkError(BusError):
+    """The bus is gone: bus-off, disconnected, network down. Closed, and opened again after a while."""
+
+
+class DeviceFault(BusError):
+    """The device answers, and says that it can't: an exception code, an error register, an emergency message.
+
+    Treated as a lost link: the outputs are safe until it has been opened again and the axes are armed anew.
+    """
+
+
+class IdentityMismatch(BusError):
+    """What answers is not the device that the configuration names. Latched: never tried again by itself."""
+
+
+class OutputRefused(BusError):
+    """A value that is not finite, or that the wire can't carry; nothing was sent."""

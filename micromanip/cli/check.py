@@ -24,8 +24,7 @@ def command(config: Path, as_json: bool) -> None:
 
     prepared = prepare(config)
     configuration, wiring = prepared.configuration, prepared.wiring
-    simulated = all(driver.simulated for driver in wiring.drivers.values())
-    budget = measure(prepared) if simulated else None
+    budget = measure(prepared) if wiring.virtual else None
     loop = configuration.loop
     warnings = changes_since(configuration.axes)
     report: dict[str, Any] = {

@@ -61,8 +61,9 @@ class Amplifier:
         self.refused = 0
         """Commands that were not finite."""
         self.arrived = {name: Arrived() for name in rest_V}
+        self._arrived_since_report = {name: Arrived() for name in rest_V}
         self._plant, self._watchdog_ns = plant, round(watchdog_ms * 1e6)
-        self._in_force = dict(rest_V)
+        self.in_force = dict(rest_V)
         self._commanded_ns: int | None = None
         self._ticked_ns: int | None = None
         self._ramp_from: dict[str, float] = {}
@@ -78,6 +79,7 @@ class Amplifier:
         self._commanded_ns = time_ns
         for name in values.keys() & self.arrived.keys():
             self.arrived[name].add(values[name])
+            self._arrived_since_report[name].add(values[name])
         if not self.ok:
             self.ok = not self._ramp_from and self._asks_for_rest(values)
         for name, value in values.items():
@@ -102,7 +104,13 @@ class Amplifier:
         """Not ok from now on; the outputs go to rest in 0.2 s and stay there until the commands do."""
         self.trips += self.ok
         self.ok = False
-        self._ramp_from, self._ramp_ns = dict(self._in_force), time_ns
+        self._ramp_from, self._ramp_ns = dict(self.in_force), time_ns
+
+    def take_report(self) -> dict[str, Arrived]:
+        """What arrived since the last call; a step from the last command before it counts too."""
+        report = self._arrived_since_report
+        self._arrived_since_report = {name: Arrived(last=before.last) for name, before in report.items()}
+        return report
 
     def _ramp(self, time_ns: int) -> None:
         share = min(1.0, (time_ns - self._ramp_ns) / RAMP_NS)
@@ -112,7 +120,7 @@ class Amplifier:
             self._ramp_from = {}
 
     def _put(self, name: str, value: float) -> None:
-        self._in_force[name] = value
+        self.in_force[name] = value
         self._plant.write(name, value)
 
     def _asks_for_rest(self, values: Mapping[str, float]) -> bool:

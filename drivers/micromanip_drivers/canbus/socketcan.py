@@ -98,12 +98,12 @@ def trouble(channel: str, bitrate: int, data_bitrate: int | None) -> str | None:
         return f"there is no network interface {channel}; CAN interfaces here: {', '.join(found) or 'none'}"
     if _line(network / "type") != _ARPHRD_CAN:
         return f"the network interface {channel} is not a CAN bus"
-    as_root = f"as root: ip link set {channel}"
+    link = f"ip link set {channel}"
     fd = f" dbitrate {data_bitrate} fd on" if data_bitrate else ""
     if not int(_line(network / "flags") or "0", 16) & _IFF_UP:
-        return f"{channel} is down; {as_root} up type can bitrate {bitrate}{fd} restart-ms 100"
+        return f"{channel} is down; as root: {link} up type can bitrate {bitrate}{fd} restart-ms 100"
     if _line(network / "carrier") == "0":
-        return f"{channel} is bus-off; {as_root} type can restart (after restart-ms 100 it does that by itself)"
+        return f"{channel} is bus-off; as root: {link} type can restart (after restart-ms 100 it does that by itself)"
     if data_bitrate and int(_line(network / "mtu") or "0") < _FD_SIZE:
         return (
             f"{channel} is set up without CAN FD; {as_root} down, then {as_root[9:]} up type can bitrate {bitrate}{fd}"

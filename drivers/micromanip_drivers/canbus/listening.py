@@ -23,9 +23,9 @@ class _Speaker:
 
 
 def heard(link: CanLink, messages: Mapping[tuple[int, bool], Any], seconds: float) -> Iterator[Answer]:
-    """Each identifier that was heard in so many seconds, lowest first; `messages` of cantools by (identifier, extended).
+    """Each identifier that was heard in so many seconds, lowest first. Raises LinkError.
 
-    Raises LinkError.
+    `messages` are those of cantools, by (identifier, extended).
     """
     speakers: dict[tuple[int, bool], _Speaker] = {}
     link.open()
@@ -54,9 +54,8 @@ def _answer(key: tuple[int, bool], speaker: _Speaker, known: Any, seconds: float
     if known is None:
         return Answer(name, values, "not in the database")
     if known.is_multiplexed() or len(data) < known.length:
-        return Answer(
-            name, values, f"{known.name}, whose signals are not shown: multiplexed, or a frame that is too short"
-        )
+        why = "multiplexed" if known.is_multiplexed() else f"{known.length} bytes in the database"
+        return Answer(name, values, f"{known.name}, signals not shown: {why}")
     fields = [bit_field(signal, known.length) for signal in known.signals]
     numbers = UnpackPlan(fields).values(data[: known.length])
     values |= {field.name: number for field, number in zip(fields, numbers, strict=True)}

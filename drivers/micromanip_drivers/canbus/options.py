@@ -31,7 +31,7 @@ class Received(_Section):
     rate_hz: Rate = Field(description="How often the device sends it.")
     counter: str | None = Field(
         default=None,
-        description="Signal that the device increments with each frame: gaps are counted, a standstill is no fresh sample.",
+        description="Signal that the device increments with each frame: gaps are counted, a repeated one is not fresh.",
     )
     latency_us: Latency | None = Field(
         default=None,
@@ -58,5 +58,5 @@ class CanBusOptions(LinkOptions):
     send: dict[str, Sent] = Field(default={}, description="Messages that are sent, by name in the DBC.")
     watchdog: str | None = Field(
         default=None,
-        description="What the device does by itself when no frames come, in a few words: a value to go to, after so long.",
+        description="What the device does by itself when no frames come, and after how long, in a few words.",
     )

@@ -70,10 +70,7 @@ class PackPlan:
             if not field.low <= code <= field.high:
                 low, high = field.range
                 raise OutputRefused(f"{field.name} is {value:g}, its frame holds {low:g} to {high:g}: nothing was sent")
-            if floating is None:
-                bits = int(code) & field.mask
-            else:
-                bits = int.from_bytes(floating.pack(code), "little")
+            bits = int(code) & field.mask if floating is None else int.from_bytes(floating.pack(code), "little")
             if field.big_endian:
                 big |= bits << field.shift
             else:

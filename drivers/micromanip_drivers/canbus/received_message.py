@@ -54,13 +54,11 @@ class ReceivedMessage:
                 self.short += 1
                 return
             data = data[: self.length]
-        lost: int | None = 0
-        status = 0
         own = self._own.codes(data)
-        if self.counter is not None:
-            lost = self.counter.lost_before(own[0])
-            if lost is None:
-                return
+        lost = self.counter.lost_before(own[0]) if self.counter else 0
+        if lost is None:
+            return
+        status = 0
         if self._good is not None and own[-1] not in self._good:
             status = own[-1] or _BAD
         taken_ns = time_ns - self._latency_ns

@@ -112,8 +112,9 @@ class CanLink:
 
     def statistics(self) -> Mapping[str, int]:
         """Counters since ``__init__``."""
-        now = self._reader.overflows if self._reader else 0
-        return {**self._counters, "overflows": self._overflows + now, **self._errors.counters}
+        counters = {**self._counters, **self._errors.counters}
+        counters["overflows"] += self._overflows + (self._reader.overflows if self._reader else 0)
+        return counters
 
     def _taken(self, until_ns: int) -> list[tuple[can.Message, int]]:
         """What is there, or else what comes first until then; empty if it was nothing, or to be looked for again."""

@@ -67,16 +67,16 @@ class EventLoop:
         os.eventfd_write(self._waker, 1)
 
     def run(self, until_ns: int | None = None) -> None:
-        """Serve until ``stop``, or until `until_ns` has passed."""
+        """Serve until ``stop``, or until `until_ns` has passed; what is ready now is served in any case."""
         _libc.prctl(_PR_SET_TIMERSLACK, _SLACK_NS)  # the kernel's default lets it wake this thread 50 us late
         while not self._stopping:
+            # Readers come before the timers that became due meanwhile: a frame that was sent before the bus got idle
+            # takes part in the arbitration.
+            self._wait(self._next_ns(until_ns))
             now_ns = self.now_ns()
             self._call_due(now_ns)
             if until_ns is not None and now_ns >= until_ns:
                 break
-            # Readers come before the timers that became due meanwhile: a frame that was sent before the bus got idle
-            # takes part in the arbitration.
-            self._wait(self._next_ns(until_ns))
         self._stopping = False
 
     def close(self) -> None:

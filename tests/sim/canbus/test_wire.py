@@ -91,6 +91,26 @@ def test_a_loop_that_woke_late_works_off_what_happened_at_the_time_it_happened(b
     assert listener.times_ns == [55 * US, 110 * US, 165 * US]
 
 
+def test_a_node_whose_timer_came_late_sends_as_of_when_it_was_ready(bus):
+    sender, listener = bus.node(), bus.node()
+    bus.run(0.001)
+    bus.hub.send(sender, Frame(1), bus.hub.now_ns() - 30 * US)
+    bus.hub.send(sender, Frame(2), bus.hub.now_ns() + 30 * US)  # nothing is sent before it is there
+    bus.run(0.001)
+    assert listener.times_ns == [(1000 - 30 + 55) * US, (1000 - 30 + 110) * US]
+
+
+def test_a_frame_that_was_not_there_yet_takes_no_part_in_an_arbitration_that_is_worked_off_late(bus):
+    a, b, c, listener = (bus.node() for _ in range(4))
+    bus.hub.send(a, Frame(0x001))
+    bus.loop.time_ns += 300 * US  # it slept on
+    bus.hub.send(b, Frame(0x700), BEGIN_NS + 20 * US)
+    bus.hub.send(c, Frame(0x100), BEGIN_NS + 200 * US)
+    bus.run(0.001)
+    assert listener.identifiers == [0x001, 0x700, 0x100]
+    assert listener.times_ns == [55 * US, 110 * US, 255 * US]
+
+
 def test_a_full_queue_takes_nothing_more(make_bus):
     bus = make_bus(queue_frames=3)
     sender, listener = bus.node(), bus.node()

@@ -97,7 +97,11 @@ def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     if amplifier is not None:
         cell.amplifiers.append(amplifier)
     sent = [
-        Sent(message, round(1e9 / rate_hz), {name: _source_of(message.name, name, wires, cell) for name in message.signals})
+        Sent(
+            message,
+            round(1e9 / rate_hz),
+            {name: _source_of(message.name, name, wires, cell) for name in message.signals},
+        )
         for message, rate_hz in settings.sends
     ]
     device = CanDevice(loop, hub, cell, sent, settings.receives, wires.outputs, amplifier)

@@ -54,7 +54,7 @@ class PlantInRealTime:
         self.time_ns, self._period_ns = 0, period_ns
         self.stalls = Stalls()
         self._signals = np.zeros(len(self.inputs), SIGNAL)
-        self._values, self._times = self._signals["value"], self._signals["time_ns"]
+        self._values: list[float] = [0.0] * len(self.inputs)
         self._outputs = np.zeros(len(self.outputs))
         self._written = False
         exchange = _EXCHANGE(functions.exchange)
@@ -75,11 +75,16 @@ class PlantInRealTime:
             self._written = False
             if code := self._exchange(self.time_ns, min(periods, MOST_PERIODS)):
                 raise CheckFailed(f"the simulated plant failed: code {code}")
+            self._values = self._signals["value"].tolist()
 
     def read(self, channel: str) -> tuple[float, int]:
         """Newest sample of an input: its value, and when it was taken (CLOCK_MONOTONIC, 0 for never)."""
         i = self.inputs[channel]
-        return float(self._values[i]), int(self._times[i])
+        return self._values[i], int(self._signals[i]["time_ns"])
+
+    def value(self, channel: str) -> float:
+        """Newest value of an input."""
+        return self._values[self.inputs[channel]]
 
     def write(self, channel: str, value: float) -> None:
         """What an output shall be from the next `advance_to` on."""

@@ -23,6 +23,7 @@ class PlayedCanBus:
 
     def __init__(self, settings: CanSettings, hub: CanHub, device: CanDevice) -> None:
         self._settings, self._hub, self._device = settings, hub, device
+        self._began_ns = hub.now_ns()
 
     @property
     def ready(self) -> str:
@@ -40,6 +41,7 @@ class PlayedCanBus:
         return [sent.message.name for sent in self._device.sent]
 
     def start(self, now_ns: int) -> None:
+        self._began_ns = now_ns
         self._device.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
@@ -61,7 +63,7 @@ class PlayedCanBus:
 
     def report(self) -> dict[str, Any]:
         bus = self._hub.statistics
-        elapsed_ns = self._hub.now_ns() - bus.began_ns
+        elapsed_ns = self._hub.now_ns() - self._began_ns
         return {
             **vars(self._device.figures),
             "frames": bus.frames,

@@ -65,7 +65,7 @@ class Dictionary:
         entry = self.objects.indices.get(index)
         if entry is None or isinstance(entry, ODVariable):
             return entry if subindex == 0 else None
-        found = entry.subindices.get(subindex)
+        found: ODVariable | None = entry.subindices.get(subindex)
         if found is None and isinstance(entry, ODArray) and _is_compact(entry) and 0 < subindex < 0xFF:
             return entry[subindex]  # made from the first
         return found

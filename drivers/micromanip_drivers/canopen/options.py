@@ -133,6 +133,7 @@ class NodeOptions(_Keys):
     eds: str = Field(min_length=1, description="Its EDS file, seen from the folder of the configuration.")
     heartbeat_ms: Milliseconds = Field(
         ge=10,
+        le=1500,
         description="Silent for so long, it is lost. The node is told to send its heartbeat three times as often.",
     )
     identity: Identity = Field(default=Identity(), description="Checked when it is opened; what is left out is not.")

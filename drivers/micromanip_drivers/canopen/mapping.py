@@ -90,7 +90,9 @@ def mapping(dictionary: Dictionary, direction: Direction, pdo: int, options: Tpd
             raise ConfigError(f"{dictionary.file} has no {direction} {pdo} (object {index:04X}); {hint}")
     cob_id = dictionary.value(parameters, 1)
     if cob_id & EXTENDED or not 0x180 <= cob_id & 0x1FFFFFFF <= 0x57F:
-        raise ConfigError(f"{dictionary.file}: {number(parameters, 1)} is 0x{cob_id:X}, which is no identifier of a PDO")
+        raise ConfigError(
+            f"{dictionary.file}: {number(parameters, 1)} is 0x{cob_id:X}, which is no identifier of a PDO"
+        )
     if cob_id & INVALID and options.map is None:
         raise ConfigError(f"{dictionary.file} has {direction} {pdo} switched off: give it a map")
     transmission = _transmission(options)

@@ -10,7 +10,8 @@ import time
 from collections.abc import Callable
 
 import can
-from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
+from canopen.sdo.client import SdoClient
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from micromanip.io.bus_errors import IdentityMismatch, LinkError
 
@@ -34,7 +35,7 @@ class Sdo(SdoClient):
         self, link: CanLink, plan: NodePlan, deadline_ns: int, other: Callable[[can.Message, int], None]
     ) -> None:
         node_id = plan.options.node_id
-        super().__init__(_REQUEST + node_id, _RESPONSE + node_id, plan.dictionary.objects)
+        super().__init__(_REQUEST + node_id, _RESPONSE + node_id, plan.dictionary.objects)  # type: ignore[no-untyped-call]
         self._link, self._plan, self._deadline_ns, self._other = link, plan, deadline_ns, other
         self._asked = b""
 

@@ -9,9 +9,7 @@ from canopen.emcy import EmcyError
 from micromanip.io.bus_errors import DeviceFault, LinkError
 
 OPERATIONAL = 5
-PRE_OPERATIONAL = 127
-STATES = {0: "starting", 4: "STOPPED", OPERATIONAL: "OPERATIONAL", PRE_OPERATIONAL: "PRE-OPERATIONAL"}
-
+_STATES = {0: "INITIALISING", 4: "STOPPED", OPERATIONAL: "OPERATIONAL", 127: "PRE-OPERATIONAL"}
 _GUARD_TOGGLE = 0x80
 _EMERGENCY = struct.Struct("<HB")
 # CiA 301 names the codes of the communication one by one; of the others the library knows the class
@@ -36,25 +34,27 @@ class Watch:
         self._heartbeat_ms = heartbeat_ms
         self._heard_ns = 0
         self._fault: str | None = None
+        self.state = "silent"
+        """What its last heartbeat said."""
         self.operational = False
         """True once its heartbeat has said so."""
 
     def begin(self, time_ns: int) -> None:
         """It was told to start at `time_ns`."""
-        self._heard_ns, self._fault, self.operational = time_ns, None, False
+        self._heard_ns, self._fault, self.state, self.operational = time_ns, None, "silent", False
 
     def heartbeat(self, data: bytes, time_ns: int) -> None:
         """Its heartbeat. Raises LinkError if it says that the node restarted or left OPERATIONAL."""
         if not data:
             return
         state = data[0] & ~_GUARD_TOGGLE
-        self._heard_ns = time_ns
+        self._heard_ns, self.state = time_ns, _STATES.get(state, f"in state {state}")
         if state == 0:
             raise LinkError(f"node {self._name} has restarted (boot-up message)")
         if state == OPERATIONAL:
             self.operational = True
         elif self.operational:
-            raise LinkError(f"node {self._name} is {STATES.get(state, f'in state {state}')}, no longer OPERATIONAL")
+            raise LinkError(f"node {self._name} is {self.state}, no longer OPERATIONAL")
 
     def emergency(self, data: bytes) -> None:
         """Its emergency message, or the one that takes it back."""

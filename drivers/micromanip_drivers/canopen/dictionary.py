@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from canopen.objectdictionary import ODArray, ObjectDictionary, ObjectDictionaryError, ODVariable, import_od
+from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODArray, ODVariable, import_od
 
 from micromanip.errors import ConfigError
 

@@ -85,8 +85,8 @@ class _Pdo(_Keys):
     rate_hz: Positive = Field(description="How often it is sent, for the bus's budget and the loop's.")
     transmission: Transmission | None = Field(
         default=None,
-        description="sync: at each SYNC; a number n: at each n-th SYNC; event: by the sender's own clock. Written to the "
-        "node when it is opened; left out: as the EDS says.",
+        description="sync: at each SYNC; a number n: at each n-th SYNC; event: by the sender's own clock. Written to "
+        "the node when it is opened; left out: as the EDS says.",
     )
     map: tuple[str, ...] | None = Field(
         default=None,

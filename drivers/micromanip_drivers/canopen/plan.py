@@ -71,8 +71,7 @@ def _node(name: str, options: NodeOptions, folder: Path) -> NodePlan:
         dictionary = Dictionary(folder / options.eds, options.node_id)
         tpdos = tuple(_pdo(name, dictionary, "tpdo", pdo, keys) for pdo, keys in options.tpdo.items())
         rpdos = tuple(_pdo(name, dictionary, "rpdo", pdo, keys) for pdo, keys in options.rpdo.items())
-        if not dictionary.has(0x1017):
-            raise ConfigError(f"{dictionary.file} has no object 1017: a node without heartbeat can't be watched")
+        dictionary.variable(0x1017)  # without a heartbeat it can't be watched
     except ConfigError as problem:
         raise ConfigError(f"node {name}: {problem}") from problem
     _names_differ(name, options)

@@ -40,7 +40,7 @@ class EventSampling:
     def clear(self) -> None:
         """Nothing is remembered."""
 
-    def taken(self, received_ns: int) -> tuple[int, int]:
+    def taken(self, received_ns: int, data: bytes) -> tuple[int, int]:  # noqa: ARG002
         """When the values were taken, and how many samples before them are missing."""
         return received_ns - self._age_ns, 0
 
@@ -48,8 +48,8 @@ class EventSampling:
 class SyncSampling:
     """Of a synchronous PDO: taken at the SYNC that it answers, however long it then waited for the bus.
 
-    A SYNC that no PDO answered is a lost sample. A PDO that comes twice for one SYNC is not the answer to it: it is
-    dated by its reception.
+    A SYNC that no PDO answered is a lost sample. The same PDO twice for one SYNC is a repetition, and no fresh sample;
+    another one for the same SYNC is not the answer to it, and dated by its reception.
     """
 
     def __init__(self, syncs: SyncTimes, every: int, frame_ns: int, latency_ns: int, lasting_ns: int) -> None:
@@ -57,18 +57,22 @@ class SyncSampling:
         self._syncs, self._every = syncs, every
         self._frame_ns, self._latency_ns, self._lasting_ns = frame_ns, latency_ns, lasting_ns
         self._answered: int | None = None
+        self._last = b""
 
     def clear(self) -> None:
         """The bus was opened anew."""
         self._answered = None
 
-    def taken(self, received_ns: int) -> tuple[int, int]:
-        """When the values were taken, and how many samples before them are missing."""
+    def taken(self, received_ns: int, data: bytes) -> tuple[int, int] | None:
+        """When the values were taken, and how many samples before them are missing; None for a repetition."""
         began_ns = received_ns - self._frame_ns
         sync = self._syncs.before(began_ns)
-        if sync is None or began_ns - sync[1] > self._lasting_ns or sync[0] == self._answered:
+        last, self._last = self._last, data
+        if sync is None or began_ns - sync[1] > self._lasting_ns:
             return began_ns - self._latency_ns, 0
         count, sent_ns = sync
+        if count == self._answered:
+            return None if data == last else (began_ns - self._latency_ns, 0)
         lost = 0 if self._answered is None else max(0, round((count - self._answered) / self._every) - 1)
         self._answered = count
         return sent_ns - self._latency_ns, lost

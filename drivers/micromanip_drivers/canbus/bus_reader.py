@@ -21,7 +21,7 @@ class BusReader:
         self._bus = bus
         self._fileno = _fileno(bus)
         self._first: list[tuple[can.Message, int]] = []  # what waiting for it has taken already
-        self._stamped = getattr(bus, "timestamp_clock", None) == time.CLOCK_MONOTONIC
+        self._stamped = getattr(bus, "timestamp_clock", None) == "CLOCK_MONOTONIC"
 
     def drain(self, limit: int) -> list[tuple[can.Message, int]]:
         """What is there, `limit` frames at most. Raises CanError, OSError."""

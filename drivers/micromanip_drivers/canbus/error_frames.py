@@ -32,7 +32,7 @@ class ErrorFrames:
         self._device = device
         self._tells_apart = interface in _TELL_APART
         self.counters = dict.fromkeys(
-            ("error_frames", "error_warning", "error_passive", "unacknowledged", "bus_off", "controller_overflows"), 0
+            ("error_frames", "error_warning", "error_passive", "unacknowledged", "bus_off", "overflows"), 0
         )
 
     def take(self, message: can.Message) -> None:
@@ -51,4 +51,4 @@ class ErrorFrames:
             state = message.data[1]
             count["error_warning"] += bool(state & WARNING)
             count["error_passive"] += bool(state & PASSIVE)
-            count["controller_overflows"] += bool(state & RECEIVE_OVERFLOW)
+            count["overflows"] += bool(state & RECEIVE_OVERFLOW)

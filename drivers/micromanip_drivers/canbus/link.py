@@ -69,8 +69,8 @@ class CanLink:
             # without python-can's own configuration files and environment variables: nothing is set behind our back
             bus = can.Bus(options.channel, options.interface, ignore_config=True, **arguments)
         except (can.CanInterfaceNotImplementedError, ImportError, NameError, AttributeError) as error:
-            why = f"is the library of {options.interface} installed? ({_text(error)})"
-            raise LinkError(f"{options.device} can't be opened: {why}") from error
+            why = f"is the library of {options.interface} installed?"
+            raise LinkError(f"{options.device} can't be opened: {_text(error)}; {why}") from error
         except (*_RAISED, TypeError) as error:  # TypeError: an option that the interface doesn't take
             raise LinkError(f"{options.device} can't be opened: {_text(error)}") from error
         self._bus = bus
@@ -112,8 +112,9 @@ class CanLink:
 
     def statistics(self) -> Mapping[str, int]:
         """Counters since ``__init__``."""
-        now = self._reader.overflows if self._reader else 0
-        return {**self._counters, "overflows": self._overflows + now, **self._errors.counters}
+        counters = {**self._counters, **self._errors.counters}
+        counters["overflows"] += self._overflows + (self._reader.overflows if self._reader else 0)
+        return counters
 
     def _taken(self, until_ns: int) -> list[tuple[can.Message, int]]:
         """What is there, or else what comes first until then; empty if it was nothing, or to be looked for again."""

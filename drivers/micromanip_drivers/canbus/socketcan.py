@@ -105,9 +105,7 @@ def trouble(channel: str, bitrate: int, data_bitrate: int | None) -> str | None:
     if _line(network / "carrier") == "0":
         return f"{channel} is bus-off; as root: {link} type can restart (after restart-ms 100 it does that by itself)"
     if data_bitrate and int(_line(network / "mtu") or "0") < _FD_SIZE:
-        return (
-            f"{channel} is set up without CAN FD; {as_root} down, then {as_root[9:]} up type can bitrate {bitrate}{fd}"
-        )
+        return f"{channel} has no CAN FD; as root: {link} down, then {link} up type can bitrate {bitrate}{fd}"
     return None
 
 

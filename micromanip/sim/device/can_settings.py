@@ -20,6 +20,7 @@ from .dbc_message import DbcMessage
 
 logging.getLogger("cantools").addHandler(logging.NullHandler())  # what matters of its warnings is raised here
 
+
 @dataclass(frozen=True)
 class CanSettings:
     """One bus: what its device sends, with rates, and what it receives."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from micromanip.sim.canbus.faults import parsed
 from micromanip.sim.canbus.hub import CanHub
-from micromanip.sim.event_loop import EventLoop
 
 from .amplifier import Amplifier
 from .can_device import CanDevice, Sent
@@ -21,9 +21,9 @@ _TEST_BUS = "micromanip"
 class PlayedCanBus:
     """A hub and one node on it."""
 
-    def __init__(self, settings: CanSettings, loop: EventLoop, hub: CanHub, device: CanDevice) -> None:
+    def __init__(self, settings: CanSettings, hub: CanHub, device: CanDevice) -> None:
         self._settings, self._hub, self._device = settings, hub, device
-        self._now_ns = loop.now_ns
+        self._began_ns = hub.now_ns()
 
     @property
     def ready(self) -> str:
@@ -41,6 +41,7 @@ class PlayedCanBus:
         return [sent.message.name for sent in self._device.sent]
 
     def start(self, now_ns: int) -> None:
+        self._began_ns = now_ns
         self._device.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
@@ -53,8 +54,6 @@ class PlayedCanBus:
         self._device.reboot(for_s)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
-        from micromanip.sim.canbus.faults import parsed
-
         self._hub.faults.inject(parsed(fault))
 
     def clear(self) -> None:
@@ -64,7 +63,7 @@ class PlayedCanBus:
 
     def report(self) -> dict[str, Any]:
         bus = self._hub.statistics
-        elapsed_ns = self._now_ns() - bus.began_ns
+        elapsed_ns = self._hub.now_ns() - self._began_ns
         return {
             **vars(self._device.figures),
             "frames": bus.frames,
@@ -79,7 +78,7 @@ class PlayedCanBus:
         return next(sent for sent in self._device.sent if sent.message.name == message)
 
     def _end_ns(self, for_s: float | None) -> float:
-        return float("inf") if for_s is None else self._now_ns() + for_s * 1e9
+        return float("inf") if for_s is None else self._hub.now_ns() + for_s * 1e9
 
 
 def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
@@ -97,11 +96,15 @@ def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     if amplifier is not None:
         cell.amplifiers.append(amplifier)
     sent = [
-        Sent(message, round(1e9 / rate_hz), {name: _source_of(message.name, name, wires, cell) for name in message.signals})
+        Sent(
+            message,
+            round(1e9 / rate_hz),
+            {name: _source_of(message.name, name, wires, cell) for name in message.signals},
+        )
         for message, rate_hz in settings.sends
     ]
     device = CanDevice(loop, hub, cell, sent, settings.receives, wires.outputs, amplifier)
-    return PlayedCanBus(settings, loop, hub, device)
+    return PlayedCanBus(settings, hub, device)
 
 
 def _source_of(message: str, signal: str, wires: Wires, cell: PlayedCell) -> str:

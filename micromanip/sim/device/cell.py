@@ -34,19 +34,16 @@ class PlayedCell:
         self.plant.advance_to(now_ns)
         if self._errors.due(now_ns):
             for name in self._errors.names:
-                value = self.plant.read(name)[0]
+                value = self.plant.value(name)
                 self._errors.add(name, value)
                 self._errors_since_report.add(name, value)
 
     def read(self, signal: str) -> float:
         """What its sensor says: NaN where that is spoiled; 0 for one that the plant doesn't have."""
-        if signal in self.plant.inputs:
-            value = self.plant.read(signal)[0]
-            if signal.startswith(_AMPLIFIER_OK):
-                value *= self._amplifier_ok(signal)
-        else:
-            value = self._amplifier_ok(signal) if signal.startswith(_AMPLIFIER_OK) else 0.0
-        return self.faults.spoiled(signal, value, self.plant.time_ns)
+        value = self.plant.value(signal) if signal in self.plant.inputs else float(signal.startswith(_AMPLIFIER_OK))
+        if signal.startswith(_AMPLIFIER_OK):
+            value *= self._amplifier_ok(signal)
+        return self.faults.spoiled(signal, value, self.plant.time_ns) if self.faults.any else value
 
     def voltages(self) -> dict[str, float]:
         """What the amplifiers put out, by the outputs' names."""

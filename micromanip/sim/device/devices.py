@@ -45,17 +45,19 @@ class Devices:
         configuration = validate(source)
         driver = build_plant(configuration, source, PERIOD_NS, seed)
         self.loop = EventLoop()
-        self.began_ns = self.loop.now_ns()
-        self.cell = PlayedCell(PlantInRealTime(driver, self.began_ns))
+        self._began_ns, self._began_cpu_s = 0, 0.0
+        self.cell = PlayedCell(PlantInRealTime(driver))
         self.played: dict[str, PlayedDevice] = play_all(
             Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
         )
+        gc.collect()
+        gc.freeze()  # to look through all that was imported would be a stall
 
     def run(self, until_ns: int | None = None) -> None:
         """Play until `until_ns` (CLOCK_MONOTONIC), or until ``loop.stop()``."""
-        gc.collect()
-        gc.freeze()  # a look at all that was imported would be a stall
-        now_ns = self.loop.now_ns()
+        self._began_ns = now_ns = self.loop.now_ns()
+        self._began_cpu_s = time.process_time()
+        self.cell.plant.begin(now_ns)
         for device in self.played.values():
             device.start(now_ns)
         self.loop.run(until_ns)
@@ -86,8 +88,8 @@ class Devices:
 
     def _report(self, cell: dict[str, Any]) -> dict[str, Any]:
         return {
-            "elapsed_s": (self.loop.now_ns() - self.began_ns) * 1e-9,
-            "cpu_s": time.process_time(),
+            "elapsed_s": (self.loop.now_ns() - self._began_ns) * 1e-9,
+            "cpu_s": time.process_time() - self._began_cpu_s,
             "devices": {name: device.report() for name, device in self.played.items()},
             **cell,
         }
@@ -145,4 +147,3 @@ class Devices:
         if not chosen:
             raise UsageError(f"no device sends a message {name}; there are {', '.join(m for _, m in known)}")
         return chosen
-

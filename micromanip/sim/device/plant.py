@@ -40,8 +40,8 @@ class Stalls:
 class PlantInRealTime:
     """An opened simulated driver: `advance_to` an instant, `read` its inputs, `write` its outputs."""
 
-    def __init__(self, driver: CyclicDriver, now_ns: int, period_ns: int = PERIOD_NS) -> None:
-        """Opens `driver`, which was built with `period_ns`; the plant's time begins at `now_ns`.
+    def __init__(self, driver: CyclicDriver, period_ns: int = PERIOD_NS) -> None:
+        """Opens `driver`, which was built with `period_ns`; its time stands still until `begin`.
 
         Raises CheckFailed where it does not open.
         """
@@ -51,15 +51,19 @@ class PlantInRealTime:
             raise CheckFailed(f"the simulated plant could not be opened: code {code}")
         self.inputs = {name: i for i, name in enumerate(driver.inputs)}
         self.outputs = {name: i for i, name in enumerate(driver.outputs)}
-        self.time_ns, self._period_ns = now_ns, period_ns
+        self.time_ns, self._period_ns = 0, period_ns
         self.stalls = Stalls()
         self._signals = np.zeros(len(self.inputs), SIGNAL)
-        self._values, self._times = self._signals["value"], self._signals["time_ns"]
+        self._values: list[float] = [0.0] * len(self.inputs)
         self._outputs = np.zeros(len(self.outputs))
         self._written = False
         exchange = _EXCHANGE(functions.exchange)
         at = (self._context.ctypes.data, self._outputs.ctypes.data, self._signals.ctypes.data)
         self._exchange = lambda time_ns, periods: exchange(*at, time_ns, periods)
+
+    def begin(self, now_ns: int) -> None:
+        """Time runs from `now_ns` on."""
+        self.time_ns = now_ns
 
     def advance_to(self, now_ns: int) -> None:
         """Let the periods up to `now_ns` pass with the outputs in force, then put in force what was written."""
@@ -71,11 +75,16 @@ class PlantInRealTime:
             self._written = False
             if code := self._exchange(self.time_ns, min(periods, MOST_PERIODS)):
                 raise CheckFailed(f"the simulated plant failed: code {code}")
+            self._values = self._signals["value"].tolist()
 
     def read(self, channel: str) -> tuple[float, int]:
         """Newest sample of an input: its value, and when it was taken (CLOCK_MONOTONIC, 0 for never)."""
         i = self.inputs[channel]
-        return float(self._values[i]), int(self._times[i])
+        return self._values[i], int(self._signals[i]["time_ns"])
+
+    def value(self, channel: str) -> float:
+        """Newest value of an input."""
+        return self._values[self.inputs[channel]]
 
     def write(self, channel: str, value: float) -> None:
         """What an output shall be from the next `advance_to` on."""

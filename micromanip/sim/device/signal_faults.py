@@ -29,6 +29,11 @@ class SignalFaults:
         until_ns = None if for_s is None else now_ns + round(for_s * 1e9)
         self._faults[signal] = SignalFault(kind, value, now_ns, until_ns)
 
+    @property
+    def any(self) -> bool:
+        """Whether there is one at all."""
+        return bool(self._faults)
+
     def clear(self) -> None:
         """End them all."""
         self._faults.clear()

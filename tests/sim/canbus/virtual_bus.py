@@ -26,13 +26,15 @@ class VirtualLoop(EventLoop):
         return self.time_ns
 
     def _wait(self, next_ns):
-        while readable := select.select(self._readers, (), (), 0)[0]:
-            for fileno in readable:
-                if fileno in self._readers:
-                    self._readers[fileno]()
-            next_ns = self.time_ns  # what came may have asked for an earlier timer
-        if next_ns is not None:
+        readable = self.readable()
+        for fileno in readable:
+            if fileno in self._readers:
+                self._readers[fileno]()
+        if not readable and next_ns is not None:
             self.time_ns = max(self.time_ns, next_ns)
+
+    def readable(self):
+        return select.select(self._readers, (), (), 0)[0]
 
 
 class Recorder:
@@ -92,6 +94,8 @@ class VirtualBus:
 
     def run(self, seconds):
         self.loop.run(self.loop.time_ns + round(seconds * 1e9))
+        while self.loop.readable():
+            self.loop.run(self.loop.time_ns)
 
     def close(self):
         for client in self._clients:

@@ -14,7 +14,7 @@ KINDS: dict[str, type] = {"cyclic": CyclicDriver, "bus": BusDriver}
 
 
 def kind_of(found: Any) -> str | None:
-    """ "cyclic" or "bus"; None for what is no driver."""
+    """Which kind of driver it is, "cyclic" or "bus"; None for what is none."""
     if not isinstance(found, type):
         return None
     return next((kind for kind, base in KINDS.items() if issubclass(found, base)), None)
@@ -36,7 +36,7 @@ def findings(found: Any) -> list[str]:
 def _of_options(options: Any, base: type[BaseModel]) -> list[str]:
     if not (isinstance(options, type) and issubclass(options, base)):
         return [f"Options is not a model derived from {base.__module__}.{base.__name__}"]
-    problems = []
+    problems: list[str] = []
     if options.model_config.get("extra") != "forbid":
         problems.append('Options accepts unknown keys: a typing error would pass; say extra="forbid"')
     bare = [
@@ -50,7 +50,7 @@ def _of_options(options: Any, base: type[BaseModel]) -> list[str]:
 
 
 def _of_bus(found: type[BusDriver]) -> list[str]:
-    problems = [] if isinstance(found.version, str) else ["version is not a text"]
+    problems: list[str] = [] if isinstance(found.version, str) else ["version is not a text"]
     wanted = {
         "__init__": ["options", "folder"],
         "perform": ["task", "values", "inbox"],

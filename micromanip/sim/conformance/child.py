@@ -55,14 +55,14 @@ def _in_turns(session: Session, old: list[float], new: list[float]) -> None:
 def _switched(session: Session, old: list[float], new: list[float]) -> None:
     session.values = old
 
-    def switch(number: int, frame: FrameType | None) -> None:
+    def switch(*_: int | FrameType | None) -> None:
         session.values = new
 
     signal.signal(signal.SIGUSR1, switch)
     print("writing", flush=True)  # noqa: T201
     while True:
         session.run(1.0)
-        if any(isinstance(error, LinkError) for error in session.errors):  # it may well give up a link that long unheard
+        if any(isinstance(error, LinkError) for error in session.errors):  # unheard for so long, it may give up
             session.driver.close()
             session.open()
         session.forget()

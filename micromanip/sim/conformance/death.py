@@ -1,4 +1,4 @@
-"""The process that the driver runs in dies, or stands still: the device never gets half a value, nor a burst of old ones."""
+"""The driver's process dies, or stands still: the device gets no half values by it, and no burst of old ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import IO, cast
 
-from .hooks import Hooks, needing, settle
+from .hooks import Hooks, settle
 from .peer import Peer
 
 _STOPPED_S, _AFTER_S = 0.5, 0.3
@@ -25,7 +25,7 @@ class DeathChecks(Hooks):
     def test_killed_in_mid_write(self) -> None:
         old, new = self.patterns()
         draw = random.Random(9)
-        with needing("writes"), self.device() as peer:
+        with self.device() as peer:
             for _ in range(self.kills):
                 with self.child(peer, (old, new), "in turns") as process:
                     settle(peer.writes, 2.0)
@@ -42,7 +42,7 @@ class DeathChecks(Hooks):
 
     def test_stopped_and_continued(self) -> None:
         old, new = self.patterns()
-        with needing("writes"), self.device() as peer:
+        with self.device() as peer:
             with self.child(peer, (old, new), "switched") as process:
                 assert settle(peer.writes, 2.0), "nothing arrived of what another process wrote"
                 process.send_signal(signal.SIGSTOP)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import pytest
 
@@ -54,7 +54,7 @@ class Hooks:
 
     def peer(self) -> Peer:
         """A device of your own, not started yet."""
-        raise NotImplementedError
+        raise AssertionError(f"{type(self).__name__} must give peer(): a device to talk to")
 
     def garbage(self) -> Sequence[bytes]:
         """Units that hold nothing: random bytes, and golden inputs with one wrong bit."""
@@ -106,20 +106,6 @@ class Hooks:
     def equal(self, value: float, wanted: float) -> bool:
         """Whether they are the same, but for rounding."""
         return math.isclose(value, wanted, rel_tol=self.tolerance, abs_tol=self.tolerance * 1e-3)
-
-
-def unoffered(hook: str) -> NoReturn:
-    """Skip a check whose hook the peer does not have."""
-    pytest.skip(f"the peer does not offer {hook}")
-
-
-@contextmanager
-def needing(*names: str) -> Iterator[None]:
-    """Skip the check if one of the hooks turns out not to be there."""
-    try:
-        yield
-    except NotImplementedError:
-        unoffered(" or ".join(names))
 
 
 def settle(condition: Any, seconds: float = 1.0) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from micromanip.io.bus import BusDriver
 from micromanip.io.bus_errors import IdentityMismatch, LinkError
 
-from .hooks import Hooks, needing, settle
+from .hooks import Hooks, settle
 from .resources import Held
 from .session import Session, guarded
 
@@ -84,7 +84,7 @@ class LifetimeChecks(Hooks):
         assert isinstance(error, IdentityMismatch), f"open of the wrong device raised {error!r}, not IdentityMismatch"
 
     def test_opening_and_closing_move_nothing(self) -> None:
-        with needing("writes"), self.device() as peer:
+        with self.device() as peer:
             peer.writes()
             with Session(self.make(peer)) as session:
                 time.sleep(0.05)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from micromanip.io.bus_errors import LinkError
 
-from .hooks import Hooks, described, needing
+from .hooks import Hooks, described
 from .session import Session
 
 _CALLS = 300
@@ -50,14 +50,15 @@ class LinkChecks(Hooks):
         with self.running() as (peer, session):
             for _ in range(5):
                 peer.kill()
-                session.perform_all()
+                for _ in range(3):  # the first that finds nobody may not be told
+                    session.perform_all()
                 session.receive(0.01)
                 peer.start()
                 session.perform_all()
                 session.receive(0.01)
 
     def test_silent_device_is_no_bug(self) -> None:
-        with needing("silence"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             peer.silence(True)
             session.run(0.5)
             peer.silence(False)

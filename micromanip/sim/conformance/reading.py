@@ -10,7 +10,7 @@ import pytest
 from micromanip.io.bus import BusDriver
 from micromanip.io.bus_errors import LinkError, TransientError
 
-from .hooks import Hooks, described, needing
+from .hooks import Hooks, described
 from .peer import Golden, Peer
 from .session import Session
 
@@ -22,12 +22,12 @@ class ReadingChecks(Hooks):
         with self.running() as (_, session):
             if not session.inputs:
                 pytest.skip("the driver has no inputs")
-            came = session.fresh(2.0)
+            came = session.fresh()
             missing = ", ".join(sorted(set(session.inputs) - session.good()))
-            assert came, f"no good sample within 2 s of {missing}; errors: {described(session.errors)}"
+            assert came, f"no good sample within 1 s of {missing}; errors: {described(session.errors)}"
 
     def test_receive_keeps_its_deadline_under_a_silent_device(self) -> None:
-        with needing("silence"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             peer.silence(True)
             for ahead_s in (0.02, 0.0, -1.0, 0.02, 0.0, -1.0):
                 begin = time.monotonic()
@@ -38,7 +38,7 @@ class ReadingChecks(Hooks):
                     break
 
     def test_perform_does_not_block_under_a_silent_device(self) -> None:
-        with needing("silence"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             peer.silence(True)
             for task in range(len(session.driver.tasks)):
                 begin = time.monotonic()
@@ -51,16 +51,16 @@ class ReadingChecks(Hooks):
             if type(session.driver).receive is BusDriver.receive:
                 pytest.skip("the device speaks only when it is asked")
             begin = time.monotonic()
-            session.receive(2.0)
+            session.receive(1.5)
             took_s = time.monotonic() - begin
             if not session.arrivals:
-                pytest.skip("the device said nothing by itself for 2 s")
-            assert took_s < 1.0 + self.patience_s, f"receive went on for {took_s:.2f} s with samples there"
+                pytest.skip("the device said nothing by itself for 1.5 s")
+            assert took_s < 0.5 + self.patience_s, f"receive went on for {took_s:.2f} s with samples there"
 
     def test_golden_inputs(self) -> None:
         if not self.golden_inputs:
             pytest.skip("golden_inputs are not given")
-        with needing("silence", "send"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             for golden in self.golden_inputs:
                 peer.silence(True)
                 session.drain()
@@ -77,19 +77,19 @@ class ReadingChecks(Hooks):
         self.disturbed(self.partial(), "partial frames")
 
     def test_gaps_of_the_counter_are_lost_samples(self) -> None:
-        with needing("skip"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             assert session.fresh(), f"no samples to begin with; errors: {described(session.errors)}"
             session.forget()
             for count in (1, 5):
                 self.skipped(peer, session, count)
 
     def test_wrap_of_the_counter_is_no_gap(self) -> None:
-        with needing("skip"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             if peer.counter_range is None:
                 pytest.skip("the peer has no counter_range")
             assert session.fresh(), f"no samples to begin with; errors: {described(session.errors)}"
-            for _ in range(4):  # four thirds of the range: the wrap is inside of one
-                self.skipped(peer, session, peer.counter_range // 3)
+            for _ in range(3):  # so wide a gap has the wrap inside, but for two places of the counter
+                self.skipped(peer, session, peer.counter_range - 2)
 
     def test_time_stamps(self) -> None:
         begin_ns = time.monotonic_ns()
@@ -124,7 +124,7 @@ class ReadingChecks(Hooks):
 
     def disturbed(self, wires: Sequence[bytes], what: str) -> None:
         """Put `wires` between good frames: no wrong value comes of it, and nothing worse than a TransientError."""
-        with needing("set_input", "send"), self.device() as peer:
+        with self.device() as peer:
             wanted = {name: value for golden in self.golden_inputs for name, value in golden.values.items()}
             for name, value in wanted.items():
                 peer.set_input(name, value)
@@ -155,4 +155,3 @@ class ReadingChecks(Hooks):
         session.run(0.05)
         for name, number in zip(session.inputs, lost(), strict=True):
             assert number == count, f"{count} samples of {name} were left out; {number} are counted as lost"
-

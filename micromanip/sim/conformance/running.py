@@ -9,19 +9,20 @@ import pytest
 
 from micromanip.io.bus import Answer, BusDriver
 
-from .hooks import Hooks, described, needing
+from .hooks import Hooks, described
+from .peer import Peer
 from .session import Session
 
 _RUN_S = 1.0
 _LOAD_MARGIN = 0.1
-_PROBE_S = 0.5
+_PROBE_S = 0.3
 
 
 class RunningChecks(Hooks):
     """What it costs, and what it counts."""
 
     def test_load_is_at_most_what_is_declared(self) -> None:
-        with needing("busy_s"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             session.run(0.1)
             peer.busy_s()
             begin = time.monotonic()
@@ -48,24 +49,32 @@ class RunningChecks(Hooks):
                         last = _statistics(driver, last)
                 last = _statistics(driver, last)
 
-    def test_probe_looks_and_writes_nothing(self) -> None:
-        if self.driver.probe is BusDriver.probe:
-            pytest.skip("the driver has no probe")
+    def test_probe_finds_the_device(self) -> None:
         with self.device() as peer:
-            driver = self.make(peer)
+            driver = self.probing(peer)
             begin = time.monotonic()
-            try:
-                answers = list(driver.probe(_PROBE_S))
-            finally:
-                driver.close()
+            answers = list(driver.probe(_PROBE_S))
+            driver.close()
             took_s = time.monotonic() - begin
             assert answers, "probe found nothing, with the device there"
             strange = [answer for answer in answers if not isinstance(answer, Answer) or not answer.name]
             assert not strange, f"probe yields Answer objects with a name, not {strange[0]!r}"
             assert took_s < _PROBE_S + 1.0 + self.patience_s, f"probe for {_PROBE_S} s took {took_s:.2f} s"
-            with needing("writes"):
-                time.sleep(0.02)
-                assert not peer.writes(), "probe wrote outputs; it may only look"
+
+    def test_probe_writes_nothing(self) -> None:
+        with self.device() as peer:
+            peer.writes()
+            driver = self.probing(peer)
+            list(driver.probe(_PROBE_S))
+            driver.close()
+            time.sleep(0.02)
+            assert not peer.writes(), "probe wrote outputs; it may only look"
+
+    def probing(self, peer: Peer) -> BusDriver:
+        """A driver that was not opened: probe does that itself."""
+        if self.driver.probe is BusDriver.probe:
+            pytest.skip("the driver has no probe")
+        return self.make(peer)
 
 
 def _statistics(driver: BusDriver, before: Mapping[str, int]) -> dict[str, int]:

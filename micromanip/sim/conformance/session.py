@@ -30,7 +30,7 @@ def guarded(call: Callable[[], object], doing: str) -> BusError | None:
         return error
     except Exception as error:
         raise AssertionError(
-            f"{doing} raised {type(error).__name__}: {error}; only errors of micromanip.io.bus_errors may leave a driver"
+            f"{doing} raised {type(error).__name__}: {error}; only errors of bus_errors.py may leave a driver"
         ) from error
     return None
 

@@ -10,7 +10,7 @@ import pytest
 
 from micromanip.io.bus_errors import LinkError, OutputRefused
 
-from .hooks import Hooks, described, needing, settle
+from .hooks import Hooks, described, settle
 from .peer import Golden, Peer
 from .session import Session
 
@@ -24,12 +24,12 @@ class WritingChecks(Hooks):
         if not self.golden_outputs:
             pytest.skip("golden_outputs are not given")
         for golden in self.golden_outputs:
-            with needing("received"), self.running() as (peer, session):
+            with self.running() as (peer, session):
                 self.seen_as(peer, session, golden)
 
     def test_what_is_written_arrives(self) -> None:
         patterns = self.patterns()
-        with needing("writes"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             for values in (*patterns, *patterns):
                 self.arrives(peer, session, values)
 
@@ -41,7 +41,7 @@ class WritingChecks(Hooks):
 
     def test_latest_value_wins(self) -> None:
         old, new = self.patterns()
-        with needing("silence", "writes"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             peer.silence(True)
             end = time.monotonic() + _STORM_S
             for _ in range(_STORM):
@@ -96,7 +96,7 @@ class WritingChecks(Hooks):
     def refused(self, bad: Sequence[float]) -> None:
         """Each of the values `bad`, on each output: OutputRefused, and nothing arrives."""
         old, _ = self.patterns()
-        with needing("writes"), self.running() as (peer, session):
+        with self.running() as (peer, session):
             driver = session.driver
             for task, description in enumerate(driver.tasks):
                 for index in description.outputs:

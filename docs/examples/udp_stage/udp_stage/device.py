@@ -66,6 +66,7 @@ class Device:
 
 
 def main():
+    """Play until Ctrl-C."""
     parser = argparse.ArgumentParser(description="Plays the amplifier of the driver udp_stage until Ctrl-C.")
     parser.add_argument("--port", type=int, default=5005)
     parser.add_argument("--serial-number", type=int, default=7)

@@ -130,8 +130,8 @@ class UdpStage(BusDriver):
         datagrams = []
         try:
             if select.select([self.socket], [], [], max(0.0, wait_s))[0]:
-                for _ in range(AT_ONCE):
-                    datagrams.append(self.socket.recv(LARGEST))
+                while len(datagrams) < AT_ONCE:
+                    datagrams += [self.socket.recv(LARGEST)]
         except BlockingIOError:
             return datagrams
         except OSError as problem:

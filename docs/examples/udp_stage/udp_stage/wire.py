@@ -1,9 +1,9 @@
-"""What goes over the wire, shared by the driver and the device's stand-in; big-endian, a CRC-32 at the end of each.
+"""What goes over the wire: datagrams, big-endian, with a CRC-32 at their end; bytes in brackets.
 
-    "?"                                                 who are you?
-    "!" serial number (4)                               the device's answer; from then on it sends to who asked
-    "S" counter (1) strain x (4) strain y (4)           strains in nm, signed, at 1000 Hz as long as it is on
-    "V" voltage x (2) voltage y (2)                     voltages in steps of 5 mV, signed; no answer
+- "?": who are you?
+- "!" serial number (4): the amplifier's answer; from then on it sends to who asked
+- "S" counter (1) strain x (4) strain y (4): strains in nm, signed, at 1000 Hz
+- "V" voltage x (2) voltage y (2): voltages in steps of 5 mV, signed; not answered
 """
 
 import struct

@@ -3,14 +3,65 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel
 
 from .bus import BusDriver, BusOptions
 from .contract import CyclicDriver
+from .registry import installed
 
 KINDS: dict[str, type] = {"cyclic": CyclicDriver, "bus": BusDriver}
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """An installed driver, as it is found."""
+
+    name: str
+    kind: str | None
+    """Which it is, "cyclic" or "bus"; None where that can't be seen."""
+    package: str
+    version: str
+    entry_point: str
+    file: str | None
+    """Where its class stands; None where it can't be loaded."""
+    problems: tuple[str, ...]
+    """Why it can't be loaded, or what its class lacks; empty for a good one."""
+
+
+def inspected() -> list[Inspected]:
+    """All installed drivers, by name."""
+    return [_inspect(point) for _, point in sorted(installed().items())]
+
+
+def _inspect(point: EntryPoint) -> Inspected:
+    package, version = (point.dist.name, point.dist.version) if point.dist else ("?", "?")
+    try:
+        found = point.load()
+    except Exception as problem:  # whatever the author's module does when it is imported
+        reason = f"can't be loaded: {type(problem).__name__}: {problem}"
+        return Inspected(point.name, None, package, version, point.value, None, (reason,))
+    own = getattr(found, "version", "")
+    return Inspected(
+        point.name,
+        kind_of(found),
+        package,
+        own if isinstance(own, str) and own else version,
+        point.value,
+        _file(found),
+        tuple(findings(found)),
+    )
+
+
+def _file(found: Any) -> str | None:
+    try:
+        return str(Path(inspect.getfile(found)))
+    except (TypeError, OSError):
+        return None
 
 
 def kind_of(found: Any) -> str | None:

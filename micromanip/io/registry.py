@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
 
 from micromanip.errors import ConfigError
 
@@ -19,32 +18,20 @@ def installed() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
-def driver_class(name: str) -> type[CyclicDriver]:
-    """Class of the cyclic driver called `name`; raises ConfigError where it is not there or is none."""
-    found, value = _loaded(name)
-    if not (isinstance(found, type) and issubclass(found, CyclicDriver)):
-        raise ConfigError(f"driver {name} ({value}) is not a micromanip.io.contract.CyclicDriver")
-    return found
-
-
-def any_driver(name: str) -> type[CyclicDriver] | type[BusDriver]:
-    """Class of the driver called `name`, of either kind; raises ConfigError where it is not there or is no driver."""
-    found, value = _loaded(name)
-    if not (isinstance(found, type) and issubclass(found, CyclicDriver | BusDriver)):
-        raise ConfigError(
-            f"driver {name} ({value}) is neither a micromanip.io.contract.CyclicDriver nor a .bus.BusDriver"
-        )
-    return found
-
-
-def _loaded(name: str) -> tuple[Any, str]:
-    """What the entry point `name` leads to, and where that is."""
+def driver_class(name: str) -> type[CyclicDriver] | type[BusDriver]:
+    """Class of the driver called `name`; raises ConfigError where it is not there or is no driver."""
     points = installed()
     if name not in points:
         near = difflib.get_close_matches(name, points, 1)
         hint = f"did you mean {near[0]}?" if near else f"installed are: {', '.join(sorted(points)) or 'none'}"
         raise ConfigError(f"no driver called {name} is installed; {hint}")
     try:
-        return points[name].load(), points[name].value
+        found = points[name].load()
     except (ImportError, AttributeError) as problem:
         raise ConfigError(f"driver {name} can't be loaded from {points[name].value}: {problem}") from problem
+    if not (isinstance(found, type) and issubclass(found, CyclicDriver | BusDriver)):
+        raise ConfigError(
+            f"driver {name} ({points[name].value}) is neither a micromanip.io.contract.CyclicDriver "
+            "nor a micromanip.io.bus.BusDriver"
+        )
+    return found

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from micromanip.errors import ConfigError, UsageError
 from micromanip.io.bus import BusDriver
-from micromanip.io.registry import any_driver
+from micromanip.io.registry import driver_class
 
 from .load import validate_section
 from .model import Driver
@@ -31,7 +31,7 @@ def bus_driver(file: Path, name: str) -> BusDriver:
         raise UsageError(f"{file} has no driver called {name}; {hint}")
     entry = validate_section(source, ("drivers", name), Driver, entries[name])
     try:
-        kind = any_driver(entry.driver)
+        kind = driver_class(entry.driver)
     except ConfigError as problem:
         raise source.error(("drivers", name, "driver"), str(problem)) from problem
     if not issubclass(kind, BusDriver):

@@ -11,7 +11,7 @@ import pytest
 
 from micromanip.errors import ConfigError
 from micromanip.io.inspection import findings
-from micromanip.io.registry import any_driver, driver_class
+from micromanip.io.registry import driver_class
 from micromanip.rt.intrinsics import call_context
 from micromanip.settings.check import prepare, validate
 from micromanip.settings.single_driver import bus_driver
@@ -115,7 +115,7 @@ def test_examples_are_found_by_their_entry_points(installed):
 
 def test_bus_example_is_found_and_built_from_its_configuration(installed):
     config = installed("udp_stage")
-    assert not findings(any_driver("udp_stage"))
+    assert not findings(driver_class("udp_stage"))
     assert set(validate(Source.read(config)).axes) == {"x", "y"}
     assert bus_driver(config, "stage").device == "udp 127.0.0.1:5005"
 

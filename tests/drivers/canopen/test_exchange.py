@@ -65,8 +65,8 @@ def test_missing_answers_are_counted(at, opened):
     run(opened, PARK, lambda samples: len(samples) >= 12)
     sync = next(i for i, task in enumerate(opened.tasks) if task.name == "SYNC")
     answers, missed = at.nodes["sensor"].on_frame, []
-    at.nodes["sensor"].on_frame = (
-        lambda frame, time_ns: missed.append(time_ns) if frame.identifier == 0x80 else answers(frame, time_ns)
+    at.nodes["sensor"].on_frame = lambda frame, time_ns: (
+        missed.append(time_ns) if frame.identifier == 0x80 else answers(frame, time_ns)
     )
     for i in range(3):
         opened.perform(sync, PARK, Inbox())

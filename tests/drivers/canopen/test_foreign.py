@@ -7,6 +7,7 @@ import pytest
 
 from micromanip.io.bus import Inbox
 from micromanip.io.bus_errors import LinkError
+from micromanip.sim.canbus.canopen_node import OPERATIONAL
 from micromanip.sim.canbus.client import HubBus
 
 from .cell import AMPLIFIER, EDS, SENSOR, cell, run, wait_for
@@ -45,8 +46,7 @@ def test_library_reads_our_sensor(at):
         node.tpdo.read()
         at.values |= {"strain_y": -3.25, "stage_y": 200.5}
         node.nmt.state = "OPERATIONAL"
-        node.nmt.wait_for_heartbeat(2.0)
-        assert node.nmt.state == "OPERATIONAL"
+        wait_for(lambda: at.nodes["sensor"].state == OPERATIONAL)
         master.sync.transmit()
         wait_for(lambda: node.tpdo[2].timestamp is not None)
         assert node.tpdo[2]["AI input PV.strain_y"].raw == -32500

@@ -71,15 +71,17 @@ class CanHub:
         """Take a node off the bus, with what it has queued: it was switched off."""
         self.leave(self._nodes.pop(id(node)))
 
-    def send(self, node: Node, frame: Frame) -> bool:
+    def send(self, node: Node, frame: Frame, time_ns: int | None = None) -> bool:
         """Queue a frame of an attached node; False if its queue is full or it is bus-off, and the frame lost.
 
-        Raises ValueError for a frame that the bus can't carry.
+        `time_ns` is when it was ready, for a node whose timer came late; None is now. Raises ValueError for a frame
+        that the bus can't carry.
         """
         port = self._nodes[id(node)]
         if port.full or port.state is State.BUS_OFF:
             return False
-        self._wire.enqueue(port, frame, pack(frame), self.now_ns())
+        now_ns = self.now_ns()
+        self._wire.enqueue(port, frame, pack(frame), now_ns if time_ns is None else min(time_ns, now_ns))
         return True
 
     def state(self, node: Node) -> State:

@@ -4,7 +4,6 @@ import contextlib
 import os
 import queue
 import threading
-import time
 
 from micromanip.sim.canbus.frame import Frame
 from micromanip.sim.canbus.hub import CanHub
@@ -41,11 +40,8 @@ class Bench:
     def send(self, identifier, data, **flags):
         self.do(lambda: self.hub.send(self.device, Frame(identifier, data, **flags)))
 
-    def break_client(self, transmit_errors):
-        """Give the controllers at the other end so many transmit errors."""
-        self.do(
-            lambda: [client.set_transmit_errors(transmit_errors, time.monotonic_ns()) for client in self.hub.clients]
-        )
+    def inject(self, fault):
+        self.do(lambda: self.hub.faults.inject(fault))
 
     def close(self):
         self.hub.close()

@@ -10,6 +10,7 @@ from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 
 from micromanip.io.bus import Inbox
 from micromanip.io.bus_errors import LinkError, TransientError
+from micromanip.sim.canbus.faults import Babble, BusOff, ErrorPassive
 
 from .hub_in_thread import BITRATE, DATA_BITRATE, bench
 
@@ -109,7 +110,7 @@ def test_a_full_queue_passes_and_leaves_no_gap_in_the_counter(at, bus):
 
 
 def test_bus_off_is_a_lost_link_and_opening_again_recovers(at, bus):
-    at.break_client(256)
+    at.inject(BusOff())
     assert "bus-off on micromanip-canbus" in until_raised(bus, LinkError)
     bus.close()
     bus.open()
@@ -119,10 +120,17 @@ def test_bus_off_is_a_lost_link_and_opening_again_recovers(at, bus):
 
 
 def test_error_passive_is_counted_and_no_reason_to_stop(at, bus):
-    at.break_client(128)
+    at.inject(ErrorPassive())
     at.send(0x101, sensors(), **FD)
     assert received(bus, len(bus.inputs))
     assert bus.statistics()["error_passive"] == 1
+
+
+def test_a_babbling_node_does_not_keep_it_from_returning(at, bus):
+    at.inject(Babble(identifier=1))
+    for _ in range(3):
+        bus.receive(Inbox(), time.monotonic_ns() + 2_000_000)
+    assert bus.statistics()["not_ours"] > 0
 
 
 def test_a_bus_that_goes_away_is_a_lost_link():

@@ -84,6 +84,11 @@ class CanDevice:
         self._off_until_ns = 0
         bus.attach(self)
 
+    @property
+    def understood(self) -> int:
+        """How many messages it takes."""
+        return len(self._received)
+
     def start(self, now_ns: int) -> None:
         """Begin to send."""
         for sent in self.sent:
@@ -102,7 +107,7 @@ class CanDevice:
         self.figures.received += 1
         if self._amplifier is not None:
             commands = {output: values[name] for name, output in self._outputs[message.name].items()}
-            self._amplifier.take(commands, time_ns)
+            self._amplifier.take(commands, self._loop.now_ns())
             self._cell.advance_to(time_ns)
 
     def reboot(self, for_s: float) -> None:

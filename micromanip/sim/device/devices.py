@@ -46,7 +46,7 @@ class Devices:
         driver = build_plant(configuration, source, PERIOD_NS, seed)
         self.loop = EventLoop()
         self._began_ns, self._began_cpu_s = 0, 0.0
-        self.cell = PlayedCell(PlantInRealTime(driver))
+        self.cell = PlayedCell(PlantInRealTime(driver), self.loop.now_ns)
         self.played: dict[str, PlayedDevice] = play_all(
             Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
         )

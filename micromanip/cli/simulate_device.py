@@ -36,7 +36,7 @@ _LINE_EVERY_NS = 500_000_000
 @click.option(
     "--commands",
     is_flag=True,
-    help='Take faults as lines of JSON from standard input, and answer each with a line; ends with the input. E.g. '
+    help="Take faults as lines of JSON from standard input, and answer each with a line; ends with the input. E.g. "
     '{"device": "freeze", "signal": "strain_x", "for_s": 1}',
 )
 @json_option

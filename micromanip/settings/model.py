@@ -103,7 +103,9 @@ class Simulation(Settings):
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
-    driver: str = Field(default="simulated", description="Entry point of the simulated cyclic driver that is the plant.")
+    driver: str = Field(
+        default="simulated", description="Entry point of the simulated cyclic driver that is the plant."
+    )
 
     @property
     def options(self) -> dict[str, Any]:

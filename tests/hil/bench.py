@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 
 from host.cell import PATIENCE_S, Running, tagged, until
+
 from micromanip.client import Client
 from micromanip.errors import MicromanipError
 from micromanip.host.messages import FAULTS
@@ -75,7 +76,9 @@ class Bench:
         begin = time.monotonic()
         refused = ""
         while self.running.state != "TRACKING":
-            assert time.monotonic() - begin < PATIENCE_S, f"does not track again: {refused}; {self.running.last_words()}"
+            assert time.monotonic() - begin < PATIENCE_S, (
+                f"does not track again: {refused}; {self.running.last_words()}"
+            )
             try:
                 with self.client() as client:
                     if self.running.state == "FAULT":

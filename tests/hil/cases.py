@@ -73,7 +73,9 @@ CASES = (
     Case("transmit queue full (ENOBUFS)", inject("enobufs"), (LINK, AMPLIFIER), 150.0, said="transmit buffer full"),
     Case("device restarted", tell("reboot", for_s=0.5), (STRAIN, STAGE, AMPLIFIER), 150.0),
     Case("step of 50 um of the gauge", tell("offset", signal="strain_x", value=50.0, for_s=0.6), (STRAIN,), 100.0),
-    Case("step of 10 um of the stage sensor", tell("offset", signal="stage_x", value=10.0, for_s=0.6), ("X-205",), 150.0),
+    Case(
+        "step of 10 um of the stage sensor", tell("offset", signal="stage_x", value=10.0, for_s=0.6), ("X-205",), 150.0
+    ),
     Case("gauge says NaN", tell("nan", signal="strain_x", for_s=0.6), (STRAIN,), 100.0),
     Case("worker killed", kill(signal.SIGKILL), (LINK,), 400.0, said="was killed by signal 9; started again"),
     Case("worker stopped for 0.5 s", kill(signal.SIGSTOP, 0.5), (LINK, STRAIN, STAGE, AMPLIFIER), 400.0),

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 import can
 
-from micromanip.io.can_bits import CLASSIC_LENGTHS, FD_LENGTHS
+from micromanip.io.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, fd_length
 
 from .client_port import address
 from .error_frames import Controller, ErrorClass
@@ -123,7 +123,7 @@ class HubBus(can.BusABC):
         word, length = msg.arbitration_id, msg.dlc
         if msg.is_extended_id:
             word |= EXTENDED_FLAG
-        if length not in (FD_LENGTHS if msg.is_fd else CLASSIC_LENGTHS):
+        if length > (FD_LENGTHS if msg.is_fd else CLASSIC_LENGTHS)[-1]:
             raise can.CanOperationError(f"no {'CAN FD' if msg.is_fd else 'CAN'} frame has {length} bytes", errno.EINVAL)
         if msg.is_remote_frame:
             return CLASSIC.pack(word | REMOTE_FLAG, length, b"")
@@ -131,6 +131,7 @@ class HubBus(can.BusABC):
             return CLASSIC.pack(word, length, msg.data)
         if not self.fd:
             raise can.CanOperationError(f"{self.channel_info} was opened without fd: no CAN FD frames", errno.EINVAL)
+        length = fd_length(length)  # filled up with zeros
         return FD.pack(word, length, FD_FLAG | BITRATE_SWITCH_FLAG if msg.bitrate_switch else FD_FLAG, msg.data)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:

@@ -147,4 +147,3 @@ class Devices:
         if not chosen:
             raise UsageError(f"no device sends a message {name}; there are {', '.join(m for _, m in known)}")
         return chosen
-

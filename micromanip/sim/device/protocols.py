@@ -41,6 +41,3 @@ def _is_cyclic(driver: str) -> bool:
 
 def _known() -> str:
     return f"devices are played for {', '.join(BUILDERS)}"
-
-
-

@@ -23,9 +23,7 @@ class Wires:
 
 def wires_of(driver: str, configuration: Configuration, source: Source, cell: PlayedCell) -> Wires:
     """What the configuration connects to `driver`; ConfigError with file and line for what the plant doesn't have."""
-    signals = {
-        entry.channel or name: name for name, entry in configuration.signals.items() if entry.driver == driver
-    }
+    signals = {entry.channel or name: name for name, entry in configuration.signals.items() if entry.driver == driver}
     for name in signals.values():
         if not cell.has(name):
             raise source.error(("signals", name), _missing(name, cell.plant.inputs))

@@ -153,19 +153,26 @@ def _set_watch(sdo: Sdo, plan: NodePlan, own_node_id: int) -> None:
 
 
 def _started(link: CanLink, nodes: Sequence[NodePlan], watches: Mapping[str, Watch], deadline_ns: int) -> None:
-    """Wait until each node's heartbeat says OPERATIONAL."""
-    by_heartbeat = {_HEARTBEAT + plan.options.node_id: watches[plan.name] for plan in nodes}
+    """Wait until the heartbeats of all nodes say OPERATIONAL.
+
+    A node whose watchdog still counts from our outputs before may trip meanwhile and fall back: it is told again.
+    """
+    by_heartbeat = {_HEARTBEAT + plan.options.node_id: plan for plan in nodes}
     by_emergency = {_EMERGENCY + plan.options.node_id: watches[plan.name] for plan in nodes}
     while True:
         for message, time_ns in link.receive(deadline_ns):
-            if watch := by_heartbeat.get(message.arbitration_id):
-                watch.heartbeat(bytes(message.data), time_ns)
+            if plan := by_heartbeat.get(message.arbitration_id):
+                watches[plan.name].heartbeat(bytes(message.data), time_ns)
+                if not watches[plan.name].operational:
+                    _command(link, _START, plan)
             elif watch := by_emergency.get(message.arbitration_id):
                 watch.emergency(bytes(message.data))
-        for plan in nodes:
-            watches[plan.name].check(time.monotonic_ns())
+        for watch in watches.values():
+            watch.check(time.monotonic_ns())
         waiting = [plan.name for plan in nodes if not watches[plan.name].operational]
         if not waiting:
-            return
+            break
         if time.monotonic_ns() >= deadline_ns:
             raise LinkError(f"node {waiting[0]} was told to start and is still {watches[waiting[0]].state}")
+    for watch in watches.values():
+        watch.run()

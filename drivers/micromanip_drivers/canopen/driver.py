@@ -60,12 +60,15 @@ class CanOpen(BusDriver):
         """Of all nodes with outputs, or none: a single output that nothing makes safe is an output at large."""
         watched: list[str] = []
         for plan in self._nodes:
+            waits = "RPDO event timer" if plan.options.watchdog_by == "rpdo" else "consumer heartbeat"
             if not plan.rpdos:
                 continue
-            if plan.options.watchdog_ms is None:
+            if plan.options.watchdog_ms is not None:
+                watched.append(f"{waits} of {plan.name}, {plan.options.watchdog_ms} ms")
+            elif plan.options.watchdog is not None:
+                watched.append(f"{plan.options.watchdog} of {plan.name}")
+            else:
                 return None
-            waits = "RPDO event timer" if plan.options.watchdog_by == "rpdo" else "consumer heartbeat"
-            watched.append(f"{waits} of {plan.name}, {plan.options.watchdog_ms} ms")
         return "; ".join(watched) or None
 
     @property

@@ -1,10 +1,10 @@
 """A CANopen device for tests: sensor, amplifier, or whatever its EDS file describes.
 
 It boots, obeys NMT, sends heartbeats, answers expedited SDO, sends its TPDOs at SYNC or by their event timer, takes
-RPDOs, and watches who commands it: by the event timer of an RPDO and by the consumer heartbeat time. Its measured values
-come from a callable and its outputs go to one, by the objects' names in the EDS and in the units of their `Factor`. Like
-many a real device it keeps its outputs when it is told to go to PRE-OPERATIONAL, and makes them safe when it is stopped,
-reset, or left alone: at the error value of CiA 401 (object 6444) where it has one, or 0.
+RPDOs, and watches who commands it: by the event timer of an RPDO and by the consumer heartbeat time. Its measured
+values come from a callable and its outputs go to one, by the objects' names in the EDS and in the units of their
+`Factor`. Like many a real device it keeps its outputs when it is told to go to PRE-OPERATIONAL, and makes them safe when
+it is stopped, reset, or left alone: at the error value of CiA 401 (object 6444) where it has one, or 0.
 """
 
 from __future__ import annotations

@@ -74,8 +74,10 @@ def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     settings = read_bus_settings(place, options, source)
     table = MessageTable(place, options, source, fd=settings.data_bitrate is not None)
     wires = wires_of(name, surroundings.configuration, source, cell)
-    sent = [Sent(message, round(1e9 / rate_hz), _filling(message.name, message.signals, wires, cell))
-            for message, rate_hz in table.sent]
+    sent = [
+        Sent(message, round(1e9 / rate_hz), _filling(message.name, message.signals, wires, cell))
+        for message, rate_hz in table.sent
+    ]
     bus = CanBus(settings, loop)
     amplifier = None
     if wires.outputs:

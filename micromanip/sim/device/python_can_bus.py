@@ -25,7 +25,9 @@ class PythonCanBus:
         self._loop, self._bitrate, self._data_bitrate = loop, bitrate, data_bitrate
         self._name = f"{interface} {channel}"
         self._nodes: list[Node] = []
-        rates = {"bitrate": bitrate} | ({"fd": True, "data_bitrate": data_bitrate} if data_bitrate else {})
+        rates: dict[str, Any] = {"bitrate": bitrate} | (
+            {"fd": True, "data_bitrate": data_bitrate} if data_bitrate else {}
+        )
         try:
             self._bus: Any = can.Bus(interface=interface, channel=channel, **rates)
         except (can.CanError, OSError, ImportError, ValueError) as problem:

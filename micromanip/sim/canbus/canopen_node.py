@@ -3,8 +3,8 @@
 It boots, obeys NMT, sends heartbeats, answers expedited SDO, sends its TPDOs at SYNC or by their event timer, takes
 RPDOs, and watches who commands it: by the event timer of an RPDO and by the consumer heartbeat time. Its measured
 values come from a callable and its outputs go to one, by the objects' names in the EDS and in the units of their
-`Factor`. Like many a real device it keeps its outputs when it is told to go to PRE-OPERATIONAL, and makes them safe when
-it is stopped, reset, or left alone: at the error value of CiA 401 (object 6444) where it has one, or 0.
+`Factor`. Like many a real device it keeps its outputs when it is told to go to PRE-OPERATIONAL, and makes them safe
+when it is stopped, reset, or left alone: at the error value of CiA 401 (object 6444) where it has one, or 0.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from pathlib import Path
 
 from micromanip.sim.event_loop import EventLoop, Timer
 
+from .bus import Bus
 from .canopen_exchange import Exchange, TooShort
 from .canopen_objects import Abort, Objects
 from .frame import Frame
-from .hub import CanHub
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
 """States of NMT."""
@@ -33,11 +33,11 @@ _MS = 1_000_000
 
 
 class CanOpenNode:
-    """A device with number `node_id` on a hub's bus, which boots at once."""
+    """A device with number `node_id` on a bus, which boots at once."""
 
     def __init__(
         self,
-        hub: CanHub,
+        bus: Bus,
         loop: EventLoop,
         eds: Path,
         node_id: int,
@@ -48,9 +48,9 @@ class CanOpenNode:
         self.node_id = node_id
         self.state = INITIALISING
         self.objects = Objects(eds, node_id)
-        self._hub, self._loop, self._read = hub, loop, read
+        self._bus, self._loop, self._read = bus, loop, read
         self._exchange = Exchange(
-            loop, self.objects, read, write, lambda frame: hub.send(self, frame), lambda: self._left_alone(NO_OUTPUTS)
+            loop, self.objects, read, write, lambda frame: bus.send(self, frame), lambda: self._left_alone(NO_OUTPUTS)
         )
         self._silent = False
         self._errors = 0
@@ -58,7 +58,7 @@ class CanOpenNode:
         self._silence_timer: Timer | None = None
         self._expects = -1
         self._silence_ns = 0
-        hub.attach(self)
+        bus.attach(self)
         self._boot()
 
     def freeze(self, name: str) -> None:
@@ -95,10 +95,10 @@ class CanOpenNode:
         self._exchange.stop()
         self._exchange.make_safe()
         self._cancel()
-        self._hub.detach(self)
+        self._bus.detach(self)
 
     def on_frame(self, frame: Frame, time_ns: int) -> None:
-        """What the hub calls for each frame of the others."""
+        """What the bus calls for each frame of the others."""
         if frame.extended or frame.remote or frame.error:
             return
         identifier, data = frame.identifier, frame.data
@@ -227,4 +227,4 @@ class CanOpenNode:
             self._send(_EMERGENCY, code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0)))
 
     def _send(self, service: int, data: bytes) -> None:
-        self._hub.send(self, Frame(service + self.node_id, data))
+        self._bus.send(self, Frame(service + self.node_id, data))

@@ -228,7 +228,7 @@ def test_another_device_with_that_number():
 def test_device_with_another_mapping(at):
     objects = at.nodes["sensor"].objects
     objects.put(0x1A01, 1, 0x81300118)  # strain_x where the EDS has strain_y
-    with pytest.raises(IdentityMismatch, match="tpdo 2 of node sensor is set up otherwise .* 1A01sub1 is 0x81300118"):
+    with pytest.raises(IdentityMismatch, match=r"tpdo 2 of node sensor is set up otherwise .* 1A01sub1 is 0x81300118"):
         at.driver().open()
 
 

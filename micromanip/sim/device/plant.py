@@ -57,9 +57,8 @@ class PlantInRealTime:
         self._values: list[float] = [0.0] * len(self.inputs)
         self._outputs = np.zeros(len(self.outputs))
         self._written = False
-        exchange = _EXCHANGE(functions.exchange)
-        at = (self._context.ctypes.data, self._outputs.ctypes.data, self._signals.ctypes.data)
-        self._exchange = lambda time_ns, periods: exchange(*at, time_ns, periods)
+        self._exchange = _EXCHANGE(functions.exchange)
+        self._at = self._context.ctypes.data, self._outputs.ctypes.data, self._signals.ctypes.data
 
     def begin(self, now_ns: int) -> None:
         """Time runs from `now_ns` on."""

@@ -6,9 +6,10 @@ from micromanip.io.contract import CyclicDriver
 from micromanip.io.registry import driver_class
 
 from .canbus import play_canbus
+from .canopen import play_canopen
 from .played import Builder, PlayedDevice, Surroundings
 
-BUILDERS: dict[str, Builder] = {"canbus": play_canbus}
+BUILDERS: dict[str, Builder] = {"canbus": play_canbus, "canopen": play_canopen}
 """By the driver's entry point."""
 
 
@@ -33,6 +34,18 @@ def play_all(surroundings: Surroundings) -> dict[str, PlayedDevice]:
             device.close()
         raise
     return devices
+
+
+def _builders(surroundings: Surroundings) -> dict[str, Builder]:
+    source, builders = surroundings.source, {}
+    for name, entry in surroundings.configuration.drivers.items():
+        if entry.driver in BUILDERS:
+            builders[name] = BUILDERS[entry.driver]
+        elif not _is_cyclic(entry.driver):
+            raise source.error(("drivers", name, "driver"), f"nothing plays a device for it; {_known()}")
+    if not builders:
+        raise source.error(("drivers",), f"none of them has a device to play; {_known()}")
+    return builders
 
 
 def _is_cyclic(driver: str) -> bool:

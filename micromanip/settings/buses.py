@@ -37,8 +37,8 @@ def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Findi
             yield ("drivers", name), f"driver {owner} owns {bridge.bus.device} already; one driver has a device alone"
     sources: dict[int, str] = {}
     for name in configuration.signals:
-        if not name.startswith(_POSITIONS):
-            continue  # a line may serve several axes
+        if not name.startswith(_POSITIONS) or configuration.signals[name].driver not in wiring.buses:
+            continue  # a line may serve several axes; a cell in memory has no wire that could be counted
         first = sources.setdefault(wiring.signal(name), name)
         if first != name:
             yield ("signals", name), f"it reads the same channel as {first}"

@@ -103,6 +103,15 @@ class Lines(_Options):
     )
 
 
+class Bus(_Options):
+    """A bus between loop and cell. What only a simulation knows, and the tracker, do not go by it."""
+
+    input_rate_Hz: Positive = Field(description="Samples a second of gauges, capacitive sensors and lines.")
+    input_latency_us: NotNegative = Field(default=0.0, description="From being measured to being received.")
+    output_rate_Hz: Positive = Field(description="Writes a second of voltages and switches; the latest value wins.")
+    output_latency_us: NotNegative = Field(default=0.0, description="From being sent to being in force.")
+
+
 class Fault(_Options):
     """A fault that comes at a set time."""
 
@@ -141,6 +150,9 @@ class Options(_Options):
     deviation: Deviation = Deviation()
     tracker: TrackerOptions = TrackerOptions()
     lines: Lines | None = Field(default=None, description="Digital lines; null: there are none.")
+    bus: Bus | None = Field(
+        default=None, description="A bus with its own rates and latencies; null: every sample and output in its cycle."
+    )
     faults: tuple[Fault, ...] = Field(default=(), max_length=MAX_FAULTS, description="Faults that come at set times.")
     coupling: Annotated[float, Field(ge=0, le=0.1)] = Field(
         default=0.015, description="Share of each axis' motion that the next axis sees; the one after sees 2/3 of it."

@@ -27,7 +27,7 @@ MAX_DRIVERS = 4
 MAX_SIGNALS = 48
 MAX_OUTPUTS = 8
 INPUT_HISTORY = 256
-"""Set-points the estimator remembers (a power of two): a sample may be that many cycles old."""
+"""Cycles that estimator and axis remember (a power of two): a sample may be that many cycles old."""
 REFERENCE_STATES = 5
 EVENTS = 32
 """Events that the loop remembers."""
@@ -161,7 +161,7 @@ WATCH_PARAMETERS = _record(
     ("following_cycles", "i8"),
     ("saturating_cycles", "i8"),
     ("saturated_cycles", "i8"),
-    ("band_b", "f8"),
+    ("band_b", "f8", (3,)),
     ("band_a1", "f8"),
     ("band_a2", "f8"),
     ("band_um", "f8"),
@@ -213,7 +213,8 @@ AXIS_PARAMETERS = _record(
     ("stage_rate_um_per_ns", "f8"),
     ("amplifier_ok", LINE_PARAMETERS),
     ("temperature_ok", LINE_PARAMETERS),
-    ("stage_cycles_per_ns", "f8"),
+    ("cycles_per_ns", "f8"),
+    ("answer_cycles", "i8"),
     ("centre_um", "f8"),
     ("setpoint_low_um", "f8"),
     ("setpoint_high_um", "f8"),
@@ -238,6 +239,7 @@ SENSOR_STATE = _record(
     ("time_ns", "i8"),
     ("sequence", "i8"),
     ("arrived_ns", "i8"),
+    ("taken_ns", "i8"),
     ("reading", "f8"),
     ("age_ns", "i8"),
     ("fresh", "i8"),
@@ -262,6 +264,9 @@ AXIS_STATE = _record(
     ("pid", PID_STATE),
     ("estimator", ESTIMATOR_STATE),
     ("reference", REFERENCE_STATE),
+    ("setpoints", "f8", (INPUT_HISTORY,)),
+    ("references", "f8", (INPUT_HISTORY,)),
+    ("wanted_cycle", "i8"),
     ("strain_cycles", "i8"),
     ("closed", "i8"),
     ("frozen", "i8"),

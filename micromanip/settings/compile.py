@@ -19,6 +19,7 @@ from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .model import Configuration, Output, Signal, Start
 from .outer import OuterGains, dc_gain, outer_gains, tracker_gain
 from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from .timing import cycles_between, output_cycles, output_timing, sensor_timing
 from .wiring import Wiring
 
 _BLEND_S = 0.05
@@ -67,13 +68,22 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
         _fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
-        fill_axis_limits(p["axis"][i], axis.faults, configuration.reference, loop.rate_hz)
+        _fill_timing(p["axis"][i], name, configuration, wiring)
         if axis.outer is not None:
             tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
             gains = outer_gains(axis.outer, tracker, period_s)
             _fill_outer(p["axis"][i]["outer"], gains)
             p["axis"][i]["watch"]["innovation_variance"] = gains.innovation_variance
     return record
+
+
+def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:
+    """What depends on how often the axis' sensors are fresh, and on the way of its output."""
+    rate_hz, faults = configuration.loop.rate_hz, configuration.axes[name].faults
+    strain, stage = (sensor_timing(configuration, wiring, role, name) for role in ("strain", "stage"))
+    between = cycles_between(configuration, stage)
+    fill_axis_limits(a, faults, configuration.reference, rate_hz, strain.rate_hz, between)
+    a["answer_cycles"] = output_cycles(configuration, output_timing(configuration, wiring, f"voltage_{name}"))
 
 
 def _max_age_ns(signal: Signal | None) -> int:
@@ -92,7 +102,7 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     for role in ("strain", "stage"):
         signal = configuration.signals.get(f"{role}_{name}")
         a[f"{role}_range_um"] = (signal and signal.range_um) or _PLAUSIBLE_UM
-    a["stage_cycles_per_ns"] = 1.0 / configuration.loop.period_ns
+    a["cycles_per_ns"] = 1.0 / configuration.loop.period_ns
     for role in ("amplifier_ok", "temperature_ok"):
         _fill_line(a[role], f"{role}_{name}", configuration, wiring)
 

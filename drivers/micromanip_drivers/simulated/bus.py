@@ -11,11 +11,11 @@ import math
 from typing import Any
 
 from .compiled import compiled
-from .records import CHANNELS, IN_FLIGHT
+from .records import CARRIED, CHANNELS, IN_FLIGHT
 from .sample import put
 
 _CHANNELS = len(CHANNELS)
-_CARRIED = tuple(CHANNELS.index(name) for name in ("strain", "stage", "acceleration"))
+_CARRIED = tuple(CHANNELS.index(name) for name in CARRIED)
 _JUST = 1e-6
 """A tick that rounding puts so little of a period after the loop's own belongs to it."""
 

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from micromanip.errors import ConfigError
+from micromanip.io.bus import Channel
 from micromanip.io.contract import CyclicDriver, Functions
 
 from . import mechanics
 from . import options as o
 from .records import (
     AXIS_LINES,
+    CARRIED,
     CELL_LINES,
     CHANNELS,
     CONTEXT,
@@ -67,6 +69,24 @@ class SimulatedCell(CyclicDriver):
     def outputs(self) -> tuple[str, ...]:
         voltages = tuple(f"voltage_{axis}" for axis in self.options.axes)
         return voltages + SWITCHES if self.options.lines else voltages
+
+    @property
+    def slow_inputs(self) -> tuple[Channel, ...]:
+        bus, tracker, axes = self.options.bus, self.options.tracker, self.options.axes
+        tracked = tuple(Channel(f"deviation_{axis}", tracker.rate_Hz, tracker.latency_ms * 1e-3) for axis in axes)
+        if bus is None:
+            return tracked
+        carried = [f"{kind}_{axis}" for axis in axes for kind in CARRIED] + list(
+            self._lines if self.options.lines else ()
+        )
+        return (*tracked, *(Channel(name, bus.input_rate_Hz, bus.input_latency_us * 1e-6) for name in carried))
+
+    @property
+    def slow_outputs(self) -> tuple[Channel, ...]:
+        bus = self.options.bus
+        if bus is None:
+            return ()
+        return tuple(Channel(name, bus.output_rate_Hz, bus.output_latency_us * 1e-6) for name in self.outputs)
 
     def context(self) -> NDArray[np.uint8]:
         record = np.zeros(1, CONTEXT)

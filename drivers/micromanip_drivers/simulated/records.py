@@ -25,6 +25,8 @@ CHANNELS = (
     "path_error",
     "uncompensated",
 )
+CARRIED = ("strain", "stage", "acceleration")
+"""Channels that go by a bus, where there is one; so do all lines."""
 CELL_LINES = ("enable", "interlock", "retracted")
 AXIS_LINES = ("amplifier_ok", "temperature_ok")
 SWITCHES = ("amplifier_enable", "feed_hold", "heartbeat")

@@ -43,6 +43,8 @@ static bool refuse(const struct cell_parameters *p, struct cell_state *s)
         s->refused |= ENABLE_MISSING;
     if (is_missing(&p->interlock, &s->interlock))
         s->refused |= INTERLOCK_MISSING;
+    if (s->link_down)
+        s->refused |= LINK_MISSING;
     refused = s->refused != 0;
     for (int i = 0; i < p->axes; i++) {
         s->axis[i].refused = refuse_axis(&p->axis[i], &s->axis[i], resuming);

@@ -119,6 +119,20 @@ class Trip(TypedDict):
     problem: str | None
 
 
+class Link(TypedDict):
+    """A bus: `link` is down, up or latched; `outputs` at rest, following, or ramping to rest; `links` how often it came
+    up, `starts` how often its worker process was started; `message` what is wrong with it; `counts` its counters.
+    """
+
+    link: str
+    outputs: str
+    links: int
+    starts: int
+    message: str | None
+    counts: dict[str, int]
+    cpu_s: float
+
+
 class Status(TypedDict):
     """Report of a run so far, as ``run --json`` ends with; `shadow` says where a candidate tuning stands."""
 
@@ -136,6 +150,7 @@ class Status(TypedDict):
     configuration: str
     configuration_sha256: str
     trips: list[Trip]
+    links: dict[str, Link]
 
 
 class TuningFigures(TypedDict):

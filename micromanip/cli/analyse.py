@@ -60,7 +60,6 @@ def command(
     if jobs == 0:
         raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
     shown = names if only == "all" else [only]
-    simulated = all(driver.simulated for driver in prepared.wiring.drivers.values())
     cells = {name: VariedCell(prepared, name) for name in shown} if simulate else {}
     for cell in cells.values():
         cell.require_simulated()
@@ -77,7 +76,7 @@ def command(
                 analysis = analyse_axis(
                     prepared.configuration,
                     name,
-                    VirtualExperiment(prepared) if simulated else None,
+                    VirtualExperiment(prepared) if prepared.wiring.virtual else None,
                     seeds,
                     play=cells.get(name),
                     jobs=None if address else jobs,

@@ -18,14 +18,14 @@ def command(config: Path, as_json: bool) -> None:
 
     Exit code 78 with one line FILE:LINE: KEY: what is wrong, for each problem.
     """
+    from micromanip.settings.buses import budget as bus_budget
     from micromanip.settings.check import prepare
     from micromanip.settings.commissioned import changes_since
     from micromanip.sim.budget import measure
 
     prepared = prepare(config)
     configuration, wiring = prepared.configuration, prepared.wiring
-    simulated = all(driver.simulated for driver in wiring.drivers.values())
-    budget = measure(prepared) if simulated else None
+    budget = measure(prepared) if wiring.virtual else None
     loop = configuration.loop
     warnings = changes_since(configuration.axes)
     report: dict[str, Any] = {
@@ -37,6 +37,18 @@ def command(config: Path, as_json: bool) -> None:
         "spin_us": loop.spin_us,
         "cycle_us": round(budget.cycle_ns / 1e3, 3) if budget else None,
         "share_percent": round(100 * budget.share, 2) if budget else None,
+        "buses": {
+            name: [
+                {
+                    "name": load.name,
+                    "share_percent": round(100 * load.share, 1),
+                    "limit_percent": round(100 * load.limit, 1),
+                    "detail": load.detail,
+                }
+                for load in loads
+            ]
+            for name, loads in bus_budget(wiring).items()
+        },
         "drivers": {
             name: {
                 "driver": configuration.drivers[name].driver,
@@ -79,3 +91,7 @@ def _print(report: dict[str, Any], config: Path) -> None:
     for name, driver in report["drivers"].items():
         kind = "simulated" if driver["simulated"] else f"real; watchdog: {driver['watchdog'] or 'NONE'}"
         click.echo(f"  driver {name}: {driver['driver']}, {kind}")
+        for load in report["buses"].get(name, ()):
+            click.echo(
+                f"    {load['name']} {load['share_percent']:.0f} % of {load['limit_percent']:.0f} %: {load['detail']}"
+            )

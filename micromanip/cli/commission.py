@@ -71,7 +71,7 @@ def command(
     began = time.monotonic()
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("commission", total=None)
-        experiment = _experiment(prepared, socket_path) if real or live else _virtual(prepared)
+        experiment = _experiment(prepared, socket_path) if live or not prepared.wiring.virtual else _virtual(prepared)
         found = commission_cell(
             prepared.configuration,
             experiment,

@@ -47,9 +47,9 @@ def command(
     names = list(prepared.configuration.axes)
     if only is not None and only not in names:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
-    real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
+    real = [name for name, driver in prepared.wiring.drivers.items() if not driver.virtual]
     if real:
-        raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} is not a simulation")
+        raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} can't, it has a time of its own")
     shown = [only] if only else names
     written: list[Path] = []
     with Progress(console=Console(stderr=True), transient=True) as bar:

@@ -63,7 +63,7 @@ def command(
         low, high = excitation.samples.min(), excitation.samples.max()
         question = f"Axis {axis} will move: {low:.0f} to {high:.0f} V for {duration_s:.0f} s on driver {real[0]}."
         click.confirm(f"{question} Is the spindle free?", abort=True, err=True)
-    if real or live:
+    if live or not prepared.wiring.virtual:
         from .live import LiveLine
         from .played import play
 

@@ -108,9 +108,27 @@ def figures(report: Status) -> Group:
             )
     if errors.row_count:
         parts.append(errors)
+    if report["links"]:
+        parts.append(links(report))
     if report["shadow"] != "none":
         parts.append(f"candidate tuning: {report['shadow']}; see `micromanip shadow`")
     return Group(*parts, *(Text(fault, style="bold red") for fault in report["faults"]))
+
+
+def links(report: Status) -> Table:
+    """Each bus: where its link stands, what its outputs do, and what its driver counts."""
+    table = Table("bus", "link", "outputs", "times up", "received", "lost", "sent", "errors", "", title="Buses")
+    for name, link in report["links"].items():
+        counts = (str(link["counts"].get(key, 0)) for key in ("received", "lost", "performed", "errors"))
+        table.add_row(
+            name,
+            Text(link["link"], style="green" if link["link"] == "up" else "bold red"),
+            link["outputs"],
+            str(link["links"]),
+            *counts,
+            link["message"] or "",
+        )
+    return table
 
 
 def watched(report: Status) -> Group:

@@ -18,7 +18,7 @@ from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, PROMOTE, SHADOWIN
 from micromanip.settings.check import Prepared
 
 from .loop_orders import loop_orders
-from .messages import fault_message
+from .messages import fault_message, place
 from .parameter_slots import ParameterSlots
 from .refusals import axis_refusals, refusals
 from .segments import CONTROL, RING, STATUS, Segments, context_layout
@@ -39,10 +39,10 @@ class Controller:
         self._drivers = dict(prepared.wiring.drivers)
         # loaded now: it must neither take time nor fail once the loop has died
         self._safe = {name: driver.functions().safe for name, driver in self._drivers.items()}
-        self._offsets, size = context_layout([len(context) for context in contexts])
+        self.offsets, size = context_layout([len(context) for context in contexts])
         self.segments = Segments.create(size, prepared.samples)
         shared = self.segments.contexts.bytes()
-        for offset, context in zip(self._offsets, contexts, strict=True):
+        for offset, context in zip(self.offsets, contexts, strict=True):
             shared[offset : offset + len(context)] = context
         self.control = self.segments.control.record(CONTROL)
         self.status = self.segments.status.record(STATUS)
@@ -57,7 +57,7 @@ class Controller:
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
         self.beat()
-        orders = loop_orders(self.prepared, self.segments.descriptors, self._offsets, self._socket_path)
+        orders = loop_orders(self.prepared, self.segments.descriptors, self.offsets, self._socket_path)
         self.process = await asyncio.create_subprocess_exec(
             sys.executable,
             *("-m", "micromanip.host.loop_process"),
@@ -182,15 +182,16 @@ class Controller:
         state = self.status["state"][0]
         if state["fault"] == NO_FAULT:
             return None
-        names = list(self.prepared.configuration.axes)
-        axis = names[state["fault_axis"]] if state["fault_axis"] >= 0 else None
-        return fault_message(int(state["fault"]), axis, float(state["fault_value"]), float(state["fault_limit"]))
+        configuration = self.prepared.configuration
+        fault, value = int(state["fault"]), float(state["fault_value"])
+        where = place(fault, int(state["fault_axis"]), value, list(configuration.axes), list(configuration.drivers))
+        return fault_message(fault, where, value, float(state["fault_limit"]))
 
     def make_safe(self) -> list[str]:
         """Bring the outputs to their safe value with the loop dead; one line a driver."""
         done = []
         base = self.segments.contexts.bytes().ctypes.data
-        for (name, safe), offset in zip(self._safe.items(), self._offsets, strict=True):
+        for (name, safe), offset in zip(self._safe.items(), self.offsets, strict=True):
             code = call_context(safe, base + offset)
             done.append(
                 f"driver {name}: " + ("outputs at their safe value" if code == 0 else f"safe failed, code {code}")

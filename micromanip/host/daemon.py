@@ -34,6 +34,7 @@ from .recording import RecorderProcess
 from .state_directory import state_directory
 from .statistics import SignalStatistics, report
 from .verbs import Verbs
+from .workers import Workers
 
 _HEARTBEAT_S = 0.02
 _WORKERS, _SWITCH_S = 2, 0.001
@@ -71,6 +72,7 @@ class Daemon:
         self._prepared, self._options = prepared, options
         self._say, self._show = say, show
         self._controller = Controller(prepared, options.socket, locks)
+        self._workers = Workers(prepared, self._controller.segments, self._controller.offsets, locks, say)
         self._signals = SignalStatistics(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         trail = AuditTrail(state_directory(), say)
@@ -95,13 +97,12 @@ class Daemon:
         try:
             leave_cpu(self._prepared.configuration.loop.cpu)
             report(self._controller, self._signals)  # what it compiles would later hold up the sign of life
-            gc.collect()
-            gc.freeze()  # nor must a walk through all that was imported
             self._service.status("STARTING: compiling, opening the drivers, warming up")
             gc.collect()
             gc.freeze()  # nor must a walk through all that was imported
-            await self._controller.start()
-            return await self._supervise()
+            async with self._workers:
+                await self._controller.start()
+                return await self._supervise()
         finally:
             control_socket.close()
 
@@ -201,7 +202,7 @@ class Daemon:
             await asyncio.sleep(_LOOK_S)
 
     def _report(self) -> Report:
-        return report(self._controller, self._signals, self._boxes.report())
+        return report(self._controller, self._signals, self._boxes.report(), self._workers.report())
 
     def _hang_up(self) -> None:
         """SIGHUP: of a service it means reload; of a terminal that was closed it means the end."""

@@ -20,6 +20,7 @@ def loop_orders(
         {
             "name": name,
             "driver": configuration.drivers[name].driver,
+            "bus": name in wiring.buses,
             "options": wiring.options[name].model_dump_json(),
             "context": offset,
             "first_input": wiring.first_input[name],

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 
 from micromanip.errors import DeviceUnavailable, MicromanipError, PermissionDenied
+from micromanip.io.bridge import bridge_functions
+from micromanip.io.contract import CyclicDriver, Functions
 from micromanip.io.registry import driver_class
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.loop import run_loop
@@ -37,8 +39,7 @@ def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tupl
     records = np.zeros(max(1, len(orders["drivers"])), DRIVER)
     opened = []
     for record, entry in zip(records, orders["drivers"], strict=False):
-        kind = driver_class(entry["driver"])
-        functions = kind(kind.Options.model_validate_json(entry["options"]), orders["period_ns"]).functions()
+        functions = _functions(entry, orders["period_ns"])
         context = base + entry["context"]
         code = call_context(functions.open, context)
         if code != 0:
@@ -47,6 +48,14 @@ def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tupl
         record["exchange"], record["context"] = functions.exchange, context
         record["first_input"], record["first_output"] = entry["first_input"], entry["first_output"]
     return records, opened
+
+
+def _functions(entry: dict[str, Any], period_ns: int) -> Functions:
+    if entry["bus"]:  # its driver is the worker's: none of it is loaded here
+        return bridge_functions()
+    kind = driver_class(entry["driver"])
+    assert issubclass(kind, CyclicDriver)
+    return kind(kind.Options.model_validate_json(entry["options"]), period_ns).functions()
 
 
 def _warm(control: Any, status: Any, samples: Any) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 
@@ -41,16 +42,22 @@ FAULTS = {int(getattr(states, name)): text for name, text in _TABLE.items()}
 ALL = tuple(sorted((*FAULTS.values(), LOOP_DIED, LOOP_STUCK), key=lambda text: text.code))
 
 
-def fault_message(fault: int, axis: str | None, value: float, limit: float = math.nan) -> str:
+def place(fault: int, axis: int, value: float, axes: Sequence[str], drivers: Sequence[str]) -> str | None:
+    """Where a fault is, in words: "axis x", "driver can0"; None for the cell as a whole (`axis` -1)."""
+    if fault == states.LINK_LOST:
+        return f"driver {drivers[int(value)]}"
+    return f"axis {axes[axis]}" if axis >= 0 else None
+
+
+def fault_message(fault: int, where: str | None, value: float, limit: float = math.nan) -> str:
     """One line for people: code, where, what, likely causes, next step."""
     text = FAULTS[fault]
-    return f"{seen(text, value, limit, axis)}. {advice(text)}"
+    return f"{seen(text, value, limit, where)}. {advice(text)}"
 
 
-def seen(text: FaultText, value: float, limit: float, axis: str | None = None) -> str:
+def seen(text: FaultText, value: float, limit: float, where: str | None = None) -> str:
     """Code, where, and what was seen."""
-    where = f"axis {axis}: " if axis else ""
-    return f"{text.code} {where}{text.what.format(value=value, limit=limit)}"
+    return f"{text.code} {where + ': ' if where else ''}{text.what.format(value=value, limit=limit)}"
 
 
 def advice(text: FaultText) -> str:

@@ -8,6 +8,7 @@ _CELL = {
     states.NOT_READY: "the state is {state}: arming begins in READY, and goes on after a hold",
     states.LATCHED: "a fault is latched or the cell is stopping: `micromanip reset` once the cause is gone",
     states.ENABLE_MISSING: "the signal enable is not 1: is the emergency stop released?",
+    states.LINK_MISSING: "the link to a bus is down: see `micromanip status`, it comes back by itself when it can",
     states.INTERLOCK_MISSING: "the signal interlock is not 1: is the guard closed?",
 }
 _AXIS = {

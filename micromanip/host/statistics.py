@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from micromanip.answers import Durations, PathError, SignalFigures, Status
+from micromanip.answers import Durations, Link, PathError, SignalFigures, Status
 from micromanip.rt import words as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
@@ -93,8 +93,13 @@ def path_errors(controller: Controller) -> dict[str, PathError]:
     return report
 
 
-def report(controller: Controller, signals: SignalStatistics, trips: Sequence[Any] = ()) -> Status:
-    """The whole report of a run, so far; `trips` are those that have a black box."""
+def report(
+    controller: Controller,
+    signals: SignalStatistics,
+    trips: Sequence[Any] = (),
+    links: Mapping[str, Link] | None = None,
+) -> Status:
+    """The whole report of a run, so far; `trips` are those that have a black box, `links` the buses."""
     words = controller.words
     fault = controller.fault()
     return {
@@ -112,4 +117,5 @@ def report(controller: Controller, signals: SignalStatistics, trips: Sequence[An
         "configuration": str(controller.prepared.source.path),
         "configuration_sha256": controller.prepared.source.hash,
         "trips": list(trips),
+        "links": dict(links or {}),
     }

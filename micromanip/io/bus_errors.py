@@ -4,6 +4,8 @@ A driver raises these; the worker owns the policy. Anything else that a driver r
 started again.
 """
 
+# ruff: noqa: N818 (the names say what happened; a suffix "Error" on each would add nothing)
+
 from __future__ import annotations
 
 
@@ -12,7 +14,7 @@ class BusError(Exception):
 
 
 class TransientError(BusError):
-    """This once: a time-out, a wrong checksum, a device that is busy, a full transmit buffer, a stale reply.
+    """It failed once: a time-out, a wrong checksum, a device that is busy, a full transmit buffer, a stale reply.
 
     Counted; so many among the last tries are a lost link.
     """

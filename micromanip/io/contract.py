@@ -54,6 +54,11 @@ class CyclicDriver(ABC):
     """The hardware watchdog that covers a dead loop, in a few words; None if there is none."""
 
     @property
+    def virtual(self) -> bool:
+        """True where the cell can run in virtual time: all that answers is computed in ``exchange``."""
+        return self.simulated
+
+    @property
     def device(self) -> str | None:
         """The hardware that it owns, e.g. "can0" or "/dev/comedi0": a second controller on the same one is refused.
 

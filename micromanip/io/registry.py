@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 from micromanip.errors import ConfigError
 
+from .bus import BusDriver
 from .contract import CyclicDriver
 
 GROUP = "micromanip.drivers"
@@ -17,7 +18,7 @@ def installed() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
-def driver_class(name: str) -> type[CyclicDriver]:
+def driver_class(name: str) -> type[CyclicDriver] | type[BusDriver]:
     """Class of the driver called `name`; raises ConfigError where it is not there or is no driver."""
     points = installed()
     if name not in points:
@@ -28,6 +29,9 @@ def driver_class(name: str) -> type[CyclicDriver]:
         found = points[name].load()
     except (ImportError, AttributeError) as problem:
         raise ConfigError(f"driver {name} can't be loaded from {points[name].value}: {problem}") from problem
-    if not (isinstance(found, type) and issubclass(found, CyclicDriver)):
-        raise ConfigError(f"driver {name} ({points[name].value}) is not a micromanip.io.contract.CyclicDriver")
+    if not (isinstance(found, type) and issubclass(found, CyclicDriver | BusDriver)):
+        raise ConfigError(
+            f"driver {name} ({points[name].value}) is neither a micromanip.io.contract.CyclicDriver "
+            "nor a micromanip.io.bus.BusDriver"
+        )
     return found

@@ -22,6 +22,7 @@ from .states import (
     HOLDING,
     INTERLOCK_MISSING,
     LATCHED,
+    LINK_MISSING,
     NO_FAULT,
     NOT_READY,
     NOT_RESUMABLE,
@@ -46,6 +47,8 @@ def refuse(p: Record, s: Record) -> bool:
         reasons |= ENABLE_MISSING
     if is_missing(p["interlock"], s["interlock"]):
         reasons |= INTERLOCK_MISSING
+    if s["link_down"] != 0:
+        reasons |= LINK_MISSING
     s["refused"] = reasons
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]

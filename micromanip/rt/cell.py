@@ -16,15 +16,17 @@ from .course import smooth
 from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
-from .lines import read_lines, switch
+from .lines import is_enabled, read_lines, switch
 from .phases import PARKED
 from .records import Record
 from .sensor import is_missing, is_on
 from .states import (
     ARMED,
+    DRIVER_ERROR,
     ENABLE_LOST,
     HOLDING,
     INTERLOCK_OPEN,
+    LINK_LOST,
     NO_COMMAND,
     NOT_FINITE,
     RAMPING,
@@ -44,14 +46,21 @@ from .watch import watch_axis
 @compiled
 def watch_cell(p: Record, s: Record) -> None:
     """Look for faults wherever something may be moving."""
-    state = s["state"]
-    moving = state in (ARMED, TRACKING, HOLDING, RAMPING)
+    state, moving = s["state"], is_enabled(s)
     closed = moving and not (state == RAMPING and s["soft"] == 0)
     enabled = moving and not (state == ARMED and s["phase"] == PARKED)  # the amplifier may take its time to come on
     cell_fault(p, s, ENABLE_LOST, moving and is_missing(p["enable"], s["enable"]), 0.0, 1.0)
     cell_fault(p, s, INTERLOCK_OPEN, closed and is_missing(p["interlock"], s["interlock"]), 0.0, 1.0)
     for i in range(p["axes"]):
         watch_axis(p, s, i, closed, enabled)
+
+
+@compiled
+def watch_drivers(p: Record, s: Record, code: int) -> None:
+    """Judge what the exchange of this cycle returned: a failure is a fault in any state, a link that is down in use."""
+    s["link_down"] = 1 if code < 0 else 0
+    cell_fault(p, s, DRIVER_ERROR, code > 0, float(code), 0.0)
+    cell_fault(p, s, LINK_LOST, code < 0 and is_enabled(s), float(-1 - code), 0.0)
 
 
 @compiled

@@ -14,7 +14,10 @@ _OUTPUT_BYTES = 8
 
 @compiled
 def exchange_all(drivers: Any, count: int, outputs: Any, signals: Any, now_ns: int, periods: int) -> int:
-    """Write `outputs`, read `signals` through every driver; 0, or the code of the first that failed."""
+    """Write `outputs`, read `signals` through every driver.
+
+    0; else the code of the first that failed; else, where a link is down, -1 less the number of that driver.
+    """
     failed = 0
     for i in range(count):
         code = call_exchange(
@@ -25,6 +28,8 @@ def exchange_all(drivers: Any, count: int, outputs: Any, signals: Any, now_ns: i
             now_ns,
             periods,
         )
-        if failed == 0:
+        if code > 0 and failed <= 0:
             failed = code
+        elif code < 0 and failed == 0:
+            failed = -1 - i
     return failed

@@ -42,6 +42,9 @@ if numba.config.DISABLE_JIT:
         """Write an element of an int64 array after everything that came before."""
         words[index] = value
 
+    def fence() -> None:
+        """Nothing that was read or written before is moved behind this point, and nothing after it before."""
+
     def call_exchange(function: int, context: int, outputs: int, inputs: int, now_ns: int, periods: int) -> int:
         """Call a driver's exchange by its address; its return code."""
         return int(_EXCHANGE_C(function)(context, outputs, inputs, now_ns, periods))
@@ -68,6 +71,16 @@ else:
             return context.get_dummy_value()
 
         return types.void(words, types.int64, types.int64), codegen
+
+    @intrinsic
+    def fence(typingctx: Any) -> Any:
+        """Nothing that was read or written before is moved behind this point, and nothing after it before."""
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            builder.fence("acq_rel")
+            return context.get_dummy_value()
+
+        return types.void(), codegen
 
     def _element(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
         view = cgutils.create_struct_proxy(array_type)(context, builder, array)

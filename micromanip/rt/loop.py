@@ -12,7 +12,7 @@ from typing import Any
 
 from numba import types
 
-from .cell import cell_cycle
+from .cell import cell_cycle, watch_drivers
 from .clock import now_ns, wait_until
 from .exchange import exchange_all
 from .faults import cell_fault
@@ -21,7 +21,7 @@ from .intrinsics import load_acquire, store_release
 from .jit import compiled
 from .shadow import end_trial, shadow_cycle, start_shadow, takes_back
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
-from .states import DRIVER_ERROR, HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
+from .states import HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
 from .swap import swap_cell
 from .telemetry import write_row
 from .transitions import pass_missed
@@ -146,7 +146,7 @@ def run_loop(
         if number != status[COMMAND_DONE]:
             command = load_acquire(control, COMMAND)
         supervise(p, s, load_acquire(control, HEARTBEAT_NS), now, missed)
-        cell_fault(p, s, DRIVER_ERROR, code != 0, float(code), 0.0)
+        watch_drivers(p, s, code)
         accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline, 1)
         if command == PROMOTE and accepted:
             swap_cell(p, candidate, s)

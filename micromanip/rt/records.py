@@ -352,6 +352,7 @@ CELL_STATE = _record(
     ("events", "i8"),
     ("event", EVENT, (EVENTS,)),
     ("refused", "i8"),
+    ("link_down", "i8"),
     ("enable", SENSOR_STATE),
     ("interlock", SENSOR_STATE),
     ("retracted", SENSOR_STATE),

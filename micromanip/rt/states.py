@@ -37,8 +37,9 @@ REACTION_NAMES = ("warn", "hold", "ramp", "off")
     INTERLOCK_OPEN,
     STRAIN_CHECK,
     STAGE_CHECK,
-) = range(20)
-FAULTS = 20
+    LINK_LOST,
+) = range(21)
+FAULTS = 21
 """Faults: each has a reaction of its own, and the first that is more than a warning stays latched."""
 
 (
@@ -54,7 +55,7 @@ FAULTS = 20
 
 EVENT_CODES = FAULTS + 7
 
-NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING = 1, 2, 4, 8
+NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING, LINK_MISSING = 1, 2, 4, 8, 16
 """Why arming was refused, the cell's bits."""
 STRAIN_MISSING, REFERENCE_MISSING, AMPLIFIER_MISSING, TEMPERATURE_MISSING, NOT_RESUMABLE = 1, 2, 4, 8, 16
 """Why arming was refused, an axis' bits."""

@@ -6,12 +6,11 @@ from typing import Any
 
 from numba import types
 
-from .cell import cell_cycle
+from .cell import cell_cycle, watch_drivers
 from .exchange import exchange_all
-from .faults import cell_fault
 from .jit import compiled
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES
-from .states import DRIVER_ERROR, NO_COMMAND
+from .states import NO_COMMAND
 from .telemetry import write_row
 
 
@@ -42,7 +41,7 @@ def run_virtual(
     for k in range(cycles):
         now_ns = (s["cycle"] + 1) * p["period_ns"]
         code = exchange_all(drivers, driver_count, outputs, signals, now_ns, 1)
-        cell_fault(p, s, DRIVER_ERROR, code != 0, float(code), 0.0)
+        watch_drivers(p, s, code)
         cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns, 1)
         if (k + 1) % every == 0 and written < len(rows):
             write_row(p, s, signals, rows[written], now_ns, 0, 0, 1)

@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .buses import bus_findings
 from .compile import compile_cell
 from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from .load import validate_document
 from .model import Configuration
 from .outer import dc_gain, outer_gains
+from .plant import build_plant
 from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from .source import Source
 from .waveform import load_samples
@@ -49,7 +51,16 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
     source = Source.read(file)
     configuration = validate(source)
     wiring = wire(configuration, source, seed)
-    _refuse(source, [*_safety(configuration, wiring), *_stability(configuration)])
+    _refuse(
+        source,
+        [
+            *_safety(configuration, wiring),
+            *_stability(configuration),
+            *bus_findings(configuration, wiring),
+        ],
+    )
+    if configuration.simulation is not None:
+        build_plant(configuration, source, configuration.loop.period_ns)
     samples = load_samples(configuration, source)
     return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), samples)
 
@@ -67,7 +78,14 @@ def revise(running: Prepared, source: Source) -> Prepared:
     It must name the same drivers, channels and axes (see `change`); raises ConfigError as `prepare` does.
     """
     configuration, wiring = validate(source), running.wiring
-    _refuse(source, [*_safety(configuration, wiring), *_stability(configuration)])
+    _refuse(
+        source,
+        [
+            *_safety(configuration, wiring),
+            *_stability(configuration),
+            *bus_findings(configuration, wiring),
+        ],
+    )
     same = configuration.reference == running.configuration.reference
     samples = running.samples if same else load_samples(configuration, source)
     return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), samples)

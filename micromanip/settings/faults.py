@@ -142,6 +142,18 @@ class DriverError(Settings):
     reaction: Literal["hold", "ramp", "off"] = Field(default="ramp", description="What follows.")
 
 
+class Link(Settings):
+    """The link to a bus is lost: bus-off, a cable, a device without power, its worker process dead."""
+
+    silent_ms: Positive = Field(
+        default=20.0, description="A worker process that gives no sign of life for longer is taken for dead."
+    )
+    loop_silent_ms: Positive = Field(
+        default=5.0, description="A loop that is silent for longer is dead to the worker: its outputs ramp to park."
+    )
+    reaction: Literal["ramp", "off"] = Field(default="ramp", description="What follows.")
+
+
 class Enable(Settings):
     """The signal enable is not 1: emergency stop."""
 
@@ -168,6 +180,7 @@ class Faults(Settings):
     deadline: Deadline = Deadline()
     host: Host = Host()
     driver: DriverError = DriverError()
+    link: Link = Link()
     enable: Enable = Enable()
     interlock: Interlock = Interlock()
     hold: Hold = Hold()
@@ -177,6 +190,7 @@ class Faults(Settings):
 SIMULATION: dict[str, Any] = {
     "deadline": {"in_a_row": None, "share_percent": None},
     "host": {"silent_ms": 1000.0},
+    "link": {"silent_ms": 300.0, "loop_silent_ms": 100.0},
     "axis": {
         "strain": {"rate_um_per_ms": 1000.0},
         "disagreement": {"ratio": None},

@@ -8,13 +8,23 @@ from dataclasses import dataclass
 from pydantic import BaseModel
 
 from micromanip.errors import ConfigError
+from micromanip.io.bridge import BusBridge
+from micromanip.io.bus import BusDriver, BusOptions
 from micromanip.io.contract import CyclicDriver
 from micromanip.io.registry import driver_class
+from micromanip.io.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 
 from .load import validate_section
 from .model import Configuration, Driver, Output, Signal, Switch
 from .source import Source
+
+_SAFE_SWITCHES = {
+    "amplifier_enable": SafeOutput(LAST_SWITCH, 0.0, 0.0, 1.0),
+    "feed_hold": SafeOutput(SWITCH, 1.0, 0.0, 1.0),
+    "heartbeat": SafeOutput(SWITCH, 0.0, 0.0, 1.0),
+}
+"""The amplifier stays on until the voltages are at rest; the machine is asked at once to stop feeding."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +43,29 @@ class Wiring:
     def devices(self) -> frozenset[str]:
         """The hardware that the drivers own."""
         return frozenset(driver.device for driver in self.drivers.values() if driver.device is not None)
+
+    @property
+    def buses(self) -> dict[str, BusBridge]:
+        """Those of the drivers that run in a worker process."""
+        return {name: driver for name, driver in self.drivers.items() if isinstance(driver, BusBridge)}
+
+    @property
+    def virtual(self) -> bool:
+        """Whether the whole cell can run in virtual time."""
+        return all(driver.virtual for driver in self.drivers.values())
+
+    def safe_outputs(self, name: str, configuration: Configuration) -> list[SafeOutput]:
+        """How each output of the bus called `name` comes to rest, in the order of its driver."""
+        bridge, first = self.buses[name], self.first_output[name]
+        result = [SafeOutput(UNUSED, channel.safe) for channel in bridge.bus.outputs]
+        for output, index in self.outputs.items():
+            if 0 <= index - first < len(result):
+                settings = configuration.outputs[output]
+                result[index - first] = SafeOutput(VOLTAGE, settings.park_V, *settings.range_V)
+        for switch, index in self.switches.items():
+            if 0 <= index - first < len(result):
+                result[index - first] = _SAFE_SWITCHES[switch]
+        return result
 
     def signal(self, name: str) -> int:
         """Index of a signal, -1 where the configuration does not have it."""
@@ -57,7 +90,7 @@ def _channel(
     return entry.driver, channels.index(wanted)
 
 
-def driver_options(source: Source, name: str, entry: Driver) -> tuple[type[CyclicDriver], BaseModel]:
+def driver_options(source: Source, name: str, entry: Driver) -> tuple[type[CyclicDriver] | type[BusDriver], BaseModel]:
     """Class and validated options of the driver called `name`; ConfigError where one of them is wrong."""
     try:
         kind = driver_class(entry.driver)
@@ -67,13 +100,19 @@ def driver_options(source: Source, name: str, entry: Driver) -> tuple[type[Cycli
 
 
 def build_driver(
-    source: Source, name: str, entry: Driver, period_ns: int, seed: int | None = None
+    source: Source, name: str, entry: Driver, period_ns: int, silent_ns: int, seed: int | None = None
 ) -> tuple[CyclicDriver, BaseModel]:
-    """The driver that the configuration calls `name`, and its options; raises ConfigError with file, line and key."""
+    """The driver that the configuration calls `name`, and its options; raises ConfigError with file, line and key.
+
+    A bus counts as lost when its worker has been silent for `silent_ns`.
+    """
     kind, options = driver_options(source, name, entry)
     if seed is not None and "seed" in kind.Options.model_fields:
         options = options.model_copy(update={"seed": seed})
     try:
+        if issubclass(kind, BusDriver):
+            assert isinstance(options, BusOptions)
+            return BusBridge(kind(options, source.path.parent), options, silent_ns), options
         return kind(options, period_ns), options
     except ConfigError as problem:
         raise source.error(("drivers", name), str(problem)) from problem
@@ -87,9 +126,10 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
     drivers: dict[str, CyclicDriver] = {}
     chosen: dict[str, BaseModel] = {}
     first_input, first_output = {}, {}
+    silent_ns = round(configuration.faults.link.silent_ms * 1e6)
     inputs = outputs = 0
     for name, entry in configuration.drivers.items():
-        drivers[name], chosen[name] = build_driver(source, name, entry, configuration.loop.period_ns, seed)
+        drivers[name], chosen[name] = build_driver(source, name, entry, configuration.loop.period_ns, silent_ns, seed)
         first_input[name], first_output[name] = inputs, outputs
         inputs += len(drivers[name].inputs)
         outputs += len(drivers[name].outputs)

@@ -183,7 +183,12 @@ def main() -> int:
 
 def _cell(orders: dict[str, Any]) -> Cell:
     return Cell(
-        orders["configuration"], orders["sha256"], orders["path"], tuple(orders["axes"]), int(orders["period_ns"])
+        configuration=orders["configuration"],
+        sha256=orders["sha256"],
+        path=orders["path"],
+        axes=tuple(orders["axes"]),
+        drivers=tuple(orders["drivers"]),
+        period_ns=int(orders["period_ns"]),
     )
 
 

@@ -146,6 +146,7 @@ class BlackBox:
             "sha256": self._source.hash,
             "path": str(self._source.path),
             "axes": list(configuration.axes),
+            "drivers": list(configuration.drivers),
             "period_ns": configuration.loop.period_ns,
         }
 

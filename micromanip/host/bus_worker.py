@@ -1,0 +1,181 @@
+"""One driver worker, seen from the host: started, listened to, started again, ended."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from micromanip.answers import Link
+from micromanip.errors import DeviceUnavailable
+from micromanip.io.backoff import RestartLimit
+from micromanip.io.image import ProcessImage
+from micromanip.rt.image import ALIVE_NS, EPOCH, IMAGE, LINK, LINK_DOWN, LINK_LATCHED, LINK_UP
+from micromanip.settings.check import Prepared
+
+from .segments import Segments
+
+_FIRST_LINK_S, _TRIED_S = 10.0, 2.0
+"""Time for the first link: for a process that must start, and after the first try failed."""
+_STUCK_S = 2.0
+_END_S = 5.0
+_POLL_S = 0.02
+_BELOW_LOOP = 10
+"""Priority of a worker below that of the loop."""
+
+
+class BusWorker:
+    """One worker process and what it has said."""
+
+    def __init__(self, prepared: Prepared, name: str, segments: Segments, offset: int, locks: tuple[int, ...]) -> None:
+        """`offset` (bytes) tells where the bus' image is in the contexts' segment."""
+        self.name = name
+        self._descriptors = (segments.contexts.descriptor, *locks)
+        self._orders = _orders(prepared, name, segments.contexts.descriptor, offset)
+        self.image = ProcessImage(segments.contexts.bytes()[offset : offset + IMAGE.itemsize].view(IMAGE))
+        self._process: asyncio.subprocess.Process | None = None
+        self._listening: asyncio.Task[None] | None = None
+        self._restarts = RestartLimit()
+        self._ending = False
+        self._started = 0.0
+        self.said = ""
+        self.counts: dict[str, int] = {}
+        self.cpu_s = 0.0
+        self.starts = 0
+
+    async def start(self, say: Callable[[str], None]) -> None:
+        """Start the process; what it says that people should know goes to `say`."""
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *("-m", "micromanip.io.worker"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            pass_fds=self._descriptors,
+            start_new_session=True,
+        )
+        self.starts += 1
+        self._started = time.monotonic()
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(self._orders).encode() + b"\n")
+        self._listening = asyncio.create_task(self._listen(self._process, say))
+
+    async def first_link(self) -> None:
+        """Wait until the link has come up; DeviceUnavailable with the reason where it does not."""
+        end = time.monotonic() + _FIRST_LINK_S
+        tried = False
+        while self.image.ask(LINK) != LINK_UP:
+            process = self._process
+            assert process is not None
+            if self.said and not tried:
+                tried, end = True, time.monotonic() + _TRIED_S
+            if process.returncode is not None or self.image.ask(LINK) == LINK_LATCHED or time.monotonic() > end:
+                if process.returncode is not None and self._listening is not None:
+                    await self._listening
+                raise DeviceUnavailable(f"driver {self.name}: {self.said or 'its worker process gives no answer'}")
+            await asyncio.sleep(_POLL_S)
+
+    async def _listen(self, process: asyncio.subprocess.Process, say: Callable[[str], None]) -> None:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        async for line in process.stdout:
+            with contextlib.suppress(ValueError):  # cut off by a kill
+                self._take(json.loads(line), say)
+        said = (await process.stderr.read()).decode(errors="replace").strip()
+        if said:
+            self.said = said.splitlines()[-1]
+
+    def _take(self, document: dict[str, Any], say: Callable[[str], None]) -> None:
+        if document["event"] == "statistics":
+            self.counts, self.cpu_s = document["counts"], document["cpu_s"]
+            return
+        text = str(document["text"])
+        if document["event"] == "up":
+            if self.image.ask(EPOCH) > 1 or self.starts > 1:
+                say(f"driver {self.name}: link up; its outputs stay at rest until the axes are armed again")
+            self.said = ""
+            return
+        self.said = text
+        if document["event"] == "latched":
+            say(f"WARNING: driver {self.name}: {text}; not tried again, mend it and restart")
+        elif document["event"] == "lost":
+            say(f"WARNING: driver {self.name}: link lost: {text}; tried again in {1e3 * document['retry_s']:.0f} ms")
+        else:
+            say(f"WARNING: driver {self.name}: {text}")
+
+    async def supervise(self, say: Callable[[str], None]) -> None:
+        """Start the process again where it died or hangs, five times in a minute; then its link is latched."""
+        while True:
+            process = self._process
+            assert process is not None
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(process.wait(), _STUCK_S / 4)
+            if self._ending:
+                return
+            if process.returncode is None:
+                alive_s = self.image.ask(ALIVE_NS) * 1e-9
+                if time.monotonic() - max(alive_s, self._started + _FIRST_LINK_S) > _STUCK_S:
+                    say(f"WARNING: driver {self.name}: its worker process hangs; it is killed")
+                    process.kill()
+                continue
+            if self._listening is not None:
+                await self._listening
+            self.image.tell(LINK, LINK_DOWN)
+            code = process.returncode
+            how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}: {self.said}"
+            if not self._restarts.allows(time.monotonic()):
+                self.image.tell(LINK, LINK_LATCHED)
+                say(f"WARNING: driver {self.name}: its worker process {how}; not started again, it died too often")
+                return
+            say(f"WARNING: driver {self.name}: its worker process {how}; started again")
+            await self.start(say)
+
+    async def end(self) -> None:
+        """Let the outputs come to rest and the process end; it is killed where it does not."""
+        self._ending = True
+        process = self._process
+        if process is None:
+            return
+        if process.returncode is None:
+            assert process.stdin is not None
+            process.stdin.close()
+            try:
+                await asyncio.wait_for(process.wait(), _END_S)
+            except TimeoutError:
+                process.kill()
+                await process.wait()
+        if self._listening is not None:
+            await self._listening
+
+    def report(self) -> Link:
+        """Where the link stands."""
+        return {
+            "link": self.image.link,
+            "outputs": self.image.output_state,
+            "links": self.image.ask(EPOCH),
+            "starts": self.starts,
+            "message": self.said or None,
+            "counts": dict(self.counts),
+            "cpu_s": self.cpu_s,
+        }
+
+
+def _orders(prepared: Prepared, name: str, descriptor: int, offset: int) -> dict[str, Any]:
+    configuration, wiring = prepared.configuration, prepared.wiring
+    outputs = wiring.safe_outputs(name, configuration)
+    return {
+        "driver": configuration.drivers[name].driver,
+        "options": wiring.options[name].model_dump_json(),
+        "folder": str(prepared.source.path.parent),
+        "descriptor": descriptor,
+        "offset": offset,
+        "outputs": [asdict(output) for output in outputs],
+        "ramp_ns": round(configuration.start.ramp_s * 1e9),
+        "dead_ns": round(configuration.faults.link.loop_silent_ms * 1e6),
+        "priority": max(1, configuration.loop.priority - _BELOW_LOOP),
+    }

@@ -1,0 +1,41 @@
+"""How long to wait before a lost link is tried again, and when a process has been started too often."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+
+_FIRST_S, _LONGEST_S, _STABLE_S = 0.05, 2.0, 1.0
+_JITTER = 0.2
+_RESTARTS, _WITHIN_S = 5, 60.0
+
+
+class BackOff:
+    """50 ms after the first loss, twice as long after each further one, 2 s at most; forgotten once a link has held."""
+
+    def __init__(self, draw: random.Random | None = None) -> None:
+        self._draw = draw or random.Random()
+        self._tries = 0
+
+    def lost(self, held_s: float) -> float:
+        """Seconds to wait now that a link, or a try to get one, is over after `held_s`."""
+        if held_s >= _STABLE_S:
+            self._tries = 0
+        wait_s = min(_LONGEST_S, _FIRST_S * 2.0**self._tries)
+        self._tries = min(self._tries + 1, 16)
+        # several workers that lost the same bus don't come back in step
+        return wait_s * (1.0 + _JITTER * (2.0 * self._draw.random() - 1.0))
+
+
+class RestartLimit:
+    """Five restarts in a minute are enough: what always fails again is not tried for ever."""
+
+    def __init__(self) -> None:
+        self._times: deque[float] = deque(maxlen=_RESTARTS)
+
+    def allows(self, now_s: float) -> bool:
+        """Note a restart at `now_s`; False where there have been too many."""
+        full = len(self._times) == _RESTARTS and now_s - self._times[0] < _WITHIN_S
+        if not full:
+            self._times.append(now_s)
+        return not full

@@ -1,0 +1,74 @@
+"""The process image as Python sees it: the worker that fills it, and the host that looks at it."""
+
+from __future__ import annotations
+
+import mmap
+import os
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.rt import image as rt
+from micromanip.rt.records import MAX_OUTPUTS
+
+from .bus import Inbox
+
+
+class ProcessImage:
+    """One bus' image (``rt.image.IMAGE``)."""
+
+    def __init__(self, record: NDArray[Any]) -> None:
+        """`record` is an array (1,) of IMAGE in shared memory."""
+        self._record = record
+        self._values = np.zeros(MAX_OUTPUTS)
+        self._written_ns = 0
+
+    @classmethod
+    def attach(cls, descriptor: int, offset: int) -> Self:
+        """The image at `offset` (bytes) of an inherited segment, for writing."""
+        memory = mmap.mmap(descriptor, os.fstat(descriptor).st_size)
+        return cls(np.frombuffer(memory, rt.IMAGE, 1, offset))
+
+    @property
+    def link(self) -> str:
+        """Where the link stands: down, up, latched."""
+        return rt.LINK_NAMES[self.ask(rt.LINK)]
+
+    @property
+    def output_state(self) -> str:
+        """What the outputs do: at rest, following, ramping to rest."""
+        return rt.OUTPUT_NAMES[self.ask(rt.OUTPUT_STATE)]
+
+    def ask(self, word: int) -> int:
+        """One of the words."""
+        return int(rt.ask(self._record, word))
+
+    def tell(self, word: int, value: int) -> None:
+        """Write one of the worker's words."""
+        rt.tell(self._record, word, value)
+
+    def take_over(self) -> None:
+        """Begin where another worker may have died in the middle of writing."""
+        rt.take_over(self._record)
+
+    def publish(self, inbox: Inbox) -> None:
+        """Hand all samples to the loop; the inbox is empty then."""
+        for sample in inbox:
+            rt.publish(self._record, sample.channel, sample.value, sample.time_ns, sample.status, sample.lost)
+        inbox.clear()
+
+    def wanted(self) -> tuple[NDArray[np.float64], int]:
+        """What the loop wants of the outputs (MAX_OUTPUTS,), and when it wrote that (ns, 0 if never)."""
+        written_ns = int(rt.take_outputs(self._record, self._values))
+        if written_ns >= 0:
+            self._written_ns = written_ns
+        return self._values, self._written_ns
+
+    def sent(self) -> tuple[NDArray[np.float64], int]:
+        """What the device was given last (MAX_OUTPUTS,), and when (ns, 0 if never)."""
+        return self._record[0]["sent"].copy(), self.ask(rt.SENT_NS)
+
+    def remember_sent(self, values: NDArray[np.float64], now_ns: int) -> None:
+        """Note what the device was given."""
+        rt.remember_sent(self._record, values, now_ns)

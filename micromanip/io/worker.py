@@ -1,0 +1,248 @@
+"""The worker process of one bus: opens the driver, does its tasks in time, keeps the outputs safe, comes back.
+
+Started by the host as ``python -m micromanip.io.worker`` in a session of its own. Its orders are the first line on
+standard input, a JSON document; when standard input ends, the host is gone or wants it to end: it then goes on until
+the loop is silent and the outputs are at rest. What happens it tells on standard output, a JSON document a line.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import math
+import os
+import random
+import signal
+import sys
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from micromanip.errors import ConfigError
+from micromanip.rt.image import (
+    ALIVE_NS,
+    EPOCH,
+    LINK,
+    LINK_DOWN,
+    LINK_LATCHED,
+    LINK_UP,
+    OUTPUT_STATE,
+    RESTING,
+)
+
+from .backoff import BackOff
+from .bus import BusDriver, Inbox
+from .bus_errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
+from .image import ProcessImage
+from .registry import driver_class
+from .safe_state import SafeOutput, SafeState
+from .schedule import Schedule
+
+_LOOK_NS = 1_000_000
+"""So often, at least, the worker looks whether the loop still lives."""
+_REPORT_NS = 500_000_000
+_ERRORS, _AMONG = 10, 40
+"""So many errors among the last calls are a lost link."""
+_LEFT_ALONE_S = 30.0
+_COUNTERS = ("received", "lost", "performed", "errors", "refused", "links", "skipped")
+
+
+class Worker:
+    """Serves one driver until it is told to end."""
+
+    def __init__(self, driver: BusDriver, image: ProcessImage, safe: SafeState, output_count: int) -> None:
+        self._driver, self._image, self._safe = driver, image, safe
+        self._values = np.zeros(len(image.wanted()[0]))  # as long as the image's, the driver's outputs first
+        self._outputs = output_count
+        self._decided_ns = 0
+        self._inbox = Inbox()
+        self._schedule = Schedule((), 0)
+        self._failures: deque[bool] = deque(maxlen=_AMONG)
+        self._counts = dict.fromkeys(_COUNTERS, 0)
+        self._reported_ns = 0
+        self._ends = threading.Event()
+
+    def end(self) -> None:
+        """Come to an end: as soon as the loop is silent and the outputs are at rest."""
+        self._ends.set()
+
+    def run(self) -> None:
+        """Keep the link up; returns when it is to end, raises what is a bug."""
+        back_off = BackOff(random.Random())
+        while not self._may_leave():
+            opened = time.monotonic()
+            try:
+                self._serve()
+            except IdentityMismatch as problem:
+                self._lose(LINK_LATCHED)
+                self._tell("latched", str(problem))
+                self._wait(math.inf)
+            except BusError as problem:
+                self._lose(LINK_DOWN)
+                wait_s = back_off.lost(time.monotonic() - opened)
+                self._tell("lost", str(problem), retry_s=round(wait_s, 3))
+                self._wait(wait_s)
+            finally:
+                self._driver.close()
+
+    def _serve(self) -> None:
+        """One life of the link: until an error, or the end."""
+        self._driver.open()
+        self._failures.clear()
+        self._inbox.clear()
+        self._counts["links"] += 1
+        self._schedule = Schedule(self._driver.tasks, time.monotonic_ns())
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
+        self._image.tell(EPOCH, self._image.ask(EPOCH) + 1)
+        self._image.tell(LINK, LINK_UP)
+        self._tell("up", self._driver.device)
+        while not self._may_leave():
+            self._turn()
+        self._part()
+
+    def _part(self) -> None:
+        """Leave the device with the safe values."""
+        self._decide(time.monotonic_ns())
+        for number, task in enumerate(self._driver.tasks):
+            if task.outputs:
+                self._driver.perform(number, self._values[: self._outputs].tolist(), self._inbox)
+
+    def _turn(self) -> None:
+        """Do what is due, or listen for a moment; hand over what came."""
+        now_ns = time.monotonic_ns()
+        task = self._schedule.take(now_ns)
+        if task is not None or now_ns - self._decided_ns >= _LOOK_NS:
+            self._decide(now_ns)
+        failed = False
+        try:
+            if task is not None:
+                self._driver.perform(task, self._values[: self._outputs].tolist(), self._inbox)
+                self._counts["performed"] += 1
+                if self._driver.tasks[task].outputs:
+                    self._image.remember_sent(self._values, now_ns)
+            else:
+                due_ns = self._schedule.next_ns()
+                look_ns = now_ns + _LOOK_NS
+                self._driver.receive(self._inbox, look_ns if due_ns is None else min(due_ns, look_ns))
+        except (TransientError, OutputRefused) as problem:
+            failed = True
+            self._counts["errors"] += 1
+            self._judge(problem)
+        if task is not None or failed or len(self._inbox) > 0:
+            self._failures.append(failed)
+        self._hand_over()
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
+        self._report(now_ns)
+
+    def _judge(self, problem: BusError) -> None:
+        if sum(self._failures) >= _ERRORS - 1:
+            raise LinkError(f"{_ERRORS} errors in the last {_AMONG} calls; the last: {problem}") from problem
+
+    def _hand_over(self) -> None:
+        for sample in self._inbox:
+            self._counts["received"] += 1
+            self._counts["lost"] += sample.lost
+        self._image.publish(self._inbox)
+
+    def _decide(self, now_ns: int) -> None:
+        """What the device is to be given now."""
+        wanted, written_ns = self._image.wanted()
+        was = self._safe.state
+        self._values[: self._outputs] = self._safe.values(wanted[: self._outputs], written_ns, now_ns)
+        self._decided_ns = now_ns
+        if self._safe.state != was:
+            self._image.tell(OUTPUT_STATE, self._safe.state)
+
+    def _lose(self, link: int) -> None:
+        self._image.tell(LINK, link)
+        self._safe.leave(time.monotonic_ns())
+        self._image.tell(OUTPUT_STATE, self._safe.state)
+
+    def _wait(self, seconds: float) -> None:
+        """Let time pass without a link; the safe state goes on by the clock."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not self._may_leave():
+            now_ns = time.monotonic_ns()
+            self._decide(now_ns)
+            self._image.tell(ALIVE_NS, now_ns)
+            self._report(now_ns)
+            time.sleep(min(0.005, max(0.0, end - time.monotonic())))
+
+    def _may_leave(self) -> bool:
+        if not self._ends.is_set():
+            return False
+        _, written_ns = self._image.wanted()
+        return self._safe.state == RESTING and self._safe.is_dead(written_ns, time.monotonic_ns())
+
+    def _report(self, now_ns: int) -> None:
+        if now_ns - self._reported_ns < _REPORT_NS:
+            return
+        self._reported_ns = now_ns
+        self._counts["refused"], self._counts["skipped"] = self._safe.refused, self._schedule.skipped
+        counts = {**self._counts, **self._driver.statistics()}
+        _say({"event": "statistics", "counts": counts, "cpu_s": round(time.process_time(), 3)})
+
+    def _tell(self, event: str, text: str, **more: Any) -> None:
+        _say({"event": event, "text": text, **more})
+
+
+def _say(document: dict[str, Any]) -> None:
+    try:
+        os.write(1, json.dumps(document).encode() + b"\n")
+    except (BlockingIOError, BrokenPipeError):
+        return  # nobody listens, or not fast enough: the bus comes first
+
+
+def _listen(worker: Worker) -> None:
+    """End with the host; and if the driver does not come back from its bus, end all the same."""
+    os.read(0, 1)
+    worker.end()
+    time.sleep(_LEFT_ALONE_S)
+    os._exit(70)
+
+
+def main() -> int:
+    """Serve until the end; the exit code is 0, 78 for options that the driver refuses, 1 after a bug."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.set_blocking(1, False)
+    orders = json.loads(_first_line())
+    kind = driver_class(orders["driver"])
+    assert issubclass(kind, BusDriver)
+    try:
+        driver = kind(kind.Options.model_validate_json(orders["options"]), Path(orders["folder"]))
+    except ConfigError as problem:
+        sys.stderr.write(f"{problem}\n")
+        return problem.exit_code
+    image = ProcessImage.attach(orders["descriptor"], orders["offset"])
+    image.take_over()
+    outputs = [SafeOutput(**output) for output in orders["outputs"]]
+    last, last_ns = image.sent()
+    before = last[: len(outputs)] if last_ns else None
+    safe = SafeState(outputs, orders["ramp_ns"], orders["dead_ns"], before, last_ns)
+    worker = Worker(driver, image, safe, len(outputs))
+    signal.signal(signal.SIGTERM, lambda *_: worker.end())
+    threading.Thread(target=_listen, args=(worker,), daemon=True).start()
+    if orders["priority"] is not None:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(orders["priority"]))
+        except PermissionError:
+            _say({"event": "rights", "text": "no real-time priority for this worker"})
+    gc.collect()
+    gc.freeze()
+    worker.run()
+    return 0
+
+
+def _first_line() -> bytes:
+    line = b""
+    while not line.endswith(b"\n"):
+        line += os.read(0, 1 << 16)
+    return line
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,44 @@
+"""What a bus must carry, and names that mean the same wire: judged before anything is switched on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from micromanip.io.bus import Load
+
+from .model import Configuration
+from .wiring import Wiring
+
+Finding = tuple[tuple[str | int, ...], str]
+
+_POSITIONS = ("strain_", "stage_", "deviation_", "tracker_")
+
+
+def budget(wiring: Wiring) -> dict[str, list[Load]]:
+    """Loads of each bus by the name of its driver."""
+    return {name: list(bridge.bus.loads()) for name, bridge in wiring.buses.items()}
+
+
+def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
+    """Buses that are overloaded, devices with two drivers, positions that are read from the same channel."""
+    for name, loads in budget(wiring).items():
+        for load in loads:
+            if load.share > load.limit:
+                yield (
+                    ("drivers", name),
+                    f"{load.name} would be busy for {100 * load.share:.0f} % of the time ({load.detail}), at most "
+                    f"{100 * load.limit:.0f} % can be relied on; lower a rate, pack signals into fewer messages, or "
+                    "use a faster bus",
+                )
+    owners: dict[str, str] = {}
+    for name, bridge in wiring.buses.items():
+        owner = owners.setdefault(bridge.bus.device, name)
+        if owner != name:
+            yield ("drivers", name), f"driver {owner} owns {bridge.bus.device} already; one driver has a device alone"
+    sources: dict[int, str] = {}
+    for name in configuration.signals:
+        if not name.startswith(_POSITIONS):
+            continue  # a line may serve several axes
+        first = sources.setdefault(wiring.signal(name), name)
+        if first != name:
+            yield ("signals", name), f"it reads the same channel as {first}"

@@ -1,0 +1,110 @@
+"""A single-threaded event loop with timers that are microseconds fine, for simulated devices.
+
+asyncio rounds its waits to milliseconds; a CAN frame takes a tenth of one. Time is CLOCK_MONOTONIC in nanoseconds.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import heapq
+import os
+import select
+import time
+from collections.abc import Callable
+
+_PR_SET_TIMERSLACK = 29
+_SLACK_NS = 1
+_libc = ctypes.CDLL(None)
+
+
+class Timer:
+    """A call that is to come; ``cancel`` may be called at any time, also after it came."""
+
+    __slots__ = ("callback", "time_ns")
+
+    def __init__(self, time_ns: int, callback: Callable[[], None]) -> None:
+        self.time_ns = time_ns
+        self.callback: Callable[[], None] | None = callback
+
+    def cancel(self) -> None:
+        """Forget the call."""
+        self.callback = None
+
+
+class EventLoop:
+    """Calls back when descriptors become readable and when times come; an exception of a callback ends ``run``."""
+
+    def __init__(self) -> None:
+        self._timers: list[tuple[int, int, Timer]] = []
+        self._sequence = 0
+        self._readers: dict[int, Callable[[], None]] = {}
+        self._stopping = False
+        self._waker = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self.add_reader(self._waker, self._drain_waker)
+
+    def now_ns(self) -> int:
+        """The loop's time."""
+        return time.monotonic_ns()
+
+    def add_reader(self, fileno: int, callback: Callable[[], None]) -> None:
+        """Call `callback` whenever descriptor `fileno` is readable; replaces the one it had."""
+        self._readers[fileno] = callback
+
+    def remove_reader(self, fileno: int) -> None:
+        """Forget descriptor `fileno`; does no harm if it isn't known."""
+        self._readers.pop(fileno, None)
+
+    def call_at(self, time_ns: int, callback: Callable[[], None]) -> Timer:
+        """Call `callback` once at `time_ns` or soon after; those of the same time in the order they were asked for."""
+        timer = Timer(time_ns, callback)
+        self._sequence += 1
+        heapq.heappush(self._timers, (time_ns, self._sequence, timer))
+        return timer
+
+    def stop(self) -> None:
+        """Make ``run`` return, at once if it isn't running yet; may be called by a signal handler or a thread."""
+        self._stopping = True
+        os.eventfd_write(self._waker, 1)
+
+    def run(self, until_ns: int | None = None) -> None:
+        """Serve until ``stop``, or until `until_ns` has passed."""
+        _libc.prctl(_PR_SET_TIMERSLACK, _SLACK_NS)  # the kernel's default lets it wake this thread 50 us late
+        while not self._stopping:
+            now_ns = self.now_ns()
+            self._call_due(now_ns)
+            if until_ns is not None and now_ns >= until_ns:
+                break
+            # Readers come before the timers that became due meanwhile: a frame that was sent before the bus got idle
+            # takes part in the arbitration.
+            self._wait(self._next_ns(until_ns))
+        self._stopping = False
+
+    def close(self) -> None:
+        """Let go of the loop's own descriptor; the readers' belong to who added them."""
+        if self._waker in self._readers:
+            self.remove_reader(self._waker)
+            os.close(self._waker)
+
+    def _next_ns(self, until_ns: int | None) -> int | None:
+        if not self._timers:
+            return until_ns
+        next_ns = self._timers[0][0]
+        return next_ns if until_ns is None else min(next_ns, until_ns)
+
+    def _call_due(self, now_ns: int) -> None:
+        timers = self._timers
+        last = self._sequence  # what is asked for meanwhile waits, so that timers which are late can't starve readers
+        while timers and timers[0][0] <= now_ns and timers[0][1] <= last and not self._stopping:
+            callback = heapq.heappop(timers)[2].callback
+            if callback is not None:
+                callback()
+
+    def _wait(self, next_ns: int | None) -> None:
+        timeout_s = None if next_ns is None else max(0, next_ns - self.now_ns()) * 1e-9
+        for fileno in select.select(self._readers, (), (), timeout_s)[0]:
+            callback = self._readers.get(fileno)  # one that was called before it may have removed it
+            if callback is not None:
+                callback()
+
+    def _drain_waker(self) -> None:
+        os.eventfd_read(self._waker)

@@ -1,0 +1,61 @@
+"""Tasks on their grids, and how a lost link is tried again."""
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from micromanip.io.backoff import BackOff, RestartLimit
+from micromanip.io.bus import Task
+from micromanip.io.schedule import Schedule
+
+
+def test_each_task_at_its_own_rate():
+    schedule = Schedule([Task("fast", 1000), Task("slow", 250)], 0)
+    done = []
+    for now in range(0, 8_000_000, 100_000):
+        while (task := schedule.take(now)) is not None:
+            done.append((now, task))
+    assert [now for now, task in done if task == 0] == list(range(0, 8_000_000, 1_000_000))
+    assert [now for now, task in done if task == 1] == [0, 4_000_000]
+
+
+def test_what_was_missed_is_skipped_and_the_grid_is_kept():
+    schedule = Schedule([Task("only", 1000)], 0)
+    assert schedule.take(0) == 0
+    assert schedule.take(3_700_000) == 0  # one turn for the three that are over
+    assert schedule.take(3_800_000) is None
+    assert (schedule.skipped, schedule.next_ns()) == (2, 4_000_000)
+
+
+def test_without_tasks_nothing_is_due():
+    schedule = Schedule([], 0)
+    assert (schedule.take(10**9), schedule.next_ns()) == (None, None)
+
+
+@given(st.lists(st.integers(0, 20_000_000), min_size=1, max_size=50))
+def test_never_more_often_than_the_rate(waits):
+    schedule, now, done = Schedule([Task("a", 500), Task("b", 2000)], 0), 0, [0, 0]
+    for wait in waits:
+        now += wait
+        while (task := schedule.take(now)) is not None:
+            done[task] += 1
+    assert done[0] <= now // 2_000_000 + 1
+    assert done[1] <= now // 500_000 + 1
+
+
+def test_the_wait_doubles_up_to_two_seconds():
+    back_off = BackOff(random.Random(1))
+    waits = [back_off.lost(0.0) for _ in range(9)]
+    for k, wait in enumerate(waits):
+        assert wait == pytest.approx(min(2.0, 0.05 * 2**k), rel=0.2)
+    assert back_off.lost(5.0) == pytest.approx(0.05, rel=0.2)  # a link that held is a new story
+
+
+def test_five_restarts_in_a_minute_are_enough():
+    limit = RestartLimit()
+    assert [limit.allows(t) for t in (0, 10, 20, 30, 40, 50)] == [True] * 5 + [False]
+    assert limit.allows(60.1)
+    assert not limit.allows(61.0)
+    assert limit.allows(70.1)

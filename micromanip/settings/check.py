@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .buses import bus_findings
 from .compile import compile_cell
+from .feedback import feedback_findings
 from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from .load import validate_document
 from .model import Configuration
@@ -57,6 +58,7 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
             *_safety(configuration, wiring),
             *_stability(configuration),
             *bus_findings(configuration, wiring),
+            *feedback_findings(configuration, wiring),
         ],
     )
     if configuration.simulation is not None:
@@ -84,6 +86,7 @@ def revise(running: Prepared, source: Source) -> Prepared:
             *_safety(configuration, wiring),
             *_stability(configuration),
             *bus_findings(configuration, wiring),
+            *feedback_findings(configuration, wiring),
         ],
     )
     same = configuration.reference == running.configuration.reference

@@ -14,6 +14,7 @@ from micromanip.rt.records import CELL_PARAMETERS, HYSTERESIS_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 
 from .axis import Axis
+from .frame import frame_of
 from .hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
 from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .model import Configuration, Output, Signal, Start
@@ -52,6 +53,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
     p["authority_cycles"], p["ramp_cycles"] = cycles(start.authority_s), cycles(start.ramp_s)
     p["score_cycles"] = cycles(_SCORE_AFTER_S)
     fill_cell_limits(p, configuration.faults, loop.rate_hz)
+    _fill_frame(p["frame"], configuration, wiring)
     for name in ("enable", "interlock", "retracted"):
         _fill_line(p[name], name, configuration, wiring)
     for name in ("amplifier_enable", "feed_hold", "heartbeat"):
@@ -98,13 +100,27 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     a["voltage"] = wiring.outputs[f"voltage_{name}"]
     a["strain_age_ns"] = _max_age_ns(configuration.signals.get(f"strain_{name}"))
     a["stage_age_ns"] = _max_age_ns(configuration.signals.get(f"stage_{name}"))
-    a["reference_age_ns"] = _max_age_ns(configuration.signals.get(f"deviation_{name}"))
+    frame = frame_of(configuration)
+    followed = (f"deviation_{name}",) if frame is None else frame.signals
+    a["reference_age_ns"] = min(_max_age_ns(configuration.signals.get(each)) for each in followed)
     for role in ("strain", "stage"):
         signal = configuration.signals.get(f"{role}_{name}")
         a[f"{role}_range_um"] = (signal and signal.range_um) or _PLAUSIBLE_UM
     a["cycles_per_ns"] = 1.0 / configuration.loop.period_ns
     for role in ("amplifier_ok", "temperature_ok"):
         _fill_line(a[role], f"{role}_{name}", configuration, wiring)
+
+
+def _fill_frame(f: Any, configuration: Configuration, wiring: Wiring) -> None:
+    """How the deviations come of the tracker's own coordinates."""
+    frame = frame_of(configuration)
+    if frame is None:
+        return
+    rows, columns = np.shape(frame.matrix)
+    f["sources"], f["source"][:columns] = columns, [wiring.signal(name) for name in frame.signals]
+    f["derived"], f["first"] = rows, wiring.signal(f"deviation_{next(iter(configuration.axes))}")
+    f["matrix"][:rows, :columns] = frame.matrix
+    f["offset"][:rows] = frame.offset_um or 0.0
 
 
 def _fill_line(line: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:

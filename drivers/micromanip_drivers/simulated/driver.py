@@ -47,6 +47,9 @@ class SimulatedCell(CyclicDriver):
             if name not in options.axes:
                 raise ConfigError(f"variation.{name}: there is no axis {name}; axes are {', '.join(options.axes)}")
         self._check_bus()
+        rows = options.tracker.coordinates
+        if rows is not None and [len(row) for row in rows] != [len(options.axes)] * len(options.axes):
+            raise ConfigError(f"tracker.coordinates: a row and a column an axis, {len(options.axes)} of each")
         for k, fault in enumerate(options.faults):
             if fault.channel not in (*self.inputs, EXCHANGE):
                 raise ConfigError(f"faults[{k}].channel: {self._unknown(fault.channel)}")
@@ -210,6 +213,7 @@ class SimulatedCell(CyclicDriver):
         p["tracker_latency_ns"] = round(tracker.latency_ms * 1e6)
         p["tracker_noise_um"] = tracker.noise_um
         count = len(self.options.axes)
+        p["tracker_row"][:count] = np.eye(count)[i] if tracker.coordinates is None else tracker.coordinates[i]
         p["coupling"][i] = 1.0
         if count > 1:
             p["coupling"][(i + 1) % count] += self.options.coupling

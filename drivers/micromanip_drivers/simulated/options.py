@@ -85,6 +85,11 @@ class TrackerOptions(_Options):
     rate_Hz: Positive = Field(default=1000.0, description="Samples a second.")
     latency_ms: NotNegative = Field(default=1.0, description="Age of a sample when it arrives.")
     noise_um: NotNegative = Field(default=0.5, description="Noise, rms.")
+    coordinates: tuple[tuple[float, ...], ...] | None = Field(
+        default=None,
+        description="What the channels deviation_<axis> read: a row of factors on the deviations of all axes each; null: "
+        "each its own axis.",
+    )
 
 
 class Lines(_Options):

@@ -91,6 +91,7 @@ AXIS_PARAMETERS = _record(
     ("tracker_periods", "i8"),
     ("tracker_latency_ns", "i8"),
     ("tracker_noise_um", "f8"),
+    ("tracker_row", "f8", (MAX_AXES,)),
     ("coupling", "f8", (MAX_AXES,)),
 )
 AXIS_STATE = _record(

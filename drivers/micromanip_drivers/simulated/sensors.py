@@ -48,7 +48,10 @@ def read(c: Any, inputs: Any, now_ns: int) -> None:
             s["tracked"] = due
             passed_ns = (c["periods"] - due * p["tracker_periods"]) * c["period_ns"]
             taken_s = t_s - (passed_ns + p["tracker_latency_ns"]) * 1e-9
-            tracked = deviation(p, taken_s) + p["tracker_noise_um"] * normal(s)
+            tracked = p["tracker_noise_um"] * normal(s)
+            for j in range(c["axes"]):
+                if p["tracker_row"][j] != 0.0:
+                    tracked += p["tracker_row"][j] * deviation(c["p"][j], taken_s)
             put(inputs[first + 2], tracked, now_ns - passed_ns - p["tracker_latency_ns"])
         row = p["stage_acceleration"]
         acceleration = row[6] * s["force_N"] + p["acceleration_noise"] * normal(s)

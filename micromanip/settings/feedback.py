@@ -98,24 +98,25 @@ def feedback_findings(configuration: Configuration, wiring: Wiring) -> Iterator[
             fits = fitting_gain(configuration, wiring, loop.axis)
             yield (
                 ("axes", loop.axis, "inner", "K_V_per_um"),
-                f"the strain loop would have {loop.phase_deg:.0f} deg of phase margin at {loop.crossover_Hz:.0f} Hz, at "
-                f"least {LEAST_DEG:g} are needed: its slowest path is {loop.path}, {1e3 * loop.path_s:.2g} ms; with this "
-                f"Ti_ms and Td_ms {fits:.2g} would fit, or commission the axis again",
+                f"the strain loop would have {loop.phase_deg:.0f} deg of phase margin at {loop.crossover_Hz:.0f} Hz, "
+                f"at least {LEAST_DEG:g} are needed: its slowest path is {loop.path}, {1e3 * loop.path_s:.2g} ms; "
+                f"with this Ti_ms and Td_ms {fits:.2g} would fit, or commission the axis again",
             )
     for name, axis in configuration.axes.items():
         if axis.mode == "stage":
             yield from _outer_findings(configuration, wiring, name, axis)
     for name, signal in configuration.signals.items():
         channel = signal_timing(configuration, wiring, name)
-        if signal.max_age_us is None or channel.rate_hz >= configuration.loop.rate_hz:
+        at_once = channel.rate_hz >= configuration.loop.rate_hz and channel.latency_s == 0.0
+        if signal.max_age_us is None or at_once:
             continue
-        oldest_us = 1e6 * (1.0 / channel.rate_hz + channel.latency_s)
-        if signal.max_age_us < oldest_us:
+        latency_us, between_us = 1e6 * channel.latency_s, 1e6 / channel.rate_hz
+        if signal.max_age_us < latency_us + between_us:
             yield (
                 ("signals", name, "max_age_us"),
-                f"stale by design: a sample is up to {oldest_us:.0f} us old before the next one comes "
-                f"({_shown(channel)}, latency {1e6 * channel.latency_s:.0f} us); {3e6 / channel.rate_hz + 1e6 * channel.latency_s:.0f} "
-                "would allow for two lost ones",
+                f"stale by design: a sample is up to {latency_us + between_us:.0f} us old before the next one comes "
+                f"({channel.rate_hz:g} Hz, latency {latency_us:.0f} us); {latency_us + 3.0 * between_us:.0f} would "
+                "allow for two lost ones",
             )
 
 
@@ -133,7 +134,8 @@ def feedback_warnings(configuration: Configuration, wiring: Wiring) -> list[str]
         if loop.swing_Hz < band_Hz[0]:
             told.append(
                 f"axes.{loop.axis}.faults.oscillation.band_Hz: over {loop.path} the strain loop would swing near "
-                f"{loop.swing_Hz:.0f} Hz, below {list(band_Hz)}; [{0.5 * loop.swing_Hz:.0f}, {2 * loop.swing_Hz:.0f}] sees it"
+                f"{loop.swing_Hz:.0f} Hz, below {list(band_Hz)}; "
+                f"[{0.5 * loop.swing_Hz:.0f}, {2 * loop.swing_Hz:.0f}] sees it"
             )
     return told
 

@@ -87,8 +87,8 @@ class TrackerOptions(_Options):
     noise_um: NotNegative = Field(default=0.5, description="Noise, rms.")
     coordinates: tuple[tuple[float, ...], ...] | None = Field(
         default=None,
-        description="What the channels deviation_<axis> read: a row of factors on the deviations of all axes each; null: "
-        "each its own axis.",
+        description="What the channels deviation_<axis> read: a row of factors on the deviations of all axes each; "
+        "null: each its own axis.",
     )
 
 

@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from micromanip.io.bus import Channel
 
 from .model import Configuration, Output, Signal
 from .wiring import Wiring
+
+
+@dataclass(frozen=True)
+class FeedbackPath:
+    """What an axis' sensors and its output take, in cycles of the loop; the defaults: all in every cycle, at once."""
+
+    strain_cycles: int = 1
+    """From one sample of the gauge to the next."""
+    strain_late: int = 0
+    """From being measured to being seen by the loop."""
+    stage_cycles: int = 1
+    stage_late: int = 0
+    output_late: int = 0
+    """From a set-point to its voltage on the average, see `output_cycles`."""
+
+
+AT_ONCE = FeedbackPath()
 
 
 def signal_timing(configuration: Configuration, wiring: Wiring, name: str) -> Channel:
@@ -44,6 +62,19 @@ def output_cycles(configuration: Configuration, channel: Channel) -> int:
     if channel.rate_hz >= configuration.loop.rate_hz and channel.latency_s == 0.0:
         return 0
     return round((channel.latency_s + 0.5 / channel.rate_hz) * configuration.loop.rate_hz)
+
+
+def feedback_path(configuration: Configuration, wiring: Wiring, axis: str) -> FeedbackPath:
+    """The path of one axis."""
+    strain, stage = (sensor_timing(configuration, wiring, role, axis) for role in ("strain", "stage"))
+    rate_hz, voltage = configuration.loop.rate_hz, output_timing(configuration, wiring, f"voltage_{axis}")
+    return FeedbackPath(
+        cycles_between(configuration, strain),
+        math.ceil(strain.latency_s * rate_hz - 1e-6),
+        cycles_between(configuration, stage),
+        math.ceil(stage.latency_s * rate_hz - 1e-6),
+        output_cycles(configuration, voltage),
+    )
 
 
 def _timing(configuration: Configuration, name: str, entry: Signal | Output, slow: Sequence[Channel]) -> Channel:

@@ -50,10 +50,12 @@ def tune_outer(
     bandwidth_Hz: float | None = None,
     oscillation_Hz: float | None = 200.0,
     sample_cycles: int = 1,
+    late_cycles: int = 0,
 ) -> OuterDesign:
     """The fastest outer loop for `model` with at least 6 dB and 35 degrees, or the one of `bandwidth_Hz`.
 
-    `noise_um` is the sensor's rms; `bandwidth_Hz` the highest crossover of the loop. Raises CheckFailed where the
+    `noise_um` is the sensor's rms; `bandwidth_Hz` the highest crossover of the loop; a sample is seen
+    `late_cycles` after it was taken. Raises CheckFailed where the
     margins are not to be had, with what is.
     """
     tried, best = [], None
@@ -69,7 +71,7 @@ def tune_outer(
             sample_cycles=sample_cycles,
         )
         gains = outer_gains(outer, None, period_s)
-        found = margins(stage_loop(gains, model_system(model, period_s), sample_cycles))
+        found = margins(stage_loop(gains, model_system(model, period_s), sample_cycles, late_cycles))
         crossover = _bandwidth_Hz(found, oscillation_Hz)
         tried.append((float(effort), crossover, found.gain_dB, found.phase_deg))
         if not found.stable or found.gain_dB < GAIN_DB + _RESERVE_DB or found.phase_deg < PHASE_DEG + _RESERVE_DEG:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.settings.model import Configuration
-from micromanip.settings.timing import FeedbackPath
+from micromanip.settings.timing import AT_ONCE, FeedbackPath
 
 from ..actuation import Actuator, identify_actuator
 from ..experiment import Experiment, with_axis
@@ -33,8 +33,9 @@ from .validation import Validation, validate
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
-SLOPES = (0.75, 1.0, 1.3)
-"""The PID holds its margins for these multiples of the actuator's slope: hysteresis, amplitude, ageing."""
+SLOPES, BUS_SLOPES = (0.75, 1.0, 1.3), (0.75, 1.0, 1.45)
+"""The PID holds its margins for these multiples of the actuator's slope: hysteresis, amplitude, ageing; more of them
+where the samples of a bus show less of the actuator."""
 TRIANGLE_S = 12.0
 _COHERENCE_SEGMENT = 1 << 13
 
@@ -96,7 +97,8 @@ def commission_axis(
     say("actuator")
     actuator = identify_actuator(configuration, experiment, axis, seed)
     say("strain PID")
-    pid = tune_pid(over_path(actuator.dynamics, actuator.path), SLOPES)
+    by_bus = actuator.path != AT_ONCE
+    pid = tune_pid(over_path(actuator.dynamics, actuator.path), BUS_SLOPES if by_bus else SLOPES, careful=by_bus)
     inner = pid.inner.model_copy(update={"tracking_ms": settings.inner.tracking_ms})
     tuned = with_axis(configuration, axis, hysteresis=tanh.model, hysteresis_affine=affine.model, inner=inner)
     say("stage dynamics")

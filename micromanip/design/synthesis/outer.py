@@ -22,8 +22,10 @@ _RESERVE_DB, _RESERVE_DEG = 0.3, 2.0
 """What is asked for beyond the least margins: the next identification gives a slightly other model."""
 _EFFORTS = np.geomspace(1.0, 1000.0, 25)
 _BESIDE = 0.1
-_OSCILLATION = 1e-2
-"""Noise of the tooth-passing oscillator in terms of that of the random walk."""
+_WALK, _OSCILLATION = 1.0, 1e-2
+"""Random walk times effort along the line; noise of the tooth-passing oscillator in terms of that of the walk."""
+_LATE_WALK, _LATE_OSCILLATION = 0.1, 1e-1
+"""The same where samples come late: then integral action costs more of the margins than damping does."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +61,15 @@ def tune_outer(
     margins are not to be had, with what is.
     """
     tried, best = [], None
+    walking, oscillating = (_LATE_WALK, _LATE_OSCILLATION) if late_cycles else (_WALK, _OSCILLATION)
     for effort in _EFFORTS:
-        walk = 1.0 / effort
+        walk = walking / effort
         outer = Outer(
             model=model,
             effort=float(f"{effort:.4g}"),
             disturbance_um=float(f"{walk:.4g}"),
             oscillation_Hz=oscillation_Hz,
-            oscillation_um=float(f"{_OSCILLATION * walk:.4g}"),
+            oscillation_um=float(f"{oscillating * walk:.4g}"),
             sensor_noise_um=float(f"{max(noise_um, 1e-4):.3g}"),
             sample_cycles=sample_cycles,
         )

@@ -9,7 +9,7 @@ permanent memory.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import can
 
@@ -21,7 +21,7 @@ from .mapping import INVALID
 from .options import CanOpenOptions
 from .plan import NodePlan, PdoPlan
 from .sdo import Sdo
-from .watch import Watch, described
+from .watch import Watch, blames_bus, described
 
 _NMT = 0x000
 _START = 1
@@ -96,9 +96,19 @@ def _refuse_fault(sdo: Sdo, plan: NodePlan) -> None:
     if not register & ~(_GENERIC_ERROR | _COMMUNICATION_ERROR) and register != _GENERIC_ERROR:
         return
     told = f"node {plan.name} reports error register 0x{register:02X}"
-    if plan.dictionary.has(0x1003, 1) and sdo.read(0x1003, 0):
-        told += f", last emergency {described(sdo.read(0x1003, 1) & 0xFFFF)}"
+    for code in _history(sdo, plan):
+        if not blames_bus(code):
+            told += f", last emergency {described(code)}"
+            break
     raise DeviceFault(told)
+
+
+def _history(sdo: Sdo, plan: NodePlan) -> Iterator[int]:
+    """Codes of its emergencies, the latest first, as far as it keeps them."""
+    if plan.dictionary.has(0x1003, 1):
+        for i in range(sdo.read(0x1003, 0)):
+            if plan.dictionary.has(0x1003, i + 1):
+                yield sdo.read(0x1003, i + 1) & 0xFFFF
 
 
 def _configure(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:
@@ -153,19 +163,28 @@ def _set_watch(sdo: Sdo, plan: NodePlan, own_node_id: int) -> None:
 
 
 def _started(link: CanLink, nodes: Sequence[NodePlan], watches: Mapping[str, Watch], deadline_ns: int) -> None:
-    """Wait until each node's heartbeat says OPERATIONAL."""
-    by_heartbeat = {_HEARTBEAT + plan.options.node_id: watches[plan.name] for plan in nodes}
+    """Wait until the heartbeats of all nodes say OPERATIONAL.
+
+    A node whose watchdog still counts from our outputs before may trip meanwhile and fall back: it is told again.
+    """
+    by_heartbeat = {_HEARTBEAT + plan.options.node_id: plan for plan in nodes}
     by_emergency = {_EMERGENCY + plan.options.node_id: watches[plan.name] for plan in nodes}
     while True:
+        now_ns = time.monotonic_ns()
         for message, time_ns in link.receive(deadline_ns):
-            if watch := by_heartbeat.get(message.arbitration_id):
-                watch.heartbeat(bytes(message.data), time_ns)
+            now_ns = time_ns  # what comes late was in time all the same
+            if plan := by_heartbeat.get(message.arbitration_id):
+                watches[plan.name].heartbeat(bytes(message.data), time_ns)
+                if not watches[plan.name].operational:
+                    _command(link, _START, plan)
             elif watch := by_emergency.get(message.arbitration_id):
                 watch.emergency(bytes(message.data))
-        for plan in nodes:
-            watches[plan.name].check(time.monotonic_ns())
+        for watch in watches.values():
+            watch.check(now_ns)
         waiting = [plan.name for plan in nodes if not watches[plan.name].operational]
         if not waiting:
-            return
+            break
         if time.monotonic_ns() >= deadline_ns:
             raise LinkError(f"node {waiting[0]} was told to start and is still {watches[waiting[0]].state}")
+    for watch in watches.values():
+        watch.run()

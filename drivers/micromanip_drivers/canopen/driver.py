@@ -60,12 +60,15 @@ class CanOpen(BusDriver):
         """Of all nodes with outputs, or none: a single output that nothing makes safe is an output at large."""
         watched: list[str] = []
         for plan in self._nodes:
+            waits = "RPDO event timer" if plan.options.watchdog_by == "rpdo" else "consumer heartbeat"
             if not plan.rpdos:
                 continue
-            if plan.options.watchdog_ms is None:
+            if plan.options.watchdog_ms is not None:
+                watched.append(f"{waits} of {plan.name}, {plan.options.watchdog_ms} ms")
+            elif plan.options.watchdog is not None:
+                watched.append(f"{plan.options.watchdog} of {plan.name}")
+            else:
                 return None
-            waits = "RPDO event timer" if plan.options.watchdog_by == "rpdo" else "consumer heartbeat"
-            watched.append(f"{waits} of {plan.name}, {plan.options.watchdog_ms} ms")
         return "; ".join(watched) or None
 
     @property
@@ -137,8 +140,9 @@ class CanOpen(BusDriver):
         on_bus_ns = round(self._timing.duration_s(0) * 1e9)
 
         def perform(_: Sequence[float]) -> None:
+            sent_ns = time.monotonic_ns()  # before: where we are held up, values count as older than they are
             self._link.send(message)
-            self._receiver.syncs.add(time.monotonic_ns() + on_bus_ns)
+            self._receiver.syncs.add(sent_ns + on_bus_ns)
 
         return perform
 

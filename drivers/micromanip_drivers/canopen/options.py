@@ -142,7 +142,10 @@ class NodeOptions(_Keys):
     watchdog_ms: Milliseconds | None = Field(
         default=None,
         description="Without us for so long, the node makes its outputs safe by itself; written when it is opened. "
-        "null: it has no such watch, or one of its own.",
+        "null: it has no such watch, or one that is set up by other means.",
+    )
+    watchdog: str | None = Field(
+        default=None, description="A watch that is set up by other means, in a few words; excludes watchdog_ms."
     )
     watchdog_by: Literal["rpdo", "heartbeat"] = Field(
         default="rpdo",
@@ -156,6 +159,8 @@ class NodeOptions(_Keys):
             raise ValueError("a node needs a tpdo or an rpdo")
         if self.watchdog_ms is not None and not self.rpdo:
             raise ValueError("watchdog_ms is for outputs, and this node has no rpdo")
+        if self.watchdog_ms is not None and self.watchdog is not None:
+            raise ValueError("watchdog is for a watch that is set up by other means: leave it or watchdog_ms out")
         return self
 
 

@@ -27,7 +27,7 @@ class Receiver:
         self.channels: list[Channel] = []
         self.syncs = SyncTimes()
         self.watches = {plan.name: Watch(plan.name, plan.options.heartbeat_ms) for plan in nodes}
-        self.counters = dict.fromkeys(("pdos", "short_pdos", "repeated_pdos", "emergencies", "foreign_syncs"), 0)
+        self.counters = dict.fromkeys(("pdos", "lost", "repeated", "short", "emergencies", "foreign_syncs"), 0)
         self.identifiers = [SYNC, *(_SDO_ANSWER + plan.options.node_id for plan in nodes)]
         """All that the driver wants to hear."""
         self._sync_hz = options.sync_hz
@@ -79,14 +79,15 @@ class Receiver:
 
         def take(data: bytes, time_ns: int, inbox: Inbox) -> None:
             if len(data) < length:
-                counters["short_pdos"] += 1
+                counters["short"] += 1
                 raise TransientError(f"{title} came with {len(data)} bytes; its mapping has {length}")
             counters["pdos"] += 1
             taken = sampling.taken(time_ns, data)
             if taken is None:
-                counters["repeated_pdos"] += 1
+                counters["repeated"] += 1
                 return
             taken_ns, lost = taken
+            counters["lost"] += lost
             frame = int.from_bytes(data, "little")
             for channel, wire in enumerate(wires, first):
                 inbox.put(channel, wire.value(frame), taken_ns, 0, lost)

@@ -12,6 +12,7 @@ OPERATIONAL = 5
 _STATES = {0: "INITIALISING", 4: "STOPPED", OPERATIONAL: "OPERATIONAL", 127: "PRE-OPERATIONAL"}
 _GUARD_TOGGLE = 0x80
 _EMERGENCY = struct.Struct("<HB")
+_OF_COMMUNICATION = (0x81, 0x82)
 # CiA 301 names the codes of the communication one by one; of the others the library knows the class
 _COMMUNICATION = {
     0x8110: "CAN overrun",
@@ -34,41 +35,60 @@ class Watch:
         self._heartbeat_ms = heartbeat_ms
         self._heard_ns = 0
         self._fault: str | None = None
+        self._left: str | None = None
         self.state = "silent"
         """What its last heartbeat said."""
         self.operational = False
-        """True once its heartbeat has said so."""
+        """True if its last heartbeat said so."""
+        self._running = False
 
     def begin(self, time_ns: int) -> None:
-        """It was told to start at `time_ns`."""
-        self._heard_ns, self._fault, self.state, self.operational = time_ns, None, "silent", False
+        """It is told to start, at `time_ns`: it need not be OPERATIONAL yet, and may still say that it missed us."""
+        self._heard_ns, self._fault, self._left = time_ns, None, None
+        self.state, self.operational, self._running = "silent", False, False
+
+    def run(self) -> None:
+        """All nodes have started: from now on it has to stay OPERATIONAL."""
+        self._running = True
 
     def heartbeat(self, data: bytes, time_ns: int) -> None:
-        """Its heartbeat. Raises LinkError if it says that the node restarted or left OPERATIONAL."""
+        """Its heartbeat, which may say that it restarted or left OPERATIONAL."""
         if not data:
             return
         state = data[0] & ~_GUARD_TOGGLE
         self._heard_ns, self.state = time_ns, _STATES.get(state, f"in state {state}")
+        self.operational = state == OPERATIONAL
         if state == 0:
-            raise LinkError(f"node {self._name} has restarted (boot-up message)")
-        if state == OPERATIONAL:
-            self.operational = True
-        elif self.operational:
-            raise LinkError(f"node {self._name} is {self.state}, no longer OPERATIONAL")
+            self._left = "has restarted (boot-up message)"
+        elif self._running and not self.operational:
+            self._left = f"is {self.state}, no longer OPERATIONAL"
 
     def emergency(self, data: bytes) -> None:
         """Its emergency message, or the one that takes it back."""
         if len(data) < _EMERGENCY.size:
             return
         code, register = _EMERGENCY.unpack_from(data)
-        self._fault = None if code & 0xFF00 == 0 else f"emergency {described(code)}, error register 0x{register:02X}"
+        if code & 0xFF00 == 0:
+            self._fault = self._fault if register else None  # one error of several has gone
+        elif self._running or not blames_bus(code):
+            self._fault = f"emergency {described(code)}, error register 0x{register:02X}"
 
     def check(self, now_ns: int) -> None:
-        """Raises DeviceFault while it reports an emergency, LinkError if it has been silent for too long."""
+        """Raises DeviceFault while it reports an emergency, LinkError if it left OPERATIONAL or is silent for too long.
+
+        The emergency first: a node that leaves OPERATIONAL says why by one.
+        """
         if self._fault is not None:
             raise DeviceFault(f"node {self._name} reports {self._fault}")
+        if self._left is not None:
+            raise LinkError(f"node {self._name} {self._left}")
         if now_ns - self._heard_ns > self._heartbeat_ms * 1_000_000:
             raise LinkError(f"node {self._name} gave no heartbeat for {self._heartbeat_ms} ms")
+
+
+def blames_bus(code: int) -> bool:
+    """True for an emergency's code that blames the bus, or us."""
+    return code >> 8 in _OF_COMMUNICATION
 
 
 def described(code: int) -> str:

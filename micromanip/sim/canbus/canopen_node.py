@@ -1,10 +1,10 @@
 """A CANopen device for tests: sensor, amplifier, or whatever its EDS file describes.
 
 It boots, obeys NMT, sends heartbeats, answers expedited SDO, sends its TPDOs at SYNC or by their event timer, takes
-RPDOs, and watches who commands it: by the event timer of an RPDO and by the consumer heartbeat time. Its measured values
-come from a callable and its outputs go to one, by the objects' names in the EDS and in the units of their `Factor`. Like
-many a real device it keeps its outputs when it is told to go to PRE-OPERATIONAL, and makes them safe when it is stopped,
-reset, or left alone: at the error value of CiA 401 (object 6444) where it has one, or 0.
+RPDOs, and watches who commands it: by the event timer of an RPDO and by the consumer heartbeat time. Its measured
+values come from a callable and its outputs go to one, by the objects' names in the EDS and in the units of their
+`Factor`. Like many a real device it keeps its outputs when it is told to go to PRE-OPERATIONAL, and makes them safe
+when it is stopped, reset, or left alone: at the error value of CiA 401 (object 6444) where it has one, or 0.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from pathlib import Path
 
 from micromanip.sim.event_loop import EventLoop, Timer
 
+from .bus import Bus
 from .canopen_exchange import Exchange, TooShort
 from .canopen_objects import Abort, Objects
 from .frame import Frame
-from .hub import CanHub
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
 """States of NMT."""
@@ -26,18 +26,18 @@ PDO_TOO_SHORT, NO_OUTPUTS, NO_HEARTBEAT = 0x8210, 0x8250, 0x8130
 
 _NMT, _SYNC, _EMERGENCY, _SDO_ANSWER, _SDO_REQUEST, _HEARTBEAT = 0x000, 0x080, 0x080, 0x580, 0x600, 0x700
 _START, _STOP, _ENTER_PRE_OPERATIONAL, _RESET_NODE, _RESET_COMMUNICATION = 1, 2, 128, 129, 130
-_COMMUNICATION_ERROR = 0x11
-"""Bits of the error register: generic and communication."""
+_GENERIC_ERROR, _COMMUNICATION_ERROR = 0x01, 0x11
+"""Bits of the error register; an error of any kind sets the generic one too."""
 _UNKNOWN_COMMAND = 0x05040001
 _MS = 1_000_000
 
 
 class CanOpenNode:
-    """A device with number `node_id` on a hub's bus, which boots at once."""
+    """A device with number `node_id` on a bus, which boots at once."""
 
     def __init__(
         self,
-        hub: CanHub,
+        bus: Bus,
         loop: EventLoop,
         eds: Path,
         node_id: int,
@@ -48,16 +48,17 @@ class CanOpenNode:
         self.node_id = node_id
         self.state = INITIALISING
         self.objects = Objects(eds, node_id)
-        self._hub, self._loop, self._read = hub, loop, read
+        self._bus, self._loop, self._read = bus, loop, read
         self._exchange = Exchange(
-            loop, self.objects, read, write, lambda frame: hub.send(self, frame), lambda: self._left_alone(NO_OUTPUTS)
+            loop, self.objects, read, write, lambda frame: bus.send(self, frame), lambda: self._left_alone(NO_OUTPUTS)
         )
         self._silent = False
+        self._errors = 0
         self._beat_timer: Timer | None = None
         self._silence_timer: Timer | None = None
         self._expects = -1
         self._silence_ns = 0
-        hub.attach(self)
+        bus.attach(self)
         self._boot()
 
     def freeze(self, name: str) -> None:
@@ -76,15 +77,14 @@ class CanOpenNode:
 
     def emergency(self, code: int, register: int = 0x81) -> None:
         """Report an error of the device."""
-        self.objects.put(0x1001, 0, register)
-        self.objects.put(0x1003, 0, 1)
-        self.objects.put(0x1003, 1, code)
-        self._tell(code, register)
+        self._errors |= register
+        self.objects.put(0x1001, 0, self._errors)
+        self.objects.remember_error(code)
+        self._tell(code, self._errors)
 
     def clear_emergency(self) -> None:
         """Report that all is well again."""
-        self.objects.put(0x1001, 0, 0)
-        self._tell(0, 0)
+        self._clear(0xFF)
 
     def stop_heartbeat(self) -> None:
         """Send no more heartbeats; all else goes on, until ``reboot``."""
@@ -95,10 +95,10 @@ class CanOpenNode:
         self._exchange.stop()
         self._exchange.make_safe()
         self._cancel()
-        self._hub.detach(self)
+        self._bus.detach(self)
 
     def on_frame(self, frame: Frame, time_ns: int) -> None:
-        """What the hub calls for each frame of the others."""
+        """What the bus calls for each frame of the others."""
         if frame.extended or frame.remote or frame.error:
             return
         identifier, data = frame.identifier, frame.data
@@ -119,6 +119,7 @@ class CanOpenNode:
     def _boot(self) -> None:
         self._cancel()
         self._silent = False
+        self._errors = self.objects.raw(0x1001)
         self._enter(INITIALISING)
         self._send(_HEARTBEAT, b"\0")
         self._exchange.set_up()
@@ -142,8 +143,7 @@ class CanOpenNode:
     def _command(self, command: int) -> None:
         if command == _START:
             self._enter(OPERATIONAL)
-            if self.objects.raw(0x1001) == _COMMUNICATION_ERROR:
-                self.clear_emergency()
+            self._clear(_COMMUNICATION_ERROR)
         elif command == _STOP:
             self._enter(STOPPED)
             self._exchange.make_safe()
@@ -214,9 +214,17 @@ class CanOpenNode:
         due_ns = heard_ns + self._silence_ns
         self._silence_timer = self._loop.call_at(due_ns, lambda: self._left_alone(NO_HEARTBEAT))
 
+    def _clear(self, errors: int) -> None:
+        """Take bits of the error register back; the generic one stays as long as any other."""
+        left = self._errors & ~errors & ~_GENERIC_ERROR
+        if self._errors:
+            self._errors = left | _GENERIC_ERROR if left else 0
+            self.objects.put(0x1001, 0, self._errors)
+            self._tell(0, self._errors)
+
     def _tell(self, code: int, register: int) -> None:
         if self.state != STOPPED:
             self._send(_EMERGENCY, code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0)))
 
     def _send(self, service: int, data: bytes) -> None:
-        self._hub.send(self, Frame(service + self.node_id, data))
+        self._bus.send(self, Frame(service + self.node_id, data))

@@ -49,8 +49,8 @@ class Arrived:
 class Amplifier:
     """Hands commands to the plant; rests, and says that it isn't ok, after a time without any.
 
-    The watchdog begins with the first command. Time in which this very process was not scheduled does not count:
-    the commands of that time are still waiting to be read.
+    The watchdog begins with the first command. It goes by the clock, not by the plant's time, and leaves out what this
+    very process was not scheduled for: the commands of that time are still waiting to be read.
     """
 
     def __init__(self, plant: PlantInRealTime, rest_V: Mapping[str, float], watchdog_ms: float = WATCHDOG_MS) -> None:
@@ -71,12 +71,12 @@ class Amplifier:
         for name, value in rest_V.items():
             plant.write(name, value)
 
-    def take(self, values: Mapping[str, float], time_ns: int) -> None:
-        """A command for some outputs; acts from the plant's next advance on."""
+    def take(self, values: Mapping[str, float], clock_ns: int) -> None:
+        """A command for some outputs, come at `clock_ns`; acts from the plant's next advance on."""
         if not all(map(math.isfinite, values.values())):
             self.refused += 1
             return
-        self._commanded_ns = time_ns
+        self._commanded_ns = clock_ns
         for name in values.keys() & self.arrived.keys():
             self.arrived[name].add(values[name])
             self._arrived_since_report[name].add(values[name])
@@ -88,23 +88,23 @@ class Amplifier:
             elif self.ok:
                 self._put(name, value)
 
-    def tick(self, time_ns: int) -> None:
-        """Time passes: look after the watchdog and the ramp."""
-        before_ns, self._ticked_ns = self._ticked_ns, time_ns
+    def tick(self, clock_ns: int, plant_ns: int) -> None:
+        """Time passes, on the clock and in the plant: look after the watchdog and the ramp."""
+        before_ns, self._ticked_ns = self._ticked_ns, clock_ns
         if self._commanded_ns is None:
             return
-        if before_ns is not None and time_ns - before_ns >= STALL_PERIODS * PERIOD_NS:
-            self._commanded_ns += time_ns - before_ns
-        if self.ok and time_ns - self._commanded_ns > self._watchdog_ns:
-            self.trip(time_ns)
+        if before_ns is not None and clock_ns - before_ns >= STALL_PERIODS * PERIOD_NS:
+            self._commanded_ns += clock_ns - before_ns
+        if self.ok and clock_ns - self._commanded_ns > self._watchdog_ns:
+            self.trip(plant_ns)
         if self._ramp_from:
-            self._ramp(time_ns)
+            self._ramp(plant_ns)
 
-    def trip(self, time_ns: int) -> None:
+    def trip(self, plant_ns: int) -> None:
         """Not ok from now on; the outputs go to rest in 0.2 s and stay there until the commands do."""
         self.trips += self.ok
         self.ok = False
-        self._ramp_from, self._ramp_ns = dict(self.in_force), time_ns
+        self._ramp_from, self._ramp_ns = dict(self.in_force), plant_ns
 
     def take_report(self) -> dict[str, Arrived]:
         """What arrived since the last call; a step from the last command before it counts too."""
@@ -112,8 +112,8 @@ class Amplifier:
         self._arrived_since_report = {name: Arrived(last=before.last) for name, before in report.items()}
         return report
 
-    def _ramp(self, time_ns: int) -> None:
-        share = min(1.0, (time_ns - self._ramp_ns) / RAMP_NS)
+    def _ramp(self, plant_ns: int) -> None:
+        share = min(1.0, (plant_ns - self._ramp_ns) / RAMP_NS)
         for name, start_V in self._ramp_from.items():
             self._put(name, start_V + (self.rest_V[name] - start_V) * share)
         if share >= 1.0:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
+from micromanip.sim.canbus.bus import Bus
 from micromanip.sim.canbus.frame import Frame
-from micromanip.sim.canbus.port import Node
 from micromanip.sim.event_loop import EventLoop
 
 from .amplifier import Amplifier
@@ -15,16 +14,6 @@ from .dbc_message import DbcMessage
 
 MOST_BEHIND_NS = 50_000_000
 """A machine that is late makes up for it: frames come late, but each with its own sample and time. Not beyond this."""
-
-
-class Bus(Protocol):
-    """What carries the frames: the hub of the test bus, or an interface of python-can."""
-
-    def attach(self, node: Node) -> None:
-        """Let `node` take part."""
-
-    def send(self, node: Node, frame: Frame, time_ns: int) -> bool:
-        """Queue a frame that was ready at `time_ns`; False where it was lost."""
 
 
 @dataclass
@@ -84,6 +73,11 @@ class CanDevice:
         self._off_until_ns = 0
         bus.attach(self)
 
+    @property
+    def understood(self) -> int:
+        """How many messages it takes."""
+        return len(self._received)
+
     def start(self, now_ns: int) -> None:
         """Begin to send."""
         for sent in self.sent:
@@ -102,7 +96,7 @@ class CanDevice:
         self.figures.received += 1
         if self._amplifier is not None:
             commands = {output: values[name] for name, output in self._outputs[message.name].items()}
-            self._amplifier.take(commands, time_ns)
+            self._amplifier.take(commands, self._loop.now_ns())
             self._cell.advance_to(time_ns)
 
     def reboot(self, for_s: float) -> None:

@@ -2,35 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
-from micromanip.sim.canbus.faults import parsed
-from micromanip.sim.canbus.hub import CanHub
-
 from .amplifier import Amplifier
+from .can_bus import CanBus, read_bus_settings
 from .can_device import CanDevice, Sent
-from .can_settings import CanSettings, read_can_settings
+from .canbus_settings import MessageTable
 from .cell import PlayedCell
 from .played import PlayedDevice, Surroundings
 from .wires import Wires, wires_of
 
-_TEST_BUS = "micromanip"
-
 
 class PlayedCanBus:
-    """A hub and one node on it."""
+    """One node that sends and takes all messages of the driver."""
 
-    def __init__(self, settings: CanSettings, hub: CanHub, device: CanDevice) -> None:
-        self._settings, self._hub, self._device = settings, hub, device
-        self._began_ns = hub.now_ns()
+    def __init__(self, bus: CanBus, device: CanDevice, surroundings: Surroundings) -> None:
+        self._bus, self._device, self._now_ns = bus, device, surroundings.loop.now_ns
 
     @property
     def ready(self) -> str:
-        s = self._settings
-        rates = [s.bitrate, *([s.data_bitrate] if s.data_bitrate else [])]
-        kbits = "/".join(f"{rate / 1e3:g}" for rate in rates)
-        return f"{s.channel}: {_messages(len(s.sends))} out, {len(s.receives)} in, {kbits} kbit/s"
+        return self._bus.ready(len(self._device.sent), self._device.understood)
 
     @property
     def signals(self) -> list[str]:
@@ -41,7 +34,7 @@ class PlayedCanBus:
         return [sent.message.name for sent in self._device.sent]
 
     def start(self, now_ns: int) -> None:
-        self._began_ns = now_ns
+        self._bus.start(now_ns)
         self._device.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
@@ -54,64 +47,50 @@ class PlayedCanBus:
         self._device.reboot(for_s)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
-        self._hub.faults.inject(parsed(fault))
+        self._bus.inject(fault)
 
     def clear(self) -> None:
-        self._hub.faults.clear()
+        self._bus.clear()
         for sent in self._device.sent:
             sent.silent_until_ns = sent.counts_from_ns = 0
 
     def report(self) -> dict[str, Any]:
-        bus = self._hub.statistics
-        elapsed_ns = self._hub.now_ns() - self._began_ns
-        return {
-            **vars(self._device.figures),
-            "frames": bus.frames,
-            "destroyed": bus.destroyed,
-            "bus_load_percent": round(100 * bus.busy_ns / elapsed_ns, 2) if elapsed_ns > 0 else 0.0,
-        }
+        return {**vars(self._device.figures), **self._bus.report()}
 
     def close(self) -> None:
-        self._hub.close()
+        self._bus.close()
 
     def _sent(self, message: str) -> Sent:
         return next(sent for sent in self._device.sent if sent.message.name == message)
 
     def _end_ns(self, for_s: float | None) -> float:
-        return float("inf") if for_s is None else self._hub.now_ns() + for_s * 1e9
+        return math.inf if for_s is None else self._now_ns() + for_s * 1e9
 
 
 def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
-    """Hub and node of the driver called `name`."""
+    """Bus and node of the driver called `name`."""
     source, cell, loop = surroundings.source, surroundings.cell, surroundings.loop
-    settings = read_can_settings(name, surroundings.configuration.drivers[name].options, source)
-    if settings.interface != _TEST_BUS:
-        raise source.error(
-            ("drivers", name, "interface"),
-            f"devices are played on the interface {_TEST_BUS}, not on {settings.interface}",
-        )
+    place, options = ("drivers", name), surroundings.configuration.drivers[name].options
+    settings = read_bus_settings(place, options, source)
+    table = MessageTable(place, options, source, fd=settings.data_bitrate is not None)
     wires = wires_of(name, surroundings.configuration, source, cell)
-    amplifier = Amplifier(cell.plant, wires.rest_V, surroundings.watchdog_ms) if wires.outputs else None
-    hub = CanHub(loop, settings.channel, settings.bitrate, settings.data_bitrate)
-    if amplifier is not None:
-        cell.amplifiers.append(amplifier)
     sent = [
-        Sent(
-            message,
-            round(1e9 / rate_hz),
-            {name: _source_of(message.name, name, wires, cell) for name in message.signals},
-        )
-        for message, rate_hz in settings.sends
+        Sent(message, round(1e9 / rate_hz), _filling(message.name, message.signals, wires, cell))
+        for message, rate_hz in table.sent
     ]
-    device = CanDevice(loop, hub, cell, sent, settings.receives, wires.outputs, amplifier)
-    return PlayedCanBus(settings, hub, device)
+    bus = CanBus(settings, loop)
+    amplifier = None
+    if wires.outputs:
+        amplifier = Amplifier(cell.plant, wires.rest_V, surroundings.watchdog_ms)
+        cell.amplifiers.append(amplifier)
+    device = CanDevice(loop, bus.line, cell, sent, table.received, wires.outputs, amplifier)
+    return PlayedCanBus(bus, device, surroundings)
 
 
-def _source_of(message: str, signal: str, wires: Wires, cell: PlayedCell) -> str:
-    """What a signal of the DBC is filled with: as configured, else by its own name, else with 0."""
-    channel = f"{message}.{signal}"
-    return wires.signals.get(channel, signal if cell.has(signal) else channel)
-
-
-def _messages(count: int) -> str:
-    return "1 message" if count == 1 else f"{count} messages"
+def _filling(message: str, signals: list[str], wires: Wires, cell: PlayedCell) -> dict[str, str]:
+    """What each signal of a message is filled with: as configured, else by its own name, else with 0."""
+    channels = {signal: f"{message}.{signal}" for signal in signals}
+    return {
+        signal: wires.signals.get(channel, signal if cell.has(signal) else channel)
+        for signal, channel in channels.items()
+    }

@@ -46,7 +46,7 @@ class Devices:
         driver = build_plant(configuration, source, PERIOD_NS, seed)
         self.loop = EventLoop()
         self._began_ns, self._began_cpu_s = 0, 0.0
-        self.cell = PlayedCell(PlantInRealTime(driver))
+        self.cell = PlayedCell(PlantInRealTime(driver), self.loop.now_ns)
         self.played: dict[str, PlayedDevice] = play_all(
             Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
         )
@@ -103,14 +103,13 @@ class Devices:
     def _do(self, command: DeviceCommand) -> None:
         match command:
             case Freeze():
-                for signal in self._signals(command.signal):
-                    self._spoil(signal, "freeze", 0.0, command.for_s)
+                self._spoil(command.signal, "freeze", 0.0, command.for_s)
             case Offset():
-                self._spoil(*self._signals(command.signal), "offset", command.value, command.for_s)
+                self._spoil(self._signal(command.signal), "offset", command.value, command.for_s)
             case Drift():
-                self._spoil(*self._signals(command.signal), "drift", command.per_s, command.for_s)
+                self._spoil(self._signal(command.signal), "drift", command.per_s, command.for_s)
             case NotANumber():
-                self._spoil(*self._signals(command.signal), "nan", 0.0, command.for_s)
+                self._spoil(self._signal(command.signal), "nan", 0.0, command.for_s)
             case StopCounter():
                 for device, message in self._messages(command.message):
                     device.stop_counter(message, command.for_s)
@@ -125,8 +124,13 @@ class Devices:
                 for device in self.played.values():
                     device.clear()
 
-    def _spoil(self, signal: str, kind: str, value: float, for_s: float | None) -> None:
-        self.cell.faults.begin(signal, kind, value, self.loop.now_ns(), for_s)
+    def _spoil(self, name: str | None, kind: str, value: float, for_s: float | None) -> None:
+        """One signal, or all of them."""
+        known = [signal for device in self.played.values() for signal in device.signals]
+        if name is not None and name not in known:
+            raise UsageError(f"no device sends a signal {name}; there are {', '.join(known)}")
+        for signal in known if name is None else [name]:
+            self.cell.faults.begin(signal, kind, value, self.loop.now_ns(), for_s)
 
     def _devices(self, driver: Any) -> list[PlayedDevice]:
         if driver is None:
@@ -134,6 +138,9 @@ class Devices:
         if driver not in self.played:
             raise UsageError(f"no driver {driver} is played; there are {', '.join(self.played)}")
         return [self.played[driver]]
+
+    def _signal(self, name: str) -> str:
+        return self._signals(name)[0]
 
     def _signals(self, name: str | None) -> list[str]:
         known = [signal for device in self.played.values() for signal in device.signals]

@@ -57,9 +57,8 @@ class PlantInRealTime:
         self._values: list[float] = [0.0] * len(self.inputs)
         self._outputs = np.zeros(len(self.outputs))
         self._written = False
-        exchange = _EXCHANGE(functions.exchange)
-        at = (self._context.ctypes.data, self._outputs.ctypes.data, self._signals.ctypes.data)
-        self._exchange = lambda time_ns, periods: exchange(*at, time_ns, periods)
+        self._exchange = _EXCHANGE(functions.exchange)
+        self._at = self._context.ctypes.data, self._outputs.ctypes.data, self._signals.ctypes.data
 
     def begin(self, now_ns: int) -> None:
         """Time runs from `now_ns` on."""
@@ -73,7 +72,8 @@ class PlantInRealTime:
         self.time_ns += periods * self._period_ns
         if periods > 0 or self._written:
             self._written = False
-            if code := self._exchange(self.time_ns, min(periods, MOST_PERIODS)):
+            code = int(self._exchange(self.time_ns, min(periods, MOST_PERIODS)))  # type: ignore[no-untyped-call]
+            if code != 0:
                 raise CheckFailed(f"the simulated plant failed: code {code}")
             self._values = self._signals["value"].tolist()
 

@@ -6,9 +6,10 @@ from micromanip.io.contract import CyclicDriver
 from micromanip.io.registry import driver_class
 
 from .canbus import play_canbus
+from .canopen import play_canopen
 from .played import Builder, PlayedDevice, Surroundings
 
-BUILDERS: dict[str, Builder] = {"canbus": play_canbus}
+BUILDERS: dict[str, Builder] = {"canbus": play_canbus, "canopen": play_canopen}
 """By the driver's entry point."""
 
 
@@ -17,21 +18,34 @@ def play_all(surroundings: Surroundings) -> dict[str, PlayedDevice]:
 
     Raises ConfigError for a driver that nobody can play the device of, and where there is none to play.
     """
-    source = surroundings.source
+    source, drivers = surroundings.source, surroundings.configuration.drivers
+    played = [name for name, entry in drivers.items() if entry.driver in BUILDERS]
+    for name, entry in drivers.items():
+        if name not in played and not _is_cyclic(entry.driver):
+            raise source.error(("drivers", name, "driver"), f"nothing plays a device for it; {_known()}")
+    if not played:
+        raise source.error(("drivers",), f"none of them has a device to play; {_known()}")
     devices: dict[str, PlayedDevice] = {}
     try:
-        for name, entry in surroundings.configuration.drivers.items():
-            if entry.driver in BUILDERS:
-                devices[name] = BUILDERS[entry.driver](name, surroundings)
-            elif not _is_cyclic(entry.driver):
-                raise source.error(("drivers", name, "driver"), f"nothing plays a device for it; {_known()}")
-        if not devices:
-            raise source.error(("drivers",), f"none of them has a device to play; {_known()}")
+        for name in played:
+            devices[name] = BUILDERS[drivers[name].driver](name, surroundings)
     except BaseException:
         for device in devices.values():
             device.close()
         raise
     return devices
+
+
+def _builders(surroundings: Surroundings) -> dict[str, Builder]:
+    source, builders = surroundings.source, {}
+    for name, entry in surroundings.configuration.drivers.items():
+        if entry.driver in BUILDERS:
+            builders[name] = BUILDERS[entry.driver]
+        elif not _is_cyclic(entry.driver):
+            raise source.error(("drivers", name, "driver"), f"nothing plays a device for it; {_known()}")
+    if not builders:
+        raise source.error(("drivers",), f"none of them has a device to play; {_known()}")
+    return builders
 
 
 def _is_cyclic(driver: str) -> bool:

@@ -24,7 +24,7 @@ class Device:
 
 class Bench:
     def __init__(self, loop, channel, data_bitrate):
-        self.channel = channel
+        self.channel, self.loop = channel, loop
         self.hub = CanHub(loop, channel, BITRATE, data_bitrate)
         self.device = Device()
         self.hub.attach(self.device)

@@ -1,0 +1,297 @@
+"""Driver and test nodes together: boot, values both ways, time stamps, what each watches."""
+
+import time
+
+import pytest
+
+from micromanip.io.bus import Inbox
+from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.sim.canbus.canopen_node import OPERATIONAL, PRE_OPERATIONAL
+
+from .cell import AMPLIFIER, AXES, EDS, SENSOR, cell, run, wait_for
+
+PARK = (0.0, 0.0, 0.0)
+
+
+@pytest.fixture
+def at():
+    with cell() as at:
+        yield at
+
+
+@pytest.fixture
+def opened(at):
+    bus = at.driver()
+    bus.open()
+    yield bus
+    bus.close()
+
+
+def seen(bus, samples):
+    return {bus.inputs[sample.channel].name: sample.value for sample in samples}
+
+
+def test_values_arrive_at_their_resolution(at, opened):
+    at.values |= {"strain_x": -12.34567, "stage_z": 299.99996}
+    samples = run(opened, PARK, lambda samples: len(samples) >= 6)
+    values = seen(opened, samples)
+    assert values["sensor.strain_x"] == pytest.approx(-12.3457, abs=1e-9)
+    assert values["sensor.stage_z"] == pytest.approx(300.0, abs=1e-9)
+    assert set(values) == {f"sensor.{q}_{axis}" for q in ("strain", "stage") for axis in AXES}
+
+
+def test_outputs_arrive(at, opened):
+    run(opened, (12.345, -20.0, 150.0), lambda _: at.values.get("voltage_z") == 150.0)
+    assert [at.values[f"voltage_{axis}"] for axis in AXES] == pytest.approx([12.345, -20.0, 150.0])
+
+
+def test_opening_moves_nothing(at):
+    bus = at.driver()
+    bus.open()
+    bus.close()
+    assert not at.written
+
+
+def test_synchronous_samples_carry_the_time_of_their_sync(at, opened):
+    samples = run(opened, PARK, lambda samples: len(samples) >= 60)
+    by_time = {}
+    for sample in samples:
+        by_time.setdefault(sample.time_ns, set()).add(sample.channel)
+    whole = [channels for channels in by_time.values() if channels == set(range(6))]
+    assert len(whole) >= 5  # all six values of a SYNC were taken at one moment, though their frames came one by one
+
+
+def test_missing_answers_are_counted(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 12)
+    sync = next(i for i, task in enumerate(opened.tasks) if task.name == "SYNC")
+    answers, missed = at.nodes["sensor"].on_frame, []
+    at.nodes["sensor"].on_frame = lambda frame, time_ns: (
+        missed.append(time_ns) if frame.identifier == 0x80 else answers(frame, time_ns)
+    )
+    for i in range(3):
+        opened.perform(sync, PARK, Inbox())
+        wait_for(lambda count=i + 1: len(missed) >= count)
+    at.nodes["sensor"].on_frame = answers
+    samples = run(opened, PARK, lambda samples: any(sample.channel == 0 and sample.lost for sample in samples))
+    assert next(sample.lost for sample in samples if sample.channel == 0 and sample.lost) >= 3
+
+
+def test_amplifier_makes_its_outputs_safe_when_we_are_gone(at, opened):
+    assert opened.watchdog == "RPDO event timer of amplifier, 200 ms"
+    run(opened, (50.0, 50.0, 50.0), lambda _: at.values.get("voltage_x") == 50.0)
+    wait_for(lambda: at.values["voltage_x"] == 0.0)  # nobody performs any more
+    wait_for(lambda: at.nodes["amplifier"].state == PRE_OPERATIONAL)
+
+
+def test_watchdog_by_our_heartbeat(at):
+    bus = at.driver(nodes__amplifier__watchdog_by="heartbeat", nodes__amplifier__watchdog_ms=60)
+    assert bus.watchdog == "consumer heartbeat of amplifier, 60 ms"
+    assert any(task.name == "heartbeat" and task.rate_hz == 50.0 for task in bus.tasks)
+    bus.open()
+    run(bus, (50.0, 50.0, 50.0), lambda _: at.values.get("voltage_x") == 50.0)
+    beat = next(i for i, task in enumerate(bus.tasks) if task.name == "heartbeat")
+    end_ns = time.monotonic_ns() + 180_000_000
+    while time.monotonic_ns() < end_ns:  # our heartbeat alone, three times as long as the watchdog
+        bus.perform(beat, PARK, Inbox())
+        time.sleep(0.002)
+    assert at.values["voltage_x"] == 50.0
+    wait_for(lambda: at.values["voltage_x"] == 0.0)
+    bus.close()
+
+
+def test_running_again_after_having_been_left_alone(at, opened):
+    run(opened, (50.0, 0.0, 0.0), lambda _: at.values.get("voltage_x") == 50.0)
+    wait_for(lambda: at.values["voltage_x"] == 0.0)
+    with pytest.raises((DeviceFault, LinkError), match="amplifier"):
+        run(opened, PARK, lambda _: False)
+    opened.close()
+    opened.open()
+    assert at.values["voltage_x"] == 0.0
+    run(opened, (20.0, 0.0, 0.0), lambda _: at.values["voltage_x"] == 20.0)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 150.1, -20.1, 1e12])
+def test_refused_outputs_send_nothing(at, opened, value):
+    rpdo = next(i for i, task in enumerate(opened.tasks) if task.outputs)
+    before = opened.statistics()["frames_out"]
+    with pytest.raises(OutputRefused, match=r"amplifier\.voltage_y"):
+        opened.perform(rpdo, (1.0, value, 1.0), Inbox())
+    assert opened.statistics()["frames_out"] == before
+    assert not at.written
+
+
+def test_heartbeat_lost(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+    at.do(at.nodes["sensor"].stop_heartbeat)
+    began = time.monotonic_ns()
+    with pytest.raises(LinkError, match="node sensor gave no heartbeat for 240 ms"):
+        run(opened, PARK, lambda _: False)
+    assert time.monotonic_ns() - began >= 150_000_000  # its process data went on: only the silence was noticed
+
+
+def test_a_worker_that_was_held_up_misses_no_heartbeat(at):
+    bus = at.driver(nodes__amplifier__watchdog_ms=None)
+    bus.open()
+    run(bus, PARK, lambda samples: len(samples) >= 6)
+    time.sleep(0.4)  # heartbeats wait in the socket meanwhile
+    run(bus, PARK, lambda samples: len(samples) >= 60)
+    bus.close()
+
+
+def test_what_a_node_says_comes_before_what_it_does(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+    time.sleep(0.4)  # the amplifier trips, says so, and leaves OPERATIONAL: all is there when the driver looks
+    with pytest.raises(DeviceFault, match=r"amplifier reports emergency 0x8250 \(no outputs in time\)"):
+        opened.receive(Inbox(), time.monotonic_ns())
+
+
+def test_rebooted_node(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+    at.do(at.nodes["sensor"].reboot)
+    with pytest.raises(LinkError, match=r"node sensor has restarted \(boot-up message\)"):
+        run(opened, PARK, lambda _: False)
+    opened.close()
+    opened.open()
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+
+
+def test_stopped_by_somebody_else(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+    at.at.send(0x000, bytes((2, SENSOR)))
+    with pytest.raises(LinkError, match="node sensor is STOPPED, no longer OPERATIONAL"):
+        run(opened, PARK, lambda _: False)
+
+
+def test_emergency_and_its_end(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+    at.do(lambda: at.nodes["amplifier"].emergency(0x4210, 0x09))
+    with pytest.raises(DeviceFault, match=r"node amplifier reports emergency 0x4210 \(temperature\), .* 0x09"):
+        run(opened, PARK, lambda _: False)
+    opened.close()
+    with pytest.raises(DeviceFault, match=r"node amplifier reports error register 0x[01]9, last emergency 0x4210"):
+        opened.open()  # still too hot
+    wait_for(lambda: at.nodes["amplifier"].objects.raw(0x1003, 1) == 0x8250)  # it missed us meanwhile as well
+    with pytest.raises(DeviceFault, match=r"node amplifier reports error register 0x19, last emergency 0x4210"):
+        opened.open()
+    at.do(at.nodes["amplifier"].clear_emergency)
+    opened.open()
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+
+
+def test_emergency_that_was_taken_back_at_once_is_counted_only(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+
+    def blink():
+        at.nodes["amplifier"].emergency(0x3110)
+        at.nodes["amplifier"].clear_emergency()
+
+    at.do(blink)
+    heard = []
+    while heard.count(0x080 + AMPLIFIER) < 2:
+        heard.append(at.at.device.heard.get(timeout=5.0)[0].identifier)
+    at.do(lambda: None)  # both frames are there when the driver looks
+    run(opened, PARK, lambda _: opened.statistics()["emergencies"] == 2)
+
+
+def test_short_pdo(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+    at.at.send(0x180 + SENSOR, b"\1\2\3")
+    with pytest.raises(TransientError, match="tpdo 1 of node sensor came with 3 bytes; its mapping has 6"):
+        run(opened, PARK, lambda _: False)
+    run(opened, PARK, lambda samples: len(samples) >= 6)
+
+
+def test_frozen_value_goes_on(at, opened):
+    at.do(lambda: at.nodes["sensor"].freeze("strain_x"))
+    at.values["strain_x"] = 77.0
+    at.values["stage_x"] = 78.0
+    samples = run(opened, PARK, lambda samples: len(samples) >= 30)
+    assert seen(opened, samples)["sensor.strain_x"] == pytest.approx(10.0)
+    assert seen(opened, samples)["sensor.stage_x"] == pytest.approx(78.0)
+
+
+def test_wrong_identity(at):
+    bus = at.driver(nodes__amplifier__identity={"product_code": 0x402})
+    with pytest.raises(IdentityMismatch, match=r"node amplifier \(number 6\) has product_code 0x401, not 0x402"):
+        bus.open()
+    assert at.nodes["amplifier"].state == PRE_OPERATIONAL
+
+
+def test_another_device_with_that_number():
+    with cell(amplifier=False) as at:
+        at.add("amplifier", AMPLIFIER, EDS / "tracker.eds")
+        bus = at.driver()
+        with pytest.raises(IdentityMismatch, match=r"refuses to read 1400sub1 .*is amplifier.eds its EDS file\?"):
+            bus.open()
+
+
+def test_device_with_another_mapping(at):
+    objects = at.nodes["sensor"].objects
+    objects.put(0x1A01, 1, 0x81300118)  # strain_x where the EDS has strain_y
+    with pytest.raises(IdentityMismatch, match=r"tpdo 2 of node sensor is set up otherwise .* 1A01sub1 is 0x81300118"):
+        at.driver().open()
+
+
+def test_silent_node_and_no_bus(at):
+    bus = at.driver(nodes__sensor__node_id=9)
+    began = time.monotonic()
+    with pytest.raises(LinkError, match=r"node sensor \(number 9\) does not answer"):
+        bus.open()
+    assert time.monotonic() - began < 5.0  # it gave up
+    bus.close()
+    bus.close()
+    gone = at.driver()
+    gone._options.__dict__["channel"] = "nowhere"
+    with pytest.raises(LinkError, match="no hub for channel nowhere"):
+        gone.open()
+
+
+def test_mapping_of_our_own(at):
+    bus = at.driver(
+        nodes__sensor__tpdo={
+            2: {
+                "rate_hz": 100.0,
+                "transmission": 2,
+                "map": ["stage_z", "8130sub1"],
+                "signals": {"strain": {"object": "strain_x", "scale": 1e-4}, "z": {"object": "stage_z", "scale": 1e-4}},
+            }
+        }
+    )
+    at.values |= {"strain_x": 1.5, "stage_z": -2.5}
+    bus.open()
+    at.do(lambda: None)
+    samples = run(bus, PARK, lambda samples: sum(sample.channel == 1 for sample in samples) >= 3)
+    values = seen(bus, samples)
+    assert values == {"sensor.strain": pytest.approx(1.5), "sensor.z": pytest.approx(-2.5)}
+    assert at.nodes["sensor"].objects.raw(0x1801, 2) == 2
+    bus.close()
+
+
+def test_event_driven_pdo(at):
+    at.nodes["sensor"].objects.put(0x1800, 5, 5)  # every 5 ms by its own clock
+    bus = at.driver(
+        nodes__sensor__tpdo={1: {"rate_hz": 200.0, "transmission": "event", "signals": {"strain_x": {"scale": 1e-4}}}},
+        sync_hz=None,
+    )
+    bus.open()
+    assert at.nodes["sensor"].state == OPERATIONAL
+    samples = run(bus, PARK, lambda samples: len(samples) >= 5)
+    assert [sample.value for sample in samples] == pytest.approx([10.0] * len(samples))
+    bus.close()
+
+
+def test_nothing_is_ever_stored(at, opened):
+    run(opened, PARK, lambda samples: len(samples) >= 60)
+    opened.close()
+    opened.open()
+    assert [node.objects.stores for node in at.nodes.values()] == [0, 0]
+
+
+def test_probe_finds_the_nodes(at):
+    at.add("tracker", 77, EDS / "tracker.eds")
+    bus = at.driver(nodes__sensor__node_id=9)
+    found = {answer.name: answer for answer in bus.probe(1.0)}
+    assert found["node 6"].values == {"device_type": 0x80191, "vendor_id": 0xFFFF0001, "product_code": 0x401}
+    assert found["node 77"].note == "not in the configuration"
+    assert found["node 9"].note == "sensor in the configuration, no answer"
+    assert {node.state for node in at.nodes.values()} == {PRE_OPERATIONAL}

@@ -54,7 +54,10 @@ _COUNTERS = ("received", "lost", "performed", "errors", "refused", "links", "ski
 class Worker:
     """Serves one driver until it is told to end."""
 
-    def __init__(self, driver: BusDriver, image: ProcessImage, safe: SafeState, output_count: int) -> None:
+    def __init__(
+        self, driver: BusDriver, image: ProcessImage, safe: SafeState, output_count: int, patience_ns: int = 0
+    ) -> None:
+        """Errors that come and go are put up with for `patience_ns` before the link counts as lost."""
         self._driver, self._image, self._safe = driver, image, safe
         self._values = np.zeros(len(image.wanted()[0]))  # as long as the image's, the driver's outputs first
         self._outputs = output_count
@@ -62,6 +65,7 @@ class Worker:
         self._inbox = Inbox()
         self._schedule = Schedule((), 0)
         self._failures: deque[bool] = deque(maxlen=_AMONG)
+        self._patience_ns, self._good_ns = patience_ns, 0
         self._counts = dict.fromkeys(_COUNTERS, 0)
         self._reported_ns = 0
         self._ends = threading.Event()
@@ -93,6 +97,7 @@ class Worker:
         """One life of the link: until an error, or the end."""
         self._driver.open()
         self._failures.clear()
+        self._good_ns = time.monotonic_ns()
         self._inbox.clear()
         self._counts["links"] += 1
         self._schedule = Schedule(self._driver.tasks, time.monotonic_ns())
@@ -134,12 +139,15 @@ class Worker:
             self._judge(problem)
         if task is not None or failed or len(self._inbox) > 0:
             self._failures.append(failed)
+            if sum(self._failures) < _ERRORS - 1:
+                self._good_ns = now_ns
         self._hand_over()
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         self._report(now_ns)
 
     def _judge(self, problem: BusError) -> None:
-        if sum(self._failures) >= _ERRORS - 1:
+        impatient = time.monotonic_ns() - self._good_ns >= self._patience_ns
+        if impatient and sum(self._failures) >= _ERRORS - 1:
             raise LinkError(f"{_ERRORS} errors in the last {_AMONG} calls; the last: {problem}") from problem
 
     def _hand_over(self) -> None:
@@ -223,7 +231,7 @@ def main() -> int:
     last, last_ns = image.sent()
     before = last[: len(outputs)] if last_ns else None
     safe = SafeState(outputs, orders["ramp_ns"], orders["dead_ns"], before, last_ns)
-    worker = Worker(driver, image, safe, len(outputs))
+    worker = Worker(driver, image, safe, len(outputs), orders["patience_ns"])
     signal.signal(signal.SIGTERM, lambda *_: worker.end())
     threading.Thread(target=_listen, args=(worker,), daemon=True).start()
     _take_rights(orders["loop_cpu"], orders["priority"])

@@ -146,7 +146,9 @@ class Link(Settings):
     """The link to a bus is lost: bus-off, a cable, a device without power, its worker process dead."""
 
     silent_ms: Positive = Field(
-        default=20.0, description="A worker process that gives no sign of life for longer is taken for dead."
+        default=20.0,
+        description="A worker process that gives no sign of life for longer is taken for dead; errors "
+        "of the bus that go on for longer are a lost link.",
     )
     loop_silent_ms: Positive = Field(
         default=5.0, description="A loop that is silent for longer is dead to the worker: its outputs ramp to park."

@@ -105,11 +105,11 @@ class Devices:
             case Freeze():
                 self._spoil(command.signal, "freeze", 0.0, command.for_s)
             case Offset():
-                self._spoil(self._signal(command.signal), "offset", command.value, command.for_s)
+                self._spoil(command.signal, "offset", command.value, command.for_s)
             case Drift():
-                self._spoil(self._signal(command.signal), "drift", command.per_s, command.for_s)
+                self._spoil(command.signal, "drift", command.per_s, command.for_s)
             case NotANumber():
-                self._spoil(self._signal(command.signal), "nan", 0.0, command.for_s)
+                self._spoil(command.signal, "nan", 0.0, command.for_s)
             case StopCounter():
                 for device, message in self._messages(command.message):
                     device.stop_counter(message, command.for_s)
@@ -138,15 +138,6 @@ class Devices:
         if driver not in self.played:
             raise UsageError(f"no driver {driver} is played; there are {', '.join(self.played)}")
         return [self.played[driver]]
-
-    def _signal(self, name: str) -> str:
-        return self._signals(name)[0]
-
-    def _signals(self, name: str | None) -> list[str]:
-        known = [signal for device in self.played.values() for signal in device.signals]
-        if name is not None and name not in known:
-            raise UsageError(f"no device sends a signal {name}; there are {', '.join(known)}")
-        return known if name is None else [name]
 
     def _messages(self, name: str | None) -> list[tuple[PlayedDevice, str]]:
         known = [(device, message) for device in self.played.values() for message in device.messages]

@@ -72,8 +72,7 @@ class PlantInRealTime:
         self.time_ns += periods * self._period_ns
         if periods > 0 or self._written:
             self._written = False
-            code = int(self._exchange(self.time_ns, min(periods, MOST_PERIODS)))  # type: ignore[no-untyped-call]
-            if code != 0:
+            if code := self._exchange(*self._at, self.time_ns, min(periods, MOST_PERIODS)):
                 raise CheckFailed(f"the simulated plant failed: code {code}")
             self._values = self._signals["value"].tolist()
 

@@ -18,17 +18,10 @@ def play_all(surroundings: Surroundings) -> dict[str, PlayedDevice]:
 
     Raises ConfigError for a driver that nobody can play the device of, and where there is none to play.
     """
-    source, drivers = surroundings.source, surroundings.configuration.drivers
-    played = [name for name, entry in drivers.items() if entry.driver in BUILDERS]
-    for name, entry in drivers.items():
-        if name not in played and not _is_cyclic(entry.driver):
-            raise source.error(("drivers", name, "driver"), f"nothing plays a device for it; {_known()}")
-    if not played:
-        raise source.error(("drivers",), f"none of them has a device to play; {_known()}")
     devices: dict[str, PlayedDevice] = {}
     try:
-        for name in played:
-            devices[name] = BUILDERS[drivers[name].driver](name, surroundings)
+        for name, build in _builders(surroundings).items():
+            devices[name] = build(name, surroundings)
     except BaseException:
         for device in devices.values():
             device.close()

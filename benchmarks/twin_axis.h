@@ -23,10 +23,46 @@ static void start_axis(const struct axis_parameters *p, struct axis_state *s)
     s->reference.jog_step_um = 0.0;
     s->start_V = s->voltage_V;
     s->setpoint_um = s->start_um = s->strain.value;
+    for (int k = 0; k < INPUT_HISTORY; k++) {
+        s->setpoints[k] = s->setpoint_um;
+        s->references[k] = s->reference.w[0] + s->reference.w[3];
+    }
     start_feedforward(&p->hysteresis, &s->hysteresis, s->setpoint_um, s->voltage_V);
     s->pid.derivative = s->pid.error = 0.0;
     s->pid.output_V = s->voltage_V - feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
     s->pid.integrator = s->pid.output_V;
+}
+
+static void remember_wanted(struct axis_state *s, int64_t cycle)
+{
+    int64_t last = s->wanted_cycle;
+
+    for (int64_t skipped = later(last + 1, cycle - INPUT_HISTORY); skipped < cycle; skipped++) {
+        s->setpoints[skipped & HISTORY_MASK] = s->setpoints[last & HISTORY_MASK];
+        s->references[skipped & HISTORY_MASK] = s->references[last & HISTORY_MASK];
+    }
+    s->setpoints[cycle & HISTORY_MASK] = s->setpoint_um;
+    s->references[cycle & HISTORY_MASK] = s->reference.w[0] + s->reference.w[3];
+    s->wanted_cycle = cycle;
+}
+
+/* Where what was wanted when a sample was taken stands: of its cycle, or of the nearest one that is remembered. */
+static int64_t wanted_place(const struct axis_parameters *p, const struct axis_state *s, int64_t cycle, int64_t age_ns,
+                            int64_t way)
+{
+    int64_t wanted = cycle - (int64_t)((double)age_ns * p->cycles_per_ns + 0.5) - way;
+
+    return later(s->wanted_cycle - HISTORY_MASK, earlier(s->wanted_cycle, wanted)) & HISTORY_MASK;
+}
+
+static double strain_error(const struct axis_parameters *p, const struct axis_state *s, int64_t cycle)
+{
+    return s->setpoints[wanted_place(p, s, cycle, s->strain.age_ns, p->answer_cycles)] - s->strain.value;
+}
+
+static double stage_error(const struct axis_parameters *p, const struct axis_state *s, int64_t cycle)
+{
+    return s->references[wanted_place(p, s, cycle, s->stage.age_ns, 0)] - s->stage.value;
 }
 
 static void sample(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns)
@@ -50,7 +86,7 @@ static void estimate(const struct axis_parameters *p, struct axis_state *s, int6
     }
     predict_to(&p->outer, &s->estimator, cycle);
     if (s->stage.fresh && s->watch.degraded == 0) {
-        int64_t age = (int64_t)((double)s->stage.age_ns * p->stage_cycles_per_ns + 0.5);
+        int64_t age = (int64_t)((double)s->stage.age_ns * p->cycles_per_ns + 0.5);
         update(&p->outer, &s->estimator, cycle - age, s->stage.value);
     }
 }
@@ -89,13 +125,15 @@ static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s,
     return true;
 }
 
-static double request_voltage(const struct axis_parameters *p, struct axis_state *s)
+static double request_voltage(const struct axis_parameters *p, struct axis_state *s, int64_t cycle)
 {
     double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
 
-    if (s->strain.fresh && s->watch.coast == 0) {
+    if (s->watch.coast > 0) {
+        s->strain_cycles = 0;
+    } else if (s->strain.fresh) {
         const struct pid_parameters *gains = s->watch.fallback ? &p->fallback : &p->pid;
-        pid_step(gains, &s->pid, s->setpoint_um - s->strain.value, s->strain_cycles);
+        pid_step(gains, &s->pid, strain_error(p, s, cycle), s->strain_cycles);
         s->strain_cycles = 0;
     }
     return feedforward + s->pid.output_V;
@@ -128,9 +166,11 @@ static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, in
     else
         jog_reference(&p->reference, &s->reference, tracks);
     bool finite = move_setpoint(p, s, demand(p, s, phase, fraction));
-    s->request_V = request_voltage(p, s);
+    remember_wanted(s, cycle);
+    s->request_V = request_voltage(p, s, cycle);
     s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, true);
     s->pid.integrator -= p->pid.tracking * (s->request_V - s->voltage_V);
+    s->pid.output_V -= p->pid.tracking * (s->request_V - s->voltage_V);
     s->estimator.history[s->estimator.cycle & HISTORY_MASK] = s->setpoint_um - p->centre_um;
     return finite;
 }

@@ -155,7 +155,7 @@ static bool cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
         if (s->state == TRACKING && s->cycle - s->tracking_cycle >= p->score_cycles)
             score(a, signals[axis->path_error].value, signals[axis->uncompensated].value);
         if (s->state == TRACKING)
-            mean_squares(p, a);
+            mean_squares(p, axis, a, s->cycle);
     }
     switch_outputs(p, s, outputs);
     return accepted;

@@ -18,13 +18,14 @@ static inline int64_t later(int64_t a, int64_t b) { return a > b ? a : b; }
 static void predict(const struct outer_parameters *p, double *restrict x, double u)
 {
     double next[MAX_STATES];
+    int padded = (int)(p->states + 3) / 4 * 4;    /* the padding is zero and stays zero */
 
-    for (int i = 0; i < MAX_STATES; i++)
+    for (int i = 0; i < padded; i++)
         next[i] = p->b[i] * u;
     for (int j = 0; j < p->states; j++)
-        for (int i = 0; i < MAX_STATES; i++)
+        for (int i = 0; i < padded; i++)
             next[i] += p->a_columns[j][i] * x[j];
-    for (int i = 0; i < MAX_STATES; i++)
+    for (int i = 0; i < padded; i++)
         x[i] = next[i];
 }
 

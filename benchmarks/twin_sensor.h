@@ -17,18 +17,20 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
 
     s->fresh = 0;
     if (arrived) {
+        int64_t taken_ns = earlier(signal->time_ns, now_ns);
         if (s->sequence > 0) {
             s->lost += later(0, signal->sequence - s->sequence - 1);
             if (good && isfinite(rate_um_per_ns) && s->bad < BELIEVED)
-                good = fabs(value - s->value) <= rate_um_per_ns * (double)(now_ns - s->arrived_ns);
+                good = fabs(value - s->value) <= rate_um_per_ns * (double)later(now_ns - s->arrived_ns, taken_ns - s->taken_ns);
         }
         s->identical = value == s->reading ? s->identical + 1 : 0;
         s->sequence = signal->sequence;
         s->reading = value;
         s->arrived_ns = now_ns;
+        s->taken_ns = taken_ns;
         if (good) {
             s->value = value;
-            s->time_ns = signal->time_ns;
+            s->time_ns = taken_ns;
             s->fresh = 1;
         }
     }

@@ -58,18 +58,13 @@ static void watch_innovation(const struct cell_parameters *p, struct cell_state 
     axis_fault(p, s, i, DISAGREEMENT, disagree, w->innovation, limits->innovation_ratio);
 }
 
-static double following_error(const struct axis_state *a)
-{
-    return a->reference.w[0] + a->reference.w[3] - a->stage.value;
-}
-
 static void watch_following(const struct cell_parameters *p, struct cell_state *s, int i, bool active)
 {
     const struct watch_parameters *limits = &p->axis[i].watch;
     const struct axis_state *a = &s->axis[i];
     struct watch_state *w = &s->axis[i].watch;
     bool known = active && w->degraded == 0 && w->coast == 0;
-    double error_um = fabs(following_error(a));
+    double error_um = fabs(stage_error(&p->axis[i], a, s->cycle));
 
     w->following = lasting(w->following, known && error_um > limits->following_um);
     bool over = w->following >= limits->following_cycles;
@@ -92,8 +87,10 @@ static void watch_voltage(const struct cell_parameters *p, struct cell_state *s,
 
 static double band_pass(const struct watch_parameters *limits, struct watch_state *w, double x)
 {
-    double y = limits->band_b * (x - w->band_x2) - limits->band_a1 * w->band_y1 - limits->band_a2 * w->band_y2;
+    const double *b = limits->band_b;
+    double y = b[0] * x + b[1] * w->band_x1 + b[2] * w->band_x2;
 
+    y -= limits->band_a1 * w->band_y1 + limits->band_a2 * w->band_y2;
     w->band_x2 = w->band_x1;
     w->band_x1 = x;
     w->band_y2 = w->band_y1;
@@ -107,12 +104,12 @@ static void watch_oscillation(const struct cell_parameters *p, struct cell_state
     struct axis_state *a = &s->axis[i];
     struct watch_state *w = &a->watch;
 
-    if (active) {
-        double y = band_pass(limits, w, a->setpoint_um - a->strain.value);
-        w->band_energy += limits->band_step * (y * y - w->band_energy);
-    } else {
+    if (!active) {
         w->band_x1 = w->band_x2 = w->band_y1 = w->band_y2 = w->band_energy = 0.0;
         w->band_cycles = w->fallback = 0;
+    } else if (a->strain.fresh) {
+        double y = band_pass(limits, w, strain_error(&p->axis[i], a, s->cycle));
+        w->band_energy += limits->band_step * (y * y - w->band_energy);
     }
     double rms_um = sqrt(w->band_energy);
     w->band_cycles = lasting(w->band_cycles, rms_um > limits->band_um);

@@ -21,13 +21,14 @@ def command(config: Path, as_json: bool) -> None:
     from micromanip.settings.buses import budget as bus_budget
     from micromanip.settings.check import prepare
     from micromanip.settings.commissioned import changes_since
+    from micromanip.settings.feedback import feedback_warnings, strain_loops
     from micromanip.sim.budget import measure
 
     prepared = prepare(config)
     configuration, wiring = prepared.configuration, prepared.wiring
     budget = measure(prepared) if wiring.virtual else None
     loop = configuration.loop
-    warnings = changes_since(configuration.axes)
+    warnings = [*changes_since(configuration.axes), *feedback_warnings(configuration, wiring)]
     report: dict[str, Any] = {
         "ok": True,
         "warnings": warnings,
@@ -67,6 +68,13 @@ def command(config: Path, as_json: bool) -> None:
             for i, (name, axis) in enumerate(configuration.axes.items())
         },
     }
+    for loop_found in strain_loops(configuration, wiring):
+        report["axes"][loop_found.axis]["strain_loop"] = {
+            "crossover_Hz": round(loop_found.crossover_Hz, 1),
+            "phase_margin_deg": round(loop_found.phase_deg, 1),
+            "slowest_path": loop_found.path,
+            "slowest_path_ms": round(1e3 * loop_found.path_s, 3),
+        }
     for warning in warnings:
         click.echo(f"WARNING: {warning}", err=True)
     if as_json:
@@ -88,6 +96,11 @@ def _print(report: dict[str, Any], config: Path) -> None:
     for name, axis in report["axes"].items():
         model = f"{axis['plays']} plays" if axis["plays"] else axis["hysteresis"]
         click.echo(f"  axis {name}  mode {axis['mode']}, hysteresis {model}, {axis['states']} estimator states")
+        if found := axis.get("strain_loop"):
+            click.echo(
+                f"    strain loop about {found['crossover_Hz']:.0f} Hz, {found['phase_margin_deg']:.0f} deg, over "
+                f"{found['slowest_path']}: {found['slowest_path_ms']:.2g} ms"
+            )
     for name, driver in report["drivers"].items():
         kind = "simulated" if driver["simulated"] else f"real; watchdog: {driver['watchdog'] or 'NONE'}"
         click.echo(f"  driver {name}: {driver['driver']}, {kind}")

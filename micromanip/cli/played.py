@@ -17,6 +17,8 @@ from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
 from micromanip.settings.compile import compile_cell
 from micromanip.settings.model import Configuration
+from micromanip.settings.timing import FeedbackPath, feedback_path
+from micromanip.sim.own_time import at_own_time
 
 from .live import LiveLine
 
@@ -77,4 +79,9 @@ class LiveExperiment:
         """Rows, one in `every` cycles, of the `seconds` after tracking began."""
         played = np.zeros((1, MAX_AXES)) if samples is None else samples
         with LiveLine() as line:
-            return play(self._prepared, configuration, played, seconds, self._socket_path, line)[::every]
+            rows = play(self._prepared, configuration, played, seconds, self._socket_path, line)[::every]
+        return at_own_time(rows, configuration, self._prepared.wiring)
+
+    def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
+        """What the sensors and the output of `axis` take."""
+        return feedback_path(configuration, self._prepared.wiring, axis)

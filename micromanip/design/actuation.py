@@ -16,9 +16,10 @@ from scipy.signal import butter, sosfiltfilt
 from micromanip.errors import CheckFailed
 from micromanip.settings.model import Configuration
 from micromanip.settings.reference import Hold
+from micromanip.settings.timing import AT_ONCE, FeedbackPath
 
 from .excitation import band_noise
-from .experiment import Experiment, parked, with_axes, with_reference
+from .experiment import Experiment, parked, path_bandwidth, with_axes, with_reference
 from .identification import variant
 from .linear import fit_linear
 from .loops.system import System
@@ -29,6 +30,8 @@ SECONDS, SETTLE_S = 4.0, 0.1
 LOW_RMS_V, LOW_HZ = 1.0, 80.0
 WIDE_RMS_V, WIDE_HZ = 0.7, 3000.0
 ORDER, _BLOCK_ROWS, _REFINEMENTS = 8, 50, 3
+NARROW_HZ, NARROW_ORDER = 1000.0, 5
+"""Behind a slow bus less of the actuator is seen: its first mode, the antiresonance beside it, one lag."""
 _DRIFT_HZ = 5.0
 """Below it creep and hysteresis, not the linear dynamics, make the movement."""
 _LEAST_FIT_PERCENT = 50.0
@@ -45,6 +48,8 @@ class Actuator:
     swing_um: float
     centre_V: float
     fit_percent: float
+    path: FeedbackPath = AT_ONCE
+    """What a bus adds between the two, which is not in ``dynamics``."""
 
 
 def working_voltage(configuration: Configuration, experiment: Experiment, axis: str) -> float:
@@ -61,16 +66,17 @@ def identify_actuator(configuration: Configuration, experiment: Experiment, axis
     centre_V = working_voltage(configuration, experiment, axis)
     count, index = round(SECONDS * rate_hz), list(configuration.axes).index(axis)
     samples = parked(configuration, count)
-    wide_hz = min(WIDE_HZ, 0.3 * rate_hz)
+    path = experiment.path(configuration, axis)
+    wide_hz = min(WIDE_HZ, 0.3 * rate_hz, path_bandwidth(path, rate_hz))
     noise = band_noise(LOW_RMS_V, LOW_HZ, rate_hz, count, seed)
     samples[:, index] = centre_V + noise + band_noise(WIDE_RMS_V, wide_hz, rate_hz, count, seed + 1)
     rows = experiment(variant(configuration), SECONDS, samples)[round(SETTLE_S * rate_hz) :]["axis"]
     u, y = (np.asarray(rows[name][:, index], dtype=float) for name in ("voltage_V", "strain_um"))
-    fitted = fit_actuator(u, y, 1.0 / rate_hz)
-    return Actuator(fitted.dynamics, fitted.swing_um, centre_V, fitted.fit_percent)
+    fitted = fit_actuator(u, y, 1.0 / rate_hz, ORDER if wide_hz > NARROW_HZ else NARROW_ORDER)
+    return Actuator(fitted.dynamics, fitted.swing_um, centre_V, fitted.fit_percent, path)
 
 
-def fit_actuator(voltage_V: Array, strain_um: Array, period_s: float) -> Actuator:
+def fit_actuator(voltage_V: Array, strain_um: Array, period_s: float, order: int = ORDER) -> Actuator:
     """Dynamics from a record (n,), (n,) with a sample a cycle, excited by small noise about one voltage."""
     if len(voltage_V) != len(strain_um) or not (np.isfinite(voltage_V).all() and np.isfinite(strain_um).all()):
         raise CheckFailed("voltage and strain must be two finite records of one length")
@@ -82,7 +88,7 @@ def fit_actuator(voltage_V: Array, strain_um: Array, period_s: float) -> Actuato
     model = fit_linear(
         [(u[:part], y[:part])],
         period_s,
-        ORDER,
+        order,
         delays=[0],  # the states of order 8 hold it: less than two cycles, of which a part is none
         direct=False,
         block_rows=_BLOCK_ROWS,

@@ -81,7 +81,8 @@ def analyse_axis(
         missing.append("no margins of the outer loop: the axis has no section outer with an identified model")
     else:
         tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
-        stage = analyse_stage(settings, tracker, period_s)
+        late = experiment.path(configuration, axis).stage_late if experiment is not None else 0
+        stage = analyse_stage(settings, tracker, period_s, late)
     samples: list[Sample] = []
     strain_side, stage_side = strain.side if strain else None, stage.side if stage else None
     if strain_side or stage_side:

@@ -11,6 +11,10 @@ from micromanip.rt.records import MAX_AXES
 from micromanip.settings.axis import Axis
 from micromanip.settings.model import Configuration
 from micromanip.settings.reference import Reference
+from micromanip.settings.timing import AT_ONCE, FeedbackPath
+
+_TOLD = 0.2
+"""Share of the sampling rate."""
 
 
 class Experiment(Protocol):
@@ -23,6 +27,15 @@ class Experiment(Protocol):
         samples: NDArray[np.float64] | None = None,
         every: int = 1,
     ) -> NDArray[Any]: ...
+
+    def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
+        """What the sensors and the output of `axis` take; in the rows every sample stands at its own time."""
+
+
+def path_bandwidth(path: FeedbackPath, rate_hz: float) -> float:
+    """Up to which frequency (Hz) a line through the samples, and voltages held between writes, tell the truth."""
+    slowest = max(path.strain_cycles, path.stage_cycles, 2 * path.output_late)
+    return _TOLD * rate_hz / slowest if path != AT_ONCE else np.inf
 
 
 def parked(configuration: Configuration, count: int) -> NDArray[np.float64]:

@@ -37,6 +37,7 @@ from .loops import (
     grid,
     margins,
     model_system,
+    over_path,
     refined,
     stage_loop,
     strain_loop,
@@ -100,33 +101,34 @@ def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) 
         identified = 1.0 / abs(harmonics(operator, actuator.swing_um, settings.centre_um).gain)
         slopes += [1.0 / (identified * gain) for gain in inverse.verdict.gain_range_V_per_um if np.isfinite(gain)]
     slopes = sorted(slopes)
-    loops = tuple(strain_loop(settings.inner, actuator.dynamics, slope) for slope in slopes)
+    seen = over_path(actuator.dynamics, actuator.path)
+    loops = tuple(strain_loop(settings.inner, seen, slope) for slope in slopes)
     cycles: tuple[LimitCycle, ...] = ()
     if model is not None:
         forward, swing_V = actuator_operator(model), actuator.swing_um / identified
         unit = harmonics(forward, swing_V, actuator.centre_V).gain
-        nominal = strain_loop(settings.inner, actuator.dynamics)
+        nominal = strain_loop(settings.inner, seen)
         amplitudes = np.geomspace(0.1, 100.0, _AMPLITUDES)
         found = _cycles(lambda a: harmonics(forward, a, actuator.centre_V).gain / unit, amplitudes, nominal)
         cycles = tuple(found)
-    side = StrainSide(settings.inner, actuator.dynamics, model, settings.setpoint.range_um, identified)
+    side = StrainSide(settings.inner, actuator.dynamics, model, settings.setpoint.range_um, identified, actuator.path)
     return Strain(actuator, side, tuple(slopes), loops, tuple(margins(loop) for loop in loops), cycles)
 
 
-def analyse_stage(settings: Axis, tracker: Tracker | None, period_s: float) -> Stage:
+def analyse_stage(settings: Axis, tracker: Tracker | None, period_s: float, late_cycles: int = 0) -> Stage:
     """Margins of the loop broken at the set-point; limit cycles with an inverse that is wrong by ``SPREAD``."""
     outer = settings.outer
     if outer is None:
         raise ValueError("the axis has no section outer")
     gains = outer_gains(outer, tracker, period_s)
-    loop = stage_loop(gains, model_system(outer.model, period_s), outer.sample_cycles)
+    loop = stage_loop(gains, model_system(outer.model, period_s), outer.sample_cycles, late_cycles)
     cycles: list[LimitCycle] = []
     if isinstance(settings.hysteresis, PrandtlIshlinskii) and settings.inner.mode != "pid":
         low, high = settings.setpoint.range_um
         amplitudes = np.geomspace(0.1, 0.5 * (high - low), _AMPLITUDES)
         for mismatch in mismatches(settings.hysteresis, 0.5 * (low + high)):
             cycles += _cycles(mismatch, amplitudes, loop)
-    side = StageSide(gains, outer.model, outer.sample_cycles)
+    side = StageSide(gains, outer.model, outer.sample_cycles, late_cycles)
     return Stage(side, loop, margins(loop), tuple(cycles))
 
 

@@ -14,7 +14,7 @@ from micromanip.settings.model import Configuration
 from micromanip.settings.reference import File
 
 from .excitation import band_noise
-from .experiment import Experiment, with_axes, with_axis, with_reference, working_points
+from .experiment import Experiment, path_bandwidth, with_axes, with_axis, with_reference, working_points
 from .hysteresis import HysteresisFit, fit, structure_of
 from .identification import design, recording, samples_for, variant
 from .linear import LinearFit, fit_linear
@@ -93,7 +93,10 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
     rate_hz, names = configuration.loop.rate_hz, list(configuration.axes)
     count, i = round(OUTER_S * rate_hz), names.index(axis)
     samples = working_points(configuration, count)
-    samples[:, i] += band_noise(OUTER_RMS_UM, OUTER_CUTOFF_HZ, rate_hz, count, seed)
+    path = experiment.path(configuration, axis)
+    delay = OUTER_DELAY + path.output_late
+    cutoff_hz = min(OUTER_CUTOFF_HZ, path_bandwidth(path, rate_hz))
+    samples[:, i] += band_noise(OUTER_RMS_UM, cutoff_hz, rate_hz, count, seed)
     excited = with_reference(with_axes(configuration, mode="strain"), File(source="file", path="(excitation)"))
     rows = experiment(excited, OUTER_S, samples)[round(OUTER_SETTLE_S * rate_hz) :]
     u = rows["axis"]["setpoint_um"][:, i] - configuration.axes[axis].centre_um
@@ -105,7 +108,7 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
         [(u[:part], y[:part])],
         1.0 / rate_hz,
         OUTER_ORDER,
-        delays=[OUTER_DELAY],
+        delays=[delay],
         direct=False,
         block_rows=OUTER_BLOCK_ROWS,
         refinements=0,
@@ -116,7 +119,7 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
         A=tuple(tuple(float(v) for v in row) for row in A),
         B=tuple(float(v) for v in B[:, 0]),
         C=tuple(float(v) for v in C[0]),
-        delay_cycles=OUTER_DELAY,
+        delay_cycles=delay,
     )
     return StageModel(linear, model, u, y, float(held_out[0]))
 
@@ -126,7 +129,7 @@ def fit_outer(configuration: Configuration, experiment: Experiment, say: Progres
     for seed, (name, axis) in enumerate(configuration.axes.items()):
         found = identify_stage(configuration, experiment, name, seed)
         say(
-            f"axis {name}: linear model of order {found.fitted.order} behind {OUTER_DELAY} cycles, "
+            f"axis {name}: linear model of order {found.fitted.order} behind {found.linear.delay_cycles} cycles, "
             f"free run on held-out data {found.fit_percent:.1f} %"
         )
         knobs = axis.outer.model_copy(update={"model": found.linear}) if axis.outer else Outer(model=found.linear)

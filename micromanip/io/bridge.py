@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from micromanip.rt.image import IMAGE
 
-from .bus import BusDriver, BusOptions
+from .bus import BusDriver, BusOptions, Channel
 from .contract import CyclicDriver, Functions
 
 
@@ -48,6 +48,14 @@ class BusBridge(CyclicDriver):
     @property
     def outputs(self) -> tuple[str, ...]:
         return tuple(channel.name for channel in self.bus.outputs)
+
+    @property
+    def slow_inputs(self) -> tuple[Channel, ...]:
+        return tuple(self.bus.inputs)
+
+    @property
+    def slow_outputs(self) -> tuple[Channel, ...]:
+        return tuple(self.bus.outputs)
 
     def context(self) -> NDArray[np.uint8]:
         image = np.zeros(1, IMAGE)

@@ -28,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from .bus import Channel
+
 
 @dataclass(frozen=True)
 class Functions:
@@ -77,6 +79,16 @@ class CyclicDriver(ABC):
     @abstractmethod
     def outputs(self) -> tuple[str, ...]:
         """Names of the output channels, in the order in which ``exchange`` takes them."""
+
+    @property
+    def slow_inputs(self) -> tuple[Channel, ...]:
+        """Rate and latency of the inputs that are not fresh, of this very moment, in every cycle."""
+        return ()
+
+    @property
+    def slow_outputs(self) -> tuple[Channel, ...]:
+        """Rate and latency of the outputs that are not in force in the cycle in which they are written."""
+        return ()
 
     @abstractmethod
     def context(self) -> NDArray[np.uint8]:

@@ -23,6 +23,7 @@ from .records import REFERENCE_STATES, Record
 from .reference import JOG, SIGNAL, jog_reference, own_reference, signal_reference, signal_sample
 from .sensor import read_line, read_signal
 from .states import STAGE, VOLTAGE
+from .wanted import forget_wanted, remember_wanted, strain_error
 
 _ANY_UM = (-math.inf, math.inf)
 
@@ -41,7 +42,8 @@ def axis_cycle(
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
         finite = move_setpoint(p, s, demand(p, s, phase, fraction))
-        s["request_V"] = request_voltage(p, s, phase, fraction)
+        remember_wanted(s, cycle)
+        s["request_V"] = request_voltage(p, s, cycle, phase, fraction)
         s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], True)
         unwind(p["pid"], s["pid"], s["request_V"] - s["voltage_V"])
         remember(s["estimator"], s["setpoint_um"] - p["centre_um"])
@@ -87,7 +89,7 @@ def estimate(p: Record, s: Record, cycle: int) -> None:
         return
     predict_to(p["outer"], s["estimator"], cycle)
     if s["stage"]["fresh"] and s["watch"]["degraded"] == 0:
-        age = int(s["stage"]["age_ns"] * p["stage_cycles_per_ns"] + 0.5)
+        age = int(s["stage"]["age_ns"] * p["cycles_per_ns"] + 0.5)
         update(p["outer"], s["estimator"], cycle - age, s["stage"]["value"])
 
 
@@ -146,7 +148,7 @@ def move_setpoint(p: Record, s: Record, demand_um: float) -> bool:
 
 
 @compiled
-def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
+def request_voltage(p: Record, s: Record, cycle: int, phase: int, fraction: float) -> float:
     """Feedforward plus feedback (V), before the limiter."""
     if p["mode"] == VOLTAGE:
         return s["setpoint_um"]
@@ -157,9 +159,11 @@ def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
         else:  # what a feedback that was switched off leaves behind
             s["pid"]["output_V"] *= p["blend_decay"]
         s["strain_cycles"] = 0
-    elif s["strain"]["fresh"] and s["watch"]["coast"] == 0:
+    elif s["watch"]["coast"] > 0:
+        s["strain_cycles"] = 0
+    elif s["strain"]["fresh"]:
         gains = p["fallback"] if s["watch"]["fallback"] else p["pid"]
-        pid_output(gains, s["pid"], s["setpoint_um"] - s["strain"]["value"], s["strain_cycles"])
+        pid_output(gains, s["pid"], strain_error(p, s, cycle), s["strain_cycles"])
         s["strain_cycles"] = 0
     return feedforward + s["pid"]["output_V"]
 
@@ -189,6 +193,7 @@ def start_axis(p: Record, s: Record) -> None:
     s["start_V"] = s["voltage_V"]
     s["start_um"] = s["voltage_V"] if p["mode"] == VOLTAGE else s["strain"]["value"]
     s["setpoint_um"] = s["start_um"]
+    forget_wanted(s)
     start_feedforward(p["hysteresis"], s["hysteresis"], s["setpoint_um"], s["voltage_V"])
     feedforward = feedforward_voltage(p["hysteresis"], s["hysteresis"], s["setpoint_um"])
     start_pid(p["pid"], s["pid"], 0.0, s["voltage_V"] - feedforward)

@@ -102,9 +102,9 @@ def cell_cycle(
         axis_fault(p, s, i, NOT_FINITE, not finite, a["setpoint_um"], math.nan)
         outputs[axis["voltage"]] = a["voltage_V"]
         if s["state"] == TRACKING and tracked >= p["score_cycles"]:
-            error, uncompensated = path_error(axis, a, signals)
+            error, uncompensated = path_error(axis, a, signals, s["cycle"])
             score(a, error, uncompensated)
         if s["state"] == TRACKING and axis["mode"] != VOLTAGE:
-            mean_squares(p, axis, a)
+            mean_squares(p, axis, a, s["cycle"])
     switch(p, s, outputs)
     return accepted

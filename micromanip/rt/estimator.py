@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 from .jit import compiled
-from .records import INPUT_HISTORY, MAX_STATES, Record
+from .records import INPUT_HISTORY, Record
 
 _MASK = INPUT_HISTORY - 1
 
@@ -30,7 +30,7 @@ def predict(p: Record, x: Any, scratch: Any, u: float) -> None:
     zero and stays zero.
     """
     a, b = p["a_columns"], p["b"]
-    for i in range(0, MAX_STATES, 4):
+    for i in range(0, p["states"], 4):
         s0, s1, s2, s3 = b[i] * u, b[i + 1] * u, b[i + 2] * u, b[i + 3] * u
         for j in range(p["states"]):
             s0 += a[j, i] * x[j]
@@ -38,7 +38,7 @@ def predict(p: Record, x: Any, scratch: Any, u: float) -> None:
             s2 += a[j, i + 2] * x[j]
             s3 += a[j, i + 3] * x[j]
         scratch[i], scratch[i + 1], scratch[i + 2], scratch[i + 3] = s0, s1, s2, s3
-    for i in range(MAX_STATES):
+    for i in range(p["states"]):
         x[i] = scratch[i]
 
 

@@ -16,6 +16,7 @@ from .cell import cell_cycle, watch_drivers
 from .clock import now_ns, wait_until
 from .exchange import exchange_all
 from .faults import cell_fault
+from .frame import derive_signals
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
@@ -147,6 +148,7 @@ def run_loop(
             command = load_acquire(control, COMMAND)
         supervise(p, s, load_acquire(control, HEARTBEAT_NS), now, missed)
         watch_drivers(p, s, code)
+        derive_signals(p, s, signals)
         accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline, 1)
         if command == PROMOTE and accepted:
             swap_cell(p, candidate, s)

@@ -6,8 +6,8 @@ first-order filter of time constant Tf (backward Euler, stable for every Tf >= 0
 ``tracking`` is period/Tt of the back-calculation, stable for 0 <= tracking < 2.
 
 A step covers `periods` cycles, normally one: with a slow sensor the cycles since its last sample. The
-periods that an overrun skipped do not count: the error seen after a stall did not stand during it, and
-integrated over it would kick the output. A held sample is never integrated or
+periods that an overrun skipped, or for which the sensor was given up, do not count: the error seen after them did not
+stand all the while, and integrated over them would kick the output. A held sample is never integrated or
 differentiated: the caller does not step then.
 """
 
@@ -32,8 +32,13 @@ def pid_output(p: Record, s: Record, error_um: float, periods: int) -> float:
 
 @compiled
 def unwind(p: Record, s: Record, excess_V: float) -> None:
-    """Back-calculation: `excess_V` is what the limiter took away (requested minus applied)."""
+    """Back-calculation in every cycle: `excess_V` is what the limiter took away (requested minus applied).
+
+    The output held until the next sample gives way as well: else a slow sensor's integrator would be unwound by the
+    same excess again and again, and overshoot.
+    """
     s["integrator"] -= p["tracking"] * excess_V
+    s["output_V"] -= p["tracking"] * excess_V
 
 
 @compiled

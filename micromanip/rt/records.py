@@ -21,13 +21,16 @@ MAX_PLAYS = 32
 MAX_TABLE = 64
 MAX_CREEP = 8
 MAX_NEURONS = 32
-MAX_STATES = 16
+MAX_STATES = 32
+"""A multiple of 4; a model behind a slow bus has a state for each cycle of its delay."""
 MAX_SINES = 8
 MAX_DRIVERS = 4
 MAX_SIGNALS = 48
 MAX_OUTPUTS = 8
 INPUT_HISTORY = 256
-"""Set-points the estimator remembers (a power of two): a sample may be that many cycles old."""
+"""Cycles that estimator and axis remember (a power of two): a sample may be that many cycles old."""
+MAX_FRAME = 6
+"""Coordinates that a tracker may have."""
 REFERENCE_STATES = 5
 EVENTS = 32
 """Events that the loop remembers."""
@@ -161,7 +164,7 @@ WATCH_PARAMETERS = _record(
     ("following_cycles", "i8"),
     ("saturating_cycles", "i8"),
     ("saturated_cycles", "i8"),
-    ("band_b", "f8"),
+    ("band_b", "f8", (3,)),
     ("band_a1", "f8"),
     ("band_a2", "f8"),
     ("band_um", "f8"),
@@ -213,7 +216,8 @@ AXIS_PARAMETERS = _record(
     ("stage_rate_um_per_ns", "f8"),
     ("amplifier_ok", LINE_PARAMETERS),
     ("temperature_ok", LINE_PARAMETERS),
-    ("stage_cycles_per_ns", "f8"),
+    ("cycles_per_ns", "f8"),
+    ("answer_cycles", "i8"),
     ("centre_um", "f8"),
     ("setpoint_low_um", "f8"),
     ("setpoint_high_um", "f8"),
@@ -238,6 +242,7 @@ SENSOR_STATE = _record(
     ("time_ns", "i8"),
     ("sequence", "i8"),
     ("arrived_ns", "i8"),
+    ("taken_ns", "i8"),
     ("reading", "f8"),
     ("age_ns", "i8"),
     ("fresh", "i8"),
@@ -262,6 +267,9 @@ AXIS_STATE = _record(
     ("pid", PID_STATE),
     ("estimator", ESTIMATOR_STATE),
     ("reference", REFERENCE_STATE),
+    ("setpoints", "f8", (INPUT_HISTORY,)),
+    ("references", "f8", (INPUT_HISTORY,)),
+    ("wanted_cycle", "i8"),
     ("strain_cycles", "i8"),
     ("closed", "i8"),
     ("frozen", "i8"),
@@ -282,6 +290,15 @@ AXIS_STATE = _record(
     ("uncompensated_squares", "f8"),
 )
 
+FRAME = _record(
+    ("sources", "i8"),
+    ("source", "i8", (MAX_FRAME,)),
+    ("derived", "i8"),
+    ("first", "i8"),
+    ("matrix", "f8", (MAX_AXES, MAX_FRAME)),
+    ("offset", "f8", (MAX_AXES,)),
+)
+"""Derived signals: places of their sources in the image, their number, their first place."""
 CELL_PARAMETERS = _record(
     ("version", "i8"),
     ("axes", "i8"),
@@ -309,6 +326,7 @@ CELL_PARAMETERS = _record(
     ("feed_hold", "i8"),
     ("heartbeat", "i8"),
     ("heartbeat_cycles", "i8"),
+    ("frame", FRAME),
     ("figures_step", "f8"),
     ("trial_cycles", "i8"),
     ("trial_rest", "i8"),
@@ -351,6 +369,7 @@ CELL_STATE = _record(
     ("enable", SENSOR_STATE),
     ("interlock", SENSOR_STATE),
     ("retracted", SENSOR_STATE),
+    ("frame_sequence", "i8", (MAX_FRAME,)),
     ("overruns", "i8"),
     ("overruns_in_a_row", "i8"),
     ("overrun_level", "f8"),

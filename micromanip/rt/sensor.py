@@ -19,7 +19,8 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
 
     ``value`` keeps the last good sample. ``bad`` counts cycles in a row without a usable one: not finite,
     outside `range_um` (low, high), further from the last good one than `rate_um_per_ns` allows in the time since
-    the last arrival, flagged by the driver, never arrived, or older than `max_age_ns`. ``identical`` counts samples
+    the one before was taken, or arrived, whichever is longer; flagged by the driver, never arrived, or older than
+    `max_age_ns`. A sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts samples
     in a row that read exactly the same, ``lost`` those that came and went unseen; a driver that starts
     its sequence over has lost none.
     """
@@ -28,17 +29,19 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
     good = signal["status"] == 0 and math.isfinite(value) and range_um[0] <= value <= range_um[1]
     s["fresh"] = 0
     if arrived:
+        taken_ns = min(signal["time_ns"], now_ns)
         if s["sequence"] > 0:
             s["lost"] += max(0, signal["sequence"] - s["sequence"] - 1)
             if good and math.isfinite(rate_um_per_ns) and s["bad"] < _BELIEVED:
-                good = abs(value - s["value"]) <= rate_um_per_ns * (now_ns - s["arrived_ns"])
+                passed_ns = max(now_ns - s["arrived_ns"], taken_ns - s["taken_ns"])
+                good = abs(value - s["value"]) <= rate_um_per_ns * passed_ns
         s["identical"] = s["identical"] + 1 if value == s["reading"] else 0
         s["sequence"] = signal["sequence"]
         s["reading"] = value
-        s["arrived_ns"] = now_ns
+        s["arrived_ns"], s["taken_ns"] = now_ns, taken_ns
         if good:
             s["value"] = value
-            s["time_ns"] = signal["time_ns"]
+            s["time_ns"] = taken_ns
             s["fresh"] = 1
     s["age_ns"] = now_ns - s["time_ns"]
     if (arrived and not good) or s["sequence"] == 0 or s["age_ns"] > max_age_ns:

@@ -8,6 +8,7 @@ from numba import types
 
 from .cell import cell_cycle, watch_drivers
 from .exchange import exchange_all
+from .frame import derive_signals
 from .jit import compiled
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES
 from .states import NO_COMMAND
@@ -42,6 +43,7 @@ def run_virtual(
         now_ns = (s["cycle"] + 1) * p["period_ns"]
         code = exchange_all(drivers, driver_count, outputs, signals, now_ns, 1)
         watch_drivers(p, s, code)
+        derive_signals(p, s, signals)
         cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns, 1)
         if (k + 1) % every == 0 and written < len(rows):
             write_row(p, s, signals, rows[written], now_ns, 0, 0, 1)

@@ -39,6 +39,7 @@ from .states import (
     TRACKING,
     VOLTAGE,
 )
+from .wanted import stage_error, strain_error
 
 
 @compiled
@@ -102,11 +103,9 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
 
 
 @compiled
-def following_error(p: Record, a: Record) -> float:
-    """How far (um) the stage is from the reference, or the gauge from the set-point."""
-    if p["mode"] == STAGE:
-        return a["reference"]["w"][0] + a["reference"]["w"][3] - a["stage"]["value"]
-    return a["setpoint_um"] - a["strain"]["value"]
+def following_error(p: Record, a: Record, cycle: int) -> float:
+    """How far (um) the stage was from the reference, or the gauge from the set-point, by the newest sample."""
+    return stage_error(p, a, cycle)[0] if p["mode"] == STAGE else strain_error(p, a, cycle)
 
 
 @compiled
@@ -115,7 +114,7 @@ def watch_following(p: Record, s: Record, i: int, active: bool) -> None:
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w = a["watch"]
     known = active and w["degraded"] == 0 and w["coast"] == 0
-    error_um = abs(following_error(p["axis"][i], a))
+    error_um = abs(following_error(p["axis"][i], a, s["cycle"]))
     w["following"] = lasting(w["following"], known and error_um > limits["following_um"])
     over = w["following"] >= limits["following_cycles"]
     axis_fault(p, s, i, FOLLOWING_ERROR, over, error_um, limits["following_um"])
@@ -136,8 +135,10 @@ def watch_voltage(p: Record, s: Record, i: int, active: bool) -> None:
 
 @compiled
 def band_pass(limits: Record, w: Record, x: float) -> float:
-    """Second-order band pass, gain 1 in the middle of its band."""
-    y = limits["band_b"] * (x - w["band_x2"]) - limits["band_a1"] * w["band_y1"] - limits["band_a2"] * w["band_y2"]
+    """Second-order filter, gain 1 in the middle of its band."""
+    b = limits["band_b"]
+    y = b[0] * x + b[1] * w["band_x1"] + b[2] * w["band_x2"]
+    y -= limits["band_a1"] * w["band_y1"] + limits["band_a2"] * w["band_y2"]
     w["band_x2"], w["band_x1"] = w["band_x1"], x
     w["band_y2"], w["band_y1"] = w["band_y1"], y
     return y
@@ -145,14 +146,17 @@ def band_pass(limits: Record, w: Record, x: float) -> float:
 
 @compiled
 def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
-    """The inner loop swings: energy of its error in the band where it would. First the fallback gains, once."""
+    """The inner loop swings: energy of its error in the band where it would. First the fallback gains, once.
+
+    The band pass takes the gauge's samples, not the cycles between them: a held sample would look like a swing.
+    """
     axis, a = p["axis"][i], s["axis"][i]
     limits, w = axis["watch"], a["watch"]
     if not active:
         w["band_x1"] = w["band_x2"] = w["band_y1"] = w["band_y2"] = w["band_energy"] = 0.0
         w["band_cycles"] = w["fallback"] = 0
-    else:
-        y = band_pass(limits, w, a["setpoint_um"] - a["strain"]["value"])
+    elif a["strain"]["fresh"]:
+        y = band_pass(limits, w, strain_error(axis, a, s["cycle"]))
         w["band_energy"] += limits["band_step"] * (y * y - w["band_energy"])
     rms_um = math.sqrt(w["band_energy"])
     w["band_cycles"] = lasting(w["band_cycles"], rms_um > limits["band_um"])

@@ -52,7 +52,9 @@ class LinearModel(Settings):
     A: tuple[Row, ...] = Field(min_length=1, description="State matrix, row by row.")
     B: Row = Field(description="Input vector.")
     C: Row = Field(description="Output vector.")
-    delay_cycles: int = Field(strict=True, ge=0, le=8, description="Actuation delay in front of the model.")
+    delay_cycles: int = Field(
+        strict=True, ge=0, le=24, description="Actuation delay in front of the model, the way of the output included."
+    )
 
     @model_validator(mode="after")
     def _sizes_agree(self) -> Self:

@@ -29,6 +29,7 @@ RULES: tuple[tuple[str, str], ...] = (
     ("faults.**", LIVE),
     ("shadow.**", LIVE),
     ("reference.target_um.**", LIVE),
+    ("reference.frame.signals", RESTART),
     ("reference.path", RESTART),  # the samples' memory is made when the loop starts
     ("reference.**", DISARM),
     ("axes.*.mode", DISARM),

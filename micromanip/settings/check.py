@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from .buses import bus_findings
 from .compile import compile_cell
+from .feedback import feedback_findings
+from .frame import PREFIX, frame_findings, frame_of
 from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from .load import validate_document
 from .model import Configuration
@@ -57,6 +59,7 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
             *_safety(configuration, wiring),
             *_stability(configuration),
             *bus_findings(configuration, wiring),
+            *feedback_findings(configuration, wiring),
         ],
     )
     if configuration.simulation is not None:
@@ -68,7 +71,10 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
 def validate(source: Source) -> Configuration:
     """The configuration of a file or a document, as far as it can be judged without its drivers; else ConfigError."""
     configuration = validate_document(source)
-    _refuse(source, [*_names(configuration), *_reach(configuration), *_machine(configuration)])
+    _refuse(
+        source,
+        [*_names(configuration), *_reach(configuration), *_machine(configuration), *frame_findings(configuration)],
+    )
     return configuration
 
 
@@ -84,6 +90,7 @@ def revise(running: Prepared, source: Source) -> Prepared:
             *_safety(configuration, wiring),
             *_stability(configuration),
             *bus_findings(configuration, wiring),
+            *feedback_findings(configuration, wiring),
         ],
     )
     same = configuration.reference == running.configuration.reference
@@ -98,8 +105,9 @@ def _refuse(source: Source, findings: list[Finding]) -> None:
 
 def _names(configuration: Configuration) -> Iterator[Finding]:
     known = [*LINES, *(f"{role}_{axis}" for axis in configuration.axes for role in ROLES)]
+    frame = frame_of(configuration)
     for name in configuration.signals:
-        if name not in known:
+        if name not in known and not name.startswith(PREFIX):
             near = difflib.get_close_matches(name, known, 1)
             hint = f"; did you mean {near[0]}?" if near else ""
             yield (
@@ -120,7 +128,7 @@ def _names(configuration: Configuration) -> Iterator[Finding]:
     for name, axis in configuration.axes.items():
         wanted = ["strain"] if axis.mode != "voltage" else []
         wanted += ["stage"] if axis.mode == "stage" else []
-        wanted += ["deviation"] if follows else []
+        wanted += ["deviation"] if follows and frame is None else []
         for role in wanted:
             if f"{role}_{name}" not in configuration.signals:
                 yield (

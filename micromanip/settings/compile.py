@@ -14,11 +14,13 @@ from micromanip.rt.records import CELL_PARAMETERS, HYSTERESIS_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 
 from .axis import Axis
+from .frame import frame_of
 from .hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
 from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .model import Configuration, Output, Signal, Start
 from .outer import OuterGains, dc_gain, outer_gains, tracker_gain
 from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from .timing import cycles_between, output_cycles, output_timing, sensor_timing
 from .wiring import Wiring
 
 _BLEND_S = 0.05
@@ -51,6 +53,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
     p["authority_cycles"], p["ramp_cycles"] = cycles(start.authority_s), cycles(start.ramp_s)
     p["score_cycles"] = cycles(_SCORE_AFTER_S)
     fill_cell_limits(p, configuration.faults, loop.rate_hz)
+    _fill_frame(p["frame"], configuration, wiring)
     for name in ("enable", "interlock", "retracted"):
         _fill_line(p[name], name, configuration, wiring)
     for name in ("amplifier_enable", "feed_hold", "heartbeat"):
@@ -67,13 +70,22 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
         _fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
-        fill_axis_limits(p["axis"][i], axis.faults, configuration.reference, loop.rate_hz)
+        _fill_timing(p["axis"][i], name, configuration, wiring)
         if axis.outer is not None:
             tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
             gains = outer_gains(axis.outer, tracker, period_s)
             _fill_outer(p["axis"][i]["outer"], gains)
             p["axis"][i]["watch"]["innovation_variance"] = gains.innovation_variance
     return record
+
+
+def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:
+    """What depends on how often the axis' sensors are fresh, and on the way of its output."""
+    rate_hz, faults = configuration.loop.rate_hz, configuration.axes[name].faults
+    strain, stage = (sensor_timing(configuration, wiring, role, name) for role in ("strain", "stage"))
+    between = cycles_between(configuration, stage)
+    fill_axis_limits(a, faults, configuration.reference, rate_hz, strain.rate_hz, between)
+    a["answer_cycles"] = output_cycles(configuration, output_timing(configuration, wiring, f"voltage_{name}"))
 
 
 def _max_age_ns(signal: Signal | None) -> int:
@@ -88,13 +100,27 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     a["voltage"] = wiring.outputs[f"voltage_{name}"]
     a["strain_age_ns"] = _max_age_ns(configuration.signals.get(f"strain_{name}"))
     a["stage_age_ns"] = _max_age_ns(configuration.signals.get(f"stage_{name}"))
-    a["reference_age_ns"] = _max_age_ns(configuration.signals.get(f"deviation_{name}"))
+    frame = frame_of(configuration)
+    followed = (f"deviation_{name}",) if frame is None else frame.signals
+    a["reference_age_ns"] = min(_max_age_ns(configuration.signals.get(each)) for each in followed)
     for role in ("strain", "stage"):
         signal = configuration.signals.get(f"{role}_{name}")
         a[f"{role}_range_um"] = (signal and signal.range_um) or _PLAUSIBLE_UM
-    a["stage_cycles_per_ns"] = 1.0 / configuration.loop.period_ns
+    a["cycles_per_ns"] = 1.0 / configuration.loop.period_ns
     for role in ("amplifier_ok", "temperature_ok"):
         _fill_line(a[role], f"{role}_{name}", configuration, wiring)
+
+
+def _fill_frame(f: Any, configuration: Configuration, wiring: Wiring) -> None:
+    """How the deviations come of the tracker's own coordinates."""
+    frame = frame_of(configuration)
+    if frame is None:
+        return
+    rows, columns = np.shape(frame.matrix)
+    f["sources"], f["source"][:columns] = columns, [wiring.signal(name) for name in frame.signals]
+    f["derived"], f["first"] = rows, wiring.signal(f"deviation_{next(iter(configuration.axes))}")
+    f["matrix"][:rows, :columns] = frame.matrix
+    f["offset"][:rows] = frame.offset_um or 0.0
 
 
 def _fill_line(line: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:

@@ -14,6 +14,8 @@ from .faults import AxisFaults, Faults
 from .reference import Reference, Tracker
 
 NEVER = int(np.iinfo(np.int64).max // 4)
+_SHOWN = 0.45
+"""Share of the rate up to which samples show a frequency."""
 
 
 def _reach(count: int | None) -> int:
@@ -45,8 +47,10 @@ def fill_cell_limits(p: Any, faults: Faults, rate_hz: int) -> None:
         p["reaction"][code] = REACTION_NAMES.index(section.reaction)
 
 
-def fill_axis_limits(a: Any, faults: AxisFaults, reference: Reference, rate_hz: int) -> None:
-    """Fill the limits and reactions of one axis."""
+def fill_axis_limits(
+    a: Any, faults: AxisFaults, reference: Reference, rate_hz: int, strain_rate_hz: float, stage_cycles: int
+) -> None:
+    """Fill the limits and reactions of one axis, whose gauge and stage are fresh so often."""
     w = a["watch"]
 
     def cycles(ms: float | None) -> int:
@@ -58,12 +62,12 @@ def fill_axis_limits(a: Any, faults: AxisFaults, reference: Reference, rate_hz: 
     w["coast_cycles"] = round(faults.strain.coast_ms * 1e-3 * rate_hz)
     w["degraded_cycles"] = round(faults.stage.degraded_s * rate_hz)
     w["innovation_ratio"] = _limit(faults.disagreement.ratio)
-    w["innovation_step"] = 1.0 / cycles(faults.disagreement.time_ms)
+    w["innovation_step"] = min(1.0, stage_cycles / cycles(faults.disagreement.time_ms))
     w["innovation_variance"] = 1.0
     w["following_um"] = _limit(faults.following_error.limit_um)
     w["following_cycles"] = cycles(faults.following_error.time_ms)
     w["saturating_cycles"], w["saturated_cycles"] = cycles(faults.saturation.warn_ms), cycles(faults.saturation.time_ms)
-    _fill_band(w, faults, rate_hz)
+    _fill_band(w, faults, rate_hz, strain_rate_hz)
     if isinstance(reference, Tracker):
         period_ms = 1e3 / reference.sample_rate_Hz
         stale = faults.reference.stale_periods
@@ -90,13 +94,21 @@ def fill_axis_limits(a: Any, faults: AxisFaults, reference: Reference, rate_hz: 
         w["reaction"][code] = REACTION_NAMES.index(reaction)
 
 
-def _fill_band(w: Any, faults: AxisFaults, rate_hz: int) -> None:
-    """Band pass (bilinear transform of s w0/Q / (s^2 + s w0/Q + w0^2)) and the mean of its energy."""
+def _fill_band(w: Any, faults: AxisFaults, rate_hz: int, strain_rate_hz: float) -> None:
+    """Filter by the bilinear transform, and its mean energy, a step a sample of the gauge.
+
+    A band pass s w0/Q / (s^2 + s w0/Q + w0^2); where the band goes beyond what so few samples show, a high pass
+    (Butterworth) at its lower end: a loop may swing from one sample to the next.
+    """
     low, high = faults.oscillation.band_Hz
-    omega = 2.0 * math.pi * min(math.sqrt(low * high), 0.45 * rate_hz) / rate_hz
-    alpha = math.sin(omega) * (high - low) / (2.0 * math.sqrt(low * high))
-    w["band_b"] = alpha / (1.0 + alpha)
-    w["band_a1"], w["band_a2"] = -2.0 * math.cos(omega) / (1.0 + alpha), (1.0 - alpha) / (1.0 + alpha)
+    middle = math.sqrt(low * high)
+    passes_all = high > _SHOWN * strain_rate_hz
+    omega = 2.0 * math.pi * min(low if passes_all else middle, _SHOWN * strain_rate_hz) / strain_rate_hz
+    alpha = math.sin(omega) * (math.sqrt(0.5) if passes_all else (high - low) / (2.0 * middle))
+    cosine = math.cos(omega)
+    b = (0.5 * (1.0 + cosine), -1.0 - cosine, 0.5 * (1.0 + cosine)) if passes_all else (alpha, 0.0, -alpha)
+    w["band_b"] = np.array(b) / (1.0 + alpha)
+    w["band_a1"], w["band_a2"] = -2.0 * cosine / (1.0 + alpha), (1.0 - alpha) / (1.0 + alpha)
     w["band_um"] = _limit(faults.oscillation.limit_um)
     w["band_cycles"] = max(1, round(faults.oscillation.time_ms * 1e-3 * rate_hz))
-    w["band_step"] = min(1.0, 4.0 / w["band_cycles"])
+    w["band_step"] = min(1.0, 4.0 / w["band_cycles"] * rate_hz / strain_rate_hz)

@@ -210,7 +210,8 @@ class Configuration(Settings):
     )
     signals: dict[str, Signal] = Field(
         max_length=MAX_SIGNALS,
-        description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis>; true_strain_<axis>, "
+        description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis> or, with reference.frame, "
+        "tracker_<name>; true_strain_<axis>, "
         "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them. Digital, 1 is good: "
         "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut).",
     )

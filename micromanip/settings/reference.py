@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from micromanip.rt.records import MAX_SINES
 
 from .base import Flag, NotNegative, Positive, Real, Settings
+from .frame import Frame
 
 
 class _Own(Settings):
@@ -70,6 +71,10 @@ class Tracker(Settings):
     range_um: tuple[Real, Real] = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")
     jump_um: Positive | None = Field(
         default=50.0, description="A sample that is further from where it is expected is rejected; null: none is."
+    )
+    frame: Frame | None = Field(
+        default=None,
+        description="The tracker's own coordinates, of which deviation_<axis> are computed; null: those are read.",
     )
 
 

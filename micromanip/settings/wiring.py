@@ -15,6 +15,7 @@ from micromanip.io.registry import driver_class
 from micromanip.io.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 
+from .frame import frame_of
 from .load import validate_section
 from .model import Configuration, Driver, Output, Signal, Switch
 from .source import Source
@@ -137,7 +138,10 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
         raise source.error(
             ("drivers",), f"{inputs} inputs and {outputs} outputs; at most {MAX_SIGNALS} and {MAX_OUTPUTS} fit"
         )
-    signal_index: dict[str, int] = {}
+    derived = [] if frame_of(configuration) is None else [f"deviation_{axis}" for axis in configuration.axes]
+    if inputs + len(derived) > MAX_SIGNALS:
+        raise source.error(("reference", "frame"), f"{inputs} inputs leave no room for its signals in {MAX_SIGNALS}")
+    signal_index = {name: inputs + i for i, name in enumerate(derived)}
     output_index: dict[str, int] = {}
     for name, signal in configuration.signals.items():
         driver_name, channel = _channel(source, "signals", name, signal, drivers)

@@ -7,7 +7,9 @@ from dataclasses import replace
 from micromanip.settings.check import Prepared
 from micromanip.settings.compile import compile_cell
 from micromanip.settings.model import Configuration
+from micromanip.settings.timing import FeedbackPath, feedback_path
 
+from .own_time import at_own_time
 from .virtual import Rows, Samples, VirtualCell
 
 
@@ -28,10 +30,14 @@ class VirtualExperiment:
     def __call__(
         self, configuration: Configuration, seconds: float, samples: Samples | None = None, every: int = 1
     ) -> Rows:
-        """The rows of `seconds` after tracking has begun."""
+        """The rows of `seconds` after tracking has begun, each sample at its own time."""
         cell = self.cell(configuration, samples)
         cell.arm()
-        return cell.run(seconds, every)
+        return at_own_time(cell.run(seconds, every), configuration, self._wiring)
+
+    def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
+        """What the sensors and the output of `axis` take."""
+        return feedback_path(configuration, self._wiring, axis)
 
     def cell(self, configuration: Configuration, samples: Samples | None = None) -> VirtualCell:
         """The cell itself, READY, for whoever wants to step it."""

@@ -12,6 +12,7 @@ from micromanip.design.loops import (
     delay,
     margins,
     model_system,
+    over_path,
     pid_system,
     stage_loop,
     strain_loop,
@@ -21,6 +22,7 @@ from micromanip.rt.records import PID_PARAMETERS, PID_STATE
 from micromanip.settings.axis import Inner
 from micromanip.settings.load import load_with_source
 from micromanip.settings.outer import outer_gains
+from micromanip.settings.timing import AT_ONCE, FeedbackPath
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)
@@ -59,11 +61,12 @@ def test_strain_loop_is_the_product():
     assert strain_loop(PID, plant, 1.3).response(omega) == pytest.approx(expected, rel=1e-10)
 
 
-@pytest.mark.parametrize("sample_cycles", [1, 10])
+@pytest.mark.parametrize(("sample_cycles", "late"), [(1, 0), (10, 0), (10, 3), (10, 10), (5, 5)])
 @pytest.mark.parametrize("oscillation_Hz", [None, 200.0])
-def test_closed_outer_loop_has_the_poles_of_regulator_and_observer(sample_cycles, oscillation_Hz):
+def test_closed_outer_loop_has_the_poles_of_regulator_and_observer(sample_cycles, late, oscillation_Hz):
+    """Also where samples come late: each corrects the estimate of its own time."""
     settings, gains, _ = designed(2, sample_cycles=sample_cycles, oscillation_Hz=oscillation_Hz)
-    loop = stage_loop(gains, model_system(settings.model, PERIOD_S), sample_cycles)
+    loop = stage_loop(gains, model_system(settings.model, PERIOD_S), sample_cycles, late)
     closed = np.linalg.eigvals(loop.closed())
     controllable = len(settings.model.A) + 2
     regulator, observer = gains.closed_loop_poles[:controllable], gains.closed_loop_poles[controllable:]
@@ -73,6 +76,39 @@ def test_closed_outer_loop_has_the_poles_of_regulator_and_observer(sample_cycles
     assert np.abs(closed).max() == pytest.approx(
         max(np.abs(regulator).max() ** sample_cycles, np.abs(observer).max()), abs=1e-6
     )
+
+
+def test_late_samples_cost_margin():
+    settings, gains, _ = designed(2, sample_cycles=10, effort=100.0, disturbance_um=0.003, oscillation_Hz=None)
+    plant = model_system(settings.model, PERIOD_S)
+    found = [margins(stage_loop(gains, plant, 10, late)) for late in (0, 5, 10)]
+    assert all(m.stable for m in found)
+    assert found[0].gain_up > found[1].gain_up > found[2].gain_up
+    with pytest.raises(ValueError, match="before the next one"):
+        stage_loop(gains, plant, 10, 11)
+
+
+def test_a_resampled_system_is_the_same_seen_less_often():
+    plant = delay(3, PERIOD_S).then(System(np.array([[0.7]]), np.array([0.3]), np.array([2.0]), 0.0, PERIOD_S))
+    u = np.random.default_rng(1).normal(size=40)
+    every = simulated(plant, np.repeat(u, 5))[::5]
+    slow = plant.resampled(5)
+    assert slow.period_s == pytest.approx(5 * PERIOD_S)
+    assert simulated(slow, u) == pytest.approx(every, abs=1e-12)
+    assert plant.resampled(1) is plant
+    with pytest.raises(ValueError, match="feeds through"):
+        delay(0, PERIOD_S).resampled(2)
+
+
+def test_over_a_bus_the_pid_steps_from_sample_to_sample_and_late():
+    plant = System(np.array([[0.7]]), np.array([0.3]), np.array([2.0]), 0.0, PERIOD_S)
+    path = FeedbackPath(strain_cycles=5, strain_late=3, output_late=4)
+    seen = over_path(plant, path)
+    u = np.random.default_rng(2).normal(size=40)
+    assert simulated(seen, u) == pytest.approx(
+        simulated(delay(7, PERIOD_S).then(plant), np.repeat(u, 5))[::5], abs=1e-12
+    )
+    assert over_path(plant, AT_ONCE) is plant
 
 
 def test_broken_at_the_set_point_or_at_the_sensor_is_the_same():

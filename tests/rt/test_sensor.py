@@ -142,3 +142,23 @@ def test_any_course_of_samples(events):
         assert s["lost"] == unseen
         assert (s["bad"] == 0) or not good or s["age_ns"] > MAX_AGE_NS
         assert math.isfinite(s["value"])
+
+
+def test_a_sample_taken_after_the_deadline_counts_as_of_now():
+    """A worker receives while the loop waits; and a device whose clock runs ahead still grows old."""
+    s = seen()
+    assert read(record(SIGNAL, value=6.0, time_ns=1_160_000, sequence=2), s, 1_100_000)
+    assert (s["age_ns"], s["time_ns"]) == (0, 1_100_000)
+    ahead = record(SIGNAL, value=7.0, time_ns=10**12, sequence=3)
+    assert read(ahead, s, 1_200_000)
+    read(ahead, s, 1_200_000 + MAX_AGE_NS + 100_000)
+    assert s["bad"] == 1
+
+
+def test_samples_that_arrive_together_may_differ_by_what_passed_between_them():
+    """A bus delivers two samples, taken 500 us apart, in one cycle and the next."""
+    rate = 100.0 * 1e-6  # um/ns
+    s = seen(value=5.0, time_ns=1_000_000)
+    assert read(record(SIGNAL, value=45.0, time_ns=1_500_000, sequence=2), s, 2_000_000, rate_um_per_ns=rate)
+    assert read(record(SIGNAL, value=85.0, time_ns=2_000_000, sequence=3), s, 2_100_000, rate_um_per_ns=rate)
+    assert not read(record(SIGNAL, value=150.0, time_ns=2_500_000, sequence=4), s, 2_500_000, rate_um_per_ns=rate)

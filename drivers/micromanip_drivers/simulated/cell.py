@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numba
-import numpy as np
 from numba import types
 
 from micromanip.rt.clock import now_ns, sleep_until
@@ -13,14 +12,13 @@ from micromanip.rt.course import smooth
 from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
 from micromanip.rt.records import SIGNAL
 
+from .bus import receive_samples, send_outputs, send_samples, write
 from .compiled import compiled
 from .faults import disturb, exchange_error, remember
 from .lines import advance_lines, cut_share, follow_enable, latch_switches, powered, read_lines
-from .noise import normal
-from .plant import deviation, drive, machining_force, move, quantised
+from .plant import drive, machining_force, move, quantised
 from .preisach import preisach_step, reset_memory
 from .records import (
-    CHANNELS,
     CONTEXT,
     CREEP_OPERATORS,
     MAX_INPUTS,
@@ -28,12 +26,8 @@ from .records import (
     MECHANICAL_STATES,
     SUBSTEPS,
 )
-from .sample import put
+from .sensors import read
 
-_CHANNELS = len(CHANNELS)
-SATURATED = 1
-"""Status of a capacitive sample at the end of its range: it says no more than that."""
-_HUM_PHASE = 1.0
 _DISCHARGE_STEPS, _DISCHARGE_STEP_NS = 200, 1_000_000
 
 
@@ -78,65 +72,43 @@ def latch(c: Any, outputs: Any) -> None:
 
 
 @compiled
-def stage_position(c: Any, i: int) -> float:
-    """Where the spindle is along axis `i` (um, as the capacitive sensor counts), with cross-coupling and drift."""
-    total = c["s"][i]["drift_um"]
-    for j in range(c["axes"]):
-        total += c["p"][i]["coupling"][j] * (c["s"][j]["x"][2] - c["p"][j]["stage_zero_um"])
-    return total
-
-
-@compiled
-def read(c: Any, inputs: Any, now_ns: int) -> None:
-    """Readings of all sensors, and the truth behind them, channels of one axis side by side."""
-    t_s = c["periods"] * c["period_ns"] * 1e-9
-    for i in range(c["axes"]):
-        p, s, first = c["p"][i], c["s"][i], i * _CHANNELS
-        stage = stage_position(c, i)
-        path = deviation(p, t_s)
-        hum = p["hum_um"] * np.sin(p["hum_omega"] * t_s + _HUM_PHASE)
-        strain = s["x"][4] - p["strain_zero_um"] + p["strain_noise_um"] * normal(s) + hum
-        put(inputs[first], quantised(strain, p["strain_step_um"], p["strain_range_um"]), now_ns)
-        seen = stage + p["stage_noise_um"] * normal(s)
-        put(inputs[first + 1], max(-p["stage_range_um"], min(p["stage_range_um"], seen)), now_ns)
-        if abs(seen) > p["stage_range_um"]:
-            inputs[first + 1]["status"] = SATURATED
-        due = c["periods"] // p["tracker_periods"]
-        if due > s["tracked"]:
-            # after an overrun only the newest of those that came meanwhile, taken when it was due
-            s["tracked"] = due
-            passed_ns = (c["periods"] - due * p["tracker_periods"]) * c["period_ns"]
-            taken_s = t_s - (passed_ns + p["tracker_latency_ns"]) * 1e-9
-            tracked = deviation(p, taken_s) + p["tracker_noise_um"] * normal(s)
-            put(inputs[first + 2], tracked, now_ns - passed_ns - p["tracker_latency_ns"])
-        row = p["stage_acceleration"]
-        acceleration = row[6] * s["force_N"] + p["acceleration_noise"] * normal(s)
-        for k in range(MECHANICAL_STATES):
-            acceleration += row[k] * s["x"][k]
-        put(inputs[first + 3], acceleration, now_ns)
-        put(inputs[first + 4], s["x"][0] - p["strain_zero_um"], now_ns)
-        put(inputs[first + 5], stage, now_ns)
-        put(inputs[first + 6], path - stage, now_ns)
-        put(inputs[first + 7], path - s["free_x"][2] - s["drift_um"], now_ns)
-
-
-@compiled
 def exchange(c: Any, outputs: Any, inputs: Any, now_ns: int, periods: int) -> int:
     """One exchange of the loop; advances by the periods that really passed."""
     if c["opened"] == 0:
         return 1
-    for _ in range(periods):
+    by_bus = c["bus"]["present"] != 0
+    for k in range(periods):
         advance(c)
+        if by_bus:
+            passing_ns = now_ns - (periods - 1 - k) * c["period_ns"]
+            read(c, c["bus"]["reading"], passing_ns)
+            read_lines(c, c["bus"]["reading"], passing_ns)
+            send_samples(c, passing_ns)
+            if k < periods - 1:
+                act(c)
     code = exchange_error(c)
-    if code != 0:
-        return code
-    remember(c, inputs)
-    read(c, inputs, now_ns)
-    read_lines(c, inputs, now_ns)
-    disturb(c, inputs)
-    latch(c, outputs)
-    follow_enable(c["lines"], inputs)
-    return 0
+    if code == 0:
+        remember(c, inputs)
+        if by_bus:
+            receive_samples(c, inputs)
+            write(c, outputs)
+        else:
+            read(c, inputs, now_ns)
+            read_lines(c, inputs, now_ns)
+            latch(c, outputs)
+        disturb(c, inputs)
+        follow_enable(c["lines"], inputs)
+    if by_bus:
+        act(c)
+    return code
+
+
+@compiled
+def act(c: Any) -> None:
+    """One period of the outputs' bus: what arrives now is in force from now on."""
+    arrived = send_outputs(c)
+    if arrived >= 0:
+        latch(c, c["bus"]["outputs"][arrived]["value"])
 
 
 _CONTEXT_POINTER = types.CPointer(numba.from_dtype(CONTEXT))

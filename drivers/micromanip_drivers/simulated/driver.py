@@ -10,18 +10,21 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from micromanip.errors import ConfigError
+from micromanip.io.bus import Channel
 from micromanip.io.contract import CyclicDriver, Functions
 
 from . import mechanics
 from . import options as o
 from .records import (
     AXIS_LINES,
+    CARRIED,
     CELL_LINES,
     CHANNELS,
     CONTEXT,
     CREEP_OPERATORS,
     EXCHANGE,
     FAULT_KINDS,
+    IN_FLIGHT,
     MAX_AXES,
     SUBSTEPS,
     SWITCHES,
@@ -43,6 +46,10 @@ class SimulatedCell(CyclicDriver):
         for name in options.variation:
             if name not in options.axes:
                 raise ConfigError(f"variation.{name}: there is no axis {name}; axes are {', '.join(options.axes)}")
+        self._check_bus()
+        rows = options.tracker.coordinates
+        if rows is not None and [len(row) for row in rows] != [len(options.axes)] * len(options.axes):
+            raise ConfigError(f"tracker.coordinates: a row and a column an axis, {len(options.axes)} of each")
         for k, fault in enumerate(options.faults):
             if fault.channel not in (*self.inputs, EXCHANGE):
                 raise ConfigError(f"faults[{k}].channel: {self._unknown(fault.channel)}")
@@ -66,10 +73,29 @@ class SimulatedCell(CyclicDriver):
         voltages = tuple(f"voltage_{axis}" for axis in self.options.axes)
         return voltages + SWITCHES if self.options.lines else voltages
 
+    @property
+    def slow_inputs(self) -> tuple[Channel, ...]:
+        bus, tracker, axes = self.options.bus, self.options.tracker, self.options.axes
+        tracked = tuple(Channel(f"deviation_{axis}", tracker.rate_Hz, tracker.latency_ms * 1e-3) for axis in axes)
+        if bus is None:
+            return tracked
+        carried = [f"{kind}_{axis}" for axis in axes for kind in CARRIED] + list(
+            self._lines if self.options.lines else ()
+        )
+        return (*tracked, *(Channel(name, bus.input_rate_Hz, bus.input_latency_us * 1e-6) for name in carried))
+
+    @property
+    def slow_outputs(self) -> tuple[Channel, ...]:
+        bus = self.options.bus
+        if bus is None:
+            return ()
+        return tuple(Channel(name, bus.output_rate_Hz, bus.output_latency_us * 1e-6) for name in self.outputs)
+
     def context(self) -> NDArray[np.uint8]:
         record = np.zeros(1, CONTEXT)
         c = record[0]
         c["axes"], c["period_ns"] = len(self.options.axes), self.period_ns
+        c["inputs"], c["outputs"] = len(self.inputs), len(self.outputs)
         seeds = np.random.SeedSequence(self.options.seed).generate_state(2 * MAX_AXES, np.uint64)
         for i, name in enumerate(self.options.axes):
             plant = self.options.variation.get(name, self.options.plant)
@@ -77,6 +103,7 @@ class SimulatedCell(CyclicDriver):
             self._fill_cell(c["p"][i], i)
             c["s"][i]["random"] = seeds[2 * i : 2 * i + 2]
         self._fill_lines(c)
+        self._fill_bus(c["bus"])
         self._fill_faults(c)
         return record.view(np.uint8)
 
@@ -111,6 +138,30 @@ class SimulatedCell(CyclicDriver):
             line["heartbeat_periods"] = self._periods(lines.heartbeat_ms * 1e-3)
         step_s = self.period_ns * 1e-9 / SUBSTEPS
         c["p"]["bleed_step"] = -np.expm1(-step_s / (lines.amplifier_bleed_ms * 1e-3))
+
+    def _check_bus(self) -> None:
+        if self.options.bus is None:
+            return
+        for way in ("input", "output"):
+            rate_Hz, latency_us = (
+                getattr(self.options.bus, f"{way}_rate_Hz"),
+                getattr(self.options.bus, f"{way}_latency_us"),
+            )
+            if rate_Hz * self.period_ns > 1.000001e9:
+                raise ConfigError(f"bus.{way}_rate_Hz: {rate_Hz:g} is more than the loop's {1e9 / self.period_ns:g} Hz")
+            if rate_Hz * latency_us * 1e-6 > IN_FLIGHT - 2:
+                raise ConfigError(
+                    f"bus.{way}_latency_us: {latency_us:g} us at {rate_Hz:g} Hz are "
+                    f"{rate_Hz * latency_us * 1e-6:.0f} frames on their way; at most {IN_FLIGHT - 2}"
+                )
+
+    def _fill_bus(self, b: Any) -> None:
+        bus = self.options.bus
+        if bus is None:
+            return
+        b["present"], b["input_Hz"], b["output_Hz"] = 1, bus.input_rate_Hz, bus.output_rate_Hz
+        b["input_periods"] = np.ceil(bus.input_latency_us * 1e3 / self.period_ns - 1e-6)
+        b["output_periods"] = np.ceil(bus.output_latency_us * 1e3 / self.period_ns - 1e-6)
 
     def _fill_faults(self, c: Any) -> None:
         c["faults"] = len(self.options.faults)
@@ -162,6 +213,7 @@ class SimulatedCell(CyclicDriver):
         p["tracker_latency_ns"] = round(tracker.latency_ms * 1e6)
         p["tracker_noise_um"] = tracker.noise_um
         count = len(self.options.axes)
+        p["tracker_row"][:count] = np.eye(count)[i] if tracker.coordinates is None else tracker.coordinates[i]
         p["coupling"][i] = 1.0
         if count > 1:
             p["coupling"][(i + 1) % count] += self.options.coupling

@@ -87,5 +87,5 @@ def latch_switches(line: Any, outputs: Any) -> None:
 @compiled
 def follow_enable(line: Any, inputs: Any) -> None:
     """The enable circuit acts on the amplifier itself; `inputs` show it as a scheduled fault left it."""
-    if line["present"] != 0:
+    if line["present"] != 0 and inputs[line["first_input"]]["sequence"] > 0:
         line["enable"] = inputs[line["first_input"]]["value"]

@@ -85,6 +85,11 @@ class TrackerOptions(_Options):
     rate_Hz: Positive = Field(default=1000.0, description="Samples a second.")
     latency_ms: NotNegative = Field(default=1.0, description="Age of a sample when it arrives.")
     noise_um: NotNegative = Field(default=0.5, description="Noise, rms.")
+    coordinates: tuple[tuple[float, ...], ...] | None = Field(
+        default=None,
+        description="What the channels deviation_<axis> read: a row of factors on the deviations of all axes each; "
+        "null: each its own axis.",
+    )
 
 
 class Lines(_Options):
@@ -101,6 +106,15 @@ class Lines(_Options):
         description="The enabled amplifier switches itself off when the heartbeat has not changed for this long; "
         "null: it does not watch.",
     )
+
+
+class Bus(_Options):
+    """A bus between loop and cell. What only a simulation knows, and the tracker, do not go by it."""
+
+    input_rate_Hz: Positive = Field(description="Samples a second of gauges, capacitive sensors and lines.")
+    input_latency_us: NotNegative = Field(default=0.0, description="From being measured to being received.")
+    output_rate_Hz: Positive = Field(description="Writes a second of voltages and switches; the latest value wins.")
+    output_latency_us: NotNegative = Field(default=0.0, description="From being sent to being in force.")
 
 
 class Fault(_Options):
@@ -141,6 +155,9 @@ class Options(_Options):
     deviation: Deviation = Deviation()
     tracker: TrackerOptions = TrackerOptions()
     lines: Lines | None = Field(default=None, description="Digital lines; null: there are none.")
+    bus: Bus | None = Field(
+        default=None, description="A bus with its own rates and latencies; null: every sample and output in its cycle."
+    )
     faults: tuple[Fault, ...] = Field(default=(), max_length=MAX_FAULTS, description="Faults that come at set times.")
     coupling: Annotated[float, Field(ge=0, le=0.1)] = Field(
         default=0.015, description="Share of each axis' motion that the next axis sees; the one after sees 2/3 of it."

@@ -25,12 +25,16 @@ CHANNELS = (
     "path_error",
     "uncompensated",
 )
+CARRIED = ("strain", "stage", "acceleration")
+"""Channels that go by a bus, where there is one; so do all lines."""
 CELL_LINES = ("enable", "interlock", "retracted")
 AXIS_LINES = ("amplifier_ok", "temperature_ok")
 SWITCHES = ("amplifier_enable", "feed_hold", "heartbeat")
 MAX_INPUTS = MAX_AXES * (len(CHANNELS) + len(AXIS_LINES)) + len(CELL_LINES)
 MAX_OUTPUTS = MAX_AXES + len(SWITCHES)
 MAX_FAULTS = 16
+IN_FLIGHT = 32
+"""Frames that a simulated bus carries at a time, each way."""
 FAULT_KINDS = ("value", "offset", "freeze", "nan", "status", "drop", "spike", "error")
 EXCHANGE = "exchange"
 """Where a fault of the kind `error` acts: on the exchange as a whole."""
@@ -87,6 +91,7 @@ AXIS_PARAMETERS = _record(
     ("tracker_periods", "i8"),
     ("tracker_latency_ns", "i8"),
     ("tracker_noise_um", "f8"),
+    ("tracker_row", "f8", (MAX_AXES,)),
     ("coupling", "f8", (MAX_AXES,)),
 )
 AXIS_STATE = _record(
@@ -133,14 +138,41 @@ FAULT = _record(
     ("held", SIGNAL),
 )
 """A scheduled fault, then what it remembers; ``end_period`` 0 is never."""
+SAMPLES_FRAME = _record(
+    ("due", "i8"), ("time_ns", "i8"), ("value", "f8", (MAX_INPUTS,)), ("status", "i8", (MAX_INPUTS,))
+)
+OUTPUTS_FRAME = _record(("due", "i8"), ("value", "f8", (MAX_OUTPUTS,)))
+"""What is on its way, and the period in which it arrives."""
+BUS = _record(
+    ("present", "i8"),
+    ("input_Hz", "f8"),
+    ("input_periods", "i8"),
+    ("output_Hz", "f8"),
+    ("output_periods", "i8"),
+    ("input_ticks", "i8"),
+    ("output_ticks", "i8"),
+    ("samples_sent", "i8"),
+    ("samples_seen", "i8"),
+    ("outputs_sent", "i8"),
+    ("outputs_seen", "i8"),
+    ("reading", SIGNAL, (MAX_INPUTS,)),
+    ("passed", "i8", (MAX_INPUTS,)),
+    ("written", "f8", (MAX_OUTPUTS,)),
+    ("samples", SAMPLES_FRAME, (IN_FLIGHT,)),
+    ("outputs", OUTPUTS_FRAME, (IN_FLIGHT,)),
+)
+"""A bus between loop and cell: options, ticks so far, the sensors as they are, and what is on its way."""
 CONTEXT = _record(
     ("axes", "i8"),
+    ("inputs", "i8"),
+    ("outputs", "i8"),
     ("period_ns", "i8"),
     ("periods", "i8"),
     ("opened", "i8"),
     ("safe", "i8"),
     ("timespec", "i8", (2,)),
     ("lines", LINES),
+    ("bus", BUS),
     ("faults", "i8"),
     ("fault", FAULT, (MAX_FAULTS,)),
     ("p", AXIS_PARAMETERS, (MAX_AXES,)),

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.settings.model import Configuration
+from micromanip.settings.timing import AT_ONCE, FeedbackPath
 
 from ..actuation import Actuator, identify_actuator
 from ..experiment import Experiment, with_axis
 from ..hysteresis import HysteresisFit
 from ..identification import design, recording, samples_for, variant
 from ..linear.frequency import FrequencyResponse, frequency_response
+from ..loops import over_path
 from ..record import Record, judge_record
 from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis
@@ -31,8 +33,9 @@ from .validation import Validation, validate
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
-SLOPES = (0.75, 1.0, 1.3)
-"""The PID holds its margins for these multiples of the actuator's slope: hysteresis, amplitude, ageing."""
+SLOPES, BUS_SLOPES = (0.75, 1.0, 1.3), (0.75, 1.0, 1.45)
+"""The PID holds its margins for these multiples of the actuator's slope: hysteresis, amplitude, ageing; more of them
+where the samples of a bus show less of the actuator."""
 TRIANGLE_S = 12.0
 _COHERENCE_SEGMENT = 1 << 13
 
@@ -94,7 +97,8 @@ def commission_axis(
     say("actuator")
     actuator = identify_actuator(configuration, experiment, axis, seed)
     say("strain PID")
-    pid = tune_pid(actuator.dynamics, SLOPES)
+    by_bus = actuator.path != AT_ONCE
+    pid = tune_pid(over_path(actuator.dynamics, actuator.path), BUS_SLOPES if by_bus else SLOPES, careful=by_bus)
     inner = pid.inner.model_copy(update={"tracking_ms": settings.inner.tracking_ms})
     tuned = with_axis(configuration, axis, hysteresis=tanh.model, hysteresis_affine=affine.model, inner=inner)
     say("stage dynamics")
@@ -108,7 +112,8 @@ def commission_axis(
         knobs.noise_um or _sensor_noise(stage),
         bandwidth_Hz=knobs.bandwidth_Hz,
         oscillation_Hz=settings.outer.oscillation_Hz if settings.outer else 200.0,
-        sample_cycles=settings.outer.sample_cycles if settings.outer else 1,
+        sample_cycles=actuator.path.stage_cycles,
+        late_cycles=actuator.path.stage_late,
     )
     tuned = with_axis(tuned, axis, outer=outer.outer)
     say("validation")
@@ -151,6 +156,10 @@ class Watched:
         if len(faults):
             raise CheckFailed(f"the experiment was ended by fault {int(faults[0])}; nothing was tuned")
         return rows
+
+    def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
+        """What the sensors and the output of `axis` take."""
+        return self._experiment.path(configuration, axis)
 
 
 __all__ = ["SLOPES", "Commissioned", "Knobs", "Watched", "commission_axis"]

@@ -4,7 +4,7 @@ from .margins import Margins, curve_margins, grid, margins, refined
 from .monte_carlo import Sample, StageSide, StrainSide, cluster, each, monte_carlo, worst
 from .perturbation import SPREAD, Perturbation, draw
 from .stage_loop import model_system, stage_loop
-from .strain_loop import closed_ratio, pid_system, strain_loop
+from .strain_loop import closed_ratio, over_path, pid_system, strain_loop
 from .system import System, delay, from_state_space
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "margins",
     "model_system",
     "monte_carlo",
+    "over_path",
     "pid_system",
     "refined",
     "stage_loop",

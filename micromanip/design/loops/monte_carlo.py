@@ -19,12 +19,13 @@ from micromanip.errors import DeviceUnavailable, UsageError
 from micromanip.settings.axis import Inner, LinearModel
 from micromanip.settings.hysteresis import PrandtlIshlinskii, Range
 from micromanip.settings.outer import OuterGains
+from micromanip.settings.timing import AT_ONCE, FeedbackPath
 
 from ..describing import harmonics, inverse_operator
 from .margins import Margins, margins
 from .perturbation import Perturbation, draw, model_dynamics, perturbed, perturbed_delay, shift
 from .stage_loop import stage_loop
-from .strain_loop import closed_ratio, strain_loop
+from .strain_loop import closed_ratio, over_path, strain_loop
 from .system import System, delay
 
 Result = TypeVar("Result")
@@ -41,6 +42,7 @@ class StrainSide:
     hysteresis: PrandtlIshlinskii | None
     range_um: Range
     identified_slope: float
+    path: FeedbackPath = AT_ONCE
 
     def slope(self, p: Perturbation) -> float:
         """Slope of the actuator as a multiple of the identified one; nan where its hysteresis has no inverse."""
@@ -64,6 +66,7 @@ class StageSide:
     gains: OuterGains
     model: LinearModel
     sample_cycles: int
+    late_cycles: int = 0
 
 
 @dataclass(frozen=True)
@@ -93,13 +96,14 @@ def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period
         moved = shift(strain.actuator, drawn)
         # what the actuator has of delay lies in its own states: it can only be added to
         late = delay(max(0.0, drawn.delay_cycles), period_s)
-        inner = margins(strain_loop(strain.inner, late.then(perturbed(strain.actuator, drawn)), slope))
+        behind = late.then(perturbed(strain.actuator, drawn))
+        inner = margins(strain_loop(strain.inner, over_path(behind, strain.path), slope))
         change = closed_ratio(strain.inner, strain.actuator, moved, late, slope)
     if stage is not None:
         dynamics = model_dynamics(stage.model, period_s)
         mechanics = perturbed(dynamics, drawn) if change is None else change.then(dynamics)
         plant = perturbed_delay(stage.model, drawn, period_s).then(mechanics)
-        outer = margins(stage_loop(stage.gains, plant, stage.sample_cycles))
+        outer = margins(stage_loop(stage.gains, plant, stage.sample_cycles, stage.late_cycles))
     return Sample(seed, drawn, inner, outer)
 
 

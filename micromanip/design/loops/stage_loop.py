@@ -23,17 +23,50 @@ def model_system(model: LinearModel, period_s: float, extra_delay: float = 0.0) 
     return delay(model.delay_cycles + extra_delay, period_s).then(dynamics)
 
 
-def stage_loop(gains: OuterGains, plant: System, sample_cycles: int = 1) -> System:
-    """Loop transfer for negative feedback, every `sample_cycles` cycles; `plant` must not feed through."""
+def stage_loop(gains: OuterGains, plant: System, sample_cycles: int = 1, late_cycles: int = 0) -> System:
+    """Loop transfer for negative feedback, every `sample_cycles` cycles; `plant` must not feed through.
+
+    A sample that is seen `late_cycles` after it was taken corrects the estimate of its own time: by ``A^late L`` that
+    of now, as what was given since is known.
+    """
     if plant.D != 0.0:
         raise ValueError("the plant must not feed through: its output can't depend on the set-point of the same cycle")
     n, m = len(plant.A), len(gains.A)
     cycle = np.zeros((n + m, n + m))
     cycle[:n, :n], cycle[:n, n:] = plant.A, -np.outer(plant.B, gains.feedback)
     cycle[n:, n:] = gains.A - np.outer(gains.B, gains.feedback)
+    if late_cycles:
+        return _late_stage_loop(gains, plant, sample_cycles, late_cycles)
     corrected = np.eye(n + m)
     corrected[n:, n:] -= np.outer(gains.observer, gains.C)
     entering = np.concatenate([np.zeros(n), gains.observer])
     between = np.linalg.matrix_power(cycle, sample_cycles)
     output = np.concatenate([plant.C, np.zeros(m)])
+    return System(between @ corrected, between @ entering, -output, 0.0, sample_cycles * plant.period_s)
+
+
+def _late_stage_loop(gains: OuterGains, plant: System, sample_cycles: int, late_cycles: int) -> System:
+    """The same with late samples; the states are plant, estimate of now, and the last outputs of both.
+
+    The filter takes the innovation of the sample's own time, plant less estimate as they were then. The estimate of
+    then is that before the sample's correction, carried on since by the same model and the same set-points as the
+    estimate of now: so what it was lies in a chain of past outputs as well.
+    """
+    if late_cycles > sample_cycles:
+        raise ValueError("a sample must have been seen before the next one is taken")
+    n, m, k = len(plant.A), len(gains.A), late_cycles
+    size = n + m + 2 * k
+    cycle = np.zeros((size, size))
+    cycle[:n, :n], cycle[:n, n : n + m] = plant.A, -np.outer(plant.B, gains.feedback)
+    cycle[n : n + m, n : n + m] = gains.A - np.outer(gains.B, gains.feedback)
+    for first, row, begin, width in ((n + m, plant.C, 0, n), (n + m + k, gains.C, n, m)):
+        cycle[first, begin : begin + width] = row
+        cycle[range(first + 1, first + k), range(first, first + k - 1)] = 1.0
+    entering = np.zeros(size)
+    entering[n : n + m] = np.linalg.matrix_power(gains.A, k) @ gains.observer
+    corrected = np.eye(size)
+    corrected[:, n + m + 2 * k - 1] -= entering
+    output = np.zeros(size)
+    output[n + m + k - 1] = 1.0
+    between = np.linalg.matrix_power(cycle, sample_cycles)
     return System(between @ corrected, between @ entering, -output, 0.0, sample_cycles * plant.period_s)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from micromanip.settings.axis import Inner
+from micromanip.settings.timing import FeedbackPath
 
 from .perturbation import Shift, section_ratio, shifted
-from .system import System
+from .system import System, delay
 
 
 def pid_system(inner: Inner, period_s: float) -> System:
@@ -24,8 +25,18 @@ def pid_system(inner: Inner, period_s: float) -> System:
     return System(A, B, np.array([1.0, decay, -derivative]), K + integral + derivative, period_s)
 
 
+def over_path(actuator: System, path: FeedbackPath) -> System:
+    """`actuator` as the PID sees it over a bus: late, and a step from sample to sample."""
+    late = path.strain_late + path.output_late
+    behind = delay(late, actuator.period_s).then(actuator) if late else actuator
+    return behind.resampled(path.strain_cycles)
+
+
 def strain_loop(inner: Inner, actuator: System, slope: float = 1.0) -> System:
-    """Loop transfer, broken at the voltage; `slope` is the actuator's gain as a multiple of that of `actuator`."""
+    """Loop transfer, broken at the voltage; `slope` is the actuator's gain as a multiple of that of `actuator`.
+
+    The PID steps at the period of `actuator`: behind a bus that is what `over_path` makes of it.
+    """
     return pid_system(inner, actuator.period_s).then(actuator.scaled(slope))
 
 

@@ -73,6 +73,17 @@ class System:
         """The same with `factor` times the gain."""
         return System(self.A, self.B, factor * self.C, factor * self.D, self.period_s)
 
+    def resampled(self, cycles: int) -> System:
+        """The same with an input held for `cycles` periods, seen as often; exact. It must not feed through."""
+        if cycles == 1:
+            return self
+        if self.D != 0.0:
+            raise ValueError("a system that feeds through can't be resampled")
+        power, held = np.eye(len(self.A)), np.zeros(len(self.A))
+        for _ in range(cycles):
+            held, power = held + power @ self.B, self.A @ power
+        return System(power, held, self.C, 0.0, cycles * self.period_s)
+
     def state_space(self) -> control.StateSpace:
         """For `control`."""
         import control

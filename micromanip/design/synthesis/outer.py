@@ -22,8 +22,10 @@ _RESERVE_DB, _RESERVE_DEG = 0.3, 2.0
 """What is asked for beyond the least margins: the next identification gives a slightly other model."""
 _EFFORTS = np.geomspace(1.0, 1000.0, 25)
 _BESIDE = 0.1
-_OSCILLATION = 1e-2
-"""Noise of the tooth-passing oscillator in terms of that of the random walk."""
+_WALK, _OSCILLATION = 1.0, 1e-2
+"""Random walk times effort along the line; noise of the tooth-passing oscillator in terms of that of the walk."""
+_LATE_WALK, _LATE_OSCILLATION = 0.1, 1e-1
+"""The same where samples come late: then integral action costs more of the margins than damping does."""
 
 
 @dataclass(frozen=True)
@@ -50,26 +52,29 @@ def tune_outer(
     bandwidth_Hz: float | None = None,
     oscillation_Hz: float | None = 200.0,
     sample_cycles: int = 1,
+    late_cycles: int = 0,
 ) -> OuterDesign:
     """The fastest outer loop for `model` with at least 6 dB and 35 degrees, or the one of `bandwidth_Hz`.
 
-    `noise_um` is the sensor's rms; `bandwidth_Hz` the highest crossover of the loop. Raises CheckFailed where the
+    `noise_um` is the sensor's rms; `bandwidth_Hz` the highest crossover of the loop; a sample is seen
+    `late_cycles` after it was taken. Raises CheckFailed where the
     margins are not to be had, with what is.
     """
     tried, best = [], None
+    walking, oscillating = (_LATE_WALK, _LATE_OSCILLATION) if late_cycles else (_WALK, _OSCILLATION)
     for effort in _EFFORTS:
-        walk = 1.0 / effort
+        walk = walking / effort
         outer = Outer(
             model=model,
             effort=float(f"{effort:.4g}"),
             disturbance_um=float(f"{walk:.4g}"),
             oscillation_Hz=oscillation_Hz,
-            oscillation_um=float(f"{_OSCILLATION * walk:.4g}"),
+            oscillation_um=float(f"{oscillating * walk:.4g}"),
             sensor_noise_um=float(f"{max(noise_um, 1e-4):.3g}"),
             sample_cycles=sample_cycles,
         )
         gains = outer_gains(outer, None, period_s)
-        found = margins(stage_loop(gains, model_system(model, period_s), sample_cycles))
+        found = margins(stage_loop(gains, model_system(model, period_s), sample_cycles, late_cycles))
         crossover = _bandwidth_Hz(found, oscillation_Hz)
         tried.append((float(effort), crossover, found.gain_dB, found.phase_deg))
         if not found.stable or found.gain_dB < GAIN_DB + _RESERVE_DB or found.phase_deg < PHASE_DEG + _RESERVE_DEG:

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 GAIN_DB, PHASE_DEG = 6.0, 35.0
 _LIMITS = ((1.6, 6.0), (2.0, 6.0), (2.2, 4.0))
 """Limits of Ms, and of the gain margin (dB) at the least and the largest slope, tried one after the other."""
+_CAREFUL = ((2.0, 6.0),)
 _WEAK = 1.6
 """Below this cost a tuning is taken without trying the next limit."""
 _RESIDUAL = 0.1
@@ -52,13 +53,14 @@ class PidDesign:
         return max(found.sensitivity for found in self.margins)
 
 
-def tune_pid(actuator: System, slopes: tuple[float, ...]) -> PidDesign:
+def tune_pid(actuator: System, slopes: tuple[float, ...], *, careful: bool = False) -> PidDesign:
     """The PID for `actuator` (V to um) with its gain multiplied by each of `slopes`, rising, 1 among them.
 
+    `careful` takes weak feedback rather than less margin: for an actuator that is only known as far as a bus shows it.
     Raises CheckFailed where none holds a limit of Ms with margins of 6 dB and 35 degrees.
     """
     candidates, best = _candidates(actuator, slopes), None
-    for limit, outermost_dB in _LIMITS:
+    for limit, outermost_dB in _CAREFUL if careful else _LIMITS:
         for cost, peak, noise_gain, residual, inner in candidates:
             if peak > limit or (best is not None and cost >= best[0]):
                 continue

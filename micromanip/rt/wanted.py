@@ -1,0 +1,55 @@
+"""What was wanted when: a sample is compared with the set-point, and the reference, of its own time.
+
+A bus delivers samples late and keeps outputs waiting. Compared with the set-point of now, every moving set-point would
+look like an error of speed times delay, which the PID would put right by leading it. So the axis remembers what it
+wanted in the last cycles. What the configuration says of the output's way (``answer_cycles``) counts too: a gauge shows
+the set-point whose voltage has arrived. A fresh sample of this very cycle is compared with the present set-point.
+"""
+
+from __future__ import annotations
+
+from .jit import compiled
+from .records import INPUT_HISTORY, Record
+
+_MASK = INPUT_HISTORY - 1
+
+
+@compiled
+def forget_wanted(s: Record) -> None:
+    """The axis has rested where its set-point is now, as far as its memory goes."""
+    for k in range(INPUT_HISTORY):
+        s["setpoints"][k] = s["setpoint_um"]
+        s["references"][k] = s["reference"]["w"][0] + s["reference"]["w"][3]
+
+
+@compiled
+def remember_wanted(s: Record, cycle: int) -> None:
+    """Note what is wanted in `cycle`; in cycles that were skipped it was what was wanted before them."""
+    last = s["wanted_cycle"]
+    for skipped in range(max(last + 1, cycle - INPUT_HISTORY), cycle):
+        s["setpoints"][skipped & _MASK] = s["setpoints"][last & _MASK]
+        s["references"][skipped & _MASK] = s["references"][last & _MASK]
+    s["setpoints"][cycle & _MASK] = s["setpoint_um"]
+    s["references"][cycle & _MASK] = s["reference"]["w"][0] + s["reference"]["w"][3]
+    s["wanted_cycle"] = cycle
+
+
+@compiled
+def _place(s: Record, wanted: int) -> int:
+    """Place of the cycle `wanted`, or of the nearest one that is remembered."""
+    return max(s["wanted_cycle"] - _MASK, min(s["wanted_cycle"], wanted)) & _MASK
+
+
+@compiled
+def strain_error(p: Record, s: Record, cycle: int) -> float:
+    """Set-point less gauge (um), by the newest sample of the gauge as it stands in `cycle`."""
+    taken = cycle - int(s["strain"]["age_ns"] * p["cycles_per_ns"] + 0.5)
+    return s["setpoints"][_place(s, taken - p["answer_cycles"])] - s["strain"]["value"]
+
+
+@compiled
+def stage_error(p: Record, s: Record, cycle: int) -> tuple[float, float]:
+    """Reference less stage (um), by the newest sample of the stage as it stands in `cycle`; and that reference."""
+    taken = cycle - int(s["stage"]["age_ns"] * p["cycles_per_ns"] + 0.5)
+    reference_um = s["references"][_place(s, taken)]
+    return reference_um - s["stage"]["value"], reference_um

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -50,6 +51,8 @@ def command(
     from micromanip.sim.device.devices import Devices
 
     devices = Devices(config, watchdog_ms, seed)
+    gc.collect()
+    gc.freeze()  # to look through all that was imported would make a stall now and then
     try:
         for device in devices.played.values():
             click.echo(f"READY {device.ready}", err=True)
@@ -73,7 +76,8 @@ def _play(devices: Devices, duration_s: float | None, commands: bool) -> None:
         loop.add_reader(sys.stdin.fileno(), _Lines(devices).read)
     line = _StatusLine(devices) if sys.stderr.isatty() else None
     try:
-        devices.run(None if duration_s is None else loop.now_ns() + round(duration_s * 1e9))
+        devices.start()
+        loop.run(None if duration_s is None else loop.now_ns() + round(duration_s * 1e9))
     finally:
         if line is not None:
             line.close()

@@ -30,17 +30,17 @@ class PlayedCanOpen:
     def __init__(
         self, bus: CanBus, loop: EventLoop, nodes: dict[str, CanOpenNode], wires: Wires, pdos: tuple[int, int]
     ) -> None:
-        self._bus, self._loop, self._nodes, self._pdos = bus, loop, nodes, pdos
+        self.bus, self._loop, self._nodes, self._pdos = bus, loop, nodes, pdos
         self._off: set[str] = set()
         self.signals = list(wires.signals.values())
         self.messages: list[str] = []  # a PDO has no counter; one is silenced by dropping its identifier on the bus
 
     @property
     def ready(self) -> str:
-        return f"{self._bus.ready(*self._pdos)}, nodes {', '.join(self._nodes)}"
+        return f"{self.bus.ready(*self._pdos)}, nodes {', '.join(self._nodes)}"
 
     def start(self, now_ns: int) -> None:
-        self._bus.start(now_ns)
+        self.bus.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
         raise UsageError(f"{message} has no counter")
@@ -55,20 +55,20 @@ class PlayedCanOpen:
         self._loop.call_at(self._loop.now_ns() + round(for_s * 1e9), self._power_on)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
-        self._bus.inject(fault)
+        self.bus.inject(fault)
 
     def clear(self) -> None:
-        self._bus.clear()
+        self.bus.clear()
 
     def report(self) -> dict[str, Any]:
-        return {**self._bus.report(), "states": {name: node.state for name, node in self._nodes.items()}}
+        return {**self.bus.report(), "states": {name: node.state for name, node in self._nodes.items()}}
 
     def close(self) -> None:
-        self._bus.close()
+        self.bus.close()
 
     def _power_on(self) -> None:
         for name in self._off:
-            self._bus.line.attach(self._nodes[name])
+            self.bus.line.attach(self._nodes[name])
             self._nodes[name].reboot()
         self._off.clear()
 

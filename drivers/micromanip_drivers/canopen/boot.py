@@ -9,7 +9,7 @@ permanent memory.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import can
 
@@ -21,7 +21,7 @@ from .mapping import INVALID
 from .options import CanOpenOptions
 from .plan import NodePlan, PdoPlan
 from .sdo import Sdo
-from .watch import Watch, described
+from .watch import Watch, blames_bus, described
 
 _NMT = 0x000
 _START = 1
@@ -96,9 +96,19 @@ def _refuse_fault(sdo: Sdo, plan: NodePlan) -> None:
     if not register & ~(_GENERIC_ERROR | _COMMUNICATION_ERROR) and register != _GENERIC_ERROR:
         return
     told = f"node {plan.name} reports error register 0x{register:02X}"
-    if plan.dictionary.has(0x1003, 1) and sdo.read(0x1003, 0):
-        told += f", last emergency {described(sdo.read(0x1003, 1) & 0xFFFF)}"
+    for code in _history(sdo, plan):
+        if not blames_bus(code):
+            told += f", last emergency {described(code)}"
+            break
     raise DeviceFault(told)
+
+
+def _history(sdo: Sdo, plan: NodePlan) -> Iterator[int]:
+    """Codes of its emergencies, the latest first, as far as it keeps them."""
+    if plan.dictionary.has(0x1003, 1):
+        for i in range(sdo.read(0x1003, 0)):
+            if plan.dictionary.has(0x1003, i + 1):
+                yield sdo.read(0x1003, i + 1) & 0xFFFF
 
 
 def _configure(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:

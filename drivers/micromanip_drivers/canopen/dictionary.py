@@ -6,6 +6,7 @@ import configparser
 import difflib
 import logging
 import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -92,7 +93,9 @@ def _parsed(file: Path, node_id: int) -> ObjectDictionary:
     if file.suffix.lower() not in (".eds", ".dcf"):
         raise ConfigError(f"{file}: a file of CANopen objects ends in .eds or .dcf")
     try:
-        objects = import_od(str(file), node_id)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # the library's own, where it logs
+            objects = import_od(str(file), node_id)
     except OSError as problem:
         raise ConfigError(f"EDS file {file} can't be read: {problem.strerror}") from problem
     except (configparser.Error, UnicodeDecodeError, ValueError, KeyError, TypeError, ObjectDictionaryError) as problem:

@@ -140,8 +140,9 @@ class CanOpen(BusDriver):
         on_bus_ns = round(self._timing.duration_s(0) * 1e9)
 
         def perform(_: Sequence[float]) -> None:
+            sent_ns = time.monotonic_ns()  # before: where we are held up, values count as older than they are
             self._link.send(message)
-            self._receiver.syncs.add(time.monotonic_ns() + on_bus_ns)
+            self._receiver.syncs.add(sent_ns + on_bus_ns)
 
         return perform
 

@@ -13,7 +13,6 @@ _STATES = {0: "INITIALISING", 4: "STOPPED", OPERATIONAL: "OPERATIONAL", 127: "PR
 _GUARD_TOGGLE = 0x80
 _EMERGENCY = struct.Struct("<HB")
 _OF_COMMUNICATION = (0x81, 0x82)
-"""Upper bytes of the codes that blame the bus, or us."""
 # CiA 301 names the codes of the communication one by one; of the others the library knows the class
 _COMMUNICATION = {
     0x8110: "CAN overrun",
@@ -70,8 +69,8 @@ class Watch:
             return
         code, register = _EMERGENCY.unpack_from(data)
         if code & 0xFF00 == 0:
-            self._fault = None
-        elif self._running or code >> 8 not in _OF_COMMUNICATION:
+            self._fault = self._fault if register else None  # one error of several has gone
+        elif self._running or not blames_bus(code):
             self._fault = f"emergency {described(code)}, error register 0x{register:02X}"
 
     def check(self, now_ns: int) -> None:
@@ -85,6 +84,11 @@ class Watch:
             raise LinkError(f"node {self._name} {self._left}")
         if now_ns - self._heard_ns > self._heartbeat_ms * 1_000_000:
             raise LinkError(f"node {self._name} gave no heartbeat for {self._heartbeat_ms} ms")
+
+
+def blames_bus(code: int) -> bool:
+    """True for an emergency's code that blames the bus, or us."""
+    return code >> 8 in _OF_COMMUNICATION
 
 
 def described(code: int) -> str:

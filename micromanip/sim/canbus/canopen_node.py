@@ -26,8 +26,8 @@ PDO_TOO_SHORT, NO_OUTPUTS, NO_HEARTBEAT = 0x8210, 0x8250, 0x8130
 
 _NMT, _SYNC, _EMERGENCY, _SDO_ANSWER, _SDO_REQUEST, _HEARTBEAT = 0x000, 0x080, 0x080, 0x580, 0x600, 0x700
 _START, _STOP, _ENTER_PRE_OPERATIONAL, _RESET_NODE, _RESET_COMMUNICATION = 1, 2, 128, 129, 130
-_COMMUNICATION_ERROR = 0x11
-"""Bits of the error register: generic and communication."""
+_GENERIC_ERROR, _COMMUNICATION_ERROR = 0x01, 0x11
+"""Bits of the error register; an error of any kind sets the generic one too."""
 _UNKNOWN_COMMAND = 0x05040001
 _MS = 1_000_000
 
@@ -53,6 +53,7 @@ class CanOpenNode:
             loop, self.objects, read, write, lambda frame: bus.send(self, frame), lambda: self._left_alone(NO_OUTPUTS)
         )
         self._silent = False
+        self._errors = 0
         self._beat_timer: Timer | None = None
         self._silence_timer: Timer | None = None
         self._expects = -1
@@ -76,15 +77,14 @@ class CanOpenNode:
 
     def emergency(self, code: int, register: int = 0x81) -> None:
         """Report an error of the device."""
-        self.objects.put(0x1001, 0, register)
-        self.objects.put(0x1003, 0, 1)
-        self.objects.put(0x1003, 1, code)
-        self._tell(code, register)
+        self._errors |= register
+        self.objects.put(0x1001, 0, self._errors)
+        self.objects.remember_error(code)
+        self._tell(code, self._errors)
 
     def clear_emergency(self) -> None:
         """Report that all is well again."""
-        self.objects.put(0x1001, 0, 0)
-        self._tell(0, 0)
+        self._clear(0xFF)
 
     def stop_heartbeat(self) -> None:
         """Send no more heartbeats; all else goes on, until ``reboot``."""
@@ -119,6 +119,7 @@ class CanOpenNode:
     def _boot(self) -> None:
         self._cancel()
         self._silent = False
+        self._errors = self.objects.raw(0x1001)
         self._enter(INITIALISING)
         self._send(_HEARTBEAT, b"\0")
         self._exchange.set_up()
@@ -142,8 +143,7 @@ class CanOpenNode:
     def _command(self, command: int) -> None:
         if command == _START:
             self._enter(OPERATIONAL)
-            if self.objects.raw(0x1001) == _COMMUNICATION_ERROR:
-                self.clear_emergency()
+            self._clear(_COMMUNICATION_ERROR)
         elif command == _STOP:
             self._enter(STOPPED)
             self._exchange.make_safe()
@@ -213,6 +213,14 @@ class CanOpenNode:
             self._silence_timer.cancel()
         due_ns = heard_ns + self._silence_ns
         self._silence_timer = self._loop.call_at(due_ns, lambda: self._left_alone(NO_HEARTBEAT))
+
+    def _clear(self, errors: int) -> None:
+        """Take bits of the error register back; the generic one stays as long as any other."""
+        left = self._errors & ~errors & ~_GENERIC_ERROR
+        if self._errors:
+            self._errors = left | _GENERIC_ERROR if left else 0
+            self.objects.put(0x1001, 0, self._errors)
+            self._tell(0, self._errors)
 
     def _tell(self, code: int, register: int) -> None:
         if self.state != STOPPED:

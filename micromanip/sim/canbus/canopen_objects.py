@@ -21,6 +21,7 @@ UNSUPPORTED, NOT_IN_THIS_STATE = 0x06010000, 0x08000022
 _RPDO, _TPDO = 0x1400, 0x1800
 _RPDO_MAPPING, _TPDO_MAPPING = 0x1600, 0x1A00
 _PDOS = 0x200
+_HISTORY = 0x1003
 _STORE = 0x1010
 _SAVE = b"save"
 _STRUCTS = ODVariable.STRUCT_TYPES
@@ -98,6 +99,16 @@ class Objects:
     def put(self, index: int, subindex: int, value: int | float) -> None:
         """Set an object from inside the device."""
         self._values[index, subindex] = value
+
+    def remember_error(self, code: int) -> None:
+        """Put an emergency's code first into the history of errors, as far as there is one."""
+        room = 0
+        while self.has(_HISTORY, room + 1):
+            room += 1
+        codes = [code, *(self.raw(_HISTORY, i + 1) for i in range(self.raw(_HISTORY)))] if room else []
+        for i, value in enumerate(codes[:room]):
+            self.put(_HISTORY, i + 1, value)
+        self.put(_HISTORY, 0, len(codes[:room]))
 
     def upload(self, index: int, subindex: int) -> bytes:
         """What an SDO client reads. Raises Abort."""

@@ -1,0 +1,236 @@
+"""What a configuration and its EDS files may say, and what is said of those that can't work."""
+
+import re
+import shutil
+
+import canopen
+import pytest
+import yaml
+from canopen.objectdictionary import import_od
+from micromanip_drivers.canopen import options as module
+from micromanip_drivers.canopen.driver import CanOpen
+from pydantic import ValidationError
+
+from micromanip.errors import ConfigError
+
+from .cell import CONFIG, DELETE, EDS, driver, options
+
+
+def refused(match, folder=CONFIG, **changes):
+    with pytest.raises(ConfigError, match=match):
+        driver(folder, **changes)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    shutil.copytree(EDS, tmp_path / "can")
+    return tmp_path
+
+
+def edit(folder, name, pattern, replacement):
+    file = folder / "can" / f"{name}.eds"
+    text, count = re.subn(pattern, replacement, file.read_text(), flags=re.DOTALL)
+    assert count == 1
+    file.write_text(text)
+
+
+def section(folder, name, head, key, value):
+    edit(folder, name, rf"(\[{head}\]\n[^\[]*?{key}=)[^\n]*", rf"\g<1>{value}")
+
+
+def test_the_example_in_the_keys_own_words_works():
+    example = yaml.safe_load(module.__doc__.partition("\n\n")[2].rpartition("\n\n")[0])["drivers"]["can0"]
+    cell = CanOpen(CanOpen.Options.model_validate(example), CONFIG)
+    assert [channel.name for channel in cell.inputs] == ["sensor.strain_x", "sensor.stage_x"]
+    assert [channel.name for channel in cell.outputs] == [f"amplifier.voltage_{axis}" for axis in "xyz"]
+    assert cell.watchdog == "RPDO event timer of amplifier, 20 ms"
+
+
+@pytest.mark.parametrize("name", ["sensor", "amplifier", "tracker"])
+def test_eds_files_are_sound(name, caplog):
+    """Without a warning, and each PDO maps what exists, is mappable, and has the length that it says."""
+    with caplog.at_level("WARNING"):
+        objects = import_od(str(EDS / f"{name}.eds"), 5)
+        node = canopen.RemoteNode(5, objects)
+    assert not caplog.records
+    assert objects[0x1018][1].default == objects.device_information.vendor_number
+    assert len(node.tpdo.map) == objects.device_information.nr_of_TXPDO
+    assert len(node.rpdo.map) == objects.device_information.nr_of_RXPDO
+    for maps in (0x1600, 0x1A00):
+        for index in (i for i in objects if maps <= i < maps + 0x200):
+            for i in range(objects[index][0].default):
+                entry = objects[index][i + 1].default
+                variable = objects[entry >> 16][entry >> 8 & 0xFF]
+                assert variable.pdo_mappable
+                assert len(variable) == entry & 0xFF
+
+
+def test_layout_is_the_librarys():
+    """Where the driver looks for a value is where the library's own PDO has put it."""
+    objects = import_od(str(EDS / "sensor.eds"), 5)
+    theirs = canopen.LocalNode(5, objects).tpdo
+    theirs.network = canopen.Network()
+    ours = driver()._nodes[0].tpdos
+    for number in (1, 2, 3):
+        theirs[number].read(from_od=True)
+        for raw, wire, variable in zip((-(1 << 23), 1234567), ours[number - 1].wires, theirs[number], strict=True):
+            variable.raw = raw
+            frame = int.from_bytes(theirs[number].data, "little")
+            assert wire.value(frame) == pytest.approx(raw * 1e-4, abs=1e-9)
+            assert frame >> wire.shift & wire.mask == wire.bits(raw * 1e-4) >> wire.shift
+        assert ours[number - 1].mapping.length == len(theirs[number].data)
+
+
+def test_load_is_that_of_the_packed_line():
+    """1 kHz with SYNC, three TPDOs and an RPDO of 6 bytes: 515 us a cycle, and the heartbeats besides."""
+    changes = {f"nodes__sensor__tpdo__{i}__rate_hz": 1000.0 for i in (1, 2, 3)}
+    bus = driver(sync_hz=1000.0, nodes__amplifier__rpdo__1__rate_hz=1000.0, **changes)
+    (load,) = bus.loads()
+    heartbeats = 2 * 20 * 65e-6  # a byte, 65 bits, three times in 150 ms
+    assert load.share == pytest.approx(0.515 + heartbeats)
+    assert load.detail == "1000 SYNC x 55 us + 3000 TPDO x 115 us + 1000 RPDO x 115 us + 40 heartbeat x 65 us"
+    latencies = [channel.latency_s * 1e6 for channel in bus.inputs]
+    # SYNC 55, then by identifier 0x185, 0x206 (the RPDO), 0x285, 0x385 at 115 each, up to its own; before all that the
+    # longest of lower priority, which had the bus already: a PDO for the first two, a heartbeat of 65 for the last
+    assert latencies == pytest.approx([285, 285, 515, 515, 580, 580])
+    assert [channel.latency_s * 1e6 for channel in bus.outputs] == pytest.approx([55 + 2 * 115 + 115] * 3)
+
+
+def test_near_misses():
+    refused(
+        r"sensor\.eds, tpdo 1 carries no object called strain_q; did you mean strain_x\?",
+        nodes__sensor__tpdo__1__signals={"strain_q": {"scale": 1.0}},
+    )
+    refused(
+        "tpdo 1 carries no object called 8130sub5; it carries strain_x, stage_x",
+        nodes__sensor__tpdo__1__signals={"a": {"object": "8130sub5", "scale": 1.0}},
+    )
+    refused(
+        r"has no object called stage_q; did you mean stage_\w\?",
+        nodes__sensor__tpdo={1: {"rate_hz": 200, "map": ["stage_q"], "signals": {"a": {"scale": 1.0}}}},
+    )
+    refused(
+        r"has no tpdo 4 \(object 1803\); it has tpdo 1, 2, 3",
+        nodes__sensor__tpdo={4: {"rate_hz": 200, "signals": {"a": {"scale": 1.0}}}},
+    )
+    refused(
+        r"node amplifier: .*amplifier\.eds has no tpdo 1 .* it has no tpdo",
+        nodes__amplifier__tpdo={1: {"rate_hz": 200, "signals": {"a": {"scale": 1.0}}}},
+    )
+
+
+def test_files_that_are_no_eds(folder):
+    refused(r"node sensor: EDS file .*nothing\.eds can't be read: No such file", nodes__sensor__eds="can/nothing.eds")
+    refused(r"sensor\.txt: a file of CANopen objects ends in \.eds", nodes__sensor__eds="can/sensor.txt")
+    for text in ("no ini file", "[DeviceInfo]\n", "[1000]\nObjectType=0x7\n", "[1000\n", "[1A00]\nParameterName\n"):
+        (folder / "can/broken.eds").write_text(text)
+        refused(r"node sensor: .*broken\.eds is not a valid EDS file: ", folder, nodes__sensor__eds="can/broken.eds")
+    (folder / "can/broken.eds").write_bytes(bytes(range(128, 256)))
+    refused("is not a valid EDS file", folder, nodes__sensor__eds="can/broken.eds")
+
+
+def test_objects_that_are_missing_or_too_many(folder):
+    edit(folder, "sensor", r"\[8130sub3\].*?\n\n", "")
+    refused("has no object 8130sub3", folder)
+    edit(folder, "amplifier", r"\[1017\].*?\n\n", "")
+    refused("has no object 8130sub3", folder)
+    shutil.copy(EDS / "sensor.eds", folder / "can/sensor.eds")
+    refused(r"node amplifier: .*amplifier\.eds has no object 1017", folder)
+
+
+def test_pdo_that_is_too_long(folder):
+    three = ["strain_x", "stage_x", "strain_y"]
+    refused(
+        r"tpdo 1 carries 9 bytes; a PDO has room for 8",
+        nodes__sensor__tpdo={1: {"rate_hz": 200, "map": three, "signals": {"strain_x": {"scale": 1.0}}}},
+    )
+    section(folder, "sensor", "1A00sub0", "DefaultValue", "3")
+    section(folder, "sensor", "1A00sub3", "DefaultValue", "0x81300318")
+    refused("tpdo 1 carries 9 bytes", folder)
+    section(folder, "sensor", "1A00sub3", "DefaultValue", "0x81300308")
+    refused(r"8130sub3 \(strain_y\) is mapped with 8 bits, its data type has 24", folder)
+
+
+def test_what_is_not_written_cyclically(folder):
+    signals = {"a": {"object": "1010sub1", "scale": 1.0}}
+    refused(
+        r"1010sub1 \(Save all parameters\) is not written cyclically: it would store parameters at each write and "
+        "wear out the device's memory",
+        nodes__amplifier__rpdo={1: {"rate_hz": 200, "map": ["1010sub1"], "signals": signals}},
+    )
+    refused(
+        "1017sub0 .* is not written cyclically: it is no process data",
+        nodes__amplifier__rpdo={1: {"rate_hz": 200, "map": ["1017"], "signals": signals}},
+    )
+    refused(
+        r"6444sub1 \(error_value_x\) can't be in a PDO",
+        nodes__amplifier__rpdo={1: {"rate_hz": 200, "map": ["error_value_x"], "signals": signals}},
+    )
+    section(folder, "amplifier", "6411sub1", "AccessType", "ro")
+    refused(r"6411sub1 \(voltage_x\) is read only: an rpdo writes to the node, a tpdo comes from it", folder)
+
+
+def test_every_output_of_a_pdo_is_named():
+    refused(
+        r"rpdo 1 carries voltage_y, voltage_z too, which signals does not name",
+        nodes__amplifier__rpdo__1__signals={"voltage_x": {"scale": 0.005}},
+    )
+    refused(
+        "a and voltage_x are the same object|voltage_x and a are the same object",
+        nodes__amplifier__rpdo__1__signals__a={"object": "6411sub1", "scale": 1.0},
+    )
+
+
+def test_identifiers_and_numbers_that_clash(folder):
+    section(folder, "amplifier", "1400sub1", "DefaultValue", "$NODEID+0x17F")  # 0x185: the sensor's first TPDO
+    refused("rpdo 1 of node amplifier and tpdo 1 of node sensor are both on identifier 0x185", folder)
+    section(folder, "amplifier", "1400sub1", "DefaultValue", "0x80")
+    refused("1400sub1 is 0x80, which is no identifier of a PDO", folder)
+    section(folder, "amplifier", "1400sub1", "DefaultValue", "$NODEID+0x80000200")
+    refused("has rpdo 1 switched off: give it a map", folder)
+    with pytest.raises(ValidationError, match="node_id 5 of amplifier is also that of sensor"):
+        CanOpen.Options.model_validate(options(nodes__amplifier__node_id=5))
+    refused(
+        "strain_x is both in tpdo 1 and in tpdo 2",
+        nodes__sensor__tpdo__2__signals={"strain_x": {"object": "strain_y", "scale": 1.0}},
+    )
+
+
+def test_rates_that_do_not_go_together():
+    refused("tpdo 1 of node sensor goes with SYNC, which needs sync_hz", sync_hz=None)
+    refused(
+        r"tpdo 1 of node sensor comes 400 times a second \(sync_hz 400, transmission 1\), not rate_hz 200",
+        sync_hz=400.0,
+    )
+    refused(
+        r"rpdo 1 of node amplifier is sent each 5 ms; a watchdog_ms of 10 would trip", nodes__amplifier__watchdog_ms=10
+    )
+
+
+def test_watchdog(folder):
+    assert driver(nodes__amplifier__watchdog_ms=DELETE).watchdog is None
+    by_other_means = driver(nodes__amplifier__watchdog_ms=DELETE, nodes__amplifier__watchdog="switch S3, 50 ms")
+    assert by_other_means.watchdog == "switch S3, 50 ms of amplifier"
+    edit(folder, "amplifier", r"\[1400sub5\].*?\n\n", "")
+    refused(r"has no 1400sub5, so it can't wait for that rpdo; watchdog_by: heartbeat is possible", folder)
+    edit(folder, "amplifier", r"\[1016sub1\].*?\n\n", "")
+    refused("has no 1016sub1, so it can't wait for a heartbeat", folder, nodes__amplifier__watchdog_by="heartbeat")
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"data_bitrate": 5_000_000}, "CANopen is classic CAN"),
+        ({"bitrate": 2_000_000}, "CANopen is classic CAN"),
+        ({"nodes__sensor__tpdo__1__signals__strain_x__scale": 0.0}, "a scale of 0"),
+        ({"nodes__sensor__watchdog_ms": 20}, "this node has no rpdo"),
+        ({"nodes__sensor__tpdo": {}}, "a node needs a tpdo or an rpdo"),
+        ({"nodes__sensor__hartbeat_ms": 20}, "hartbeat_ms"),
+        ({"nodes__sensor__node_id": 128}, "127"),
+        ({"own_node_id": 5}, "node_id 5 of sensor is also that of own_node_id"),
+        ({"nodes__amplifier__watchdog": "x"}, "leave it or watchdog_ms out"),
+    ],
+)
+def test_keys_that_are_refused(changes, match):
+    with pytest.raises(ValidationError, match=match):
+        CanOpen.Options.model_validate(options(**changes))

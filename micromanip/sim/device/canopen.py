@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import configparser
-import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -83,9 +82,9 @@ def play_canopen(name: str, surroundings: Surroundings) -> PlayedDevice:
         node: (value(source, (*place, "nodes", node), entry, "node_id", int), _eds(surroundings, place, node, entry))
         for node, entry in section(source, place, options, "nodes").items()
     }
-    bus = CanBus(settings, loop)
     # the nodes watch their commander themselves, and what is behind them does as they say
-    amplifier = Amplifier(cell.plant, wires.rest_V, math.inf)
+    amplifier = Amplifier(cell.plant, wires.rest_V, None)
+    bus = CanBus(settings, loop)
     cell.amplifiers.append(amplifier)
     nodes: dict[str, CanOpenNode] = {}
     try:

@@ -31,6 +31,8 @@ from .plant import PERIOD_NS, PlantInRealTime
 from .played import PlayedDevice, Surroundings
 from .protocols import play_all
 
+_ENABLE = "amplifier_enable"
+
 
 class Devices:
     """On their buses at once, talking from `start` on, while the loop runs."""
@@ -47,6 +49,8 @@ class Devices:
         driver = build_plant(configuration, source, PERIOD_NS, seed)
         self.loop = EventLoop() if loop is None else loop
         self.cell = PlayedCell(PlantInRealTime(driver), self.loop.now_ns)
+        if configuration.switches.amplifier_enable is None and _ENABLE in self.cell.plant.outputs:
+            self.cell.plant.write(_ENABLE, 1.0)  # a line that nobody switches is wired to on
         self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
         surroundings = Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
         try:

@@ -36,6 +36,7 @@ NODES = f"""
 """
 CHANGES = (
     ("driver: canbus", "driver: canopen"),
+    ("    data_bitrate: 5000000         # given: CAN FD\n", ""),
     ("channel: Sensors.strain_x", "channel: gauge.s"),
     ("channel: Sensors.strain_y", "channel: gauge.strain_y"),
     ("channel: Voltages.voltage_x", "channel: amplifier.x"),

@@ -177,5 +177,6 @@ def _orders(prepared: Prepared, name: str, descriptor: int, offset: int) -> dict
         "outputs": [asdict(output) for output in outputs],
         "ramp_ns": round(configuration.start.ramp_s * 1e9),
         "dead_ns": round(configuration.faults.link.loop_silent_ms * 1e6),
+        "loop_cpu": configuration.loop.cpu,
         "priority": max(1, configuration.loop.priority - _BELOW_LOOP),
     }

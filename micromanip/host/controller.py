@@ -18,7 +18,7 @@ from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, PROMOTE, SHADOWIN
 from micromanip.settings.check import Prepared
 
 from .loop_orders import loop_orders
-from .messages import fault_message, place
+from .messages import fault_message
 from .parameter_slots import ParameterSlots
 from .refusals import axis_refusals, refusals
 from .segments import CONTROL, RING, STATUS, Segments, context_layout
@@ -183,9 +183,10 @@ class Controller:
         if state["fault"] == NO_FAULT:
             return None
         configuration = self.prepared.configuration
-        fault, value = int(state["fault"]), float(state["fault_value"])
-        where = place(fault, int(state["fault_axis"]), value, list(configuration.axes), list(configuration.drivers))
-        return fault_message(fault, where, value, float(state["fault_limit"]))
+        names = list(configuration.axes)
+        axis = names[state["fault_axis"]] if state["fault_axis"] >= 0 else None
+        value, limit = float(state["fault_value"]), float(state["fault_limit"])
+        return fault_message(int(state["fault"]), axis, value, limit, list(configuration.drivers))
 
     def make_safe(self) -> list[str]:
         """Bring the outputs to their safe value with the loop dead; one line a driver."""

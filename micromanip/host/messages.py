@@ -42,16 +42,17 @@ FAULTS = {int(getattr(states, name)): text for name, text in _TABLE.items()}
 ALL = tuple(sorted((*FAULTS.values(), LOOP_DIED, LOOP_STUCK), key=lambda text: text.code))
 
 
-def place(fault: int, axis: int, value: float, axes: Sequence[str], drivers: Sequence[str]) -> str | None:
-    """Where a fault is, in words: "axis x", "driver can0"; None for the cell as a whole (`axis` -1)."""
-    if fault == states.LINK_LOST:
-        return f"driver {drivers[int(value)]}"
-    return f"axis {axes[axis]}" if axis >= 0 else None
+def fault_message(
+    fault: int, axis: str | None, value: float, limit: float = math.nan, drivers: Sequence[str] = ()
+) -> str:
+    """One line for people: code, where, what, likely causes, next step.
 
-
-def fault_message(fault: int, where: str | None, value: float, limit: float = math.nan) -> str:
-    """One line for people: code, where, what, likely causes, next step."""
+    Of a lost link `value` is the number of its driver among `drivers`.
+    """
     text = FAULTS[fault]
+    where = f"axis {axis}" if axis else None
+    if fault == states.LINK_LOST and drivers:
+        where = f"driver {drivers[int(value)]}"
     return f"{seen(text, value, limit, where)}. {advice(text)}"
 
 

@@ -157,7 +157,7 @@ class Running:
         value, limit = float(event["value"]), float(event["limit"])
         if value <= limit:
             return f"{text.code} axis {axis}: the promoted tuning was taken back: it swings. {advice(text)}"
-        return fault_message(ROLLED_BACK, f"axis {axis}", value, limit)
+        return fault_message(ROLLED_BACK, axis, value, limit)
 
     def _put_in_force(self, prepared: Prepared, document: Mapping[str, Any]) -> None:
         self.controller.prepared, self.document = prepared, document

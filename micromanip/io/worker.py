@@ -226,15 +226,22 @@ def main() -> int:
     worker = Worker(driver, image, safe, len(outputs))
     signal.signal(signal.SIGTERM, lambda *_: worker.end())
     threading.Thread(target=_listen, args=(worker,), daemon=True).start()
-    if orders["priority"] is not None:
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(orders["priority"]))
-        except PermissionError:
-            _say({"event": "rights", "text": "no real-time priority for this worker"})
+    _take_rights(orders["loop_cpu"], orders["priority"])
     gc.collect()
     gc.freeze()
     worker.run()
     return 0
+
+
+def _take_rights(loop_cpu: int | None, priority: int) -> None:
+    """Off the loop's CPU, with a priority below the loop's where that is allowed."""
+    others = os.sched_getaffinity(0) - {loop_cpu}
+    if loop_cpu is not None and others:
+        os.sched_setaffinity(0, others)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except PermissionError:
+        _say({"event": "rights", "text": "no real-time priority for its worker: samples and voltages may come late"})
 
 
 def _first_line() -> bytes:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.host.messages import FAULTS, LOOP_DIED, advice, fault_message, place
+from micromanip.host.messages import FAULTS, LOOP_DIED, advice, fault_message
 from micromanip.host.ring import RingReader
 from micromanip.rt import words as w
 from micromanip.rt.states import NO_FAULT
@@ -71,7 +71,7 @@ class Capture:
             "axis": name,
             "value": value if math.isfinite(value) else None,
             "limit": limit if math.isfinite(limit) else None,
-            "message": fault_message(fault, place(fault, axis, value, self.cell.axes, self.cell.drivers), value, limit),
+            "message": fault_message(fault, name, value, limit, self.cell.drivers),
         }
         return self._box(trip, rows, at, state)
 

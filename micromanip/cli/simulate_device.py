@@ -49,8 +49,10 @@ def command(
     Says READY on standard error as soon as a controller may connect.
     """
     from micromanip.sim.device.devices import Devices
+    from micromanip.sim.device.precedence import take_precedence
 
     devices = Devices(config, watchdog_ms, seed)
+    take_precedence(devices.loop_cpu)
     gc.collect()
     gc.freeze()  # to look through all that was imported would make a stall now and then
     try:

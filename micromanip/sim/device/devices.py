@@ -47,6 +47,8 @@ class Devices:
         source = Source.read(file)
         configuration = validate(source)
         driver = build_plant(configuration, source, PERIOD_NS, seed)
+        self.loop_cpu = configuration.loop.cpu
+        """The controller's, if it has one of its own."""
         self.loop = EventLoop() if loop is None else loop
         self.cell = PlayedCell(PlantInRealTime(driver), self.loop.now_ns)
         if configuration.switches.amplifier_enable is None and _ENABLE in self.cell.plant.outputs:

@@ -55,7 +55,10 @@ class EventLoop:
         self._readers.pop(fileno, None)
 
     def call_at(self, time_ns: int, callback: Callable[[], None]) -> Timer:
-        """Call `callback` once at `time_ns` or soon after; those of the same time in the order they were asked for."""
+        """Call `callback` once at `time_ns` or soon after, in the order of time, the same times as they were asked for.
+
+        That holds for times which have passed too: who comes late, and asks for the past, sees all in its order.
+        """
         timer = Timer(time_ns, callback)
         self._sequence += 1
         heapq.heappush(self._timers, (time_ns, self._sequence, timer))
@@ -67,16 +70,16 @@ class EventLoop:
         os.eventfd_write(self._waker, 1)
 
     def run(self, until_ns: int | None = None) -> None:
-        """Serve until ``stop``, or until `until_ns` has passed."""
+        """Serve until ``stop``, or until `until_ns` has passed; what is ready now is served in any case."""
         _libc.prctl(_PR_SET_TIMERSLACK, _SLACK_NS)  # the kernel's default lets it wake this thread 50 us late
         while not self._stopping:
+            # Readers come before the timers that became due meanwhile: a frame that was sent before the bus got idle
+            # takes part in the arbitration.
+            self._wait(self._next_ns(until_ns))
             now_ns = self.now_ns()
             self._call_due(now_ns)
             if until_ns is not None and now_ns >= until_ns:
                 break
-            # Readers come before the timers that became due meanwhile: a frame that was sent before the bus got idle
-            # takes part in the arbitration.
-            self._wait(self._next_ns(until_ns))
         self._stopping = False
 
     def close(self) -> None:
@@ -93,8 +96,7 @@ class EventLoop:
 
     def _call_due(self, now_ns: int) -> None:
         timers = self._timers
-        last = self._sequence  # what is asked for meanwhile waits, so that timers which are late can't starve readers
-        while timers and timers[0][0] <= now_ns and timers[0][1] <= last and not self._stopping:
+        while timers and timers[0][0] <= now_ns and not self._stopping:
             callback = heapq.heappop(timers)[2].callback
             if callback is not None:
                 callback()

@@ -35,25 +35,21 @@ def test_a_cancelled_timer_does_not_come(loop):
     assert called == []
 
 
-def test_a_call_in_the_past_comes_at_once_and_one_that_asks_again_does_not_starve_readers(loop):
-    read, write = os.pipe()
-    calls = [0]
+def test_who_comes_late_and_asks_for_the_past_sees_all_in_its_order(loop):
+    """A timer of 3 ns period, that has 10 periods to make up for, beside others."""
+    called = []
+    begin_ns = loop.now_ns() - 1000
 
-    def again():
-        calls[0] += 1
-        loop.call_at(0, again)
+    def tick():
+        called.append(3 * len([name for name in called if name != "other"]))
+        if called[-1] < 30:
+            loop.call_at(begin_ns + called[-1] + 3, tick)
 
-    def on_readable():
-        os.read(read, 1)
-        loop.stop()
-
-    loop.add_reader(read, on_readable)
-    loop.call_at(0, again)
-    os.write(write, b"x")
-    loop.run()
-    assert calls[0] >= 1
-    os.close(read)
-    os.close(write)
+    loop.call_at(begin_ns, tick)
+    for after_ns in (10, 20):
+        loop.call_at(begin_ns + after_ns, lambda: called.append("other"))
+    loop.run(loop.now_ns())
+    assert called == [0, 3, 6, 9, "other", 12, 15, 18, "other", 21, 24, 27, 30]
 
 
 def test_one_reader_may_remove_another_that_is_readable_too(loop):

@@ -81,8 +81,8 @@ class HubBus(can.BusABC):
         self._sock.settimeout(_GREETING_S)
         try:
             self._sock.connect(address(channel))
-            about = json.loads(self._sock.recv(_GREETING_BYTES) or b"{}")
-        except ConnectionRefusedError as error:
+            about = self._greeting()
+        except (ConnectionRefusedError, ConnectionResetError) as error:
             raise can.CanInitializationError(
                 f"no hub for channel {channel}: start `micromanip simulate-device` first"
             ) from error
@@ -96,6 +96,13 @@ class HubBus(can.BusABC):
                 )
         if self.fd and about.get("data_bitrate") is None:
             raise can.CanInitializationError(f"the bus on channel {channel} is a classic one: no CAN FD")
+
+    def _greeting(self) -> dict[str, int | None]:
+        packet = self._sock.recv(_GREETING_BYTES)
+        if not packet:
+            raise ConnectionResetError  # the hub is just ending
+        greeting: dict[str, int | None] = json.loads(packet)
+        return greeting
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         if self._bus_off:

@@ -93,7 +93,6 @@ class ClientPort(Port):
                 self._on_packet(self, STAMP.unpack_from(packet)[0], packet[STAMP.size :])
             except (ValueError, struct.error):
                 self._gone()  # it doesn't speak our language: better no peer than a wrong one
-            self.queue_changed()
 
     def _hand_over(self, packed: bytes, time_ns: int) -> None:
         stamp = STAMP.pack(time_ns)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field, PrivateAttr
 
 from .fault import ClientFault, Fault
-from .frame import Frame, pack
+from .frame import Frame
 from .port import LEAST_PASSIVE, Port, State, Transmission
 
 if TYPE_CHECKING:
@@ -17,10 +17,9 @@ if TYPE_CHECKING:
 class _BabblingPort(Port):
     """Has always one more frame to send."""
 
-    def __init__(self, identifier: int, time_ns: int) -> None:
+    def __init__(self, transmission: Transmission) -> None:
         super().__init__("babbling node", queue_frames=1)
-        frame = Frame(identifier, bytes(8))
-        self._transmission = Transmission(frame, pack(frame), time_ns, frame.priority)
+        self._transmission = transmission
         self.queue_changed()
 
     def deliver(self, transmission: Transmission, time_ns: int) -> None:
@@ -39,7 +38,7 @@ class Babble(Fault):
     _port: Port | None = PrivateAttr(default=None)
 
     def begin(self, hub: CanHub) -> None:
-        self._port = _BabblingPort(self.identifier, hub.now_ns())
+        self._port = _BabblingPort(hub.transmission(Frame(self.identifier, bytes(8))))
         hub.join(self._port)
 
     def end(self, hub: CanHub) -> None:

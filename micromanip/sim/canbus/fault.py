@@ -45,7 +45,7 @@ class Delivery(NamedTuple):
 class Fault(BaseModel):
     """A fault; what a kind doesn't redefine goes as it does on a healthy bus."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     kind: str
     for_s: float | None = Field(default=None, gt=0, description="How long it lasts; null: until it is cleared.")

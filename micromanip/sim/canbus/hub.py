@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
+from functools import partial
 
 from micromanip.errors import DeviceUnavailable
 from micromanip.sim.event_loop import EventLoop
@@ -12,7 +13,7 @@ from .client_port import ClientPort, address
 from .fault import Delivery
 from .faults import Faults
 from .frame import Frame, pack, unpack
-from .port import Node, NodePort, Port, State
+from .port import Node, NodePort, Port, State, Transmission
 from .wire import Statistics, Wire
 
 QUEUE_FRAMES = 10
@@ -74,15 +75,20 @@ class CanHub:
     def send(self, node: Node, frame: Frame, time_ns: int | None = None) -> bool:
         """Queue a frame of an attached node; False if its queue is full or it is bus-off, and the frame lost.
 
-        `time_ns` is when it was ready, for a node whose timer came late; None is now. Raises ValueError for a frame
-        that the bus can't carry.
+        `time_ns` is when it was ready, for a node whose timer came late; None is now, or for one that answers from
+        ``on_frame`` the end of the frame that it got. Raises ValueError for a frame that the bus can't carry.
         """
         port = self._nodes[id(node)]
         if port.full or port.state is State.BUS_OFF:
             return False
-        now_ns = self.now_ns()
-        self._wire.enqueue(port, frame, pack(frame), now_ns if time_ns is None else min(time_ns, now_ns))
+        now_ns = self._wire.now_ns()
+        arrival_ns = now_ns if time_ns is None else min(time_ns, now_ns)
+        self._wire.enqueue(port, self._wire.transmission(frame, pack(frame), arrival_ns))
         return True
+
+    def transmission(self, frame: Frame) -> Transmission:
+        """A frame for the queue of a participant of one's own making, as of now."""
+        return self._wire.transmission(frame, pack(frame), self.now_ns())
 
     def state(self, node: Node) -> State:
         """Error state of an attached node's controller."""
@@ -134,7 +140,9 @@ class CanHub:
         client.greet(bitrate=self.bitrate, data_bitrate=self.data_bitrate)
 
     def _on_packet(self, client: ClientPort, time_ns: int, packed: bytes) -> None:
-        self._wire.enqueue(client, unpack(packed), packed, min(time_ns, self.now_ns()))
+        transmission = self._wire.transmission(unpack(packed), packed, min(time_ns, self.now_ns()))
+        # Not at once: if the loop comes late, what its timers are to do before that time comes first.
+        self._loop.call_at(transmission.arrival_ns, partial(self._wire.enqueue, client, transmission))
 
     def _on_gone(self, client: ClientPort) -> None:
         if not client.queue:

@@ -28,9 +28,11 @@ class Transmission(NamedTuple):
 
     frame: Frame
     packed: bytes
+    priority: int
+    duration_ns: int
+    """How long it keeps the bus."""
     arrival_ns: int
     """When it came into the transmit queue."""
-    priority: int
     repeated: bool = False
     """Sent again although it had arrived."""
 
@@ -82,7 +84,7 @@ class Port:
         """Hand over an error frame of its own controller; the default is not to."""
 
     def queue_changed(self) -> None:
-        """A frame has left the queue, or it may be full now."""
+        """A frame has left the queue or come into it."""
 
     def sent(self, time_ns: int) -> None:
         """A frame of its own arrived at the others."""

@@ -48,6 +48,7 @@ class Wire:
         self._timer: Timer | None = None
         self._advancing = False
         self._scheduled = 0
+        self._handing_over_ns: int | None = None
 
     def join(self, port: Port) -> None:
         """Let a participant take part; what its queue holds is sent."""
@@ -59,23 +60,32 @@ class Wire:
         if port in self.ports:
             self.ports.remove(port)
 
-    def enqueue(self, port: Port, frame: Frame, packed: bytes, arrival_ns: int) -> None:
-        """Put a frame into a participant's transmit queue, as of `arrival_ns`.
-
-        Raises ValueError for one that the bus can't carry.
-        """
+    def transmission(self, frame: Frame, packed: bytes, arrival_ns: int) -> Transmission:
+        """What a transmit queue needs to know of a frame. Raises ValueError for one that the bus can't carry."""
         if frame.fd and self._data_bitrate is None:
             raise ValueError("this bus carries classic frames only, not CAN FD")
-        self._duration(frame)
-        port.queue.append(Transmission(frame, packed, arrival_ns, frame.priority))
+        length = 0 if frame.remote else len(frame.data)
+        duration_ns = self._duration_ns(length, frame.extended, frame.fd, frame.bitrate_switch)
+        return Transmission(frame, packed, frame.priority, duration_ns, arrival_ns)
+
+    def enqueue(self, port: Port, transmission: Transmission) -> None:
+        """Put a frame into a participant's transmit queue."""
+        port.queue.append(transmission)
+        port.queue_changed()
         self._wake()
+
+    def now_ns(self) -> int:
+        """The time of the bus: while a frame is handed over that of the frame, which may have waited for the loop."""
+        return self._loop.now_ns() if self._handing_over_ns is None else self._handing_over_ns
 
     def hand_over(self, delivery: Delivery) -> None:
         """Give a frame to all but its sender."""
+        before_ns, self._handing_over_ns = self._handing_over_ns, delivery.time_ns
         for port in list(self.ports):
             if port is not delivery.sender and not port.leaving and port.state is not State.BUS_OFF:
                 port.received(delivery.stamp_ns)
                 port.deliver(delivery.transmission, delivery.stamp_ns)
+        self._handing_over_ns = before_ns
 
     def close(self) -> None:
         """Be still."""
@@ -86,10 +96,6 @@ class Wire:
     def _worst_case_ns(self, length: int, extended: bool, fd: bool, bitrate_switch: bool) -> int:
         data_bitrate = (self._data_bitrate if bitrate_switch else self._bitrate) if fd else None
         return round(can_bits.worst_case_s(length, self._bitrate, data_bitrate, extended) * 1e9)
-
-    def _duration(self, frame: Frame) -> int:
-        length = 0 if frame.remote else len(frame.data)
-        return self._duration_ns(length, frame.extended, frame.fd, frame.bitrate_switch)
 
     def _wake(self) -> None:
         """Something may be waiting."""
@@ -118,10 +124,9 @@ class Wire:
         )
         transmission = winner.queue.popleft()
         winner.queue_changed()
-        duration_ns = self._duration(transmission.frame)
         self._on_air = winner, transmission
-        self._end_ns = start_ns + duration_ns
-        self.statistics.busy_ns += duration_ns
+        self._end_ns = start_ns + transmission.duration_ns
+        self.statistics.busy_ns += transmission.duration_ns
         return True
 
     def _finish(self) -> None:

@@ -8,7 +8,7 @@ from micromanip.errors import DeviceUnavailable
 from micromanip.io.can_bits import classic_bits, fd_bits
 from micromanip.sim.canbus.frame import Frame
 
-from .virtual_bus import BEGIN_NS, VirtualBus
+from .virtual_bus import BEGIN_NS, VirtualBus, message
 
 US = 1000
 
@@ -91,6 +91,26 @@ def test_a_loop_that_woke_late_works_off_what_happened_at_the_time_it_happened(b
     assert listener.times_ns == [55 * US, 110 * US, 165 * US]
 
 
+def test_a_node_whose_timer_came_late_sends_as_of_when_it_was_ready(bus):
+    sender, listener = bus.node(), bus.node()
+    bus.run(0.001)
+    bus.hub.send(sender, Frame(1), bus.hub.now_ns() - 30 * US)
+    bus.hub.send(sender, Frame(2), bus.hub.now_ns() + 30 * US)  # nothing is sent before it is there
+    bus.run(0.001)
+    assert listener.times_ns == [(1000 - 30 + 55) * US, (1000 - 30 + 110) * US]
+
+
+def test_a_frame_that_was_not_there_yet_takes_no_part_in_an_arbitration_that_is_worked_off_late(bus):
+    a, b, c, listener = (bus.node() for _ in range(4))
+    bus.hub.send(a, Frame(0x001))
+    bus.loop.time_ns += 300 * US  # it slept on
+    bus.hub.send(b, Frame(0x700), BEGIN_NS + 20 * US)
+    bus.hub.send(c, Frame(0x100), BEGIN_NS + 200 * US)
+    bus.run(0.001)
+    assert listener.identifiers == [0x001, 0x700, 0x100]
+    assert listener.times_ns == [55 * US, 110 * US, 255 * US]
+
+
 def test_a_full_queue_takes_nothing_more(make_bus):
     bus = make_bus(queue_frames=3)
     sender, listener = bus.node(), bus.node()
@@ -121,6 +141,38 @@ def test_a_node_may_answer_from_its_callback(bus):
     bus.hub.send(asker, Frame(0x10, b"\x05"))
     bus.run(0.001)
     assert [frame for _, frame in asker.got] == [Frame(0x11, b"\x05")]
+
+
+def test_an_answer_from_a_callback_is_as_of_the_frame_it_answers_however_late_the_loop(bus):
+    class Echo:
+        def on_frame(self, frame, time_ns):
+            bus.hub.send(self, Frame(frame.identifier + 1))
+
+    asker = bus.node()
+    bus.hub.attach(Echo())
+    bus.hub.send(asker, Frame(0x10))
+    bus.loop.time_ns += 5000 * US
+    bus.run(0.001)
+    assert asker.times_ns == [110 * US]
+
+
+def test_a_clients_frame_waits_for_the_timers_that_were_due_before_it(bus):
+    """A node has fallen 5 ms behind its 500 us timer: the newer frame of a client doesn't push all of them together."""
+    node, listener, client = bus.node(), bus.node(), bus.client()
+    begin_ns = bus.loop.time_ns
+
+    def tick(number):
+        bus.hub.send(node, Frame(0x100 + number), begin_ns + number * 500 * US)
+        if number < 10:
+            bus.loop.call_at(begin_ns + (number + 1) * 500 * US, lambda: tick(number + 1))
+
+    bus.loop.call_at(begin_ns + 500 * US, lambda: tick(1))
+    bus.loop.time_ns += 5200 * US
+    client.send(message(0x001))
+    bus.run(0.001)
+    after_us = [round((BEGIN_NS + time_ns - begin_ns) / US) for time_ns in listener.times_ns]
+    assert after_us == [500 * number + 55 for number in range(1, 11)] + [5255]
+    assert listener.identifiers[-1] == 0x001
 
 
 @pytest.mark.parametrize("frame", [Frame(1, bytes(9)), Frame(1, bytes(8), fd=True), Frame(0x800)])

@@ -5,6 +5,8 @@ import os
 import select
 import threading
 
+import can
+
 from micromanip.sim.canbus.client import HubBus
 from micromanip.sim.canbus.hub import CanHub
 from micromanip.sim.event_loop import EventLoop
@@ -24,12 +26,15 @@ class VirtualLoop(EventLoop):
         return self.time_ns
 
     def _wait(self, next_ns):
-        readable = select.select(self._readers, (), (), 0)[0]
+        readable = self.readable()
         for fileno in readable:
             if fileno in self._readers:
                 self._readers[fileno]()
         if not readable and next_ns is not None:
             self.time_ns = max(self.time_ns, next_ns)
+
+    def readable(self):
+        return select.select(self._readers, (), (), 0)[0]
 
 
 class Recorder:
@@ -65,18 +70,32 @@ class VirtualBus:
         return node
 
     def client(self, **options):
-        """A client; the bus runs meanwhile, because it has to greet it."""
-        opened = []
-        thread = threading.Thread(target=lambda: opened.append(HubBus(self.channel, **options)))
+        """A client; it has to be greeted, so the bus runs meanwhile."""
+        self.call(lambda: self._clients.append(HubBus(self.channel, **options)))
+        return self._clients[-1]
+
+    def call(self, function, step_s=0):
+        """Let the bus run, in steps, while `function` waits for it in a thread; an exception there fails the test."""
+        failed = []
+
+        def caught():
+            try:
+                function()
+            except BaseException as error:
+                failed.append(error)
+
+        thread = threading.Thread(target=caught)
         thread.start()
         while thread.is_alive():
-            self.loop.run(self.loop.time_ns)
-        thread.join()
-        self._clients += opened
-        return opened[0]
+            self.run(step_s)
+            thread.join(0.0001)
+        if failed:
+            raise failed[0]
 
     def run(self, seconds):
         self.loop.run(self.loop.time_ns + round(seconds * 1e9))
+        while self.loop.readable():
+            self.loop.run(self.loop.time_ns)
 
     def close(self):
         for client in self._clients:
@@ -91,3 +110,17 @@ def received(client):
     while (message := client.recv(0)) is not None:
         messages.append(message)
     return [m for m in messages if not m.is_error_frame], [m for m in messages if m.is_error_frame]
+
+
+def message(identifier=0x100, data=b"", **about):
+    return can.Message(arbitration_id=identifier, data=data, **{"is_extended_id": False, **about})
+
+
+def sent_until_refused(client, limit=100):
+    """Number of frames that a client got rid of, numbered in their data, and the error that ended it."""
+    for count in range(limit):
+        try:
+            client.send(message(0x10, bytes([count])))
+        except can.CanOperationError as error:
+            return count, error
+    return limit, None

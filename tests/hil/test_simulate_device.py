@@ -96,6 +96,9 @@ def test_foreign_controller_moves_an_axis(device):
 
 def test_ctrl_c_ends_it_with_one_line_of_figures(device):
     assert "error" in ask(device, device="explode")
+    end = time.monotonic() + PATIENCE_S
+    while not ask(device, report=True)["devices"]["can0"]["frames"]:
+        assert time.monotonic() < end, "it sends nothing"
     device.send_signal(signal.SIGINT)
     out, err = device.communicate(timeout=PATIENCE_S)
     assert device.returncode == 0

@@ -39,6 +39,8 @@ COMMANDS = {
     "save": "write running values into the file",
     "reload": "take over the file as it is now",
     "audit": "who asked for what, and when",
+    "drivers": "which drivers are installed, and whether they keep their contract",
+    "probe": "what answers on a bus, and what it says",
     "bench": "speed of this machine, beside references",
     "safe-outputs": "bring all outputs to their safe value, with no controller running",
     "install-service": "run a configuration as a service of this machine",

@@ -9,7 +9,7 @@ thread, may block for a few milliseconds, and says what happened by raising one 
     receive   between the tasks: take what comes by itself
     close     after every open, also one that failed
 
-``docs/drivers.md`` has a complete example, and the suite that a driver must pass.
+``docs/bus-drivers.md`` has a complete example, and the suite that a driver must pass.
 """
 
 from __future__ import annotations
@@ -195,5 +195,9 @@ class BusDriver(ABC):
         return {}
 
     def probe(self, seconds: float) -> Iterator[Answer]:
-        """Look, without moving anything, what answers on the bus; what is found, as it is found."""
+        """Look, without moving anything, what answers on the bus; what is found, as it is found.
+
+        Called instead of ``open``, on a driver that is not open, and followed by ``close``: it connects by itself, and
+        shows the wrong device too. The newest Answer of a name replaces those before. Raises what ``open`` does.
+        """
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""The drivers of docs/drivers.md: installed, run in virtual time, and shown on the page as they are."""
+"""The drivers of docs/drivers.md and docs/bus-drivers.md: installed, run in virtual time, shown there as they are."""
 
 import shutil
 import subprocess
@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from micromanip.errors import ConfigError
+from micromanip.io.inspection import findings
 from micromanip.io.registry import driver_class
 from micromanip.rt.intrinsics import call_context
-from micromanip.settings.check import prepare
+from micromanip.settings.check import prepare, validate
+from micromanip.settings.single_driver import bus_driver
+from micromanip.settings.source import Source
 from micromanip.sim.virtual import VirtualCell
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -110,8 +113,16 @@ def test_examples_are_found_by_their_entry_points(installed):
         driver_class("lag_stages")
 
 
+def test_bus_example_is_found_and_built_from_its_configuration(installed):
+    config = installed("udp_stage")
+    assert not findings(driver_class("udp_stage"))
+    assert set(validate(Source.read(config)).axes) == {"x", "y"}
+    assert bus_driver(config, "stage").device == "udp 127.0.0.1:5005"
+
+
 @pytest.mark.parametrize("file", SHOWN, ids=lambda file: str(file.relative_to(EXAMPLES)))
 def test_page_shows_the_examples_verbatim(file):
-    page = (ROOT / "docs" / "drivers.md").read_text(encoding="utf-8")
+    page = "bus-drivers.md" if "udp_stage" in file.parts else "drivers.md"
     text = file.read_text(encoding="utf-8")
-    assert text in page, f"docs/drivers.md must show {file.relative_to(ROOT)} as it is"
+    shown = text in (ROOT / "docs" / page).read_text(encoding="utf-8")
+    assert shown, f"docs/{page} must show {file.relative_to(ROOT)} as it is"

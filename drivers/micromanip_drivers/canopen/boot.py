@@ -170,7 +170,9 @@ def _started(link: CanLink, nodes: Sequence[NodePlan], watches: Mapping[str, Wat
     by_heartbeat = {_HEARTBEAT + plan.options.node_id: plan for plan in nodes}
     by_emergency = {_EMERGENCY + plan.options.node_id: watches[plan.name] for plan in nodes}
     while True:
+        now_ns = time.monotonic_ns()
         for message, time_ns in link.receive(deadline_ns):
+            now_ns = time_ns  # what comes late was in time all the same
             if plan := by_heartbeat.get(message.arbitration_id):
                 watches[plan.name].heartbeat(bytes(message.data), time_ns)
                 if not watches[plan.name].operational:
@@ -178,7 +180,7 @@ def _started(link: CanLink, nodes: Sequence[NodePlan], watches: Mapping[str, Wat
             elif watch := by_emergency.get(message.arbitration_id):
                 watch.emergency(bytes(message.data))
         for watch in watches.values():
-            watch.check(time.monotonic_ns())
+            watch.check(now_ns)
         waiting = [plan.name for plan in nodes if not watches[plan.name].operational]
         if not waiting:
             break

@@ -23,10 +23,10 @@ class SyncTimes:
         self._count += 1
         self._sent.append((self._count, time_ns))
 
-    def before(self, time_ns: int) -> tuple[int, int] | None:
-        """Number and time of the last one before `time_ns`; None if there was none lately."""
-        for count, sent_ns in reversed(self._sent):
-            if sent_ns <= time_ns:
+    def first(self, after: int, from_ns: int, to_ns: int) -> tuple[int, int] | None:
+        """Number and time of the first with a number above `after` that was sent in that time; None without one."""
+        for count, sent_ns in self._sent:
+            if count > after and from_ns <= sent_ns <= to_ns:
                 return count, sent_ns
         return None
 
@@ -48,8 +48,9 @@ class EventSampling:
 class SyncSampling:
     """Of a synchronous PDO: taken at the SYNC that it answers, however long it then waited for the bus.
 
-    A SYNC that no PDO answered is a lost sample. The same PDO twice for one SYNC is a repetition, and no fresh sample;
-    another one for the same SYNC is not the answer to it, and dated by its reception.
+    SYNCs are answered in their order, which matters when one was sent late and the next one is close behind. One that
+    no PDO answered within its time is a lost sample. The same PDO twice for one SYNC is a repetition, and no fresh
+    sample; another one for the same SYNC is not the answer to it, and dated by its reception.
     """
 
     def __init__(self, syncs: SyncTimes, every: int, frame_ns: int, latency_ns: int, lasting_ns: int) -> None:
@@ -66,13 +67,13 @@ class SyncSampling:
     def taken(self, received_ns: int, data: bytes) -> tuple[int, int] | None:
         """When the values were taken, and how many samples before them are missing; None for a repetition."""
         began_ns = received_ns - self._frame_ns
-        sync = self._syncs.before(began_ns)
-        last, self._last = self._last, data
-        if sync is None or began_ns - sync[1] > self._lasting_ns:
-            return began_ns - self._latency_ns, 0
+        repeated, self._last = data == self._last, data
+        answered = 0 if self._answered is None else self._answered
+        sync = self._syncs.first(answered, began_ns - self._lasting_ns, began_ns)
+        if sync is None:
+            recent = self._syncs.first(answered - 1, began_ns - self._lasting_ns, began_ns) is not None
+            return None if repeated and recent else (began_ns - self._latency_ns, 0)
         count, sent_ns = sync
-        if count == self._answered:
-            return None if data == last else (began_ns - self._latency_ns, 0)
         lost = 0 if self._answered is None else max(0, round((count - self._answered) / self._every) - 1)
         self._answered = count
         return sent_ns - self._latency_ns, lost

@@ -31,7 +31,7 @@ OPTIONS = {
         "sensor": {
             "node_id": SENSOR,
             "eds": "can/sensor.eds",
-            "heartbeat_ms": 150,
+            "heartbeat_ms": 240,
             "identity": {"vendor_id": 0xFFFF0001, "product_code": 0x404},
             "tpdo": {
                 i + 1: {"rate_hz": 200.0, "signals": {f"{q}_{axis}": {"scale": 1e-4} for q in ("strain", "stage")}}
@@ -41,8 +41,8 @@ OPTIONS = {
         "amplifier": {
             "node_id": AMPLIFIER,
             "eds": "can/amplifier.eds",
-            "heartbeat_ms": 150,
-            "watchdog_ms": 30,
+            "heartbeat_ms": 240,
+            "watchdog_ms": 200,
             "rpdo": {1: {"rate_hz": 200.0, "signals": {f"voltage_{axis}": {"scale": 0.005} for axis in AXES}}},
         },
     },

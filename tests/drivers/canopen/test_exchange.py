@@ -77,20 +77,20 @@ def test_missing_answers_are_counted(at, opened):
 
 
 def test_amplifier_makes_its_outputs_safe_when_we_are_gone(at, opened):
-    assert opened.watchdog == "RPDO event timer of amplifier, 30 ms"
+    assert opened.watchdog == "RPDO event timer of amplifier, 200 ms"
     run(opened, (50.0, 50.0, 50.0), lambda _: at.values.get("voltage_x") == 50.0)
     wait_for(lambda: at.values["voltage_x"] == 0.0)  # nobody performs any more
     wait_for(lambda: at.nodes["amplifier"].state == PRE_OPERATIONAL)
 
 
 def test_watchdog_by_our_heartbeat(at):
-    bus = at.driver(nodes__amplifier__watchdog_by="heartbeat")
-    assert bus.watchdog == "consumer heartbeat of amplifier, 30 ms"
-    assert any(task.name == "heartbeat" and task.rate_hz == 100.0 for task in bus.tasks)
+    bus = at.driver(nodes__amplifier__watchdog_by="heartbeat", nodes__amplifier__watchdog_ms=60)
+    assert bus.watchdog == "consumer heartbeat of amplifier, 60 ms"
+    assert any(task.name == "heartbeat" and task.rate_hz == 50.0 for task in bus.tasks)
     bus.open()
     run(bus, (50.0, 50.0, 50.0), lambda _: at.values.get("voltage_x") == 50.0)
     beat = next(i for i, task in enumerate(bus.tasks) if task.name == "heartbeat")
-    end_ns = time.monotonic_ns() + 100_000_000
+    end_ns = time.monotonic_ns() + 180_000_000
     while time.monotonic_ns() < end_ns:  # our heartbeat alone, three times as long as the watchdog
         bus.perform(beat, PARK, Inbox())
         time.sleep(0.002)
@@ -124,9 +124,9 @@ def test_heartbeat_lost(at, opened):
     run(opened, PARK, lambda samples: len(samples) >= 6)
     at.do(at.nodes["sensor"].stop_heartbeat)
     began = time.monotonic_ns()
-    with pytest.raises(LinkError, match="node sensor gave no heartbeat for 150 ms"):
+    with pytest.raises(LinkError, match="node sensor gave no heartbeat for 240 ms"):
         run(opened, PARK, lambda _: False)
-    assert time.monotonic_ns() - began >= 90_000_000  # its process data went on: only the silence was noticed
+    assert time.monotonic_ns() - began >= 150_000_000  # its process data went on: only the silence was noticed
 
 
 def test_a_worker_that_was_held_up_misses_no_heartbeat(at):
@@ -140,7 +140,7 @@ def test_a_worker_that_was_held_up_misses_no_heartbeat(at):
 
 def test_what_a_node_says_comes_before_what_it_does(at, opened):
     run(opened, PARK, lambda samples: len(samples) >= 6)
-    time.sleep(0.2)  # the amplifier trips, says so, and leaves OPERATIONAL: all is there when the driver looks
+    time.sleep(0.4)  # the amplifier trips, says so, and leaves OPERATIONAL: all is there when the driver looks
     with pytest.raises(DeviceFault, match=r"amplifier reports emergency 0x8250 \(no outputs in time\)"):
         opened.receive(Inbox(), time.monotonic_ns())
 
@@ -228,7 +228,7 @@ def test_another_device_with_that_number():
 def test_device_with_another_mapping(at):
     objects = at.nodes["sensor"].objects
     objects.put(0x1A01, 1, 0x81300118)  # strain_x where the EDS has strain_y
-    with pytest.raises(IdentityMismatch, match="tpdo 2 of node sensor is set up otherwise .* 1A01sub1 is 0x81300118"):
+    with pytest.raises(IdentityMismatch, match=r"tpdo 2 of node sensor is set up otherwise .* 1A01sub1 is 0x81300118"):
         at.driver().open()
 
 

@@ -104,7 +104,7 @@ def test_our_driver_reads_the_librarys_node():
         values = {bus.inputs[sample.channel].name.partition(".")[2]: sample.value for sample in samples}
         assert values == pytest.approx({name: number * 1e-4 for name, number in raw.items()}, abs=1e-9)
         foreign.node.nmt.stop_heartbeat()
-        with pytest.raises(LinkError, match="node sensor gave no heartbeat for 150 ms"):
+        with pytest.raises(LinkError, match="node sensor gave no heartbeat for 240 ms"):
             run(bus, (0.0,) * 3, lambda _: False)
         bus.close()
 

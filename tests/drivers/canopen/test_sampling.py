@@ -26,6 +26,14 @@ def test_a_frame_that_began_before_the_sync_answers_the_one_before():
     assert at.taken(PERIOD + FRAME - 1, b"a") == (-LATENCY, 0)
 
 
+def test_a_late_sync_and_the_next_one_are_answered_in_their_order():
+    syncs, at = sampling()
+    syncs.add(900 * US)
+    syncs.add(1000 * US)
+    assert at.taken(1250 * US, b"a") == (900 * US - LATENCY, 0)
+    assert at.taken(1480 * US, b"a") == (1000 * US - LATENCY, 0)
+
+
 def test_syncs_without_an_answer_are_lost_samples():
     syncs, at = sampling()
     for i in range(5):

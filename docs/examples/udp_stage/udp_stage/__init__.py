@@ -1,0 +1,1 @@
+"""An amplifier with strain gauges that is reached by UDP."""

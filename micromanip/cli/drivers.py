@@ -1,0 +1,48 @@
+"""``micromanip drivers``: what is installed, and does it keep its contract?"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import click
+
+from micromanip.errors import CheckFailed
+
+from .options import json_option, print_json
+
+if TYPE_CHECKING:
+    from micromanip.io.inspection import Inspected
+
+
+@click.command("drivers", epilog="Example: micromanip drivers")
+@json_option
+def command(as_json: bool) -> None:
+    """List the installed drivers: kind, package and version, where each comes from, what is wrong with it.
+
+    Each is loaded and its class is looked at; nothing is opened, no hardware is needed. Exit code 1 if one of them
+    can't be loaded or does not keep its contract. What a driver does on its bus is for its author's conformance tests
+    to show (docs/bus-drivers.md).
+    """
+    from micromanip.io.inspection import inspected
+
+    found = inspected()
+    if as_json:
+        print_json({"drivers": [{**asdict(driver), "ok": not driver.problems} for driver in found]})
+    else:
+        _print(found)
+    broken = [driver.name for driver in found if driver.problems]
+    if broken:
+        raise CheckFailed(f"{'driver' if len(broken) == 1 else 'drivers'} {', '.join(broken)} can't be used")
+
+
+def _print(found: list[Inspected]) -> None:
+    if not found:
+        click.echo("no driver is installed: install the package of one into this environment (docs/drivers.md)")
+    width = max((len(driver.name) for driver in found), default=0)
+    for driver in found:
+        verdict = "BROKEN" if driver.problems else "good"
+        click.echo(f"{driver.name:{width}}  {driver.kind or '?':6}  {verdict:6}  {driver.package} {driver.version}")
+        click.echo(f"{'':{width}}  {driver.entry_point}{f' in {driver.file}' if driver.file else ''}")
+        for problem in driver.problems:
+            click.echo(f"{'':{width}}  {problem}")

@@ -1,0 +1,120 @@
+"""``micromanip probe``: what answers on a bus, and what does it say?"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from micromanip.errors import DeviceUnavailable, UsageError
+
+from .options import config_argument, json_option, print_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from micromanip.io.bus import Answer, BusDriver
+
+
+@click.command("probe", epilog="Example: micromanip probe config/can.yaml can0 --seconds 5")
+@config_argument
+@click.argument("driver", metavar="DRIVER")
+@click.option(
+    "--seconds", type=click.FloatRange(min=0.1, max=3600.0), default=2.0, show_default=True, help="How long to look."
+)
+@json_option
+def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
+    """Show what answers on the bus of DRIVER, as CONFIG names it, with live values; nothing is moved.
+
+    Refused (exit code 69) while a controller has the device, and where nothing answers. Ctrl-C ends it early.
+    """
+    from micromanip.io.bus import BusDriver
+    from micromanip.io.device_lock import DeviceLocks
+    from micromanip.settings.single_driver import bus_driver
+
+    chosen = bus_driver(config, driver)
+    if type(chosen).probe is BusDriver.probe:
+        raise UsageError(f"driver {driver} has no probe: what answers on its bus can't be seen without moving it")
+    with DeviceLocks([chosen.device]):
+        answers: dict[str, Answer] = {}
+        with contextlib.suppress(KeyboardInterrupt):
+            _look(chosen, seconds, answers, live=not as_json and sys.stdout.isatty())
+    if as_json:
+        print_json(
+            {
+                "driver": driver,
+                "device": chosen.device,
+                "seconds": seconds,
+                "answers": [_document(answer) for answer in answers.values()],
+            }
+        )
+    if not answers:
+        raise DeviceUnavailable(
+            f"nothing answered on {chosen.device} in {seconds:g} s; check power, cable and the keys of drivers.{driver}"
+        )
+    if not as_json and not sys.stdout.isatty():
+        _plain(answers)
+
+
+def _look(driver: BusDriver, seconds: float, answers: dict[str, Answer], live: bool) -> None:
+    """Gather the newest answer of each name into `answers`, on a terminal in a table that follows them."""
+    try:
+        if not live:
+            for answer in _found(driver, seconds):
+                answers[answer.name] = answer
+            return
+        from rich.live import Live
+
+        with Live(_table(answers), refresh_per_second=5) as view:
+            for answer in _found(driver, seconds):
+                answers[answer.name] = answer
+                view.update(_table(answers))
+    finally:
+        driver.close()
+
+
+def _found(driver: BusDriver, seconds: float) -> Iterator[Answer]:
+    from micromanip.io.bus_errors import BusError
+
+    try:
+        yield from driver.probe(seconds)
+    except BusError as problem:
+        raise DeviceUnavailable(f"{driver.device}: {problem}") from problem
+
+
+def _rows(answers: dict[str, Answer]) -> Iterator[tuple[str, str, str, str]]:
+    for answer in answers.values():
+        values = [(str(name), _shown(value)) for name, value in answer.values.items()] or [("", "")]
+        for number, (name, value) in enumerate(values):
+            yield ("", name, value, "") if number else (answer.name, name, value, answer.note)
+
+
+def _table(answers: dict[str, Answer]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table("answers", "name", "value", "note")
+    for row in _rows(answers):
+        table.add_row(*map(Text, row))
+    return table
+
+
+def _plain(answers: dict[str, Answer]) -> None:
+    rows = [("answers", "name", "value", "note"), *_rows(answers)]
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    for row in rows:
+        click.echo("  ".join(f"{text:{width}}" for text, width in zip(row, widths, strict=True)).rstrip())
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _document(answer: Answer) -> dict[str, Any]:
+    plain = (str, int, float, bool, list, tuple, dict, type(None))
+    values = {str(name): value if isinstance(value, plain) else str(value) for name, value in answer.values.items()}
+    return {"name": answer.name, "values": values, "note": answer.note}

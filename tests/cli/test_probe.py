@@ -1,0 +1,154 @@
+"""``micromanip probe``: what answers on a bus, and a clear word where it can't be looked at."""
+
+import json
+
+import pytest
+from sim.conformance.example import UdpPeer, UdpStage
+
+from micromanip.cli.main import main
+from micromanip.io import device_lock
+from micromanip.io.bus import Answer, BusDriver
+from micromanip.io.device_lock import DeviceLocks
+
+
+class Stage(UdpStage):
+    """The driver of the example; a test may take its probe."""
+
+    probed = None
+
+    def probe(self, seconds):
+        return self.probed(seconds) if self.probed else super().probe(seconds)
+
+
+class Blind(UdpStage):
+    """It has no probe."""
+
+    probe = BusDriver.probe
+
+
+@pytest.fixture
+def config(tmp_path, announce, monkeypatch):
+    """A configuration, with a peer that is not started; what else is in the file does not matter."""
+    monkeypatch.setattr(device_lock, "FOLDER", tmp_path / "locks")
+    announce("stage", f"{__name__}:Stage")
+    announce("blind", f"{__name__}:Blind")
+    peer = UdpPeer()
+    file = tmp_path / "cell.yaml"
+    file.write_text(
+        "axes: 5\ndrivers:\n"
+        f"  stage: {{driver: stage, port: {peer.port}, serial_number: 7}}\n"
+        f"  blind: {{driver: blind, port: {peer.port}, serial_number: 7}}\n"
+        "  cell: {driver: simulated}\n  wrong: {driver: stage, port: 70000, serial_number: 7}\n"
+        "  none: {driver: stagge}\n"
+    )
+    return file, peer
+
+
+def ended(*arguments):
+    try:
+        main(["probe", *map(str, arguments)])
+    except SystemExit as end:
+        return end.code
+    return 0
+
+
+def test_answers_in_a_table(config, capsys):
+    file, peer = config
+    peer.start()
+    try:
+        assert ended(file, "stage", "--seconds", "0.2") == 0
+        assert not peer.writes(), "nothing is moved"
+    finally:
+        peer.kill()
+    header, first, *rest = capsys.readouterr().out.splitlines()
+    assert header.split() == ["answers", "name", "value", "note"]
+    assert first.split() == ["udp", f"127.0.0.1:{peer.port}", "serial_number", "7"]
+    assert rest[0].split() == ["strains", "in", "um", "strain_x", "0"]
+    assert rest[1].split() == ["strain_y", "0"]
+
+
+def test_answers_as_a_document(config, capsys):
+    file, peer = config
+    peer.start()
+    try:
+        assert ended(file, "stage", "--seconds", "0.2", "--json") == 0
+    finally:
+        peer.kill()
+    device = f"udp 127.0.0.1:{peer.port}"
+    assert json.loads(capsys.readouterr().out) == {
+        "driver": "stage",
+        "device": device,
+        "seconds": 0.2,
+        "answers": [
+            {"name": device, "values": {"serial_number": 7}, "note": ""},
+            {"name": "strains in um", "values": {"strain_x": 0.0, "strain_y": 0.0}, "note": ""},
+        ],
+    }
+
+
+def test_terminal_shows_the_newest(config, monkeypatch, capsys):
+    file, _ = config
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    answers = [Answer("unit 3", {"pressure": 1.5}, "[busy]"), Answer("unit 3", {"pressure": 2.5}, "[idle]")]
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(answers))
+    assert ended(file, "stage", "--seconds", "0.2") == 0
+    last = [line for line in capsys.readouterr().out.splitlines() if "unit 3" in line][-1]
+    assert "2.5" in last
+    assert "[idle]" in last
+
+
+def test_ctrl_c_shows_what_was_found(config, monkeypatch, capsys):
+    def interrupted(self, seconds):
+        yield Answer("unit 3", {})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Stage, "probed", interrupted)
+    assert ended(config[0], "stage") == 0
+    assert "unit 3" in capsys.readouterr().out
+
+
+def test_no_device_is_69(config, capsys):
+    assert ended(config[0], "stage", "--seconds", "0.1") == 69
+    line = capsys.readouterr().err.strip()
+    assert line.startswith(f"micromanip: udp 127.0.0.1:{config[1].port}: ")
+    assert "\n" not in line
+
+
+def test_silent_bus_is_69_and_a_document(config, monkeypatch, capsys):
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(()))
+    assert ended(config[0], "stage", "--seconds", "0.1", "--json") == 69
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["answers"] == []
+    assert "nothing answered on udp" in shown.err
+    assert "drivers.stage" in shown.err
+
+
+def test_device_in_use_is_refused(config, monkeypatch, capsys):
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: pytest.fail("it looked all the same"))
+    with DeviceLocks([f"udp 127.0.0.1:{config[1].port}"]):
+        assert ended(config[0], "stage") == 69
+    assert f"udp 127.0.0.1:{config[1].port}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("driver", "code", "message"),
+    [
+        ("cell", 64, "cell is the cyclic driver simulated: it has no bus to look at"),
+        ("blind", 64, "driver blind has no probe"),
+        ("stag", 64, "did you mean stage?"),
+        ("wrong", 78, "cell.yaml:6: drivers.wrong.port: "),
+        ("none", 78, "cell.yaml:7: drivers.none.driver: no driver called stagge is installed; did you mean stage?"),
+    ],
+)
+def test_what_cannot_be_looked_at(driver, code, message, config, capsys):
+    assert ended(config[0], driver) == code
+    shown = capsys.readouterr().err
+    assert message in shown
+    assert len(shown.strip().splitlines()) == 1
+
+
+def test_file_without_drivers_is_78(tmp_path, capsys):
+    file = tmp_path / "cell.yaml"
+    file.write_text("drivers: 5\n")
+    assert ended(file, "stage") == 78
+    assert "drivers: this section is missing, or not a mapping" in capsys.readouterr().err

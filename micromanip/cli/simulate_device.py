@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -48,8 +49,12 @@ def command(
     Says READY on standard error as soon as a controller may connect.
     """
     from micromanip.sim.device.devices import Devices
+    from micromanip.sim.device.precedence import take_precedence
 
     devices = Devices(config, watchdog_ms, seed)
+    take_precedence(devices.loop_cpu)
+    gc.collect()
+    gc.freeze()  # to look through all that was imported would make a stall now and then
     try:
         for device in devices.played.values():
             click.echo(f"READY {device.ready}", err=True)
@@ -73,7 +78,8 @@ def _play(devices: Devices, duration_s: float | None, commands: bool) -> None:
         loop.add_reader(sys.stdin.fileno(), _Lines(devices).read)
     line = _StatusLine(devices) if sys.stderr.isatty() else None
     try:
-        devices.run(None if duration_s is None else loop.now_ns() + round(duration_s * 1e9))
+        devices.start()
+        loop.run(None if duration_s is None else loop.now_ns() + round(duration_s * 1e9))
     finally:
         if line is not None:
             line.close()

@@ -53,8 +53,11 @@ class Amplifier:
     very process was not scheduled for: the commands of that time are still waiting to be read.
     """
 
-    def __init__(self, plant: PlantInRealTime, rest_V: Mapping[str, float], watchdog_ms: float = WATCHDOG_MS) -> None:
-        """`rest_V` has the voltage at rest of each analog output of the plant; other outputs are digital."""
+    def __init__(self, plant: PlantInRealTime, rest_V: Mapping[str, float], watchdog_ms: float | None) -> None:
+        """`rest_V` has the voltage at rest of each analog output of the plant; other outputs are digital.
+
+        `watchdog_ms` None is for one that somebody else watches over.
+        """
         self.rest_V = dict(rest_V)
         self.ok = True
         self.trips = 0
@@ -62,7 +65,8 @@ class Amplifier:
         """Commands that were not finite."""
         self.arrived = {name: Arrived() for name in rest_V}
         self._arrived_since_report = {name: Arrived() for name in rest_V}
-        self._plant, self._watchdog_ns = plant, round(watchdog_ms * 1e6)
+        self._plant = plant
+        self._watchdog_ns = math.inf if watchdog_ms is None else watchdog_ms * 1e6
         self.in_force = dict(rest_V)
         self._commanded_ns: int | None = None
         self._ticked_ns: int | None = None

@@ -19,11 +19,11 @@ class PlayedCanBus:
     """One node that sends and takes all messages of the driver."""
 
     def __init__(self, bus: CanBus, device: CanDevice, surroundings: Surroundings) -> None:
-        self._bus, self._device, self._now_ns = bus, device, surroundings.loop.now_ns
+        self.bus, self._device, self._now_ns = bus, device, surroundings.loop.now_ns
 
     @property
     def ready(self) -> str:
-        return self._bus.ready(len(self._device.sent), self._device.understood)
+        return self.bus.ready(len(self._device.sent), self._device.understood)
 
     @property
     def signals(self) -> list[str]:
@@ -34,7 +34,7 @@ class PlayedCanBus:
         return [sent.message.name for sent in self._device.sent]
 
     def start(self, now_ns: int) -> None:
-        self._bus.start(now_ns)
+        self.bus.start(now_ns)
         self._device.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
@@ -47,18 +47,18 @@ class PlayedCanBus:
         self._device.reboot(for_s)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
-        self._bus.inject(fault)
+        self.bus.inject(fault)
 
     def clear(self) -> None:
-        self._bus.clear()
+        self.bus.clear()
         for sent in self._device.sent:
             sent.silent_until_ns = sent.counts_from_ns = 0
 
     def report(self) -> dict[str, Any]:
-        return {**vars(self._device.figures), **self._bus.report()}
+        return {**vars(self._device.figures), **self.bus.report()}
 
     def close(self) -> None:
-        self._bus.close()
+        self.bus.close()
 
     def _sent(self, message: str) -> Sent:
         return next(sent for sent in self._device.sent if sent.message.name == message)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import configparser
-import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -30,17 +29,17 @@ class PlayedCanOpen:
     def __init__(
         self, bus: CanBus, loop: EventLoop, nodes: dict[str, CanOpenNode], wires: Wires, pdos: tuple[int, int]
     ) -> None:
-        self._bus, self._loop, self._nodes, self._pdos = bus, loop, nodes, pdos
+        self.bus, self._loop, self._nodes, self._pdos = bus, loop, nodes, pdos
         self._off: set[str] = set()
         self.signals = list(wires.signals.values())
         self.messages: list[str] = []  # a PDO has no counter; one is silenced by dropping its identifier on the bus
 
     @property
     def ready(self) -> str:
-        return f"{self._bus.ready(*self._pdos)}, nodes {', '.join(self._nodes)}"
+        return f"{self.bus.ready(*self._pdos)}, nodes {', '.join(self._nodes)}"
 
     def start(self, now_ns: int) -> None:
-        self._bus.start(now_ns)
+        self.bus.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
         raise UsageError(f"{message} has no counter")
@@ -55,20 +54,20 @@ class PlayedCanOpen:
         self._loop.call_at(self._loop.now_ns() + round(for_s * 1e9), self._power_on)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
-        self._bus.inject(fault)
+        self.bus.inject(fault)
 
     def clear(self) -> None:
-        self._bus.clear()
+        self.bus.clear()
 
     def report(self) -> dict[str, Any]:
-        return {**self._bus.report(), "states": {name: node.state for name, node in self._nodes.items()}}
+        return {**self.bus.report(), "states": {name: node.state for name, node in self._nodes.items()}}
 
     def close(self) -> None:
-        self._bus.close()
+        self.bus.close()
 
     def _power_on(self) -> None:
         for name in self._off:
-            self._bus.line.attach(self._nodes[name])
+            self.bus.line.attach(self._nodes[name])
             self._nodes[name].reboot()
         self._off.clear()
 
@@ -83,9 +82,9 @@ def play_canopen(name: str, surroundings: Surroundings) -> PlayedDevice:
         node: (value(source, (*place, "nodes", node), entry, "node_id", int), _eds(surroundings, place, node, entry))
         for node, entry in section(source, place, options, "nodes").items()
     }
-    bus = CanBus(settings, loop)
     # the nodes watch their commander themselves, and what is behind them does as they say
-    amplifier = Amplifier(cell.plant, wires.rest_V, math.inf)
+    amplifier = Amplifier(cell.plant, wires.rest_V, None)
+    bus = CanBus(settings, loop)
     cell.amplifiers.append(amplifier)
     nodes: dict[str, CanOpenNode] = {}
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 from pathlib import Path
 from typing import Any
@@ -32,38 +31,45 @@ from .plant import PERIOD_NS, PlantInRealTime
 from .played import PlayedDevice, Surroundings
 from .protocols import play_all
 
+_ENABLE = "amplifier_enable"
+
 
 class Devices:
-    """Up from the start of `run` until it returns; `command` and `report` any time in between."""
+    """On their buses at once, talking from `start` on, while the loop runs."""
 
-    def __init__(self, file: Path, watchdog_ms: float = WATCHDOG_MS, seed: int | None = None) -> None:
-        """Open all buses of the configuration in `file`; `seed` replaces the plant's.
+    def __init__(
+        self, file: Path, watchdog_ms: float = WATCHDOG_MS, seed: int | None = None, loop: EventLoop | None = None
+    ) -> None:
+        """Open all buses of the configuration in `file`; `seed` replaces the plant's, `loop` runs them.
 
         Raises ConfigError with file, line and key, and DeviceUnavailable for a channel that is in use.
         """
         source = Source.read(file)
         configuration = validate(source)
         driver = build_plant(configuration, source, PERIOD_NS, seed)
-        self.loop = EventLoop()
-        self._began_ns, self._began_cpu_s = 0, 0.0
+        self.loop_cpu = configuration.loop.cpu
+        """The controller's, if it has one of its own."""
+        self.loop = EventLoop() if loop is None else loop
         self.cell = PlayedCell(PlantInRealTime(driver), self.loop.now_ns)
-        self.played: dict[str, PlayedDevice] = play_all(
-            Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
-        )
-        gc.collect()
-        gc.freeze()  # to look through all that was imported would be a stall
+        if configuration.switches.amplifier_enable is None and _ENABLE in self.cell.plant.outputs:
+            self.cell.plant.write(_ENABLE, 1.0)  # a line that nobody switches is wired to on
+        self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
+        surroundings = Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
+        try:
+            self.played: dict[str, PlayedDevice] = play_all(surroundings)
+        except BaseException:
+            self.loop.close()
+            raise
 
-    def run(self, until_ns: int | None = None) -> None:
-        """Play until `until_ns` (CLOCK_MONOTONIC), or until ``loop.stop()``."""
-        self._began_ns = now_ns = self.loop.now_ns()
-        self._began_cpu_s = time.process_time()
-        self.cell.plant.begin(now_ns)
+    def start(self) -> None:
+        """Begin to talk; the plant's time begins too."""
+        self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
+        self.cell.plant.begin(self._began_ns)
         for device in self.played.values():
-            device.start(now_ns)
-        self.loop.run(until_ns)
+            device.start(self._began_ns)
 
     def close(self) -> None:
-        """Let go of the buses."""
+        """Let go of the buses, and of the loop."""
         for device in self.played.values():
             device.close()
         self.loop.close()

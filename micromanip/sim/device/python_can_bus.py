@@ -73,7 +73,10 @@ class PythonCanBus:
         self._bus.shutdown()
 
     def _read(self) -> None:
-        message = self._bus.recv(0)
+        try:
+            message = self._bus.recv(0)
+        except can.CanError as problem:
+            raise DeviceUnavailable(f"{self._name} is gone: {problem}") from problem
         if message is None or message.is_error_frame:
             return
         frame = Frame(

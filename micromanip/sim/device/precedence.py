@@ -1,0 +1,20 @@
+"""Where and how urgently a process runs that plays devices: a real device has a processor of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+
+_NICE = -10
+
+
+def take_precedence(loop_cpu: int | None) -> None:
+    """Off the control loop's CPU, and before ordinary work where that is permitted.
+
+    Stays an ordinary process all the same: what has real-time priority on this machine is the controller.
+    """
+    others = os.sched_getaffinity(0) - {loop_cpu}
+    if others:
+        os.sched_setaffinity(0, others)
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, _NICE)

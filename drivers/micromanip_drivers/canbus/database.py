@@ -1,0 +1,99 @@
+"""The DBC file of a bus: loaded by cantools, with clear words for what is wrong in it or not there."""
+
+from __future__ import annotations
+
+import difflib
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import cantools
+from cantools.database.errors import UnsupportedDatabaseFormatError
+
+from micromanip.errors import ConfigError
+from micromanip.io.can_bits import CLASSIC_LENGTHS, FD_LENGTHS
+
+# its warnings are about messages that we refuse in words of our own, where they matter
+logging.getLogger("cantools").addHandler(logging.NullHandler())
+
+
+class Database:
+    """Messages of a DBC file. Raises ConfigError if it can't be read, or doesn't make sense."""
+
+    def __init__(self, file: Path) -> None:
+        self.name = file.name
+        try:
+            self._database: Any = cantools.database.load_file(file, database_format="dbc")
+        except OSError as error:
+            raise ConfigError(f"database: {file} can't be read: {error.strerror}") from error
+        except UnsupportedDatabaseFormatError as error:
+            raise ConfigError(f"database: {file} is not a DBC file: {error.e_dbc}") from error
+        except cantools.Error as error:  # signals that overlap, or lie outside of their message
+            raise ConfigError(f"database: {file}: {error}") from error
+
+    def by_identifier(self) -> dict[tuple[int, bool], Any]:
+        """The messages by (identifier, extended)."""
+        return {identity(message): message for message in self._database.messages}
+
+    def message(self, key: str, name: str) -> Any:
+        """The message of that name, which the configuration has at `key`. Raises ConfigError if there is none."""
+        for message in self._database.messages:
+            if message.name == name:
+                self._must_be_alone(key, message)
+                _must_be_plain(key, message)
+                return message
+        names = [message.name for message in self._database.messages]
+        raise ConfigError(f"{key}: {self.name} has no message {name}; {_near(name, names)}")
+
+    def _must_be_alone(self, key: str, message: Any) -> None:
+        for other in self._database.messages:
+            if other is not message and identity(other) == identity(message):
+                both = f"{message.name} and {other.name} both have the identifier {message.frame_id:#x} in {self.name}"
+                raise ConfigError(f"{key}: {both}: frames can't be told apart")
+
+
+def signal(key: str, message: Any, name: str) -> Any:
+    """The signal of that name in a message of cantools. Raises ConfigError if there is none."""
+    for found in message.signals:
+        if found.name == name:
+            return found
+    names = [found.name for found in message.signals]
+    raise ConfigError(f"{key}: {message.name} has no signal {name}; {_near(name, names)}")
+
+
+def whole_number(key: str, message: Any, name: str) -> Any:
+    """A signal that counts or tells a state: whole numbers as they are. Raises ConfigError for any other."""
+    found = signal(key, message, name)
+    if found.is_float or found.is_signed or found.scale != 1 or found.offset != 0:
+        raise ConfigError(f"{key}: {message.name}.{name} must be unsigned, with scale 1 and offset 0")
+    return found
+
+
+def identity(message: Any) -> tuple[int, bool]:
+    """(identifier, extended) of a message of cantools."""
+    return message.frame_id, message.is_extended_frame
+
+
+def switches_bitrate(message: Any) -> bool:
+    """If a CAN FD message of cantools has its data at the higher rate: as the attribute CANFD_BRS says, else it has."""
+    attribute = message.dbc.attributes.get("CANFD_BRS") if message.dbc else None
+    return attribute is None or bool(int(attribute.value))
+
+
+def _must_be_plain(key: str, message: Any) -> None:
+    if message.is_multiplexed():
+        raise ConfigError(
+            f"{key}: {message.name} is multiplexed (m0, m1, ... in the DBC), which is not supported: "
+            "give each group of signals a message of its own"
+        )
+    lengths, kind = (FD_LENGTHS, "CAN FD") if message.is_fd else (CLASSIC_LENGTHS, "classic CAN")
+    if message.length not in lengths or not message.length:
+        hint = "" if message.is_fd or message.length <= 8 else ": for CAN FD give it VFrameFormat StandardCAN_FD"
+        raise ConfigError(f"{key}: {message.name} has {message.length} bytes, which {kind} has not{hint}")
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    lowered = {one.lower(): one for one in known}
+    near = difflib.get_close_matches(name.lower(), lowered, 1)
+    return f"did you mean {lowered[near[0]]}?" if near else f"it has {', '.join(lowered.values()) or 'none'}"

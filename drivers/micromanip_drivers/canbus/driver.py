@@ -1,0 +1,125 @@
+"""The driver `canbus`: messages of a DBC file, received and sent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from micromanip.errors import ConfigError
+from micromanip.io.bus import Answer, BusDriver, Channel, Inbox, Load, Task
+from micromanip.io.can_bits import worst_case_s
+
+from .database import Database, switches_bitrate
+from .link import CanLink
+from .listening import heard
+from .options import CanBusOptions
+from .received_message import ReceivedMessage
+from .sent_message import SentMessage
+
+
+class CanBus(BusDriver):
+    """Inputs and outputs are named "Message.Signal"; each message that is sent is a task."""
+
+    Options: ClassVar[type[CanBusOptions]] = CanBusOptions
+
+    def __init__(self, options: CanBusOptions, folder: Path) -> None:
+        self.options = options
+        self._database = Database(folder / options.database)
+        self._received: list[ReceivedMessage] = []
+        self._sent: list[SentMessage] = []
+        inputs: list[Channel] = []
+        outputs: list[Channel] = []
+        for name, received in options.receive.items():
+            message = self._message(f"receive.{name}", name)
+            self._received.append(ReceivedMessage(message, received, len(inputs), self._frame_s(message)))
+            inputs += self._received[-1].inputs
+        for name, sent in options.send.items():
+            if name in options.receive:
+                raise ConfigError(f"send.{name}: {name} is received already: a message has one sender")
+            message = self._message(f"send.{name}", name)
+            self._sent.append(SentMessage(message, sent, len(outputs), self._frame_s(message)))
+            outputs += self._sent[-1].outputs
+        if not inputs and not outputs:
+            raise ConfigError("receive or send: at least one message must be given")
+        self._inputs, self._outputs = tuple(inputs), tuple(outputs)
+        self._by_identity = {message.identity: message for message in self._received}
+        self._others = 0
+        self._link = CanLink(options, list(self._by_identity))
+
+    @property
+    def device(self) -> str:
+        return self.options.device
+
+    @property
+    def watchdog(self) -> str | None:
+        return self.options.watchdog
+
+    @property
+    def inputs(self) -> Sequence[Channel]:
+        return self._inputs
+
+    @property
+    def outputs(self) -> Sequence[Channel]:
+        return self._outputs
+
+    @property
+    def tasks(self) -> Sequence[Task]:
+        return tuple(Task(message.name, message.rate_hz, message.indices) for message in self._sent)
+
+    def loads(self) -> Sequence[Load]:
+        frames = [(message.rate_hz, message.frame_s) for message in self._received]
+        frames += [(message.rate_hz, message.frame_s) for message in self._sent]
+        detail = " + ".join(f"{rate_hz:g} x {frame_s * 1e6:.0f} us" for rate_hz, frame_s in frames)
+        return (Load(str(self.options.channel), sum(rate_hz * frame_s for rate_hz, frame_s in frames), detail),)
+
+    def open(self) -> None:
+        self._link.open()
+        for message in self._received:
+            if message.counter is not None:
+                message.counter.forget()
+
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
+        message = self._sent[task]
+        self._link.send(message.frame(values))
+        message.was_sent()
+
+    def receive(self, inbox: Inbox, until_ns: int) -> None:
+        by_identity = self._by_identity
+        for frame, time_ns in self._link.receive(until_ns):
+            message = by_identity.get((frame.arbitration_id, frame.is_extended_id))
+            if message is None or frame.is_remote_frame:
+                self._others += 1
+            else:
+                message.take(frame.data, time_ns, inbox)
+
+    def close(self) -> None:
+        self._link.close()
+
+    def statistics(self) -> Mapping[str, int]:
+        counters = [message.counter for message in self._received if message.counter]
+        return {
+            **self._link.statistics(),
+            "lost": sum(counter.lost for counter in counters),
+            "repeated": sum(counter.repeated for counter in counters),
+            "out_of_order": sum(counter.out_of_order for counter in counters),
+            "restarts": sum(counter.restarts for counter in counters),
+            "short": sum(message.short for message in self._received),
+            "not_ours": self._others,
+        }
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        return heard(CanLink(self.options), self._database.by_identifier(), seconds)
+
+    def _message(self, key: str, name: str) -> Any:
+        message = self._database.message(key, name)
+        if message.is_fd and not self.options.fd:
+            raise ConfigError(f"{key}: {name} is a CAN FD message, and the bus is a classic one without data_bitrate")
+        return message
+
+    def _frame_s(self, message: Any) -> float:
+        """How long a frame of the message keeps the bus at worst."""
+        data_bitrate = None
+        if message.is_fd:
+            data_bitrate = self.options.data_bitrate if switches_bitrate(message) else self.options.bitrate
+        return worst_case_s(message.length, self.options.bitrate, data_bitrate, message.is_extended_frame)

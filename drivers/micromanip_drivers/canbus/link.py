@@ -1,0 +1,167 @@
+"""A CAN bus as the drivers use it: opened, sent to, received from, with errors by what is to be done about them.
+
+The receive loop is our own: python-can's Notifier needs a thread, and hides errors. Frames carry the time of their
+reception in CLOCK_MONOTONIC: the kernel's on SocketCAN, the bus's own on the test bus, that of being read elsewhere.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import re
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import can
+from can.interfaces.socketcan import SocketcanBus
+
+from micromanip.io.bus_errors import BusError, LinkError, TransientError
+
+from . import socketcan
+from .bus_reader import BusReader
+from .error_frames import ErrorFrames
+from .link_options import LinkOptions
+
+__all__ = ["CanLink", "LinkOptions"]
+
+# What goes wrong comes as an exception: without this, python-can's log lines go to standard error as well.
+logging.getLogger("can").addHandler(logging.NullHandler())
+
+_FULL = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM)
+_GONE = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EPIPE, errno.ECONNRESET, errno.ENOTCONN)
+_WITH_ERRNO = ("socketcan", "micromanip")  # elsewhere error_code is the vendor's own number
+_BUS_OFF = re.compile(r"bus.?off", re.IGNORECASE)
+_RAISED = (can.CanError, OSError, ValueError)
+_LIMIT = 128
+"""Frames that one call takes at most: a babbling node must not keep the worker from sending."""
+
+
+class CanLink:
+    """One CAN bus.
+
+    `identifiers` are the (identifier, extended) that are wanted; the kernel drops the others on SocketCAN. Other
+    interfaces hand over all there is: some filter error frames away with the rest. None for all of them.
+    """
+
+    def __init__(self, options: LinkOptions, identifiers: Sequence[tuple[int, bool]] | None = None) -> None:
+        self.options = options
+        self._identifiers = identifiers
+        self._bus: can.BusABC | None = None
+        self._reader: socketcan.KernelReader | BusReader | None = None
+        self._errors = ErrorFrames(options.device, options.interface)
+        self._counters = {"frames_in": 0, "frames_out": 0, "transmit_full": 0}
+        self._overflows = 0  # of the openings before
+
+    def open(self) -> None:
+        """Reach the bus. Raises LinkError, also for an interface, a library or a device that isn't there."""
+        self.close()
+        options = self.options
+        arguments: dict[str, Any] = {"bitrate": options.bitrate, "fd": options.fd, **options.interface_options}
+        if options.data_bitrate is not None:
+            arguments["data_bitrate"] = options.data_bitrate
+        if options.interface == "socketcan":
+            if why := socketcan.trouble(str(options.channel), options.bitrate, options.data_bitrate):
+                raise LinkError(f"{options.device}: {why}")
+            arguments["can_filters"] = _filters(self._identifiers)
+        try:
+            # without python-can's own configuration files and environment variables: nothing is set behind our back
+            bus = can.Bus(options.channel, options.interface, ignore_config=True, **arguments)
+        except (can.CanInterfaceNotImplementedError, ImportError, NameError, AttributeError) as error:
+            why = f"is the library of {options.interface} installed?"
+            raise LinkError(f"{options.device} can't be opened: {_text(error)}; {why}") from error
+        except (*_RAISED, TypeError) as error:  # TypeError: an option that the interface doesn't take
+            raise LinkError(f"{options.device} can't be opened: {_text(error)}") from error
+        self._bus = bus
+        self._reader = socketcan.KernelReader(bus.socket) if isinstance(bus, SocketcanBus) else BusReader(bus)
+
+    def close(self) -> None:
+        """Let go of the bus; does no harm twice, never raises."""
+        bus, reader = self._bus, self._reader
+        self._bus = self._reader = None
+        if reader is not None:
+            self._overflows += reader.overflows
+        if bus is not None:
+            with contextlib.suppress(Exception):
+                bus.shutdown()
+
+    def send(self, message: can.Message) -> None:
+        """Hand a frame to the interface, without waiting. Raises TransientError if it is full, LinkError."""
+        if self._bus is None:
+            raise LinkError(f"{self.options.device} is not open")
+        try:
+            self._bus.send(message, timeout=0)
+        except _RAISED as error:
+            raise self._sorted("sending", error) from error
+        self._counters["frames_out"] += 1
+
+    def receive(self, until_ns: int) -> list[tuple[can.Message, int]]:
+        """Frames that came, each with the time of its reception (CLOCK_MONOTONIC, ns), oldest first.
+
+        Returns soon after the first, and at `until_ns` at the latest; error frames are counted, not returned. Raises
+        LinkError for bus-off and for an interface that is gone.
+        """
+        while True:
+            frames = self._taken(until_ns)
+            if any(message.is_error_frame for message, _ in frames):
+                frames = self._without_errors(frames)
+            if frames or time.monotonic_ns() >= until_ns:
+                self._counters["frames_in"] += len(frames)
+                return frames
+
+    def statistics(self) -> Mapping[str, int]:
+        """Counters since ``__init__``."""
+        counters = {**self._counters, **self._errors.counters}
+        counters["overflows"] += self._overflows + (self._reader.overflows if self._reader else 0)
+        return counters
+
+    def _taken(self, until_ns: int) -> list[tuple[can.Message, int]]:
+        """What is there, or else what comes first until then; empty if it was nothing, or to be looked for again."""
+        reader = self._reader
+        if reader is None:
+            raise LinkError(f"{self.options.device} is not open")
+        try:
+            frames = reader.drain(_LIMIT)
+            left_s = (until_ns - time.monotonic_ns()) * 1e-9
+            if frames or left_s <= 0.0:
+                return frames
+            reader.wait(left_s)
+            return reader.drain(_LIMIT)
+        except _RAISED as error:
+            raise self._sorted("receiving", error) from error
+
+    def _without_errors(self, frames: list[tuple[can.Message, int]]) -> list[tuple[can.Message, int]]:
+        for message, _ in frames:
+            if message.is_error_frame:
+                self._errors.take(message)
+        return [frame for frame in frames if not frame[0].is_error_frame]
+
+    def _sorted(self, doing: str, error: Exception) -> BusError:
+        """What python-can or the kernel raised, as an error of the bus."""
+        what = f"{self.options.device}, {doing}: {_text(error)}"
+        code = getattr(error, "errno", None)
+        if code is None and self.options.interface in _WITH_ERRNO:
+            code = getattr(error, "error_code", None)
+        if doing == "sending" and (code in _FULL or "full" in str(error).lower()):
+            self._counters["transmit_full"] += 1
+            return TransientError(f"{what} (transmit buffer full)")
+        if code in _GONE or not isinstance(error, can.CanError) or _BUS_OFF.search(str(error)):
+            return LinkError(what)
+        return TransientError(what)  # of a vendor's library: again and again, and it is a lost link
+
+
+def _filters(identifiers: Sequence[tuple[int, bool]] | None) -> list[dict[str, Any]] | None:
+    if identifiers is None:
+        return None
+    return [
+        {"can_id": identifier, "can_mask": 0x1FFFFFFF if extended else 0x7FF, "extended": extended}
+        for identifier, extended in identifiers
+    ]
+
+
+def _text(error: Exception) -> str:
+    """One line of what happened."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return " ".join(str(error).split()) or type(error).__name__

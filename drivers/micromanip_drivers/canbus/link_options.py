@@ -1,0 +1,66 @@
+"""Keys of the configuration that say which CAN bus, whatever is spoken on it."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Annotated
+
+import can
+from pydantic import Field, field_validator, model_validator
+
+from micromanip.io.bus import BusOptions
+
+_OWN_KEYS = {"interface", "channel", "bitrate", "data_bitrate", "fd", "can_filters"}
+
+Bitrate = Annotated[int, Field(strict=True, ge=5_000, le=20_000_000)]
+
+
+class LinkOptions(BusOptions):
+    """Which CAN bus; the model of a driver that speaks on one derives from it."""
+
+    interface: str = Field(description="Interface of python-can: socketcan, pcan, kvaser, vector, slcan, gs_usb, ...")
+    channel: Annotated[str, Field(strict=True)] | Annotated[int, Field(strict=True)] = Field(
+        description="Channel of that interface: can0 for socketcan, PCAN_USBBUS1 for pcan, 0 for kvaser."
+    )
+    bitrate: Bitrate = Field(
+        description="Bits a second. SocketCAN takes it from `ip link`: there it serves for the budget only."
+    )
+    data_bitrate: Bitrate | None = Field(
+        default=None, description="Bits a second of the data phase; a bus that has it is a CAN FD bus."
+    )
+    interface_options: dict[str, bool | int | float | str] = Field(
+        default={}, description="What else python-can's interface takes, by its own names (pcan: f_clock_mhz, ...)."
+    )
+
+    @field_validator("interface")
+    @classmethod
+    def _is_known(cls, interface: str) -> str:
+        known = sorted(can.VALID_INTERFACES)
+        if interface not in known:
+            near = difflib.get_close_matches(interface.lower(), known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}"
+            raise ValueError(f"python-can has no interface {interface}: {hint}")
+        return interface
+
+    @field_validator("interface_options")
+    @classmethod
+    def _leaves_our_keys(cls, given: dict[str, bool | int | float | str]) -> dict[str, bool | int | float | str]:
+        if ours := sorted(_OWN_KEYS & set(given)):
+            raise ValueError(f"{ours[0]} is not set here: interface, channel, bitrate and data_bitrate stand beside it")
+        return given
+
+    @model_validator(mode="after")
+    def _data_is_not_slower(self) -> LinkOptions:
+        if self.data_bitrate is not None and self.data_bitrate < self.bitrate:
+            raise ValueError(f"data_bitrate {self.data_bitrate} is below bitrate {self.bitrate}: CAN FD data is faster")
+        return self
+
+    @property
+    def fd(self) -> bool:
+        """True for a CAN FD bus."""
+        return self.data_bitrate is not None
+
+    @property
+    def device(self) -> str:
+        """The bus by name, e.g. "socketcan-can0"."""
+        return f"{self.interface}-{self.channel}"

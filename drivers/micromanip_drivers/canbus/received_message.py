@@ -1,0 +1,67 @@
+"""A message that a device sends: frames to fresh samples of its signals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from micromanip.errors import ConfigError
+from micromanip.io.bus import Channel, Inbox
+
+from .bit_field import bit_field
+from .database import identity, whole_number
+from .frame_counter import FrameCounter
+from .options import Received
+from .plan import UnpackPlan
+
+_BAD = -1
+"""Status of samples whose device says 0, and 0 is not good."""
+
+
+class ReceivedMessage:
+    """One message of cantools, with what the configuration says of it; its inputs begin at index `first`.
+
+    Raises ConfigError for a counter or status signal that isn't there or doesn't count.
+    """
+
+    def __init__(self, message: Any, options: Received, first: int, frame_s: float) -> None:
+        self.name: str = message.name
+        self.identity = identity(message)
+        self.length: int = message.length
+        self.frame_s = frame_s
+        self.rate_hz = options.rate_hz
+        self.short = 0
+        self._latency_ns = round(frame_s * 1e9 if options.latency_us is None else options.latency_us * 1e3)
+        self._first = first
+        key = f"receive.{self.name}"
+        own = [whole_number(f"{key}.counter", message, options.counter)] if options.counter else []
+        if options.status:
+            own.append(whole_number(f"{key}.status.signal", message, options.status.signal))
+        self._good = frozenset(options.status.good) if options.status else None
+        values = [one for one in message.signals if one not in own]
+        if not values:
+            raise ConfigError(f"{key}: {self.name} has no signals but its counter and status")
+        self.counter = FrameCounter(own[0].length) if options.counter else None
+        self._own = UnpackPlan([bit_field(one, self.length) for one in own])
+        self._values = UnpackPlan([bit_field(one, self.length) for one in values])
+        self.inputs = [
+            Channel(f"{self.name}.{one.name}", options.rate_hz, latency_s=self._latency_ns * 1e-9) for one in values
+        ]
+
+    def take(self, data: bytes | bytearray, time_ns: int, inbox: Inbox) -> None:
+        """Put the samples of a frame that was received at `time_ns` into `inbox`, if it is a fresh one."""
+        if len(data) != self.length:
+            if len(data) < self.length:
+                self.short += 1
+                return
+            data = data[: self.length]
+        own = self._own.codes(data)
+        lost = self.counter.lost_before(own[0]) if self.counter else 0
+        if lost is None:
+            return
+        status = 0
+        if self._good is not None and own[-1] not in self._good:
+            status = own[-1] or _BAD
+        taken_ns = time_ns - self._latency_ns
+        put = inbox.put
+        for channel, value in enumerate(self._values.values(data), self._first):
+            put(channel, value, taken_ns, status, lost)

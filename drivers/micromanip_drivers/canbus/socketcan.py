@@ -1,0 +1,116 @@
+"""Reading from SocketCAN: the kernel's time of reception and its count of frames that did not fit.
+
+python-can reads the time stamp but in wall-clock time, selects before each frame, and knows no overflow counter.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import time
+from pathlib import Path
+
+import can
+from can.interfaces.socketcan.socketcan import dissect_can_frame
+
+SO_RXQ_OVFL = 40
+SO_TIMESTAMPNS = 35
+_EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
+_FD_SIZE = 72
+_BITRATE_SWITCH, _ERROR_STATE = 0x01, 0x02
+_TIMESPEC = struct.Struct("@ll")
+_COUNTER = struct.Struct("@I")
+_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size) + socket.CMSG_SPACE(_COUNTER.size)
+_ARPHRD_CAN = "280"
+_IFF_UP = 1
+NETWORKS = Path("/sys/class/net")
+
+
+class KernelReader:
+    """Frames of a raw CAN socket, each with the time of its reception in CLOCK_MONOTONIC."""
+
+    def __init__(self, raw: socket.socket) -> None:
+        self._socket = raw
+        raw.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        raw.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
+        self.overflows = 0
+        self._empty_ns = time.monotonic_ns()  # last moment at which the queue was known to be empty
+
+    def drain(self, limit: int) -> list[tuple[can.Message, int]]:
+        """What is there, `limit` frames at most. Raises OSError."""
+        frames: list[tuple[can.Message, int]] = []
+        while len(frames) < limit:
+            try:
+                data, ancillary, _, _ = self._socket.recvmsg(_FD_SIZE, _ANCILLARY, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                self._empty_ns = time.monotonic_ns()
+                break
+            frames.append((_message(data), self._received_ns(ancillary)))
+        return frames
+
+    def wait(self, seconds: float) -> None:
+        """Until a frame is there, or so long."""
+        select.select([self._socket], [], [], seconds)
+
+    def _received_ns(self, ancillary: list[tuple[int, int, bytes]]) -> int:
+        """Time of reception; also takes the overflow counter, which comes along once it is not zero.
+
+        The monotonic clock is read first: if this process is stalled in between, the frame looks older, never newer
+        than it is. A wall clock that was stepped makes nonsense of the difference, so it counts only within what is
+        known for sure: the frame came after the queue was last seen empty, and before now.
+        """
+        now_ns = time.monotonic_ns()
+        wall_ns = time.time_ns()
+        stamp_ns: int | None = None
+        for _, kind, data in ancillary:
+            if kind == SO_TIMESTAMPNS:
+                seconds, nanoseconds = _TIMESPEC.unpack_from(data)
+                stamp_ns = seconds * 1_000_000_000 + nanoseconds
+            elif kind == SO_RXQ_OVFL:
+                self.overflows = _COUNTER.unpack_from(data)[0]
+        if stamp_ns is None:
+            return now_ns
+        return min(now_ns, max(self._empty_ns, now_ns - (wall_ns - stamp_ns)))
+
+
+def _message(frame: bytes) -> can.Message:
+    word, length, flags, data = dissect_can_frame(frame)
+    extended = bool(word & _EXTENDED)
+    return can.Message(
+        arbitration_id=word & (0x1FFFFFFF if extended else 0x7FF),
+        is_extended_id=extended,
+        is_remote_frame=bool(word & _REMOTE),
+        is_error_frame=bool(word & _ERROR),
+        is_fd=len(frame) == _FD_SIZE,
+        bitrate_switch=bool(flags & _BITRATE_SWITCH),
+        error_state_indicator=bool(flags & _ERROR_STATE),
+        dlc=length,
+        data=data,
+    )
+
+
+def trouble(channel: str, bitrate: int, data_bitrate: int | None) -> str | None:
+    """Why the network interface can't be used as it is, and what to do; None if it can."""
+    network = NETWORKS / channel
+    if not network.exists():
+        found = sorted(path.name for path in NETWORKS.iterdir() if _line(path / "type") == _ARPHRD_CAN)
+        return f"there is no network interface {channel}; CAN interfaces here: {', '.join(found) or 'none'}"
+    if _line(network / "type") != _ARPHRD_CAN:
+        return f"the network interface {channel} is not a CAN bus"
+    link = f"ip link set {channel}"
+    fd = f" dbitrate {data_bitrate} fd on" if data_bitrate else ""
+    if not int(_line(network / "flags") or "0", 16) & _IFF_UP:
+        return f"{channel} is down; as root: {link} up type can bitrate {bitrate}{fd} restart-ms 100"
+    if _line(network / "carrier") == "0":
+        return f"{channel} is bus-off; as root: {link} type can restart (after restart-ms 100 it does that by itself)"
+    if data_bitrate and int(_line(network / "mtu") or "0") < _FD_SIZE:
+        return f"{channel} has no CAN FD; as root: {link} down, then {link} up type can bitrate {bitrate}{fd}"
+    return None
+
+
+def _line(file: Path) -> str | None:
+    try:
+        return file.read_text().strip()
+    except OSError:  # carrier of an interface that is down, or one that went away in between
+        return None

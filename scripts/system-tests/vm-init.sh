@@ -17,7 +17,9 @@ mount -t overlay -o lowerdir=/low,upperdir=/layers/upper,workdir=/layers/scratch
 mkdir -p /new/exchange /new/kept /new/lib/modules
 for folder in exchange kept; do mount -t 9p -o "rw,$share" $folder /new/$folder; done
 ln -s "$(cat /modules/tree)" /new/lib/modules/
-[ -x /new/usr/bin/candump ] || ln -s "$(cat /can-utils)"/can* /new/usr/local/bin/
+for program in candump cansend cangen; do
+    [ -x /new/usr/bin/$program ] || ln -s "$(cat /can-utils)/$program" /new/usr/bin/
+done
 for tree in proc sys dev; do mount --move /$tree /new/$tree; done
 mkdir -p /new/dev/pts /new/dev/shm
 mount -t devpts devpts /new/dev/pts
@@ -26,7 +28,7 @@ mount -t tmpfs run /new/run
 mkdir -p /new/run/lock /new/run/systemd/system
 chmod 1777 /new/run/lock
 touch /new/run/throw-away-machine
-chroot /new /bin/sh -c 'ip link set lo up; ip link add vcan0 mtu 72 type vcan; ip link set vcan0 up'
+chroot /new /bin/sh -c 'ip link set lo up; ip link add vcan0 type vcan; ip link set vcan0 up'
 for unit in systemd-tmpfiles-setup systemd-tmpfiles-setup-dev systemd-tmpfiles-clean systemd-udev-trigger systemd-udevd \
     systemd-timesyncd systemd-pstore systemd-binfmt systemd-hwdb-update systemd-update-utmp systemd-firstboot \
     modprobe@configfs modprobe@drm modprobe@efi_pstore; do

@@ -17,6 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 COMMANDS = {
     "run": "run a configuration: the daemon",
     "check": "validate a configuration and print its budget",
+    "simulate-device": "play the devices that a configuration names",
     "commission": "from factory values to a tuned, validated axis, with its report",
     "identify": "play a safe excitation on one axis and record it",
     "fit": "models from a recording",

@@ -22,17 +22,20 @@ _ERROR_FRAME_BITS = 12 + 8 + 3  # both nodes' flags one after the other, delimit
 
 
 def fd_length(length: int) -> int:
-    """The shortest payload of CAN FD that holds `length` bytes. Raises ValueError above 64."""
+    """The shortest payload of CAN FD that holds `length` bytes. Raises ValueError for none of 0 to 64."""
     for fits in FD_LENGTHS:
-        if length <= fits:
+        if 0 <= length <= fits:
             return fits
-    raise ValueError(f"a CAN FD frame carries 64 bytes at most, not {length}")
+    raise ValueError(f"a CAN FD frame carries 0 to 64 bytes, not {length}")
 
 
 def classic_bits(length: int, extended: bool = False) -> int:
-    """Bits of a classic frame of `length` bytes, at worst, with the intermission. Raises ValueError above 8."""
+    """Bits of a classic frame of `length` bytes, at worst, with the intermission.
+
+    Raises ValueError for none of 0 to 8.
+    """
     if length not in CLASSIC_LENGTHS:
-        raise ValueError(f"a classic CAN frame carries 8 bytes at most, not {length}")
+        raise ValueError(f"a classic CAN frame carries 0 to 8 bytes, not {length}")
     stuffed = (54 if extended else 34) + 8 * length
     return stuffed + (stuffed - 1) // 4 + 1 + _TAIL_BITS  # the 1 is the CRC delimiter
 
@@ -40,7 +43,7 @@ def classic_bits(length: int, extended: bool = False) -> int:
 def fd_bits(length: int, extended: bool = False) -> tuple[int, int]:
     """Bits of a CAN FD frame of `length` bytes at the nominal and at the data bit rate, at worst.
 
-    A length that CAN FD doesn't have takes what the next longer takes. Raises ValueError above 64.
+    A length that CAN FD doesn't have takes what the next longer takes. Raises ValueError for none of 0 to 64.
     """
     length = fd_length(length)
     header = 36 if extended else 17  # start of frame up to BRS

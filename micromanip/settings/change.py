@@ -43,6 +43,7 @@ RULES: tuple[tuple[str, str], ...] = (
     ("axes.*.authority_percent", LIVE),
     ("axes.*.commissioned.**", LIVE),
     ("arm_on_start", LIVE),  # asked for at the next start
+    ("simulation.**", LIVE),  # `run` does not use it
 )
 """The first rule that fits counts; ``*`` is one name, ``**`` any number of parts, also none."""
 

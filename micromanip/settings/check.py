@@ -18,6 +18,7 @@ from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from .load import validate_document
 from .model import Configuration
 from .outer import dc_gain, outer_gains
+from .plant import build_plant
 from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from .source import Source
 from .waveform import load_samples
@@ -58,6 +59,8 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
             *bus_findings(configuration, wiring),
         ],
     )
+    if configuration.simulation is not None:
+        build_plant(configuration, source, configuration.loop.period_ns)
     samples = load_samples(configuration, source)
     return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), samples)
 

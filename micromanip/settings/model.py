@@ -98,6 +98,21 @@ class Driver(Settings):
         return dict(self.model_extra or {})
 
 
+class Simulation(Settings):
+    """The plant behind the devices that `micromanip simulate-device` plays: `driver`, and the keys of that driver."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    driver: str = Field(
+        default="simulated", description="Entry point of the simulated cyclic driver that is the plant."
+    )
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The driver's own keys."""
+        return dict(self.model_extra or {})
+
+
 class Signal(Settings):
     """An input of the loop."""
 
@@ -207,6 +222,11 @@ class Configuration(Settings):
     axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES, description="The axes of the manipulator.")
     control: Control = Control()
     arm_on_start: Flag = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
+    simulation: Simulation | None = Field(
+        default=None,
+        description="The plant behind the devices that `micromanip simulate-device` plays; besides `driver` "
+        "it takes the keys of that driver. `run` does not use it.",
+    )
 
 
 __all__ = ["SCHEMA_VERSION", "Configuration", "Control", "Count", "Driver", "Loop", "Output", "Signal", "Start"]

@@ -93,7 +93,8 @@ class EventLoop:
 
     def _call_due(self, now_ns: int) -> None:
         timers = self._timers
-        while timers and timers[0][0] <= now_ns and not self._stopping:
+        last = self._sequence  # what is asked for meanwhile waits, so that timers which are late can't starve readers
+        while timers and timers[0][0] <= now_ns and timers[0][1] <= last and not self._stopping:
             callback = heapq.heappop(timers)[2].callback
             if callback is not None:
                 callback()

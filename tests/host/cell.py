@@ -168,7 +168,11 @@ class Running:
 
     def child(self, module):
         """Process number of the child that runs `module` of the host."""
-        found = [pid for pid in tagged(self.tag) if f"micromanip.host.{module}" in command_line(pid)]
+        return self.child_of(f"micromanip.host.{module}")
+
+    def child_of(self, module):
+        """Process number of the child that runs `module`."""
+        found = [pid for pid in tagged(self.tag) if module in command_line(pid)]
         return found[0] if found else None
 
     @property

@@ -6,8 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+import can
+
 from micromanip.errors import ConfigError
 from micromanip.io.bus import Answer, BusDriver, Channel, Inbox, Load, Task
+from micromanip.io.bus_errors import BusError, DeviceFault
 from micromanip.io.can_bits import worst_case_s
 
 from .database import Database, switches_bitrate
@@ -16,6 +19,8 @@ from .listening import heard
 from .options import CanBusOptions
 from .received_message import ReceivedMessage
 from .sent_message import SentMessage
+
+_ECHOES = ("udp_multicast",)  # gives a sender its own frames, and can't tell
 
 
 class CanBus(BusDriver):
@@ -44,8 +49,9 @@ class CanBus(BusDriver):
             raise ConfigError("receive or send: at least one message must be given")
         self._inputs, self._outputs = tuple(inputs), tuple(outputs)
         self._by_identity = {message.identity: message for message in self._received}
+        self._commands = {message.identity: message.name for message in self._sent}
         self._others = 0
-        self._link = CanLink(options, list(self._by_identity))
+        self._link = CanLink(options, [*self._by_identity, *self._commands])
 
     @property
     def device(self) -> str:
@@ -86,12 +92,18 @@ class CanBus(BusDriver):
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         by_identity = self._by_identity
+        failure: BusError | None = None
         for frame, time_ns in self._link.receive(until_ns):
             message = by_identity.get((frame.arbitration_id, frame.is_extended_id))
-            if message is None or frame.is_remote_frame:
-                self._others += 1
-            else:
-                message.take(frame.data, time_ns, inbox)
+            try:
+                if message is None or frame.is_remote_frame:
+                    self._take_other(frame)
+                else:
+                    message.take(frame.data, time_ns, inbox)
+            except BusError as error:  # not before the frames after it have been taken
+                failure = error
+        if failure is not None:
+            raise failure
 
     def close(self) -> None:
         self._link.close()
@@ -110,6 +122,13 @@ class CanBus(BusDriver):
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         return heard(CanLink(self.options), self._database.by_identifier(), seconds)
+
+    def _take_other(self, frame: can.Message) -> None:
+        """A frame that is not for us. Raises DeviceFault if it is one of our own commands, from somebody else."""
+        self._others += 1
+        name = self._commands.get((frame.arbitration_id, frame.is_extended_id))
+        if name and frame.is_rx and not frame.is_remote_frame and self.options.interface not in _ECHOES:
+            raise DeviceFault(f"somebody else sends {name} on {self.device}: two controllers, and one device")
 
     def _message(self, key: str, name: str) -> Any:
         message = self._database.message(key, name)

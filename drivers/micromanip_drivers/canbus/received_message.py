@@ -6,6 +6,7 @@ from typing import Any
 
 from micromanip.errors import ConfigError
 from micromanip.io.bus import Channel, Inbox
+from micromanip.io.bus_errors import TransientError
 
 from .bit_field import bit_field
 from .database import identity, whole_number
@@ -48,11 +49,14 @@ class ReceivedMessage:
         ]
 
     def take(self, data: bytes | bytearray, time_ns: int, inbox: Inbox) -> None:
-        """Put the samples of a frame that was received at `time_ns` into `inbox`, if it is a fresh one."""
+        """Put the samples of a frame that was received at `time_ns` into `inbox`, if it is a fresh one.
+
+        Raises TransientError for a frame that is too short to be the message.
+        """
         if len(data) != self.length:
             if len(data) < self.length:
                 self.short += 1
-                return
+                raise TransientError(f"{self.name} came with {len(data)} bytes, the database says {self.length}")
             data = data[: self.length]
         own = self._own.codes(data)
         lost = self.counter.lost_before(own[0]) if self.counter else 0

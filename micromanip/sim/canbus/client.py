@@ -14,6 +14,8 @@ from typing import Any, NoReturn
 
 import can
 
+from micromanip.io.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, fd_length
+
 from .client_port import address
 from .error_frames import Controller, ErrorClass
 from .frame import (
@@ -121,12 +123,15 @@ class HubBus(can.BusABC):
         word, length = msg.arbitration_id, msg.dlc
         if msg.is_extended_id:
             word |= EXTENDED_FLAG
+        if length > (FD_LENGTHS if msg.is_fd else CLASSIC_LENGTHS)[-1]:
+            raise can.CanOperationError(f"no {'CAN FD' if msg.is_fd else 'CAN'} frame has {length} bytes", errno.EINVAL)
         if msg.is_remote_frame:
-            return CLASSIC.pack(word | REMOTE_FLAG, length, 0, b"")
+            return CLASSIC.pack(word | REMOTE_FLAG, length, b"")
         if not msg.is_fd:
-            return CLASSIC.pack(word, length, 0, msg.data)
+            return CLASSIC.pack(word, length, msg.data)
         if not self.fd:
             raise can.CanOperationError(f"{self.channel_info} was opened without fd: no CAN FD frames", errno.EINVAL)
+        length = fd_length(length)  # filled up with zeros
         return FD.pack(word, length, FD_FLAG | BITRATE_SWITCH_FLAG if msg.bitrate_switch else FD_FLAG, msg.data)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -151,7 +156,11 @@ class HubBus(can.BusABC):
     def _message(self, packet: bytes) -> can.Message:
         time_ns = STAMP.unpack_from(packet)[0]
         is_fd = len(packet) == _PACKET_BYTES
-        word, length, flags, data = (FD if is_fd else CLASSIC).unpack_from(packet, STAMP.size)
+        flags = 0
+        if is_fd:
+            word, length, flags, data = FD.unpack_from(packet, STAMP.size)
+        else:
+            word, length, data = CLASSIC.unpack_from(packet, STAMP.size)
         return can.Message(
             timestamp=time_ns * 1e-9,
             arbitration_id=word & EXTENDED_MASK,
@@ -163,7 +172,7 @@ class HubBus(can.BusABC):
             data=None if word & REMOTE_FLAG else data[:length],
             is_fd=is_fd,
             is_rx=True,
-            bitrate_switch=is_fd and bool(flags & BITRATE_SWITCH_FLAG),
+            bitrate_switch=bool(flags & BITRATE_SWITCH_FLAG),
         )
 
     def _note(self, message: can.Message) -> None:

@@ -31,26 +31,25 @@ class ClientPort(Port):
     as soon as there is room.
     """
 
-    def __init__(
-        self,
-        sock: socket.socket,
-        loop: EventLoop,
-        queue_frames: int,
-        on_packet: Callable[[ClientPort, int, bytes], None],
-        on_gone: Callable[[ClientPort], None],
-    ) -> None:
+    def __init__(self, sock: socket.socket, loop: EventLoop, queue_frames: int, restart_ns: int | None) -> None:
         peer = sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         self.process_id: int = _CREDENTIALS.unpack(peer)[0]
-        super().__init__(f"process {self.process_id}", queue_frames)
+        super().__init__(f"process {self.process_id}", queue_frames, restart_ns)
         self.dropped = 0
+        """Frames that it didn't take in time."""
         self._overflown = False
         self._sock = sock
         self._loop = loop
-        self._on_packet = on_packet
-        self._on_gone = on_gone
         self._listening = False
         sock.setblocking(False)
-        self.taken()
+
+    def listen(
+        self, on_packet: Callable[[ClientPort, int, bytes], None], on_gone: Callable[[ClientPort], None]
+    ) -> None:
+        """Call `on_packet` with what it sends (its time, ns, and the packed frame), `on_gone` when it is gone."""
+        self._on_packet = on_packet
+        self._on_gone = on_gone
+        self.queue_changed()
 
     def greet(self, **about: int | None) -> None:
         """Tell the client about the bus: its first packet."""
@@ -62,7 +61,7 @@ class ClientPort(Port):
     def tell(self, frame: Frame, time_ns: int) -> None:
         self._hand_over(pack(frame), time_ns)
 
-    def taken(self) -> None:
+    def queue_changed(self) -> None:
         """Listen while there is room in the queue; in bus-off too, to throw away what comes and to see it go."""
         listening = not self.leaving and (not self.full or self.state is State.BUS_OFF)
         if listening is self._listening:
@@ -77,7 +76,7 @@ class ClientPort(Port):
         """End the connection; what is queued still goes out."""
         if not self.leaving:
             self.leaving = True
-            self.taken()
+            self.queue_changed()
             self._sock.close()
 
     def _on_readable(self) -> None:
@@ -94,7 +93,7 @@ class ClientPort(Port):
                 self._on_packet(self, STAMP.unpack_from(packet)[0], packet[STAMP.size :])
             except (ValueError, struct.error):
                 self._gone()  # it doesn't speak our language: better no peer than a wrong one
-            self.taken()
+            self.queue_changed()
 
     def _hand_over(self, packed: bytes, time_ns: int) -> None:
         stamp = STAMP.pack(time_ns)

@@ -13,7 +13,7 @@ BITRATE_SWITCH_FLAG, FD_FLAG = 0x01, 0x04
 
 STAMP = struct.Struct("=q")
 """A packet between hub and client is a time stamp, ns of CLOCK_MONOTONIC, and a frame."""
-CLASSIC = struct.Struct("=IBBxx8s")
+CLASSIC = struct.Struct("=IBxxx8s")
 FD = struct.Struct("=IBBxx64s")
 
 
@@ -39,8 +39,10 @@ class Frame:
 
 
 def pack(frame: Frame) -> bytes:
-    """The frame's ``struct``: 16 bytes, or 72 for CAN FD."""
+    """The frame's ``struct``: 16 bytes, or 72 for CAN FD. Raises ValueError for an identifier out of range."""
     word = frame.identifier
+    if not 0 <= word <= (EXTENDED_MASK if frame.extended or frame.error else STANDARD_MASK):
+        raise ValueError(f"identifier {word:#x} is not one of {29 if frame.extended else 11} bits")
     if frame.extended:
         word |= EXTENDED_FLAG
     if frame.remote:
@@ -50,7 +52,7 @@ def pack(frame: Frame) -> bytes:
     if frame.fd:
         flags = FD_FLAG | BITRATE_SWITCH_FLAG if frame.bitrate_switch else FD_FLAG
         return FD.pack(word, len(frame.data), flags, frame.data)
-    return CLASSIC.pack(word, len(frame.data), 0, frame.data)
+    return CLASSIC.pack(word, len(frame.data), frame.data)
 
 
 def unpack(packed: bytes) -> Frame:
@@ -58,7 +60,11 @@ def unpack(packed: bytes) -> Frame:
     fd = len(packed) == FD.size
     if not fd and len(packed) != CLASSIC.size:
         raise ValueError(f"a CAN frame has {CLASSIC.size} or {FD.size} bytes, not {len(packed)}")
-    word, length, flags, data = (FD if fd else CLASSIC).unpack(packed)
+    flags = 0
+    if fd:
+        word, length, flags, data = FD.unpack(packed)
+    else:
+        word, length, data = CLASSIC.unpack(packed)
     if length > len(data):
         raise ValueError(f"a CAN frame of {len(packed)} bytes holds {len(data)} bytes of data at most, not {length}")
     extended, error = bool(word & EXTENDED_FLAG), bool(word & ERROR_FLAG)
@@ -68,7 +74,7 @@ def unpack(packed: bytes) -> Frame:
         data[:length],
         extended,
         fd,
-        fd and bool(flags & BITRATE_SWITCH_FLAG),
+        bool(flags & BITRATE_SWITCH_FLAG),
         bool(word & REMOTE_FLAG),
         error,
     )

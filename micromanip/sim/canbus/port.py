@@ -10,7 +10,8 @@ from . import error_frames
 from .error_frames import Controller
 from .frame import Frame
 
-_WARNING, _PASSIVE, _BUS_OFF = 96, 128, 256
+_LEAST_WARNING, LEAST_PASSIVE, _LEAST_BUS_OFF = 96, 128, 256
+"""Error counts at which the states begin."""
 
 
 class State(IntEnum):
@@ -30,6 +31,8 @@ class Transmission(NamedTuple):
     arrival_ns: int
     """When it came into the transmit queue."""
     priority: int
+    repeated: bool = False
+    """Sent again although it had arrived."""
 
 
 class Node(Protocol):
@@ -42,34 +45,34 @@ class Node(Protocol):
 class Port:
     """One participant, whatever it is; who attaches it says how it gets its frames."""
 
-    def __init__(self, name: str, queue_frames: int) -> None:
+    def __init__(self, name: str, queue_frames: int, restart_ns: int | None = None) -> None:
         self.name = name
         self.queue: deque[Transmission] = deque()
         self.queue_frames = queue_frames
-        self.refused = False
-        """Takes no frames although its queue has room: an injected fault."""
+        self.restart_ns = restart_ns
+        """How long after bus-off it takes part again by itself; None: it doesn't."""
         self.leaving = False
         """Gone, but for what it had queued."""
         self.transmit_errors = 0
         self.receive_errors = 0
-        self.least_transmit_errors = 0
-        """An injected fault keeps the counter from falling below."""
+        self._refusing = False
+        self._least_transmit_errors = 0
         self._told = State.ACTIVE
 
     @property
     def state(self) -> State:
         """Follows from the error counters."""
-        if self.transmit_errors >= _BUS_OFF:
+        if self.transmit_errors >= _LEAST_BUS_OFF:
             return State.BUS_OFF
         worst = max(self.transmit_errors, self.receive_errors)
-        if worst >= _PASSIVE:
+        if worst >= LEAST_PASSIVE:
             return State.PASSIVE
-        return State.WARNING if worst >= _WARNING else State.ACTIVE
+        return State.WARNING if worst >= _LEAST_WARNING else State.ACTIVE
 
     @property
     def full(self) -> bool:
         """No further frame is taken."""
-        return self.refused or len(self.queue) >= self.queue_frames
+        return self._refusing or len(self.queue) >= self.queue_frames
 
     def deliver(self, transmission: Transmission, time_ns: int) -> None:
         """Hand over a frame of another participant."""
@@ -78,19 +81,19 @@ class Port:
     def tell(self, frame: Frame, time_ns: int) -> None:
         """Hand over an error frame of its own controller; the default is not to."""
 
-    def taken(self) -> None:
-        """A frame has left the queue."""
+    def queue_changed(self) -> None:
+        """A frame has left the queue, or it may be full now."""
 
     def sent(self, time_ns: int) -> None:
         """A frame of its own arrived at the others."""
-        if self.transmit_errors > self.least_transmit_errors:
+        if self.transmit_errors > self._least_transmit_errors:
             self.transmit_errors -= 1
             self.tell_state(time_ns)
 
     def received(self, time_ns: int) -> None:
         """A frame of another arrived."""
         if self.receive_errors:
-            self.receive_errors = min(self.receive_errors, _PASSIVE) - 1
+            self.receive_errors = min(self.receive_errors, LEAST_PASSIVE) - 1
             self.tell_state(time_ns)
 
     def failed(self, own: bool, time_ns: int) -> None:
@@ -99,13 +102,24 @@ class Port:
         if own:
             self.transmit_errors += 8
         else:
-            self.receive_errors = min(self.receive_errors + 1, _BUS_OFF - 1)
+            self.receive_errors = min(self.receive_errors + 1, _LEAST_BUS_OFF - 1)
         self.tell_state(time_ns)
 
-    def set_transmit_errors(self, count: int, time_ns: int) -> None:
-        """Give the counter a value, as an injected fault or a restart does; bus-off clears the queue."""
-        self.transmit_errors = count
+    def go_bus_off(self, time_ns: int) -> None:
+        """As if it had failed to send too often."""
+        self.transmit_errors = _LEAST_BUS_OFF
         self.tell_state(time_ns)
+
+    def keep_transmit_errors(self, least: int, time_ns: int) -> None:
+        """Don't let the counter of transmit errors fall below `least`."""
+        self._least_transmit_errors = least
+        self.transmit_errors = max(self.transmit_errors, least)
+        self.tell_state(time_ns)
+
+    def refuse(self, refusing: bool) -> None:
+        """Take no frames although the queue has room, or take them again."""
+        self._refusing = refusing
+        self.queue_changed()
 
     def restart(self, time_ns: int) -> None:
         """Take part again after bus-off."""
@@ -121,6 +135,7 @@ class Port:
         self._told = state
         if state is State.BUS_OFF:
             self.queue.clear()
+            self.queue_changed()
             self.tell(error_frames.bus_off(), time_ns)
             return
         by_transmission = self.transmit_errors >= self.receive_errors
@@ -135,8 +150,8 @@ class Port:
 class NodePort(Port):
     """A node in the hub's own process; it isn't told of error frames."""
 
-    def __init__(self, node: Node, queue_frames: int) -> None:
-        super().__init__(type(node).__name__, queue_frames)
+    def __init__(self, node: Node, queue_frames: int, restart_ns: int) -> None:
+        super().__init__(type(node).__name__, queue_frames, restart_ns)
         self.node = node
 
     def deliver(self, transmission: Transmission, time_ns: int) -> None:

@@ -1,0 +1,171 @@
+"""Bringing the nodes into operation, and nothing into motion.
+
+Each node is told to go to PRE-OPERATIONAL, where its PDOs rest; asked who it is; told what the configuration wants;
+compared with what we will send and read; then started. It is never reset: a reset would restart a device that another
+may be using, and some move their outputs by it. Written is what the node forgets when it is switched off, never its
+permanent memory.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+
+import can
+
+from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError
+
+from ..canbus.link import CanLink
+from .dictionary import number
+from .mapping import INVALID
+from .options import CanOpenOptions
+from .plan import NodePlan, PdoPlan
+from .sdo import Sdo
+from .watch import Watch, described
+
+_NMT = 0x000
+_START = 1
+_ENTER_PRE_OPERATIONAL = 128
+_HEARTBEAT, _EMERGENCY = 0x700, 0x080
+
+_GENERIC_ERROR = 0x01
+_COMMUNICATION_ERROR = 0x10
+_IDENTITY = (("vendor_id", 1), ("product_code", 2), ("revision", 3), ("serial", 4))
+
+
+def boot(
+    link: CanLink,
+    options: CanOpenOptions,
+    nodes: Sequence[NodePlan],
+    watches: Mapping[str, Watch],
+    deadline_ns: int,
+) -> None:
+    """Set up the nodes and start them, until `deadline_ns`.
+
+    Raises LinkError for a node that does not answer or start, IdentityMismatch for one that is not what the
+    configuration says, DeviceFault for one that reports an error.
+    """
+    for plan in nodes:
+        _command(link, _ENTER_PRE_OPERATIONAL, plan)
+    for plan in nodes:
+        sdo = Sdo(link, plan, deadline_ns, _ignored)
+        _reached(sdo, plan, deadline_ns)
+        _identify(sdo, plan)
+        _refuse_fault(sdo, plan)
+        for pdo in plan.pdos:
+            _configure(sdo, plan, pdo)
+            _compare(sdo, plan, pdo)
+        _set_watch(sdo, plan, options.own_node_id)
+        sdo.write(0x1017, 0, plan.heartbeat_period_ms)
+    for plan in nodes:
+        watches[plan.name].begin(time.monotonic_ns())
+        _command(link, _START, plan)
+    _started(link, nodes, watches, deadline_ns)
+
+
+def _command(link: CanLink, command: int, plan: NodePlan) -> None:
+    data = bytes((command, plan.options.node_id))
+    link.send(can.Message(arbitration_id=_NMT, data=data, is_extended_id=False))
+
+
+def _ignored(message: can.Message, time_ns: int) -> None:
+    """PDOs, heartbeats and emergencies from before the start: the error register tells what still holds."""
+
+
+def _reached(sdo: Sdo, plan: NodePlan, deadline_ns: int) -> None:
+    while not sdo.answers():
+        if time.monotonic_ns() >= deadline_ns:
+            raise LinkError(f"node {plan.name} (number {plan.options.node_id}) does not answer")
+
+
+def _identify(sdo: Sdo, plan: NodePlan) -> None:
+    for key, subindex in _IDENTITY:
+        wanted = getattr(plan.options.identity, key)
+        if wanted is None:
+            continue
+        found = sdo.read(0x1018, subindex)
+        if found != wanted:
+            raise IdentityMismatch(
+                f"node {plan.name} (number {plan.options.node_id}) has {key} 0x{found:X}, not 0x{wanted:X}"
+            )
+
+
+def _refuse_fault(sdo: Sdo, plan: NodePlan) -> None:
+    """A communication error alone is no reason: a node that missed us has one until it hears of us again."""
+    register = sdo.read(0x1001)
+    if not register & ~(_GENERIC_ERROR | _COMMUNICATION_ERROR) and register != _GENERIC_ERROR:
+        return
+    told = f"node {plan.name} reports error register 0x{register:02X}"
+    if plan.dictionary.has(0x1003, 1) and sdo.read(0x1003, 0):
+        told += f", last emergency {described(sdo.read(0x1003, 1) & 0xFFFF)}"
+    raise DeviceFault(told)
+
+
+def _configure(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:
+    """Write what the configuration says otherwise than the EDS; a PDO rests while its mapping changes."""
+    mapping = pdo.mapping
+    if not mapping.to_write and not mapping.transmission_to_write:
+        return
+    cob_id = plan.dictionary.value(mapping.parameters, 1) & ~INVALID
+    sdo.write(mapping.parameters, 1, cob_id | INVALID)
+    if mapping.transmission_to_write:
+        sdo.write(mapping.parameters, 2, mapping.transmission)
+    if mapping.to_write:
+        sdo.write(mapping.mappings, 0, 0)
+        for i, mapped in enumerate(mapping.objects):
+            sdo.write(mapping.mappings, i + 1, mapped.entry)
+        sdo.write(mapping.mappings, 0, len(mapping.objects))
+    sdo.write(mapping.parameters, 1, cob_id)
+
+
+def _compare(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:
+    """Whatever the EDS says, the node may have been set up otherwise: its values would be taken for others."""
+    mapping = pdo.mapping
+    wanted = {
+        (mapping.parameters, 2): mapping.transmission,
+        (mapping.mappings, 0): len(mapping.objects),
+        **{(mapping.mappings, i + 1): mapped.entry for i, mapped in enumerate(mapping.objects)},
+    }
+    cob_id = sdo.read(mapping.parameters, 1)
+    if cob_id & INVALID or cob_id & 0x7FF != mapping.identifier:
+        raise _differs(plan, pdo, (mapping.parameters, 1), cob_id, mapping.identifier)
+    for at, value in wanted.items():
+        if (found := sdo.read(*at)) != value:
+            raise _differs(plan, pdo, at, found, value)
+
+
+def _differs(plan: NodePlan, pdo: PdoPlan, at: tuple[int, int], found: int, wanted: int) -> IdentityMismatch:
+    return IdentityMismatch(
+        f"{pdo.title} is set up otherwise than {plan.dictionary.file.name} and the configuration say: {number(*at)} is "
+        f"0x{found:X}, not 0x{wanted:X}; give it map and transmission, or restore the node's defaults"
+    )
+
+
+def _set_watch(sdo: Sdo, plan: NodePlan, own_node_id: int) -> None:
+    watchdog_ms = plan.options.watchdog_ms
+    if watchdog_ms is None:
+        return
+    if plan.options.watchdog_by == "heartbeat":
+        sdo.write(0x1016, 1, own_node_id << 16 | watchdog_ms)
+        return
+    for pdo in plan.rpdos:
+        sdo.write(pdo.mapping.parameters, 5, watchdog_ms)
+
+
+def _started(link: CanLink, nodes: Sequence[NodePlan], watches: Mapping[str, Watch], deadline_ns: int) -> None:
+    """Wait until each node's heartbeat says OPERATIONAL."""
+    by_heartbeat = {_HEARTBEAT + plan.options.node_id: watches[plan.name] for plan in nodes}
+    by_emergency = {_EMERGENCY + plan.options.node_id: watches[plan.name] for plan in nodes}
+    while True:
+        for message, time_ns in link.receive(deadline_ns):
+            if watch := by_heartbeat.get(message.arbitration_id):
+                watch.heartbeat(bytes(message.data), time_ns)
+            elif watch := by_emergency.get(message.arbitration_id):
+                watch.emergency(bytes(message.data))
+        for plan in nodes:
+            watches[plan.name].check(time.monotonic_ns())
+        waiting = [plan.name for plan in nodes if not watches[plan.name].operational]
+        if not waiting:
+            return
+        if time.monotonic_ns() >= deadline_ns:
+            raise LinkError(f"node {waiting[0]} was told to start and is still {watches[waiting[0]].state}")

@@ -1,0 +1,103 @@
+"""A node's object dictionary, as its EDS file describes it."""
+
+from __future__ import annotations
+
+import configparser
+import difflib
+import logging
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODArray, ODVariable, import_od
+
+from micromanip.errors import ConfigError
+
+logging.getLogger("canopen").addHandler(logging.NullHandler())  # what goes wrong comes as an exception
+
+_NUMBER = re.compile(r"^(?:0x)?([0-9A-Fa-f]{4})(?:sub([0-9A-Fa-f]{1,2}))?$")
+PROCESS_DATA = range(0x2000, 0x10000)
+"""Indices that carry process data; below them lies the communication."""
+
+
+class Dictionary:
+    """Objects of one node. Every method raises ConfigError, with the file's name, for what the EDS does not have."""
+
+    def __init__(self, file: Path, node_id: int) -> None:
+        self.file = file
+        self.objects = _parsed(file, node_id)
+
+    def variable(self, index: int, subindex: int = 0) -> ODVariable:
+        """Object `index`, `subindex`."""
+        found = self._get(index, subindex)
+        if found is None:
+            raise ConfigError(f"{self.file} has no object {number(index, subindex)}")
+        return found
+
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """True if there is an object `index`, `subindex`."""
+        return self._get(index, subindex) is not None
+
+    def value(self, index: int, subindex: int = 0) -> int:
+        """What an integer object is when the device starts: its ParameterValue (DCF), or its DefaultValue."""
+        variable = self.variable(index, subindex)
+        value = variable.default if variable.value is None else variable.value
+        if not isinstance(value, int):
+            raise ConfigError(f"{self.file}: object {number(index, subindex)} ({variable.name}) has no DefaultValue")
+        return value
+
+    def find(self, name: str) -> ODVariable:
+        """The object called `name`, or with that number ("8130sub1")."""
+        if match := _NUMBER.match(name):
+            return self.variable(int(match[1], 16), int(match[2] or "0", 16))
+        found = [v for v in self._variables() if name in (v.name, v.qualname)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            numbers = " and ".join(number(v.index, v.subindex) for v in found)
+            raise ConfigError(f"{self.file} has several objects called {name}: give the number, {numbers}")
+        known = [v.name for v in self._variables() if v.index in PROCESS_DATA]
+        near = difflib.get_close_matches(name, known, 1)
+        hint = f"did you mean {near[0]}?" if near else f"its process data are {', '.join(known) or 'none'}"
+        raise ConfigError(f"{self.file} has no object called {name}; {hint}")
+
+    def _get(self, index: int, subindex: int) -> ODVariable | None:
+        entry = self.objects.indices.get(index)
+        if entry is None or isinstance(entry, ODVariable):
+            return entry if subindex == 0 else None
+        found: ODVariable | None = entry.subindices.get(subindex)
+        if found is None and isinstance(entry, ODArray) and _is_compact(entry) and 0 < subindex < 0xFF:
+            return entry[subindex]  # made from the first
+        return found
+
+    def _variables(self) -> Iterator[ODVariable]:
+        for entry in self.objects.values():
+            if isinstance(entry, ODVariable):
+                yield entry
+            else:
+                yield from entry.subindices.values()
+
+
+def _is_compact(array: ODArray) -> bool:
+    """True for an array that the EDS describes by its first element (CompactSubObj)."""
+    return 1 in array.subindices and array.subindices[0].default is None
+
+
+def number(index: int, subindex: int = 0) -> str:
+    """An object's number as the EDS writes it: "8130sub1"."""
+    return f"{index:04X}sub{subindex:X}"
+
+
+def _parsed(file: Path, node_id: int) -> ObjectDictionary:
+    if file.suffix.lower() not in (".eds", ".dcf"):
+        raise ConfigError(f"{file}: a file of CANopen objects ends in .eds or .dcf")
+    try:
+        objects = import_od(str(file), node_id)
+    except OSError as problem:
+        raise ConfigError(f"EDS file {file} can't be read: {problem.strerror}") from problem
+    except (configparser.Error, UnicodeDecodeError, ValueError, KeyError, TypeError, ObjectDictionaryError) as problem:
+        why = " ".join(str(problem).split())
+        raise ConfigError(f"{file} is not a valid EDS file: {why}") from problem
+    if not any(index >= 0x1000 for index in objects):
+        raise ConfigError(f"{file} is not a valid EDS file: it describes no objects")
+    return objects

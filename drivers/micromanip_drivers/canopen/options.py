@@ -1,0 +1,196 @@
+"""Keys of the configuration of the driver ``canopen``.
+
+    drivers:
+      can0:
+        driver: canopen
+        interface: socketcan
+        channel: can0
+        bitrate: 1000000
+        sync_hz: 1000                    # we send SYNC; without it nobody does
+        nodes:
+          sensor:
+            node_id: 5
+            eds: can/sensor.eds          # seen from the configuration's folder
+            heartbeat_ms: 150            # silent for so long: the link is lost
+            identity: {vendor_id: 0xFFFF0001, product_code: 0x404}
+            tpdo:                        # what the node transmits, by the EDS's number of the PDO
+              1:
+                rate_hz: 1000
+                signals:                 # value = scale x raw + offset, raw as the EDS types it
+                  strain_x: {scale: 1.0e-4}
+                  stage_x: {scale: 1.0e-4}
+          amplifier:
+            node_id: 6
+            eds: can/amplifier.eds
+            heartbeat_ms: 150
+            watchdog_ms: 20              # without outputs for so long the node makes them safe by itself
+            rpdo:                        # what the node receives
+              1:
+                rate_hz: 1000
+                signals:
+                  voltage_x: {scale: 0.005}
+                  voltage_y: {scale: 0.005}
+                  voltage_z: {scale: 0.005}
+
+Channels are called node.signal: "sensor.strain_x", "amplifier.voltage_x".
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from ..canbus.link_options import LinkOptions
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+NodeId = Annotated[int, Field(strict=True, ge=1, le=127)]
+Number = Annotated[int, Field(ge=1, le=512)]
+Milliseconds = Annotated[int, Field(strict=True, ge=1, le=65535)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
+Word = Annotated[int, Field(strict=True, ge=0, le=0xFFFFFFFF)]
+Transmission = Literal["sync", "event"] | Annotated[int, Field(strict=True, ge=1, le=240)]
+
+
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class InputSignal(_Keys):
+    """An object that a TPDO carries."""
+
+    object: str | None = Field(
+        default=None,
+        description='Object that carries it: its name in the EDS or its number as there, "8130sub1"; the signal\'s own '
+        "name if left out.",
+    )
+    scale: Finite = Field(description="Physical unit per count; value = scale x raw + offset.")
+    offset: Finite = Field(default=0.0, description="Value at a raw 0.")
+
+    @model_validator(mode="after")
+    def _scale_is_not_zero(self) -> InputSignal:
+        if self.scale == 0.0:
+            raise ValueError("a scale of 0 makes every value the same")
+        return self
+
+
+class OutputSignal(InputSignal):
+    """An object that an RPDO carries."""
+
+    safe: Finite = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
+
+
+class _Pdo(_Keys):
+    rate_hz: Positive = Field(description="How often it is sent, for the bus's budget and the loop's.")
+    transmission: Transmission | None = Field(
+        default=None,
+        description="sync: at each SYNC; a number n: at each n-th SYNC; event: by the sender's own clock. Written to "
+        "the node when it is opened; left out: as the EDS says.",
+    )
+    map: tuple[str, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=64,
+        description="Objects that it carries, in this order, written to the node when it is opened; left out: as the "
+        "EDS says.",
+    )
+
+
+class Tpdo(_Pdo):
+    """A PDO that the node transmits."""
+
+    latency_us: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        default=0.0, description="Age of a value inside the device when it is sampled for the bus: filters, conversion."
+    )
+    signals: dict[Name, InputSignal] = Field(min_length=1, description="Signals by name; objects left out are ignored.")
+
+
+class Rpdo(_Pdo):
+    """A PDO that the node receives."""
+
+    latency_us: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        default=0.0, description="From its reception until the output is in force."
+    )
+    signals: dict[Name, OutputSignal] = Field(
+        min_length=1, description="Signals by name; each object that the PDO carries must be among them."
+    )
+
+
+class Identity(_Keys):
+    """What the node must say of itself in object 0x1018; anything else is the wrong device."""
+
+    vendor_id: Word | None = Field(default=None, description="Vendor's number, 0x1018sub1.")
+    product_code: Word | None = Field(default=None, description="Product's number, 0x1018sub2.")
+    revision: Word | None = Field(default=None, description="Revision, 0x1018sub3.")
+    serial: Word | None = Field(default=None, description="Serial number, 0x1018sub4.")
+
+
+class NodeOptions(_Keys):
+    """A device on the bus."""
+
+    node_id: NodeId = Field(description="Its number on the bus.")
+    eds: str = Field(min_length=1, description="Its EDS file, seen from the folder of the configuration.")
+    heartbeat_ms: Milliseconds = Field(
+        ge=10,
+        le=1500,
+        description="Silent for so long, it is lost. The node is told to send its heartbeat three times as often.",
+    )
+    identity: Identity = Field(default=Identity(), description="Checked when it is opened; what is left out is not.")
+    tpdo: dict[Number, Tpdo] = Field(default={}, description="What it transmits, by number of the PDO.")
+    rpdo: dict[Number, Rpdo] = Field(default={}, description="What it receives, by number of the PDO.")
+    watchdog_ms: Milliseconds | None = Field(
+        default=None,
+        description="Without us for so long, the node makes its outputs safe by itself; written when it is opened. "
+        "null: it has no such watch, or one of its own.",
+    )
+    watchdog_by: Literal["rpdo", "heartbeat"] = Field(
+        default="rpdo",
+        description="What the node waits for: outputs (event timer of the RPDO, object 0x1400sub5), or our heartbeat "
+        "(consumer heartbeat time, object 0x1016sub1).",
+    )
+
+    @model_validator(mode="after")
+    def _does_something(self) -> NodeOptions:
+        if not self.tpdo and not self.rpdo:
+            raise ValueError("a node needs a tpdo or an rpdo")
+        if self.watchdog_ms is not None and not self.rpdo:
+            raise ValueError("watchdog_ms is for outputs, and this node has no rpdo")
+        return self
+
+
+class CanOpenOptions(LinkOptions):
+    """The bus and its nodes."""
+
+    sync_hz: Positive | None = Field(default=None, description="How often we send SYNC; null: we do not.")
+    own_node_id: NodeId = Field(default=127, description="Our own number on the bus: our heartbeat carries it.")
+    own_heartbeat_ms: Milliseconds | None = Field(
+        default=None,
+        description="Period of our heartbeat; null: a third of the shortest watchdog_ms that waits for it, or none.",
+    )
+    nodes: dict[Name, NodeOptions] = Field(min_length=1, description="The devices by name.")
+
+    @model_validator(mode="after")
+    def _is_classic(self) -> CanOpenOptions:
+        if self.data_bitrate is not None:
+            raise ValueError("CANopen is classic CAN: leave data_bitrate out")
+        if self.bitrate > 1_000_000:
+            raise ValueError(f"CANopen is classic CAN: {self.bitrate} bit/s is above its 1000000")
+        return self
+
+    @model_validator(mode="after")
+    def _numbers_differ(self) -> CanOpenOptions:
+        taken = {self.own_node_id: "own_node_id"}
+        for name, node in self.nodes.items():
+            if node.node_id in taken:
+                raise ValueError(f"node_id {node.node_id} of {name} is also that of {taken[node.node_id]}")
+            taken[node.node_id] = name
+        return self
+
+    @property
+    def heartbeat_period_ms(self) -> int | None:
+        """Period of our own heartbeat; None if nobody wants it."""
+        if self.own_heartbeat_ms is not None:
+            return self.own_heartbeat_ms
+        waiting = [n.watchdog_ms for n in self.nodes.values() if n.watchdog_ms and n.watchdog_by == "heartbeat"]
+        return max(1, min(waiting) // 3) if waiting else None

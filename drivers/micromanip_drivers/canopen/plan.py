@@ -1,0 +1,171 @@
+"""What the configuration and the EDS files say together: nodes, their PDOs, the channels in them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping as Names
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from micromanip.errors import ConfigError
+
+from .dictionary import Dictionary, number
+from .mapping import Direction, Mapped, Mapping, mapping
+from .options import CanOpenOptions, InputSignal, NodeOptions, OutputSignal, Rpdo, Tpdo
+from .wire import Wire, wire
+
+SYNC = 0x80
+
+
+@dataclass(frozen=True)
+class PdoPlan:
+    """A PDO of a node, with the channels that travel in it."""
+
+    node: str
+    mapping: Mapping
+    options: Tpdo | Rpdo
+    wires: tuple[Wire, ...]
+    safe: tuple[float, ...]
+    """Of each wire of an RPDO: what it is kept at if it is not used."""
+
+    @property
+    def title(self) -> str:
+        """For messages."""
+        return f"{self.mapping.direction} {self.mapping.number} of node {self.node}"
+
+
+@dataclass(frozen=True)
+class NodePlan:
+    """A node."""
+
+    name: str
+    options: NodeOptions
+    dictionary: Dictionary
+    tpdos: tuple[PdoPlan, ...]
+    rpdos: tuple[PdoPlan, ...]
+
+    @property
+    def heartbeat_period_ms(self) -> int:
+        """How often it is told to send its heartbeat."""
+        return self.options.heartbeat_ms // 3
+
+    @property
+    def pdos(self) -> tuple[PdoPlan, ...]:
+        """All its PDOs."""
+        return self.tpdos + self.rpdos
+
+
+def plan_nodes(options: CanOpenOptions, folder: Path) -> tuple[NodePlan, ...]:
+    """All nodes. Raises ConfigError for what can't work, with the node and the PDO."""
+    nodes = tuple(_node(name, node, folder) for name, node in options.nodes.items())
+    for plan in nodes:
+        _sync_agrees(plan, options.sync_hz)
+        _watch_can_work(plan)
+    _identifiers_differ(nodes)
+    return nodes
+
+
+def _node(name: str, options: NodeOptions, folder: Path) -> NodePlan:
+    try:
+        dictionary = Dictionary(folder / options.eds, options.node_id)
+        tpdos = tuple(_pdo(name, dictionary, "tpdo", pdo, keys) for pdo, keys in options.tpdo.items())
+        rpdos = tuple(_pdo(name, dictionary, "rpdo", pdo, keys) for pdo, keys in options.rpdo.items())
+        dictionary.variable(0x1017)  # without a heartbeat it can't be watched
+    except ConfigError as problem:
+        raise ConfigError(f"node {name}: {problem}") from problem
+    _names_differ(name, options)
+    return NodePlan(name, options, dictionary, tpdos, rpdos)
+
+
+def _pdo(node: str, dictionary: Dictionary, direction: Direction, pdo: int, options: Tpdo | Rpdo) -> PdoPlan:
+    laid = mapping(dictionary, direction, pdo, options)
+    where = f"{dictionary.file}, {direction} {pdo}"
+    carried: dict[str, Mapped] = {}
+    signals: Names[str, InputSignal] = options.signals
+    for name, signal in signals.items():
+        found = _carried(signal.object or name, laid.objects, where)
+        if other := next((other for other, mapped in carried.items() if mapped is found), None):
+            raise ConfigError(f"{where}: {name} and {other} are the same object")
+        carried[name] = found
+    if direction == "rpdo":
+        missing = [m.variable.name for m in laid.objects if not m.is_dummy and m not in carried.values()]
+        if missing:
+            raise ConfigError(f"{where} carries {', '.join(missing)} too, which signals does not name")
+    return PdoPlan(
+        node,
+        laid,
+        options,
+        tuple(wire(f"{node}.{name}", carried[name], signal) for name, signal in signals.items()),
+        tuple(signal.safe if isinstance(signal, OutputSignal) else 0.0 for signal in signals.values()),
+    )
+
+
+def _carried(name: str, objects: Sequence[Mapped], where: str) -> Mapped:
+    """The object of a PDO that is called `name`, or has that number."""
+    for mapped in objects:
+        variable = mapped.variable
+        if name.lower().removeprefix("0x") == number(variable.index, variable.subindex).lower():
+            return mapped
+        if name in (variable.name, variable.qualname):
+            return mapped
+    known = [mapped.variable.name for mapped in objects]
+    near = difflib.get_close_matches(name, known, 1)
+    hint = f"did you mean {near[0]}?" if near else f"it carries {', '.join(known)}"
+    raise ConfigError(f"{where} carries no object called {name}; {hint}")
+
+
+def _names_differ(node: str, options: NodeOptions) -> None:
+    taken: dict[str, str] = {}
+    for word, pdos in (("tpdo", options.tpdo), ("rpdo", options.rpdo)):
+        for pdo, keys in pdos.items():
+            for name in keys.signals:
+                if name in taken:
+                    raise ConfigError(f"node {node}: {name} is both in {taken[name]} and in {word} {pdo}")
+                taken[name] = f"{word} {pdo}"
+
+
+def _sync_agrees(plan: NodePlan, sync_hz: float | None) -> None:
+    synchronous = [pdo for pdo in plan.pdos if pdo.mapping.synchronous]
+    if synchronous and sync_hz is None:
+        raise ConfigError(f"{synchronous[0].title} goes with SYNC, which needs sync_hz")
+    if synchronous and plan.dictionary.value(0x1005) & 0x7FF != SYNC:
+        raise ConfigError(f"node {plan.name}: {plan.dictionary.file} has SYNC elsewhere than at 0x80 (object 1005)")
+    for pdo in plan.tpdos:
+        if not pdo.mapping.synchronous or sync_hz is None:
+            continue
+        comes_hz = sync_hz / max(1, pdo.mapping.transmission)
+        if pdo.mapping.transmission and abs(pdo.options.rate_hz - comes_hz) > 1e-6 * comes_hz:
+            raise ConfigError(
+                f"{pdo.title} comes {comes_hz:g} times a second (sync_hz {sync_hz:g}, transmission "
+                f"{pdo.mapping.transmission}), not rate_hz {pdo.options.rate_hz:g}"
+            )
+
+
+def _watch_can_work(plan: NodePlan) -> None:
+    watchdog_ms, file = plan.options.watchdog_ms, plan.dictionary.file
+    if watchdog_ms is None:
+        return
+    if plan.options.watchdog_by == "heartbeat":
+        if not plan.dictionary.has(0x1016, 1):
+            raise ConfigError(f"node {plan.name}: {file} has no 1016sub1, so it can't wait for a heartbeat")
+        return
+    for pdo in plan.rpdos:
+        if not plan.dictionary.has(pdo.mapping.parameters, 5):
+            missing = number(pdo.mapping.parameters, 5)
+            hint = "; watchdog_by: heartbeat is possible" if plan.dictionary.has(0x1016, 1) else ""
+            raise ConfigError(f"node {plan.name}: {file} has no {missing}, so it can't wait for that rpdo{hint}")
+        if watchdog_ms * 1e-3 * pdo.options.rate_hz < 3.0:
+            raise ConfigError(
+                f"{pdo.title} is sent each {1e3 / pdo.options.rate_hz:g} ms; a watchdog_ms of {watchdog_ms} would "
+                "trip over one that is late: three periods are the least"
+            )
+
+
+def _identifiers_differ(nodes: Sequence[NodePlan]) -> None:
+    taken: dict[int, str] = {}
+    for pdo in (pdo for plan in nodes for pdo in plan.pdos):
+        identifier = pdo.mapping.identifier
+        if identifier in taken:
+            raise ConfigError(f"{pdo.title} and {taken[identifier]} are both on identifier 0x{identifier:X}")
+        taken[identifier] = pdo.title

@@ -1,0 +1,115 @@
+"""What comes from the nodes while they run: process data to samples, all else to the watches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import can
+
+from micromanip.io.bus import Channel, Inbox
+from micromanip.io.bus_errors import TransientError
+
+from .options import CanOpenOptions
+from .plan import SYNC, NodePlan, PdoPlan
+from .sampling import EventSampling, SyncSampling, SyncTimes
+from .timing import Timing
+from .watch import Watch
+
+_HEARTBEAT, _EMERGENCY, _SDO_ANSWER = 0x700, 0x080, 0x580
+
+Taker = Callable[[bytes, int, Inbox], None]
+
+
+class Receiver:
+    """Sorts the frames of a running bus."""
+
+    def __init__(self, options: CanOpenOptions, nodes: Sequence[NodePlan], timing: Timing) -> None:
+        self.channels: list[Channel] = []
+        self.syncs = SyncTimes()
+        self.watches = {plan.name: Watch(plan.name, plan.options.heartbeat_ms) for plan in nodes}
+        self.counters = dict.fromkeys(("pdos", "short_pdos", "repeated_pdos", "emergencies", "foreign_syncs"), 0)
+        self.identifiers = [SYNC, *(_SDO_ANSWER + plan.options.node_id for plan in nodes)]
+        """All that the driver wants to hear."""
+        self._sync_hz = options.sync_hz
+        self._timing = timing
+        self._samplings: list[SyncSampling | EventSampling] = []
+        self._takers: dict[int, Taker] = {SYNC: self._foreign_sync}
+        for plan in nodes:
+            node_id, watch = plan.options.node_id, self.watches[plan.name]
+            self._takers[_HEARTBEAT + node_id] = self._heartbeat(watch)
+            self._takers[_EMERGENCY + node_id] = self._emergency(watch)
+            for pdo in plan.tpdos:
+                self._takers[pdo.mapping.identifier] = self._tpdo(pdo)
+        self.identifiers += [identifier for identifier in self._takers if identifier != SYNC]
+
+    def clear(self) -> None:
+        """Forget when PDOs came: the bus is opened anew."""
+        self.syncs.clear()
+        for sampling in self._samplings:
+            sampling.clear()
+
+    def take(self, frames: Sequence[tuple[can.Message, int]], began_ns: int, inbox: Inbox) -> None:
+        """Sort `frames`, which were taken off the bus from `began_ns` on.
+
+        Raises TransientError for a PDO that is too short, when all others have been taken; what the watches raise.
+        """
+        broken: TransientError | None = None
+        for message, time_ns in frames:
+            taker = self._takers.get(message.arbitration_id)
+            if taker is None or message.is_extended_id or message.is_remote_frame:
+                continue
+            try:
+                taker(bytes(message.data), time_ns, inbox)
+            except TransientError as problem:
+                broken = problem
+        # By the time of the frames: what a worker that was held up finds is old, and no reason to miss a heartbeat.
+        now_ns = frames[-1][1] if frames else began_ns
+        for watch in self.watches.values():
+            watch.check(now_ns)
+        if broken is not None:
+            raise broken
+
+    def _tpdo(self, pdo: PdoPlan) -> Taker:
+        first, length, title, wires = len(self.channels), pdo.mapping.length, pdo.title, pdo.wires
+        latency_s = self._timing.input_latency_s(pdo)
+        self.channels += [Channel(wire.name, pdo.options.rate_hz, latency_s) for wire in wires]
+        sampling = self._sampling(pdo)
+        self._samplings.append(sampling)
+        counters = self.counters
+
+        def take(data: bytes, time_ns: int, inbox: Inbox) -> None:
+            if len(data) < length:
+                counters["short_pdos"] += 1
+                raise TransientError(f"{title} came with {len(data)} bytes; its mapping has {length}")
+            counters["pdos"] += 1
+            taken = sampling.taken(time_ns, data)
+            if taken is None:
+                counters["repeated_pdos"] += 1
+                return
+            taken_ns, lost = taken
+            frame = int.from_bytes(data, "little")
+            for channel, wire in enumerate(wires, first):
+                inbox.put(channel, wire.value(frame), taken_ns, 0, lost)
+
+        return take
+
+    def _sampling(self, pdo: PdoPlan) -> SyncSampling | EventSampling:
+        frame_ns = round(self._timing.duration_s(pdo.mapping.length) * 1e9)
+        latency_ns = round(pdo.options.latency_us * 1e3)
+        every = pdo.mapping.transmission
+        if self._sync_hz is None or not 1 <= every <= 240:  # 0 is answered at a SYNC of the node's choice
+            return EventSampling(frame_ns + latency_ns)
+        return SyncSampling(self.syncs, every, frame_ns, latency_ns, round(1e9 / self._sync_hz))
+
+    def _heartbeat(self, watch: Watch) -> Taker:
+        return lambda data, time_ns, _: watch.heartbeat(data, time_ns)
+
+    def _emergency(self, watch: Watch) -> Taker:
+        def take(data: bytes, time_ns: int, inbox: Inbox) -> None:  # noqa: ARG001
+            self.counters["emergencies"] += 1
+            watch.emergency(data)
+
+        return take
+
+    def _foreign_sync(self, data: bytes, time_ns: int, inbox: Inbox) -> None:  # noqa: ARG002
+        self.counters["foreign_syncs"] += 1

@@ -1,0 +1,90 @@
+"""Faults of controllers: one that babbles, and those of the clients."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import Field, PrivateAttr
+
+from .fault import ClientFault, Fault
+from .frame import Frame, pack
+from .port import LEAST_PASSIVE, Port, State, Transmission
+
+if TYPE_CHECKING:
+    from .hub import CanHub
+
+
+class _BabblingPort(Port):
+    """Has always one more frame to send."""
+
+    def __init__(self, identifier: int, time_ns: int) -> None:
+        super().__init__("babbling node", queue_frames=1)
+        frame = Frame(identifier, bytes(8))
+        self._transmission = Transmission(frame, pack(frame), time_ns, frame.priority)
+        self.queue_changed()
+
+    def deliver(self, transmission: Transmission, time_ns: int) -> None:
+        pass  # it doesn't listen
+
+    def queue_changed(self) -> None:
+        if not self.queue:
+            self.queue.append(self._transmission)
+
+
+class Babble(Fault):
+    """A node sends frames of one identifier back to back, and lets in only what has a lower one."""
+
+    kind: Literal["babble"] = "babble"
+    identifier: int = Field(default=0, ge=0, le=0x7FF)
+    _port: Port | None = PrivateAttr(default=None)
+
+    def begin(self, hub: CanHub) -> None:
+        self._port = _BabblingPort(self.identifier, hub.now_ns())
+        hub.join(self._port)
+
+    def end(self, hub: CanHub) -> None:
+        if self._port is not None:
+            hub.leave(self._port)
+
+
+class BusOff(ClientFault):
+    """The client's controller is bus-off: it hears nothing and sends nothing until it connects again, or this ends."""
+
+    kind: Literal["bus_off"] = "bus_off"
+
+    def begin(self, hub: CanHub) -> None:
+        for port in list(self.struck(hub)):
+            port.go_bus_off(hub.now_ns())
+
+    def end(self, hub: CanHub) -> None:
+        for port in list(self.struck(hub)):
+            if port.state is State.BUS_OFF:
+                port.restart(hub.now_ns())
+
+
+class ErrorPassive(ClientFault):
+    """The client's controller counts so many errors that it is error-passive; it recovers as it sends."""
+
+    kind: Literal["error_passive"] = "error_passive"
+
+    def begin(self, hub: CanHub) -> None:
+        for port in list(self.struck(hub)):
+            port.keep_transmit_errors(LEAST_PASSIVE, hub.now_ns())
+
+    def end(self, hub: CanHub) -> None:
+        for port in list(self.struck(hub)):
+            port.keep_transmit_errors(0, hub.now_ns())
+
+
+class Enobufs(ClientFault):
+    """The client's transmit queue takes nothing more: its buffers fill, and its sends fail."""
+
+    kind: Literal["enobufs"] = "enobufs"
+
+    def begin(self, hub: CanHub) -> None:
+        for port in self.struck(hub):
+            port.refuse(True)
+
+    def end(self, hub: CanHub) -> None:
+        for port in self.struck(hub):
+            port.refuse(False)

@@ -1,0 +1,90 @@
+"""What every injected fault has: how long it lasts, which frames it strikes, and where it takes hold of the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from random import Random
+from typing import TYPE_CHECKING, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
+
+from .port import Port, Transmission
+
+if TYPE_CHECKING:
+    from .client_port import ClientPort
+    from .hub import CanHub
+
+Share = Field(default=1.0, gt=0, le=1, description="Share of the frames that it strikes, at random.")
+
+
+class Verdict(Enum):
+    """What becomes of a frame at its end."""
+
+    GOOD = "arrives"
+    DESTROYED = "an error frame destroys it, and it is sent again"
+    REPEATED = "arrives, but its sender believes that it didn't, and sends it again"
+
+
+class Delivery(NamedTuple):
+    """A frame on its way from the wire to the receivers."""
+
+    time_ns: int
+    """When they get it."""
+    stamp_ns: int
+    """When it ended, as they are told."""
+    sender: Port
+    transmission: Transmission
+
+    def put_off(self, time_ns: int) -> Delivery:
+        """The same at `time_ns`; it is stamped so, unless its stamp is none of the time when it comes."""
+        stamp_ns = time_ns if self.stamp_ns == self.time_ns else self.stamp_ns
+        return self._replace(time_ns=time_ns, stamp_ns=stamp_ns)
+
+
+class Fault(BaseModel):
+    """A fault; what a kind doesn't redefine goes as it does on a healthy bus."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: str
+    for_s: float | None = Field(default=None, gt=0, description="How long it lasts; null: until it is cleared.")
+
+    def begin(self, hub: CanHub) -> None:
+        """Take hold of the bus. Raises UsageError for what the bus hasn't got."""
+
+    def end(self, hub: CanHub) -> None:
+        """Let the bus be."""
+
+
+class FrameFault(Fault):
+    """A fault that strikes single frames."""
+
+    identifier: int | None = Field(default=None, ge=0, le=0x1FFF_FFFF, description="Only this one; null: all.")
+    _random: Random = PrivateAttr(default_factory=Random)
+
+    def strikes(self, transmission: Transmission) -> bool:
+        """Whether the frame is one of those that are meant."""
+        return self.identifier is None or self.identifier == transmission.frame.identifier
+
+    def draw_from(self, random: Random) -> None:
+        """Use this source of chance."""
+        self._random = random
+
+    def verdict(self) -> Verdict:
+        """What becomes of a frame on the wire."""
+        return Verdict.GOOD
+
+    def through(self, delivery: Delivery) -> Iterable[Delivery]:
+        """What the receivers get in place of `delivery`."""
+        return (delivery,)
+
+
+class ClientFault(Fault):
+    """A fault of the controllers of clients: those that are connected when it begins."""
+
+    client: int | None = Field(default=None, gt=0, description="Process id of the client; null: all.")
+
+    def struck(self, hub: CanHub) -> Iterator[ClientPort]:
+        """Those that are still there."""
+        return (port for port in hub.clients if self.client in (None, port.process_id))

@@ -1,0 +1,1 @@
+"""What `micromanip simulate-device` plays: devices on their real protocols, with one plant behind all of them."""

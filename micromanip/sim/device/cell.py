@@ -1,0 +1,80 @@
+"""What all played devices share: the plant, the amplifiers that move it, and what is wrong with its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from .amplifier import Amplifier, Arrived
+from .path_error import PathError
+from .plant import PlantInRealTime
+from .signal_faults import SignalFaults
+
+_AMPLIFIER_OK = "amplifier_ok"
+
+
+class PlayedCell:
+    """Devices call `advance_to` before they read and after they wrote; signals go by the configuration's names."""
+
+    def __init__(self, plant: PlantInRealTime) -> None:
+        self.plant = plant
+        self.amplifiers: list[Amplifier] = []
+        self.faults = SignalFaults()
+        self._errors = PathError(plant.inputs)
+        self._errors_since_report = PathError(plant.inputs)
+
+    def has(self, signal: str) -> bool:
+        """Whether `read` knows a signal."""
+        return signal in self.plant.inputs or signal.startswith(_AMPLIFIER_OK)
+
+    def advance_to(self, now_ns: int) -> None:
+        """Let time pass in plant and amplifiers."""
+        for amplifier in self.amplifiers:
+            amplifier.tick(now_ns)
+        self.plant.advance_to(now_ns)
+        if self._errors.due(now_ns):
+            for name in self._errors.names:
+                value = self.plant.value(name)
+                self._errors.add(name, value)
+                self._errors_since_report.add(name, value)
+
+    def read(self, signal: str) -> float:
+        """What its sensor says: NaN where that is spoiled; 0 for one that the plant doesn't have."""
+        value = self.plant.value(signal) if signal in self.plant.inputs else float(signal.startswith(_AMPLIFIER_OK))
+        if signal.startswith(_AMPLIFIER_OK):
+            value *= self._amplifier_ok(signal)
+        return self.faults.spoiled(signal, value, self.plant.time_ns) if self.faults.any else value
+
+    def voltages(self) -> dict[str, float]:
+        """What the amplifiers put out, by the outputs' names."""
+        return {name: volts for amplifier in self.amplifiers for name, volts in amplifier.in_force.items()}
+
+    def report(self) -> dict[str, Any]:
+        """Figures since the start."""
+        return {
+            "path_error_um": self._errors.report(),
+            "outputs": self._outputs(lambda amplifier: amplifier.arrived),
+            "amplifier_trips": sum(amplifier.trips for amplifier in self.amplifiers),
+            "refused_commands": sum(amplifier.refused for amplifier in self.amplifiers),
+            "stalls": vars(self.plant.stalls).copy(),
+        }
+
+    def report_since_last(self) -> dict[str, Any]:
+        """Path error and outputs since the last call, the rest since the start."""
+        report = self.report()
+        report["path_error_um"] = self._errors_since_report.report()
+        report["outputs"] = self._outputs(Amplifier.take_report)
+        self._errors_since_report = PathError(self.plant.inputs)
+        return report
+
+    def _amplifier_ok(self, signal: str) -> float:
+        """Of the amplifier that drives the signal's axis; of all of them for a signal without an axis."""
+        voltage = "voltage" + signal.removeprefix(_AMPLIFIER_OK)
+        concerned = [amplifier for amplifier in self.amplifiers if voltage in amplifier.rest_V] or self.amplifiers
+        return float(all(amplifier.ok for amplifier in concerned))
+
+    def _outputs(self, figures: Any) -> dict[str, Any]:
+        merged: Mapping[str, Arrived] = {}
+        for amplifier in self.amplifiers:
+            merged = {**merged, **figures(amplifier)}
+        return {name: arrived.report() for name, arrived in merged.items()}

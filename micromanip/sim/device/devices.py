@@ -1,0 +1,149 @@
+"""All devices of a configuration, played in one process with one plant behind them."""
+
+from __future__ import annotations
+
+import gc
+import time
+from pathlib import Path
+from typing import Any
+
+from micromanip.errors import MicromanipError, UsageError
+from micromanip.settings.check import validate
+from micromanip.settings.plant import build_plant
+from micromanip.settings.source import Source
+from micromanip.sim.event_loop import EventLoop
+
+from .amplifier import WATCHDOG_MS
+from .cell import PlayedCell
+from .commands import (
+    Clear,
+    DeviceCommand,
+    Drift,
+    Freeze,
+    NotANumber,
+    Offset,
+    Reboot,
+    Silence,
+    StopCounter,
+    device_command,
+    parsed,
+)
+from .plant import PERIOD_NS, PlantInRealTime
+from .played import PlayedDevice, Surroundings
+from .protocols import play_all
+
+
+class Devices:
+    """Up from the start of `run` until it returns; `command` and `report` any time in between."""
+
+    def __init__(self, file: Path, watchdog_ms: float = WATCHDOG_MS, seed: int | None = None) -> None:
+        """Open all buses of the configuration in `file`; `seed` replaces the plant's.
+
+        Raises ConfigError with file, line and key, and DeviceUnavailable for a channel that is in use.
+        """
+        source = Source.read(file)
+        configuration = validate(source)
+        driver = build_plant(configuration, source, PERIOD_NS, seed)
+        self.loop = EventLoop()
+        self._began_ns, self._began_cpu_s = 0, 0.0
+        self.cell = PlayedCell(PlantInRealTime(driver))
+        self.played: dict[str, PlayedDevice] = play_all(
+            Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
+        )
+        gc.collect()
+        gc.freeze()  # to look through all that was imported would be a stall
+
+    def run(self, until_ns: int | None = None) -> None:
+        """Play until `until_ns` (CLOCK_MONOTONIC), or until ``loop.stop()``."""
+        self._began_ns = now_ns = self.loop.now_ns()
+        self._began_cpu_s = time.process_time()
+        self.cell.plant.begin(now_ns)
+        for device in self.played.values():
+            device.start(now_ns)
+        self.loop.run(until_ns)
+
+    def close(self) -> None:
+        """Let go of the buses."""
+        for device in self.played.values():
+            device.close()
+        self.loop.close()
+
+    def command(self, line: str) -> dict[str, Any]:
+        """Do what a line of JSON says; the answer, with ``error`` where it could not be done."""
+        try:
+            document = parsed(line)
+            if "report" in document:
+                return self._report(self.cell.report_since_last())
+            if "inject" in document:
+                self._inject(document)
+            else:
+                self._do(device_command(document))
+        except MicromanipError as problem:
+            return {"error": str(problem)}
+        return {"ok": True}
+
+    def report(self) -> dict[str, Any]:
+        """Figures since the start."""
+        return self._report(self.cell.report())
+
+    def _report(self, cell: dict[str, Any]) -> dict[str, Any]:
+        return {
+            "elapsed_s": (self.loop.now_ns() - self._began_ns) * 1e-9,
+            "cpu_s": time.process_time() - self._began_cpu_s,
+            "devices": {name: device.report() for name, device in self.played.items()},
+            **cell,
+        }
+
+    def _inject(self, document: dict[str, Any]) -> None:
+        driver = document.get("driver")
+        fault = {"kind": document["inject"]} | {k: v for k, v in document.items() if k not in ("inject", "driver")}
+        for device in self._devices(driver):
+            device.inject(fault)
+
+    def _do(self, command: DeviceCommand) -> None:
+        match command:
+            case Freeze():
+                for signal in self._signals(command.signal):
+                    self._spoil(signal, "freeze", 0.0, command.for_s)
+            case Offset():
+                self._spoil(*self._signals(command.signal), "offset", command.value, command.for_s)
+            case Drift():
+                self._spoil(*self._signals(command.signal), "drift", command.per_s, command.for_s)
+            case NotANumber():
+                self._spoil(*self._signals(command.signal), "nan", 0.0, command.for_s)
+            case StopCounter():
+                for device, message in self._messages(command.message):
+                    device.stop_counter(message, command.for_s)
+            case Silence():
+                for device, message in self._messages(command.message):
+                    device.silence(message, command.for_s)
+            case Reboot():
+                for device in self._devices(command.driver):
+                    device.reboot(command.for_s)
+            case Clear():
+                self.cell.faults.clear()
+                for device in self.played.values():
+                    device.clear()
+
+    def _spoil(self, signal: str, kind: str, value: float, for_s: float | None) -> None:
+        self.cell.faults.begin(signal, kind, value, self.loop.now_ns(), for_s)
+
+    def _devices(self, driver: Any) -> list[PlayedDevice]:
+        if driver is None:
+            return list(self.played.values())
+        if driver not in self.played:
+            raise UsageError(f"no driver {driver} is played; there are {', '.join(self.played)}")
+        return [self.played[driver]]
+
+    def _signals(self, name: str | None) -> list[str]:
+        known = [signal for device in self.played.values() for signal in device.signals]
+        if name is not None and name not in known:
+            raise UsageError(f"no device sends a signal {name}; there are {', '.join(known)}")
+        return known if name is None else [name]
+
+    def _messages(self, name: str | None) -> list[tuple[PlayedDevice, str]]:
+        known = [(device, message) for device in self.played.values() for message in device.messages]
+        chosen = [(device, message) for device, message in known if name in (None, message)]
+        if not chosen:
+            raise UsageError(f"no device sends a message {name}; there are {', '.join(m for _, m in known)}")
+        return chosen

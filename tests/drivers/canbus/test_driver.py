@@ -1,0 +1,282 @@
+"""What the driver makes of options and frames; and what it says of options that make no sense."""
+
+import re
+import time
+from pathlib import Path
+
+import can
+import cantools
+import pytest
+from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
+from pydantic import ValidationError
+
+from micromanip.errors import ConfigError
+from micromanip.io.bus import Inbox
+from micromanip.io.bus_errors import DeviceFault, OutputRefused, TransientError
+
+FOLDER = Path(__file__).parents[3] / "config"
+DATABASE = cantools.database.load_file(FOLDER / "can/manipulator.dbc")
+SENSORS = DATABASE.get_message_by_name("Sensors")
+REST = dict.fromkeys((signal.name for signal in SENSORS.signals), 0)
+
+
+def options(database="can/manipulator.dbc", **keys):
+    given = {
+        "interface": "virtual",
+        "channel": "canbus",
+        "bitrate": 1_000_000,
+        "data_bitrate": 5_000_000,
+        "receive": {"Sensors": {"rate_hz": 2000.0, "counter": "Count", "status": {"signal": "Status"}}},
+        "send": {"Voltages": {"rate_hz": 2000.0, "counter": "Count"}},
+    }
+    return CanBusOptions(database=str(database), **(given | keys))
+
+
+@pytest.fixture
+def bus():
+    bus = CanBus(options(), FOLDER)
+    bus.open()
+    yield bus
+    bus.close()
+
+
+@pytest.fixture
+def peer():
+    with can.Bus("canbus", "virtual", protocol=can.CanProtocol.CAN_FD) as peer:
+        yield peer
+
+
+def send(peer, identifier=0x101, extended=False, **values):
+    data = SENSORS.encode(REST | values)
+    peer.send(can.Message(arbitration_id=identifier, data=data, is_fd=True, is_extended_id=extended))
+
+
+def samples(bus):
+    inbox = Inbox()
+    bus.receive(inbox, 0)
+    return [sample for sample in inbox if bus.inputs[sample.channel].name == "Sensors.strain_x"]
+
+
+def test_counters_and_status_are_no_channels(bus):
+    assert [channel.name for channel in bus.outputs] == [
+        *(f"Voltages.voltage_{axis}" for axis in "xyz"),
+        *(f"Voltages.{switch}" for switch in ("amplifier_enable", "feed_hold", "heartbeat")),
+    ]
+    names = [channel.name for channel in bus.inputs]
+    assert len(names) == 15
+    assert "Sensors.Count" not in names
+    assert "Sensors.Status" not in names
+
+
+def test_gaps_are_told_with_the_sample_after_them(bus, peer):
+    for count in (65533, 65534, 1, 2):
+        send(peer, Count=count)
+    assert [sample.lost for sample in samples(bus)] == [0, 0, 2, 0]
+    assert bus.statistics()["lost"] == 2
+
+
+def test_a_frozen_counter_gives_no_samples_although_values_move(bus, peer):
+    for value in (1.0, 2.0, 3.0):
+        send(peer, Count=5, strain_x=value)
+    assert [sample.value for sample in samples(bus)] == pytest.approx([1.0])
+    assert bus.statistics()["repeated"] == 2
+
+
+def test_after_opening_again_the_counter_begins_anew(bus, peer):
+    send(peer, Count=5)
+    assert len(samples(bus)) == 1
+    bus.open()
+    send(peer, Count=5)
+    assert [sample.lost for sample in samples(bus)] == [0]
+
+
+def test_the_status_of_the_message_is_that_of_its_samples(bus, peer):
+    for count, status in enumerate((0, 2, 0)):
+        send(peer, Count=count, Status=status)
+    assert [sample.status for sample in samples(bus)] == [0, 2, 0]
+
+
+def test_a_status_of_zero_can_be_bad(peer):
+    status = {"signal": "Status", "good": [1, 3]}
+    bus = CanBus(options(receive={"Sensors": {"rate_hz": 1.0, "status": status}}), FOLDER)
+    bus.open()
+    for value in (0, 1, 2, 3):
+        send(peer, Status=value)
+    assert [sample.status for sample in samples(bus)] == [-1, 0, 2, 0]
+    bus.close()
+
+
+def test_the_latency_takes_the_sample_back_in_time(peer):
+    bus = CanBus(options(receive={"Sensors": {"rate_hz": 1.0, "latency_us": 5000.0}}), FOLDER)
+    assert bus.inputs[0].latency_s == 5e-3
+    bus.open()
+    before_ns = time.monotonic_ns()
+    send(peer)
+    [sample] = samples(bus)
+    assert before_ns <= sample.time_ns + 5_000_000 <= time.monotonic_ns()
+    bus.close()
+
+
+def test_a_latency_that_is_not_known_is_the_time_of_the_frame(bus):
+    assert bus.inputs[0].latency_s == pytest.approx(88.8e-6)
+    assert bus.outputs[0].latency_s == pytest.approx(55.8e-6)
+
+
+def test_frames_of_others_are_counted(bus, peer):
+    send(peer, identifier=0x102)
+    send(peer, identifier=0x101, extended=True)
+    peer.send(can.Message(arbitration_id=0x101, is_remote_frame=True, is_extended_id=False))
+    assert samples(bus) == []
+    assert bus.statistics()["not_ours"] == 3
+
+
+def test_a_frame_that_is_too_short_is_told_once_the_others_are_taken(bus, peer):
+    peer.send(can.Message(arbitration_id=0x101, data=b"123", is_extended_id=False))
+    send(peer, strain_x=5.0)
+    inbox = Inbox()
+    with pytest.raises(TransientError, match="Sensors came with 3 bytes, the database says 24"):
+        bus.receive(inbox, 0)
+    assert len(inbox) == 15
+    assert bus.statistics()["short"] == 1
+
+
+def test_a_second_controller_is_a_fault(bus, peer):
+    bus.perform(0, [0.0] * 6, Inbox())
+    bus.receive(Inbox(), 0)  # our own frames are none of it
+    peer.send(can.Message(arbitration_id=0x100, data=bytes(8), is_extended_id=False, is_fd=True))
+    with pytest.raises(DeviceFault, match="somebody else sends Voltages on virtual-canbus"):
+        bus.receive(Inbox(), 0)
+
+
+def test_a_longer_frame_has_what_it_needs(bus, peer):
+    data = SENSORS.encode(REST | {"strain_x": 4.0}) + bytes(8)
+    peer.send(can.Message(arbitration_id=0x101, data=data, is_fd=True, is_extended_id=False))
+    assert [sample.value for sample in samples(bus)] == pytest.approx([4.0])
+
+
+def test_a_refused_value_sends_nothing(bus, peer):
+    with pytest.raises(OutputRefused, match="voltage_z is nan"):
+        bus.perform(0, [0.0, 0.0, float("nan"), 0.0, 0.0, 0.0], Inbox())
+    assert peer.recv(0) is None
+    bus.perform(0, [0.0] * 6, Inbox())
+    assert peer.recv(0).data[7] == 0  # the counter did not move
+
+
+def test_the_load_is_that_of_all_messages_at_worst(bus):
+    [load] = bus.loads()
+    assert load.detail == "2000 x 89 us + 2000 x 56 us"
+    assert load.share == pytest.approx(0.289, abs=0.001)
+
+
+def test_classic_messages_fit_at_1_khz():
+    keys = {f"Sensors{axis}": {"rate_hz": 1000.0, "counter": "Count"} for axis in "XYZ"}
+    send = {"Voltages": {"rate_hz": 1000.0, "counter": "Count"}}
+    bus = CanBus(options("can/classic.dbc", data_bitrate=None, receive=keys, send=send), FOLDER)
+    [load] = bus.loads()
+    assert load.share == pytest.approx(0.54)
+
+
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: A
+BO_ 1 Plain: 8 A
+ SG_ value : 0|16@1+ (1,0) [0|0] "" A
+ SG_ count : 16|8@1- (1,0) [0|0] "" A
+BO_ 2 Muxed: 8 A
+ SG_ which M : 0|8@1+ (1,0) [0|0] "" A
+ SG_ one m0 : 8|8@1+ (1,0) [0|0] "" A
+BO_ 3 Long: 24 A
+ SG_ value : 0|16@1+ (1,0) [0|0] "" A
+BO_ 4 Twin: 8 A
+ SG_ value : 0|16@1+ (1,0) [0|0] "" A
+BO_ 4 Twin2: 8 A
+ SG_ value : 0|16@1+ (1,0) [0|0] "" A
+BO_ 5 Counter: 8 A
+ SG_ only : 0|8@1+ (1,0) [0|0] "" A
+BO_ 6 NoRest: 8 A
+ SG_ value : 0|8@1+ (1,10) [10|20] "" A
+BO_ 2147483655 Extended: 8 A
+ SG_ value : 0|16@1+ (1,0) [0|0] "" A
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "test.dbc").write_text(DBC)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"receive": {"plain": {"rate_hz": 1.0}}}, "receive.plain: test.dbc has no message plain; did you mean Plain?"),
+        ({"receive": {"Xyz": {"rate_hz": 1.0}}}, "receive.Xyz: test.dbc has no message Xyz; it has Plain, Muxed, Long"),
+        (
+            {"receive": {"Plain": {"rate_hz": 1.0, "counter": "cuont"}}},
+            "receive.Plain.counter: Plain has no signal cuont; did you mean count?",
+        ),
+        (
+            {"receive": {"Plain": {"rate_hz": 1.0, "counter": "count"}}},
+            "receive.Plain.counter: Plain.count must be unsigned, with scale 1 and offset 0",
+        ),
+        ({"receive": {"Muxed": {"rate_hz": 1.0}}}, "receive.Muxed: Muxed is multiplexed"),
+        (
+            {"receive": {"Long": {"rate_hz": 1.0}}},
+            "Long has 24 bytes, which classic CAN has not: for CAN FD give it VFrame",
+        ),
+        ({"receive": {"Twin": {"rate_hz": 1.0}}}, "Twin and Twin2 both have the identifier 0x4 in test.dbc"),
+        (
+            {"receive": {"Counter": {"rate_hz": 1.0, "counter": "only"}}},
+            "receive.Counter: Counter has no signals but its counter and status",
+        ),
+        (
+            {"receive": {"Plain": {"rate_hz": 1.0}}, "send": {"Plain": {"rate_hz": 1.0}}},
+            "send.Plain: Plain is received",
+        ),
+        ({"send": {"NoRest": {"rate_hz": 1.0}}}, "send.NoRest: value is 0, its frame holds 10 to 20"),
+        ({}, "receive or send: at least one message must be given"),
+    ],
+)
+def test_messages_that_can_not_be(folder, keys, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        CanBus(options("test.dbc", **({"receive": {}, "send": {}} | keys)), folder)
+
+
+def test_an_fd_message_needs_an_fd_bus():
+    with pytest.raises(ConfigError, match=r"receive.Sensors: Sensors is a CAN FD message.*data_bitrate"):
+        CanBus(options(data_bitrate=None), FOLDER)
+
+
+def test_extended_identifiers_are_kept_apart(folder, peer):
+    bus = CanBus(options("test.dbc", receive={"Extended": {"rate_hz": 1.0}}, send={}), folder)
+    bus.open()
+    for extended in (False, True):
+        peer.send(can.Message(arbitration_id=7, data=bytes([extended, *range(7)]), is_extended_id=extended))
+    inbox = Inbox()
+    bus.receive(inbox, 0)
+    assert [sample.value for sample in inbox] == [1.0]
+    bus.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "database: .*broken.dbc can't be read: No such file"),
+        ("BO_ 1 Plain 8 A\n", "database: .*broken.dbc is not a DBC file: Invalid syntax at line 1, column 13"),
+        (DBC.replace("16|8@1-", "8|8@1-"), "database: .*broken.dbc.*overlapping in message Plain"),
+    ],
+)
+def test_a_file_that_can_not_be_used(tmp_path, text, words):
+    if text is not None:
+        (tmp_path / "broken.dbc").write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        CanBus(options("broken.dbc"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "section", [{"Sensors": {}}, {"Sensors": {"rate_hz": -1.0}}, {"Sensors": {"rate_hz": 1.0, "x": 1}}]
+)
+def test_sections_that_make_no_sense(section):
+    with pytest.raises(ValidationError):
+        options(receive=section)

@@ -1,0 +1,82 @@
+"""The faults of a bus that the campaign tries, and what must follow each."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault: `act` brings it about on a bench that tracks.
+
+    `codes` are the faults one of which must be latched within `within_ms`; none means that the controller tracks on.
+    `counted` names counters of the bus that must have grown, `said` what people must have been told.
+    """
+
+    name: str
+    act: Callable[[Any], None]
+    codes: tuple[str, ...] = ()
+    within_ms: float = 0.0
+    counted: tuple[str, ...] = ()
+    said: str = ""
+    lasts_s: float = 0.6
+    note: str = ""
+
+
+def inject(kind: str, for_s: float = 0.6, **more: Any) -> Callable[[Any], None]:
+    """Disturb the line."""
+    return lambda bench: bench.device.order(inject=kind, for_s=for_s, **more)
+
+
+def tell(kind: str, **more: Any) -> Callable[[Any], None]:
+    """Let the device misbehave."""
+    return lambda bench: bench.device.order(device=kind, **more)
+
+
+def kill(number: signal.Signals, then_s: float | None = None) -> Callable[[Any], None]:
+    """Send the worker a signal; with `then_s`, let it go on after so long."""
+
+    def act(bench: Any) -> None:
+        worker = bench.worker
+        os.kill(worker, number)
+        if then_s is not None:
+            time.sleep(then_s)
+            os.kill(worker, signal.SIGCONT)
+
+    return act
+
+
+SENSORS, VOLTAGES = 257, 256
+STRAIN, STAGE, LINK, AMPLIFIER = "X-201", "X-202", "X-108", "X-111"
+
+CASES = (
+    Case("1 % of all frames dropped", inject("drop", share=0.01), counted=("lost",)),
+    Case("10 % of all frames dropped", inject("drop", share=0.1), counted=("lost",)),
+    Case("sensor frames dropped, all", inject("drop", share=1.0, identifier=SENSORS), (STRAIN, STAGE), 100.0),
+    Case("command frames dropped, all", inject("drop", share=1.0, identifier=VOLTAGES), (AMPLIFIER,), 150.0),
+    Case("all frames delayed by 0.5 ms", inject("delay", delay_s=0.0005)),
+    Case("jitter of 0.5 ms", inject("jitter", jitter_s=0.0005)),
+    Case("30 % of the frames doubled", inject("duplicate", share=0.3), counted=("repeated",)),
+    Case("neighbours swapped", inject("reorder", share=0.3), counted=("out_of_order",)),
+    Case("frames held for 100 ms, then a burst", inject("burst", hold_s=0.1), (STRAIN, STAGE, AMPLIFIER), 150.0),
+    Case("5 % of the frames corrupted, sent again", inject("corrupt", share=0.05)),
+    Case("value frozen, counter running", tell("freeze", signal="strain_x", for_s=0.6), ("X-204",), 100.0),
+    Case("counter frozen, values running", tell("stop_counter", for_s=0.6), (STRAIN, STAGE), 100.0, ("repeated",)),
+    Case("bus-off of the controller", inject("bus_off"), (LINK,), 100.0, said="bus-off"),
+    Case("controller error-passive", inject("error_passive"), counted=("error_passive",)),
+    Case("babbling node with identifier 0", inject("babble"), (STRAIN, STAGE, LINK, AMPLIFIER), 150.0),
+    Case("transmit queue full (ENOBUFS)", inject("enobufs"), (LINK, AMPLIFIER), 150.0, said="transmit buffer full"),
+    Case("device restarted", tell("reboot", for_s=0.5), (STRAIN, STAGE, AMPLIFIER), 150.0),
+    Case("step of 50 um of the gauge", tell("offset", signal="strain_x", value=50.0, for_s=0.6), (STRAIN,), 100.0),
+    Case(
+        "step of 10 um of the stage sensor", tell("offset", signal="stage_x", value=10.0, for_s=0.6), ("X-205",), 150.0
+    ),
+    Case("gauge says NaN", tell("nan", signal="strain_x", for_s=0.6), (STRAIN,), 100.0),
+    Case("worker killed", kill(signal.SIGKILL), (LINK,), 400.0, said="was killed by signal 9; started again"),
+    Case("worker stopped for 0.5 s", kill(signal.SIGSTOP, 0.5), (LINK, STRAIN, STAGE, AMPLIFIER), 400.0),
+)

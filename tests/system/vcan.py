@@ -9,6 +9,7 @@ from host.cell import until
 from .machine import ok
 
 CHANNEL = "vcan0"
+_FLAGS = re.compile("(?<=##).")
 _ALL_FRAMES = Path("/proc/net/can/rcvlist_all")
 
 
@@ -42,7 +43,12 @@ class Dump:
         """What it saw, as `cansend` takes it."""
         out, err = self._process.communicate(timeout=120.0)
         assert self._process.returncode == 0, err
-        return [line.split(" ")[2] for line in out.splitlines()]
+        return [_FLAGS.sub(_without_kernel_flag, line.split(" ")[2]) for line in out.splitlines()]
+
+
+def _without_kernel_flag(flags):
+    """Newer kernels mark CAN FD frames with a third flag (CANFD_FDF)."""
+    return f"{int(flags[0], 16) & 3:X}"
 
 
 def written(message):

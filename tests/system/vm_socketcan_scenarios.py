@@ -17,6 +17,7 @@ from .machine import ok
 from .vcan import CHANNEL, Dump, set_link, written
 from .vm_cell import DATABASES
 
+LINK = {"interface": "socketcan", "channel": CHANNEL, "bitrate": 1_000_000}
 FD = {"database": "manipulator.dbc", "data_bitrate": 5_000_000}
 CLASSIC = {"database": "classic.dbc"}
 PATIENCE_NS = 60_000_000_000
@@ -25,7 +26,7 @@ RECEIVE_BUFFER = Path("/proc/sys/net/core/rmem_default")
 
 def driver(database, received="Sensors", **options):
     """One that sends Voltages and receives `received`."""
-    keys = {"driver": "canbus", "interface": "socketcan", "channel": CHANNEL, "bitrate": 1_000_000} | options
+    keys = LINK | options
     messages = {
         "receive": {received: {"rate_hz": 100, "counter": "Count", "latency_us": 0}},
         "send": {"Voltages": {"rate_hz": 100, "counter": "Count"}},
@@ -85,7 +86,7 @@ def sensors(count, **values):
     """The message Sensors as `cansend` takes it, and the values that it carries, by cantools."""
     message = cantools.database.load_file(DATABASES / "manipulator.dbc").get_message_by_name("Sensors")
     data = message.encode({signal.name: 0 for signal in message.signals} | {"Count": count} | values)
-    return f"101##1{data.hex()}", message.decode(data)
+    return f"101##1{data.hex()}", message.decode(data, decode_choices=False)
 
 
 @pytest.mark.parametrize("kind", [FD, CLASSIC], ids=["fd", "classic"])
@@ -124,7 +125,7 @@ def test_frames_of_cansend_are_taken_apart_as_cantools_does(opened):
 
 
 def test_whatever_cangen_sends_is_received_as_candump_sees_it(opened):
-    link = opened(CanLink(LinkOptions(interface="socketcan", channel=CHANNEL, bitrate=1_000_000, data_bitrate=5_000_000)))
+    link = opened(CanLink(LinkOptions(**LINK, data_bitrate=5_000_000)))
     count, frames = 300, []
     start_ns = time.monotonic_ns()
     with Dump(count) as dump, subprocess.Popen(["cangen", CHANNEL, "-m", "-g", "2", "-n", str(count)]) as generator:
@@ -180,7 +181,7 @@ def test_frames_that_did_not_fit_are_counted(opened):
     finally:
         RECEIVE_BUFFER.write_text(usual)
     count = 500
-    ok("cangen", CHANNEL, "-g", "0", "-n", str(count), "-I", "101", "-f", "-b", "-L", "F", "-D", "i")
+    ok("cangen", CHANNEL, "-g", "0", "-n", str(count), "-I", "101", "-f", "-b", "-L", "18", "-D", "r")
     seen_empty(bus)
     kept = bus.statistics()["frames_in"]
     assert 0 < kept < count
@@ -194,12 +195,12 @@ def test_interface_that_goes_down_is_a_lost_link_and_comes_back(opened):
     bus = opened(driver(**FD))
     rest = [0.0] * len(bus.outputs)
     set_link("down")
-    with pytest.raises(LinkError, match="^socketcan-vcan0, receiving: Network is down$"):
+    with pytest.raises(LinkError, match=r"^socketcan-vcan0, receiving: Network is down$"):
         bus.receive(Inbox(), time.monotonic_ns() + PATIENCE_NS)
-    with pytest.raises(LinkError, match="^socketcan-vcan0, sending: Network is down$"):
+    with pytest.raises(LinkError, match=r"^socketcan-vcan0, sending: .*Network is down"):
         bus.perform(0, rest, Inbox())
     bus.close()
-    with pytest.raises(LinkError, match="^socketcan-vcan0: vcan0 is down; as root: ip link set vcan0 up "):
+    with pytest.raises(LinkError, match=r"^socketcan-vcan0: vcan0 is down; as root: ip link set vcan0 up "):
         bus.open()
     set_link("up")
     bus.open()
@@ -215,14 +216,14 @@ def test_interface_that_is_taken_away_is_a_lost_link(opened):
     set_link("up", channel="vcan1")
     bus = opened(driver(**FD, channel="vcan1"))
     ok("ip", "link", "delete", "vcan1")
-    with pytest.raises(LinkError, match="^socketcan-vcan1, receiving: "):
+    with pytest.raises(LinkError, match=r"^socketcan-vcan1, receiving: "):
         bus.receive(Inbox(), time.monotonic_ns() + PATIENCE_NS)
-    with pytest.raises(LinkError, match="there is no network interface vcan1; CAN interfaces here: vcan0$"):
+    with pytest.raises(LinkError, match=r"there is no network interface vcan1; CAN interfaces here: vcan0$"):
         bus.open()
 
 
 def test_interfaces_that_can_not_serve_say_why(opened):
-    with pytest.raises(LinkError, match="there is no network interface can7; CAN interfaces here: vcan0$"):
+    with pytest.raises(LinkError, match=r"there is no network interface can7; CAN interfaces here: vcan0$"):
         driver(**FD, channel="can7").open()
     with pytest.raises(LinkError, match="the network interface lo is not a CAN bus"):
         driver(**FD, channel="lo").open()
@@ -241,12 +242,12 @@ def test_interfaces_that_can_not_serve_say_why(opened):
 def test_full_transmit_queue_is_told_and_leaves_no_gap_in_the_count(opened):
     bus = opened(driver(**FD))
     rest = [0.0] * len(bus.outputs)
-    ok("tc", "qdisc", "add", "dev", CHANNEL, "root", "netem", "delay", "1000s", "limit", "3")
+    ok("tc", "qdisc", "add", "dev", CHANNEL, "root", "netem", "delay", "200s", "limit", "3")
     try:
         for _ in range(3):
             bus.perform(0, rest, Inbox())
         for _ in range(2):
-            with pytest.raises(TransientError, match="No buffer space available .transmit buffer full.$"):
+            with pytest.raises(TransientError, match=r"No buffer space available .*\(transmit buffer full\)$"):
                 bus.perform(0, rest, Inbox())
     finally:
         ok("tc", "qdisc", "delete", "dev", CHANNEL, "root")

@@ -91,7 +91,7 @@ def test_frames_keep_their_order_in_time_over_a_step_of_the_wall_clock(pair, mon
     reader.drain(1)
     sender.send(classic(1, b""))
     sender.send(classic(2, b""))
-    real, reads = time.time_ns, iter((-3600, 0))  # the first was stamped before the clock was set back, the second after
+    real, reads = time.time_ns, iter((-3600, 0))  # as if the clock had been set back between the two frames
     monkeypatch.setattr(socketcan.time, "time_ns", lambda: real() + next(reads) * 1_000_000_000)
     time.sleep(0.01)
     [(_, first_ns), (_, second_ns)] = reader.drain(2)

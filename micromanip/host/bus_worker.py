@@ -20,8 +20,10 @@ from micromanip.settings.check import Prepared
 
 from .segments import Segments
 
+_START_S = 120.0
+"""Time for a process to begin: a small processor takes a minute to import what it needs."""
 _FIRST_LINK_S, _TRIED_S = 10.0, 2.0
-"""Time for the first link: for a process that must start, and after the first try failed."""
+"""Time for the first link: for a process that has begun, and after the first try failed."""
 _STUCK_S = 2.0
 _END_S = 5.0
 _POLL_S = 0.02
@@ -67,11 +69,13 @@ class BusWorker:
 
     async def first_link(self) -> None:
         """Wait until the link has come up; DeviceUnavailable with the reason where it does not."""
-        end = time.monotonic() + _FIRST_LINK_S
-        tried = False
+        end = time.monotonic() + _START_S
+        begun = tried = False
         while self.image.ask(LINK) != LINK_UP:
             process = self._process
             assert process is not None
+            if not begun and self._has_begun():
+                begun, end = True, time.monotonic() + _FIRST_LINK_S
             if self.said and not tried:
                 tried, end = True, time.monotonic() + _TRIED_S
             if process.returncode is not None or self.image.ask(LINK) == LINK_LATCHED or time.monotonic() > end:
@@ -118,8 +122,7 @@ class BusWorker:
             if self._ending:
                 return
             if process.returncode is None:
-                alive_s = self.image.ask(ALIVE_NS) * 1e-9
-                if time.monotonic() - max(alive_s, self._started + _FIRST_LINK_S) > _STUCK_S:
+                if self._hangs():
                     say(f"WARNING: driver {self.name}: its worker process hangs; it is killed")
                     process.kill()
                 continue
@@ -134,6 +137,14 @@ class BusWorker:
                 return
             say(f"WARNING: driver {self.name}: its worker process {how}; started again")
             await self.start(say)
+
+    def _has_begun(self) -> bool:
+        return self.image.ask(ALIVE_NS) * 1e-9 > self._started
+
+    def _hangs(self) -> bool:
+        if not self._has_begun():
+            return time.monotonic() - self._started > _START_S
+        return time.monotonic() - max(self.image.ask(ALIVE_NS) * 1e-9, self._started + _FIRST_LINK_S) > _STUCK_S
 
     async def end(self) -> None:
         """Let the outputs come to rest and the process end; it is killed where it does not."""

@@ -77,6 +77,7 @@ class Worker:
     def run(self) -> None:
         """Keep the link up; returns when it is to end, raises what is a bug."""
         back_off = BackOff(random.Random())
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
         while not self._may_leave():
             opened = time.monotonic()
             try:

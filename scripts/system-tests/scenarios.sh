@@ -1,7 +1,9 @@
 #!/bin/bash
-# scenarios.sh namespace|vm: the service's scenarios of tests/system on a throw-away machine of that kind; takes root.
+# scenarios.sh namespace|vm [FILE...]: the scenarios of tests/system, or of those files, on a throw-away machine of that
+# kind; takes root.
 set -eu
 tier=$1
+shift
 here=$(cd "$(dirname "$0")" && pwd)
 repository=$(cd "$here/../.." && pwd)
 export VENV=${VENV:-$repository/.venv}
@@ -12,7 +14,7 @@ pytest="cd '$repository' && PYTHONPATH=tests /opt/micromanip/bin/python -m pytes
 case $tier in
 namespace)
     exec "$here/ns-systemd.sh" "$stage
-        $pytest tests/system/namespace_scenarios.py"
+        $pytest ${*:-tests/system/namespace_scenarios.py}"
     ;;
 vm)
     # Compiling takes the emulated processor many minutes: it is done outside, for a processor that both can be.
@@ -22,12 +24,14 @@ vm)
     generic="export NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= XDG_CACHE_HOME=/kept"
     "$here/ns-systemd.sh" "$stage
         $generic
-        /opt/micromanip/bin/python '$repository/tests/system/vm_cell.py' /kept/cell.yaml
-        /opt/micromanip/bin/micromanip run /kept/cell.yaml --duration 1 --socket /run/control.sock
-        /opt/micromanip/bin/micromanip safe-outputs /kept/cell.yaml"
+        /opt/micromanip/bin/python '$repository/tests/system/vm_cell.py' /kept
+        for cell in cell can; do
+            /opt/micromanip/bin/micromanip run /kept/\$cell.yaml --duration 1 --socket /run/control.sock
+            /opt/micromanip/bin/micromanip safe-outputs /kept/\$cell.yaml
+        done"
     "$here/vm.sh" "$stage
         $generic
-        $pytest -s tests/system/vm_scenarios.py"
+        $pytest -s ${*:-tests/system/vm_*scenarios.py}"
     ;;
 *)
     echo "scenarios.sh: namespace or vm" >&2

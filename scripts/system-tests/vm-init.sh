@@ -17,6 +17,9 @@ mount -t overlay -o lowerdir=/low,upperdir=/layers/upper,workdir=/layers/scratch
 mkdir -p /new/exchange /new/kept /new/lib/modules
 for folder in exchange kept; do mount -t 9p -o "rw,$share" $folder /new/$folder; done
 ln -s "$(cat /modules/tree)" /new/lib/modules/
+for program in candump cansend cangen; do
+    [ -x /new/usr/bin/$program ] || ln -s "$(cat /can-utils)/$program" /new/usr/bin/
+done
 for tree in proc sys dev; do mount --move /$tree /new/$tree; done
 mkdir -p /new/dev/pts /new/dev/shm
 mount -t devpts devpts /new/dev/pts

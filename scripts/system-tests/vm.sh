@@ -1,7 +1,7 @@
 #!/bin/bash
 # vm.sh COMMAND: run it as root in a virtual machine with Debian's PREEMPT_RT kernel, systemd as process 1 and vcan0.
 #
-# Its / is a throw-away overlay of this machine's, so that it may install, break and leave what it likes; it has no
+# can-utils are in its PATH, the queue discipline netem is there for whoever wants a slow bus. Its / is a throw-away overlay of this machine's, so that it may install, break and leave what it likes; it has no
 # network. Ends with the command's exit status, 125 where there is none. `fetch-vm.sh` gets what it needs first.
 # Environment: LIMIT  seconds until all of it is ended (1500)   CPUS (2)   MEMORY  in MB (2048)   VM_HOME
 #              KEPT  a folder that stays, inside it is /kept
@@ -33,12 +33,13 @@ mkdir -p "$work/first/bin" "$work/first/modules" "$work/exchange" "$work/none"
 printf '%s\n' "$1" >"$work/exchange/command"
 cp "$busybox" "$work/first/bin/busybox"
 install -m 755 "$here/vm-init.sh" "$work/first/init"
-for module in virtio_pci 9pnet_virtio 9p overlay vcan can-raw; do
+for module in virtio_pci 9pnet_virtio 9p overlay vcan can-raw sch_netem; do
     "$modprobe" --dirname "$VM_HOME/kernel" --set-version "$release" --show-depends $module
 done | awk '$1 == "insmod" && !seen[$2]++ {print $2}' | while read -r file; do
     cp "$file" "$work/first/modules/" && basename "$file"
 done >"$work/first/modules/order"
 echo "$VM_HOME/kernel/lib/modules/$release" >"$work/first/modules/tree"
+echo "$VM_HOME/can-utils/usr/bin" >"$work/first/can-utils"
 (cd "$work/first" && find . | "$busybox" cpio -o -H newc 2>/dev/null) >"$work/initrd"
 
 accelerator="tcg,thread=multi -cpu max" # software emulation, unless the processor really offers more

@@ -2,13 +2,13 @@
 
 import os
 import re
-import shutil
 from pathlib import Path
 
 import pytest
 
-from .machine import PROGRAM, UNIT, Service, ok
+from .machine import PROGRAM, UNIT, ok
 from .vm_cell import TEXT
+from .vm_service import installed
 
 # Opens what drivers open, in the very sandbox of the unit.
 OPEN_DEVICES = (
@@ -21,21 +21,9 @@ OPEN_DEVICES = (
 @pytest.fixture(scope="module")
 def service(tmp_path_factory):
     """Installed and started once: an emulated processor takes a minute to import numba."""
-    service = Service()
-    service.since = "0"
     file = tmp_path_factory.mktemp("cell") / "cell.yaml"
     file.write_text(TEXT)
-    ok(PROGRAM, "install-service", str(file), "--yes")
-    shutil.copytree("/kept/micromanip", "/var/cache/micromanip")
-    ok("chown", "-R", "micromanip:micromanip", "/var/cache/micromanip")
-    for device, group in (("ttyS0", "dialout"), ("cpu_dma_latency", "micromanip")):  # as udev does; none runs here
-        ok("chgrp", group, f"/dev/{device}")
-        ok("chmod", "660", f"/dev/{device}")
-    service.drop_in(
-        "Environment=NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES=",
-        f'ExecStartPre=/opt/micromanip/bin/python -c "{OPEN_DEVICES}"',
-        *("WatchdogSec=60", "TimeoutStartSec=20min"),  # an emulated processor is in no hurry
-    )
+    service = installed(file, f'ExecStartPre=/opt/micromanip/bin/python -c "{OPEN_DEVICES}"')
     yield service.start()
     service.release()
 

@@ -35,7 +35,7 @@ class KernelReader:
         raw.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         raw.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
         self.overflows = 0
-        self._empty_ns = time.monotonic_ns()  # last moment at which the queue was known to be empty
+        self._earliest_ns = time.monotonic_ns()  # what is still in the queue came after that
 
     def drain(self, limit: int) -> list[tuple[can.Message, int]]:
         """What is there, `limit` frames at most. Raises OSError."""
@@ -44,7 +44,7 @@ class KernelReader:
             try:
                 data, ancillary, _, _ = self._socket.recvmsg(_FD_SIZE, _ANCILLARY, socket.MSG_DONTWAIT)
             except BlockingIOError:
-                self._empty_ns = time.monotonic_ns()
+                self._earliest_ns = time.monotonic_ns()
                 break
             frames.append((_message(data), self._received_ns(ancillary)))
         return frames
@@ -58,7 +58,7 @@ class KernelReader:
 
         The monotonic clock is read first: if this process is stalled in between, the frame looks older, never newer
         than it is. A wall clock that was stepped makes nonsense of the difference, so it counts only within what is
-        known for sure: the frame came after the queue was last seen empty, and before now.
+        known for sure: the frame came after the one before it and after the queue was last seen empty, and before now.
         """
         now_ns = time.monotonic_ns()
         wall_ns = time.time_ns()
@@ -69,9 +69,10 @@ class KernelReader:
                 stamp_ns = seconds * 1_000_000_000 + nanoseconds
             elif kind == SO_RXQ_OVFL:
                 self.overflows = _COUNTER.unpack_from(data)[0]
-        if stamp_ns is None:
-            return now_ns
-        return min(now_ns, max(self._empty_ns, now_ns - (wall_ns - stamp_ns)))
+        if stamp_ns is not None:
+            self._earliest_ns = min(now_ns, max(self._earliest_ns, now_ns - (wall_ns - stamp_ns)))
+            return self._earliest_ns
+        return now_ns
 
 
 def _message(frame: bytes) -> can.Message:

@@ -85,6 +85,19 @@ def test_a_stepped_wall_clock_leaves_the_time_between_last_look_and_now(pair, mo
     assert empty_ns - 5_000_000 <= time_ns <= time.monotonic_ns()
 
 
+def test_frames_keep_their_order_in_time_over_a_step_of_the_wall_clock(pair, monkeypatch):
+    sender, receiver = pair
+    reader = KernelReader(receiver)
+    reader.drain(1)
+    sender.send(classic(1, b""))
+    sender.send(classic(2, b""))
+    real, reads = time.time_ns, iter((-3600, 0))  # as if the clock had been set back between the two frames
+    monkeypatch.setattr(socketcan.time, "time_ns", lambda: real() + next(reads) * 1_000_000_000)
+    time.sleep(0.01)
+    [(_, first_ns), (_, second_ns)] = reader.drain(2)
+    assert first_ns <= second_ns <= time.monotonic_ns()
+
+
 def test_frames_that_did_not_fit_are_counted(pair):
     sender, receiver = pair
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)

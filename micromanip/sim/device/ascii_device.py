@@ -13,7 +13,6 @@ from .line_port import Peer
 
 _LONGEST = 1024
 """A line that is longer is no line of anybody who knows the protocol."""
-_STEP_NS = 1_000_000
 
 
 class Interpreter(Protocol):
@@ -25,12 +24,8 @@ class Interpreter(Protocol):
     """Commands of one byte, that no line end follows."""
     signals: list[str]
 
-    @property
-    def moving(self) -> bool:
-        """Whether it needs its steps."""
-
     def step(self) -> None:
-        """What it does a thousand times a second while it moves something by itself."""
+        """What it does by itself, a thousand times a second."""
 
     def answer(self, line: str) -> str:
         """What comes back for a line, with its line ends; empty for nothing."""
@@ -50,7 +45,6 @@ class AsciiDevice(LineDevice):
         self.faults, self.signals = interpreter.faults, interpreter.signals
         self._interpreter, self._turnaround_ns = interpreter, turnaround_ns
         self._begun: dict[Peer, bytes] = {}
-        self._stepping = False
 
     @property
     def description(self) -> str:
@@ -73,6 +67,9 @@ class AsciiDevice(LineDevice):
                 rest = (rest + byte)[-_LONGEST:]
         self._begun[peer] = rest
 
+    def tick(self) -> None:
+        self._interpreter.step()
+
     def reboot(self, until_ns: int) -> None:
         super().reboot(until_ns)
         self._interpreter.reboot()
@@ -82,16 +79,7 @@ class AsciiDevice(LineDevice):
         self.figures.received += 1
         self._behind.advance_to(self._loop.now_ns())
         answer = self._interpreter.answer(line.decode("latin-1")).encode("latin-1")
-        if self._interpreter.moving and not self._stepping:
-            self._step()
         if answer:
             self.figures.sent += 1
             ready_ns = self._loop.now_ns() + self._turnaround_ns
             self._loop.call_at(ready_ns, lambda: self._line.answer(peer, answer))
-
-    def _step(self) -> None:
-        self._stepping = self._interpreter.moving
-        if self._stepping:
-            self._behind.advance_to(self._loop.now_ns())
-            self._interpreter.step()
-            self._loop.call_at(self._loop.now_ns() + _STEP_NS, self._step)

@@ -11,7 +11,7 @@ from .binary_frame import FrameFormat, FrameLayout, FrameReader
 from .device_line import DeviceLine
 from .line_device import Behind, LineDevice
 from .line_faults import Identity
-from .line_messages import Due, Periodic
+from .line_messages import Due
 from .line_port import Peer
 
 _SAYS_WHO_EVERY_NS = 100_000_000
@@ -53,7 +53,7 @@ class BinaryBoard(LineDevice):
         layouts = [layout for layout, _ in messages.sent] + [reply for _, reply in messages.received if reply]
         self.signals = [behind.signal(channel) for layout in layouts for channel in layout.fields]
         for layout, period_ns in messages.sent:
-            self.periodic.append(Periodic(loop, self.figures, Due(layout.name, period_ns), partial(self._send, layout)))
+            self.sends(Due(layout.name, period_ns), partial(self._send, layout))
 
     @property
     def description(self) -> str:
@@ -111,7 +111,6 @@ class BinaryBoard(LineDevice):
         self._loop.call_at(ready_ns, lambda: self._line.answer(peer, frame))
 
     def _send(self, layout: FrameLayout, message: Due) -> None:
-        self._behind.advance_to(message.due_ns)
         self._line.send(self._frame(layout, message.counted()))
         self.figures.sent += 1
 

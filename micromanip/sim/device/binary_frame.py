@@ -107,4 +107,4 @@ class FrameReader:
         if self._format.length is None:
             return known
         said = self._format.length.code(header) + self._format.length_plus
-        return said if known in (None, said) else None
+        return said if said == known else None

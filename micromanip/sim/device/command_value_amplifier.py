@@ -26,7 +26,6 @@ class CommandValueAmplifier:
 
     faults: tuple[type[LineFault], ...] = (Identity,)
     single_bytes = b""
-    moving = False
 
     def __init__(
         self,

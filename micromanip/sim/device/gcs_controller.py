@@ -59,11 +59,6 @@ class GcsController:
         self._axes = {axis.name: axis for axis in axes}
         self._behind, self._line, self._error = behind, line, 0
 
-    @property
-    def moving(self) -> bool:
-        """Whether a servo is on."""
-        return any(axis.servo for axis in self._axes.values())
-
     def answer(self, line: str) -> str:
         try:
             return self._done(line)

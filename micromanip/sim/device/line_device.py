@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from micromanip.sim.event_loop import EventLoop
 
@@ -10,9 +10,11 @@ from .amplifier import Amplifier
 from .cell import PlayedCell
 from .device_line import DeviceLine
 from .line_fault import LineFault
-from .line_messages import MessageFigures, Periodic
+from .line_messages import Due, MessageFigures, Periodic
 from .line_port import Peer
 from .wires import Wires
+
+_TICK_NS = 1_000_000
 
 
 class Behind:
@@ -59,7 +61,7 @@ class Behind:
 
 
 class LineDevice:
-    """One device on one line. What a subclass sends by itself it adds to `periodic`."""
+    """One device on one line."""
 
     faults: tuple[type[LineFault], ...] = ()
     """Those that it plays itself."""
@@ -77,10 +79,19 @@ class LineDevice:
         """What it is, and does: "binary board, 1 message out, 1 in"."""
         raise NotImplementedError
 
+    def sends(self, message: Due, send: Callable[[Due], None]) -> None:
+        """Call `send` whenever `message` is due, the cell being where it is then."""
+        self.periodic.append(Periodic(self._loop, self.figures, message, self._behind.advance_to, send))
+
     def start(self, now_ns: int) -> None:
         """Begin to talk."""
         for periodic in self.periodic:
             periodic.start(now_ns)
+        if all(periodic.message.period_ns > _TICK_NS for periodic in self.periodic):
+            self._tick()
+
+    def tick(self) -> None:
+        """A millisecond has passed, for a device that sends nothing more often than that."""
 
     def hear(self, data: bytes, peer: Peer) -> None:
         """Bytes came from `peer`; none at all mean that it has gone."""
@@ -96,3 +107,10 @@ class LineDevice:
     def _arrived(self, data: bytes, peer: Peer) -> None:
         if not data or self._loop.now_ns() >= self._off_until_ns:
             self.hear(data, peer)
+
+    def _tick(self) -> None:
+        """Amplifiers and plant go on also while nobody talks."""
+        now_ns = self._loop.now_ns()
+        self._behind.advance_to(now_ns)
+        self.tick()
+        self._loop.call_at(now_ns + _TICK_NS, self._tick)

@@ -11,7 +11,7 @@ from .device_line import DeviceLine
 from .line_checksum import Checksum
 from .line_device import Behind, LineDevice
 from .line_faults import Identity
-from .line_messages import Due, Periodic
+from .line_messages import Due
 from .line_number import LineNumber
 from .line_port import Peer
 
@@ -88,8 +88,7 @@ class StreamDevice(LineDevice):
         self._gathered: list[Mapping[str, float]] = []
         self._first_ns, self._began_ns = 0, 0
         self._count = 0
-        message = Due("samples", period_ns)
-        self.periodic.append(Periodic(loop, self.figures, message, self._sample))
+        self.sends(Due("samples", period_ns), self._sample)
 
     @property
     def description(self) -> str:
@@ -113,7 +112,6 @@ class StreamDevice(LineDevice):
         self._began_ns = until_ns
 
     def _sample(self, message: Due) -> None:
-        self._behind.advance_to(message.due_ns)
         count = message.counted()
         if not self._gathered:
             self._first_ns, self._count = message.due_ns, count

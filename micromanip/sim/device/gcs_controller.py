@@ -44,7 +44,23 @@ _QUERIES: dict[str, Callable[[GcsAxis], str]] = {
     "VMA?": lambda axis: _number(axis.limits[1]),
 }
 _COMMANDS = ("SVA", "SVR", "MOV", "SVO")
-_OTHERS = ("*IDN?", "CSV?", "ERR?", "HLP?", "HLT", "SAI?", "SPA?", "STP", "TPC?", "TSC?", "VER?", "#5", "#7", "#24")
+_OTHERS = (
+    "*IDN?",
+    "CSV?",
+    "ERR?",
+    "HLP?",
+    "HLT",
+    "HPA?",
+    "SAI?",
+    "SPA?",
+    "STP",
+    "TPC?",
+    "TSC?",
+    "VER?",
+    "#5",
+    "#7",
+    "#24",
+)
 
 
 class GcsController:
@@ -98,6 +114,10 @@ class GcsController:
                 return _lines(["FW_DSP: V13.21.00.09", "HW: simulated"])
             case "HLP?":
                 return _lines(["The following commands are valid:", *_help(), "end of help"])
+            case "HPA?":
+                return _lines(
+                    ["The following parameters are valid:", f"0x{_UNIT:X}=\t0\t1\tCHAR\taxis\tUnit", "end of help"]
+                )
             case "TPC?" | "TSC?":
                 return f"{len(self._axes)}\n"
             case "SAI?":

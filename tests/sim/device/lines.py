@@ -40,6 +40,9 @@ outputs:
   voltage_x: {driver: device, channel: voltage_x, range_V: [-20, 120], slew_V_per_ms: 10}
   voltage_y: {driver: device, channel: voltage_y, range_V: [-20, 120], slew_V_per_ms: 10}"""
 
+ELSEWHERE = OUTPUTS.replace("device,", "spare,")
+"""Outputs of a second driver, for a device that only measures."""
+
 
 def signal(name, channel=None):
     """A line of the section signals."""
@@ -49,6 +52,8 @@ def signal(name, channel=None):
 def write_cell(folder, driver, signals=("strain_x", "strain_y"), outputs=OUTPUTS):
     """A configuration with one driver `device`, whose keys are the text `driver`."""
     file = folder / "cell.yaml"
+    if outputs is ELSEWHERE:
+        driver += "  spare: {driver: simulated, axes: [x, y]}\n"
     lines = "\n".join(signal(*((name,) if isinstance(name, str) else name)) for name in signals)
     file.write_text(CELL.format(driver=driver.rstrip("\n"), signals=lines, outputs=outputs), encoding="utf-8")
     return file
@@ -95,9 +100,12 @@ class Bench:
         self.run(0.01)
         return Client(self, fileno)
 
-    def connect(self, port):
+    def connect(self, port, receive_buffer=None):
         """A TCP connection."""
-        link = self._closing.enter_context(socket.create_connection(("127.0.0.1", port)))
+        link = self._closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+        if receive_buffer is not None:
+            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        link.connect(("127.0.0.1", port))
         self.run(0.001)
         return Client(self, link.fileno())
 

@@ -79,6 +79,7 @@ class SerialLine(Port):
         if self._echo is not None:
             self._echo.clear()
         descriptor: int = line.fileno()
+        _let_empty_mean_gone(descriptor)
         return descriptor
 
     def _disconnect(self) -> None:
@@ -125,6 +126,13 @@ class SerialLine(Port):
             self.low_latency = True
         except (OSError, ValueError, NotImplementedError):  # a pseudo terminal, an adapter whose driver does without
             self.low_latency = False
+
+
+def _let_empty_mean_gone(descriptor: int) -> None:
+    """pyserial has the kernel return nothing where there is nothing, which is what a port that went away returns."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
 def _found() -> str:

@@ -102,6 +102,7 @@ class BinaryFraming(Framing):
             **self._reader.counters,
             "lost": sum(counter.lost for counter in counters),
             "not_fresh": sum(counter.stale for counter in counters),
+            "restarts": sum(counter.restarts for counter in counters),
         }
 
     def _forget(self) -> None:

@@ -118,6 +118,7 @@ class StreamFraming(Framing):
             **self._reader.counters,
             "lost": self._counter.lost if self._counter else 0,
             "not_fresh": self._counter.stale if self._counter else 0,
+            "restarts": self._counter.restarts if self._counter else 0,
             "clock_steps": self._clock.steps if self._clock else 0,
         }
 

@@ -74,12 +74,12 @@ class ModbusOptions(BusOptions):
     tcp: TcpPort | None = Field(default=None, description="Modbus TCP: a device or a gateway.")
     serial: SerialPort | None = Field(default=None, description="Modbus RTU on a serial line.")
     timeout_ms: Milliseconds = Field(
-        description="So long after a request its answer must be complete. There are no retries: the task's next turn is "
-        "one, with newer values."
+        description="So long after a request its answer must be complete. There are no retries: the task's next turn "
+        "is one, with newer values."
     )
     response_ms: Annotated[float, Field(strict=True, ge=0, le=LARGEST_TIMEOUT_MS)] = Field(
-        description="Longest time from the end of a request to the beginning of its answer: for the budget, and for the "
-        "age of what was read."
+        description="Longest time from the end of a request to the beginning of its answer: for the budget, and for "
+        "the age of what was read."
     )
     drain_ms: Annotated[float, Field(strict=True, gt=0, le=700)] | None = Field(
         default=None,

@@ -121,7 +121,7 @@ def _refuse_overlaps(unit: str, device: Unit) -> None:
     for rows in groups.values():
         for one, other in _neighbours(sorted(rows, key=lambda row: row[0])):
             if _overlap(one, other):
-                raise ConfigError(f"{other[1]}: overlaps with {one[1]}: both take {_span(device, other)}")
+                raise ConfigError(f"{other[1]}: overlaps with {one[1]}: both take {_span(other)}")
 
 
 def _neighbours(rows: list[_Row]) -> Iterator[tuple[_Row, _Row]]:
@@ -139,7 +139,7 @@ def _overlap(one: _Row, other: _Row) -> bool:
     return True
 
 
-def _span(device: Unit, row: _Row) -> str:
+def _span(row: _Row) -> str:
     return f"{'bit ' + str(row[2].first_bit) + ' of ' if row[2].type == 'bits' else ''}register {row[2].address}"
 
 

@@ -19,6 +19,7 @@ from .task_options import WRITES, Register, Task
 
 _ORDERS = ("big", "little")
 _OPEN_NS = 900_000_000
+_PAUSE_S = 0.1
 _READ_BACK = {"coils": 1, "holding registers": 3}
 """Function that reads what a function writes."""
 
@@ -34,8 +35,9 @@ def probe(options: ModbusOptions, client: Client, seconds: float) -> Iterator[An
             if first and time.monotonic_ns() >= end_ns:
                 return
             yield _asked(client, unit, name, register, exchange)
-        if time.monotonic_ns() >= end_ns:
+        if (left_ns := end_ns - time.monotonic_ns()) <= 0:
             return
+        time.sleep(min(_PAUSE_S, left_ns * 1e-9))
 
 
 def _asked(client: Client, unit: Unit, name: str, register: Register, exchange: Exchange) -> Answer:
@@ -54,9 +56,8 @@ def _asked(client: Client, unit: Unit, name: str, register: Register, exchange: 
     values["on the wire"] = data.hex(" ")
     if register.type == "coil":
         return Answer(name, {**values, "value": exchange.values(answer.pdu)[0]})
-    return Answer(
-        name, {**values, **_orders(register, data)}, f"configured: {_order(unit.byte_order, unit.word_order)}"
-    )
+    configured = _order(unit.byte_order, unit.word_order if register.count > 1 else None)
+    return Answer(name, {**values, **_orders(register, data)}, f"configured: {configured}")
 
 
 def _orders(register: Register, data: bytes) -> dict[str, float]:
@@ -78,18 +79,18 @@ def _order(byte_order: str, word_order: str | None) -> str:
 def _questions(options: ModbusOptions) -> Iterator[tuple[Unit, str, Register, Exchange]]:
     """What can be asked for without a write."""
     for unit_name, unit in options.units.items():
-        for task in unit.tasks.values():
-            for name, register, function in _registers(task):
+        for task_name, task in unit.tasks.items():
+            for name, register, function in _registers(task_name, task):
                 title = f"{unit_name}.{name}"
                 yield unit, title, register, single(title, unit, function, register, title)
 
 
-def _registers(task: Task) -> Iterator[tuple[str, Register, int]]:
+def _registers(task_name: str, task: Task) -> Iterator[tuple[str, Register, int]]:
     reading = 3 if task.function == 23 else task.function
     for name, register in task.read.items():
         yield name, register, reading
     for key, own in (("status", task.status), ("counter", task.counter)):
         if own is not None:
-            yield key, own, reading
+            yield f"{task_name}, {key}", own, reading
     for name, output in task.write.items():
         yield name, output, _READ_BACK[WRITES[task.function]]

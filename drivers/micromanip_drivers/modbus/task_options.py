@@ -14,8 +14,9 @@ WRITES = {5: "coils", 6: "holding registers", 15: "coils", 16: "holding register
 """Function codes that there are, and the table that each one reads or writes."""
 BIT_TABLES = ("coils", "discrete inputs")
 REGISTERS = {
-    **{"bits": 1, "int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "int64": 4, "uint64": 4},
-    **{"float32": 2, "float64": 4, "coil": 1},
+    **dict.fromkeys(("bits", "int16", "uint16", "coil"), 1),
+    **dict.fromkeys(("int32", "uint32", "float32"), 2),
+    **dict.fromkeys(("int64", "uint64", "float64"), 4),
 }
 """How many registers a type takes, or how many coils."""
 UNSIGNED = ("bits", "uint16", "uint32", "uint64", "coil")
@@ -122,8 +123,8 @@ class Task(Section):
     """What is done at one rate. Registers that follow each other go in one transaction."""
 
     function: Function = Field(
-        description="1 and 2 read coils and discrete inputs, 3 and 4 holding and input registers; 5 and 15 write coils, "
-        "6 and 16 registers, one by one or all at once; 23 writes and reads in one transaction."
+        description="1 and 2 read coils and discrete inputs, 3 and 4 holding and input registers; 5 and 15 write "
+        "coils, 6 and 16 registers, one by one or all at once; 23 writes and reads in one transaction."
     )
     rate_hz: Rate = Field(description="How often.")
     read: dict[Name, Input] = Field(default={}, description="What is read, by name.")

@@ -16,12 +16,12 @@ import struct
 import termios
 import tty
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from micromanip.errors import DeviceUnavailable
 from micromanip.sim.event_loop import EventLoop
 
+from .line_port import LineFigures, LinePort
 from .uart import as_heard
 
 _TERMIOS2 = struct.Struct("=4IB19s2I")
@@ -32,19 +32,7 @@ _LOOK_EVERY_NS = 5_000_000
 """How often a port that nobody has open is looked at."""
 
 
-@dataclass
-class Figures:
-    """Since the start."""
-
-    bytes_sent: int = 0
-    bytes_received: int = 0
-    bytes_lost: int = 0
-    """Sent while nobody had the port open, or faster than they were read."""
-    busy_ns: int = 0
-    """Time on the line, both directions together."""
-
-
-class PseudoTerminal:
+class PseudoTerminal(LinePort):
     """The far end of a serial port. `on_received` gets bytes when the last of them has come over the line."""
 
     def __init__(
@@ -62,7 +50,8 @@ class PseudoTerminal:
         With `half_duplex` both directions take turns on one pair of wires, as RS-485 does.
         Raises DeviceUnavailable where no link can be put at `device`: a real port is there, or one that is simulated.
         """
-        self.device, self.figures = device, Figures()
+        self.device, self.figures = device, LineFigures()
+        self.echo = False
         self._loop, self._baud, self._on_received = loop, baud, on_received
         self._byte_ns = bits_per_byte * 1e9 / baud
         self._half_duplex = half_duplex
@@ -75,6 +64,10 @@ class PseudoTerminal:
         except BaseException:
             self._owner.close()
             raise
+
+    @property
+    def name(self) -> str:
+        return f"serial {self.device}, {self._baud} baud"
 
     @property
     def plugged(self) -> bool:
@@ -147,13 +140,18 @@ class PseudoTerminal:
     def _hear(self, data: bytes) -> None:
         if self._master is not None:
             self.figures.bytes_received += len(data)
+            if self.echo:
+                self._write(data)
             self._on_received(as_heard(data, _baud(self._master), self._baud))
 
     def _arrive(self, data: bytes) -> None:
         if self._master is None:
             return
         self.figures.bytes_sent += len(data)
-        heard = as_heard(data, self._baud, _baud(self._master))
+        self._write(as_heard(data, self._baud, _baud(self._master)))
+
+    def _write(self, heard: bytes) -> None:
+        assert self._master is not None
         written = 0
         if not _hung_up(self._master):
             with contextlib.suppress(BlockingIOError):

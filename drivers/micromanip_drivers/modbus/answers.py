@@ -20,14 +20,13 @@ _BAD = -1
 class _Reading:
     """What is in the answer to one transaction."""
 
-    channels: tuple[tuple[int, int], ...]
-    """Place among the values of the answer, and index of the input."""
+    channels: tuple[tuple[int, int, int], ...]
+    """Place among the values of the answer, index of the input, and its age in the device (ns)."""
     status: int | None
     counter: int | None
     good: tuple[int, ...]
     request_ns: int
     answer_ns: int
-    latency_ns: int
     last: float | None = None
 
 
@@ -35,9 +34,7 @@ class Answers:
     """The inputs of all tasks."""
 
     def __init__(self, plans: Sequence[TaskPlan], timing: Timing) -> None:
-        self.channels = [
-            Channel(name, plan.options.rate_hz, timing.input_latency_s(plan)) for plan in plans for name in plan.inputs
-        ]
+        self.channels = [channel for plan in plans for channel in _channels(plan, timing)]
         self.repeated = 0
         """Answers in which the device's counter had not moved: no fresh samples."""
         index = {channel.name: i for i, channel in enumerate(self.channels)}
@@ -66,26 +63,32 @@ class Answers:
             if reading.status is not None and codes[reading.status] not in reading.good:
                 status = int(codes[reading.status]) or _BAD
         first_ns, last_ns = answer.sent_ns + reading.request_ns, answer.received_ns - reading.answer_ns
-        taken_ns = min((first_ns + last_ns) // 2, answer.received_ns) - reading.latency_ns
+        taken_ns = min((first_ns + last_ns) // 2, answer.received_ns)
         values = answer.exchange.values(answer.pdu)
-        for place, channel in reading.channels:
-            inbox.put(channel, values[place], taken_ns, status)
+        for place, channel, age_ns in reading.channels:
+            inbox.put(channel, values[place], taken_ns - age_ns, status)
+
+
+def _channels(plan: TaskPlan, timing: Timing) -> Iterator[Channel]:
+    latency_s = timing.input_latency_s(plan)
+    for name, keys in zip(plan.inputs, plan.options.read.values(), strict=True):
+        yield Channel(name, plan.options.rate_hz, latency_s + keys.latency_us * 1e-6)
 
 
 def _reading(plan: TaskPlan, exchange: Exchange, index: dict[str, int], timing: Timing) -> _Reading:
     names = exchange.inputs
     return _Reading(
-        channels=tuple(_placed(names, index)),
+        channels=tuple(_placed(plan, names, index)),
         status=names.index(STATUS) if STATUS in names else None,
         counter=names.index(COUNTER) if COUNTER in names else None,
         good=plan.options.status.good if plan.options.status else (),
         request_ns=round(timing.request_s(exchange) * 1e9),
         answer_ns=round(timing.answer_s(exchange) * 1e9),
-        latency_ns=round(plan.options.latency_us * 1e3),
     )
 
 
-def _placed(names: Sequence[str], index: dict[str, int]) -> Iterator[tuple[int, int]]:
+def _placed(plan: TaskPlan, names: Sequence[str], index: dict[str, int]) -> Iterator[tuple[int, int, int]]:
+    ages_us = {name: keys.latency_us for name, keys in zip(plan.inputs, plan.options.read.values(), strict=True)}
     for place, name in enumerate(names):
         if name in index:
-            yield place, index[name]
+            yield place, index[name], round(ages_us[name] * 1e3)

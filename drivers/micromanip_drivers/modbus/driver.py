@@ -123,4 +123,4 @@ class Modbus(BusDriver):
     def _outputs_of(self, plan: TaskPlan) -> Iterator[Channel]:
         latency_s = self._timing.output_latency_s(plan)
         for name, keys in zip(plan.outputs, plan.options.write.values(), strict=True):
-            yield Channel(name, plan.options.rate_hz, latency_s, keys.safe)
+            yield Channel(name, plan.options.rate_hz, latency_s + keys.latency_us * 1e-6, keys.safe)

@@ -66,6 +66,10 @@ class Input(Register):
 
     scale: Annotated[float, Field(strict=True)] = Field(default=1.0, description="Physical unit per count.")
     offset: Annotated[float, Field(strict=True)] = Field(default=0.0, description="Value at a number of 0.")
+    latency_us: Latency = Field(
+        default=0.0,
+        description="Age of a reading in the device when it is asked for; of an output, until it is in force.",
+    )
 
     @model_validator(mode="after")
     def _scale_is_not_zero(self) -> Input:
@@ -131,8 +135,6 @@ class Task(Section):
     write: dict[Name, Output] = Field(default={}, description="What is written, by name.")
     status: Status | None = Field(default=None, description="Read with the others: are they good?")
     counter: Counter | None = Field(default=None, description="Read with the others: are they fresh?")
-    latency_us: Latency = Field(default=0.0, description="Age of a reading in the device when it is asked for.")
-    output_latency_us: Latency = Field(default=0.0, description="From the end of a request to being in force.")
 
     @model_validator(mode="after")
     def _function_fits(self) -> Task:

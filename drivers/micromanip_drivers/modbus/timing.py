@@ -52,14 +52,13 @@ class Timing:
         return self.taken_s(exchange) + 2.0 * self.gap_s
 
     def input_latency_s(self, plan: TaskPlan) -> float:
-        """From being measured to being received: half of the response time is between the two, on the average."""
-        return plan.options.latency_us * 1e-6 + 0.5 * self._response_s + max(map(self.answer_s, plan.exchanges))
+        """From being asked for to being received: half of the response time is between the two, on the average."""
+        return 0.5 * self._response_s + max(map(self.answer_s, plan.exchanges))
 
     def output_latency_s(self, plan: TaskPlan) -> float:
-        """From being sent to being in force."""
+        """From being sent to being taken by the device."""
         before_s = sum(map(self.busy_s, plan.exchanges[:-1]))
-        own_s = self.request_s(plan.exchanges[-1]) + 0.5 * self._response_s
-        return before_s + own_s + plan.options.output_latency_us * 1e-6
+        return before_s + self.request_s(plan.exchanges[-1]) + 0.5 * self._response_s
 
     def load(self, plans: Iterable[TaskPlan]) -> Load:
         """The line's load."""

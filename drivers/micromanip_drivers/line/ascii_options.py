@@ -102,7 +102,11 @@ class Errors(Section):
 class AsciiInput(Section):
     """A value that the device tells."""
 
-    item: str = Field(default="", description="Axis or channel as the device calls it; for a preset's templates.")
+    item: str = Field(
+        default="",
+        pattern=r"^[\w.+-]*$",
+        description="Axis or channel as the device calls it; for a preset's templates.",
+    )
     scale: float = Field(default=1.0, strict=True, description="value = scale x number + offset.")
     offset: float = Field(default=0.0, strict=True, description="Value at a number of 0.")
 

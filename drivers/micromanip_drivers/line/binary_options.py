@@ -115,6 +115,11 @@ class Binary(Section):
     reply_ms: Annotated[float, Field(strict=True, gt=0, le=250)] = Field(
         default=10.0, description="An answer that takes longer is missing."
     )
+    drain_ms: Annotated[float, Field(strict=True, gt=0, le=5_000)] = Field(
+        default=20.0,
+        description="After a missing answer, so long is waited for it to come late before anything else is asked; more "
+        "than the longest that the device takes.",
+    )
     turnaround_us: Latency = Field(
         default=0.0, description="How long the device takes to begin its answer, for the budget."
     )

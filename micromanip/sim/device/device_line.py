@@ -18,17 +18,26 @@ from .udp_port import UdpPort
 _Kind = TypeVar("_Kind", bound=LineFault)
 
 
+def _hear_nothing(data: bytes, peer: Peer) -> None:
+    """Until a device is attached."""
+
+
 class DeviceLine(Peer):
     """The device sends whole messages, to all or to one peer, and hears bytes as they come."""
 
-    def __init__(self, loop: EventLoop, make_port: Callable[[Hear], LinePort], hear: Hear, seed: int = 0) -> None:
-        """`make_port` gets what hears for the port; `hear` is the device's."""
-        self._loop, self._hear = loop, hear
+    def __init__(self, loop: EventLoop, make_port: Callable[[Hear], LinePort], seed: int = 0) -> None:
+        """`make_port` gets what hears for the port; `seed` is that of the injected faults."""
+        self._loop = loop
+        self._hear: Hear = _hear_nothing
         self._faults = LineFaults(loop, seed)
         self._latest_ns = {"sent": 0, "received": 0}
         self._strangers_message = b""
         self.port = make_port(self._arrived)
         self._echoes = self.port.echo
+
+    def attach(self, hear: Hear) -> None:
+        """Let the device hear."""
+        self._hear = hear
 
     def send(self, data: bytes) -> None:
         """One message, to all that are connected."""
@@ -79,12 +88,19 @@ class DeviceLine(Peer):
         """End what was injected."""
         self._faults.clear()
 
+    def close(self) -> None:
+        """Let go of the port."""
+        self.port.close()
+
     def _arrived(self, data: bytes, peer: Peer) -> None:
         if not self._faults.any or not data:
-            self._pass(partial(self._hear, peer=peer), data, 0, "received")
+            self._pass(partial(self._heard, peer), data, 0, "received")
         elif not self._faults.active(Hang):
             for after_ns, part in self._faults.through(data, "received"):
-                self._pass(partial(self._hear, peer=peer), part, after_ns, "received")
+                self._pass(partial(self._heard, peer), part, after_ns, "received")
+
+    def _heard(self, peer: Peer, data: bytes) -> None:
+        self._hear(data, peer)
 
     def _pass(self, to: Callable[[bytes], None], data: bytes, after_ns: int, direction: str) -> None:
         """At once if it can be; nothing overtakes what was delayed before."""
@@ -101,7 +117,7 @@ class DeviceLine(Peer):
             if fault.direction == "sent":
                 self._pass(self.port.send, held, 0, "sent")
             else:
-                self._pass(partial(self._hear, peer=self.port), held, 0, "received")
+                self._pass(partial(self._heard, self.port), held, 0, "received")
 
     def _echo_as_before(self) -> None:
         self.port.echo = self._echoes

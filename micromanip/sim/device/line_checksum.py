@@ -10,6 +10,7 @@ import fastcrc
 
 from micromanip.settings.source import Source
 
+from .line_number import read_byte_order
 from .plain_options import Place, value
 
 _SIZES = {"crc8": 1, "crc16": 2, "crc32": 4, "crc64": 8}
@@ -42,5 +43,4 @@ def read_checksum(source: Source, place: Place, entry: Any) -> Checksum | None:
     function = getattr(getattr(fastcrc, width, None), algorithm, None) if width in _SIZES else None
     if function is None:
         raise source.error((*place, "name"), f"fastcrc has no {name}; crc16.modbus would be one")
-    order = entry.get("byte_order") or "little"
-    return Checksum(function, _SIZES[width], "big" if order == "big" else "little", int(entry.get("first", 0)))
+    return Checksum(function, _SIZES[width], read_byte_order(source, place, entry), int(entry.get("first", 0)))

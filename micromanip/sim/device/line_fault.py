@@ -125,13 +125,13 @@ class Join(MessageFault):
 
 
 class Garbage(MessageFault):
-    """Random bytes come before the message, as when a plug is pushed in."""
+    """So many random bytes come before the message, as when a plug is pushed in."""
 
     kind: Literal["garbage"]
-    bytes: Annotated[int, Field(ge=1, le=4096)] = 16
+    count: Annotated[int, Field(ge=1, le=4096)] = 16
 
     def through(self, message: bytes) -> Parts:
-        return [(0, self._random.randbytes(self.bytes) + message)]
+        return [(0, self._random.randbytes(self.count) + message)]
 
 
 class Flip(MessageFault):

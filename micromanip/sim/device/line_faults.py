@@ -8,8 +8,8 @@ What strikes single messages, with ``share`` and ``direction`` (``sent`` by the 
     reorder     comes after the one that follows it
     split       comes in two parts, ``gap_ms`` apart
     join        comes together with the next, ``count`` at a time
-    garbage     comes behind so many random ``bytes``
-    flip        comes with so many wrong ``bits``           its CRC doesn't fit
+    garbage     comes behind ``count`` random bytes
+    flip        comes with ``bits`` wrong bits               its CRC doesn't fit
     short       breaks off                                  a short read
 
 What befalls the line as a whole:

@@ -47,8 +47,17 @@ class Due:
 class Periodic:
     """Calls for a message each time when it is due, also late, with the time for which it was due."""
 
-    def __init__(self, loop: EventLoop, figures: MessageFigures, message: Due, send: Callable[[Due], None]) -> None:
-        self._loop, self._figures, self.message, self._send = loop, figures, message, send
+    def __init__(
+        self,
+        loop: EventLoop,
+        figures: MessageFigures,
+        message: Due,
+        advance_to: Callable[[int], None],
+        send: Callable[[Due], None],
+    ) -> None:
+        """`advance_to` is called before each, also before those that aren't sent."""
+        self._loop, self._figures, self.message = loop, figures, message
+        self._advance_to, self._send = advance_to, send
         self.off_until_ns: float = 0
 
     def start(self, now_ns: int) -> None:
@@ -65,6 +74,7 @@ class Periodic:
             missed = (now_ns - message.due_ns) // message.period_ns
             self._figures.not_sent += missed
             message.due_ns += missed * message.period_ns
+        self._advance_to(message.due_ns)
         if message.due_ns < max(message.silent_until_ns, self.off_until_ns):
             self._figures.silent += 1
         else:

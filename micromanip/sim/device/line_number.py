@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -89,11 +90,21 @@ def read_number(source: Source, place: Place, entry: Any) -> LineNumber:
     kind = value(source, place, entry, "type", str)
     if kind not in _SIZES:
         raise source.error((*place, "type"), f"there is no type {kind}; there are {', '.join(_SIZES)}")
-    order = entry.get("byte_order") or "little"
-    if order not in ("little", "big"):
-        raise source.error((*place, "byte_order"), f"must be little or big, not {order}")
     at = value(source, place, entry, "at", int)
-    return LineNumber(at, kind, order, float(entry.get("scale", 1.0)), float(entry.get("offset", 0.0)))
+    return LineNumber(
+        at, kind, read_byte_order(source, place, entry), float(entry.get("scale", 1.0)), float(entry.get("offset", 0.0))
+    )
+
+
+def read_byte_order(source: Source, place: Place, entry: Mapping[str, Any]) -> Literal["little", "big"]:
+    """Of a number or a checksum; raises ConfigError with file, line and key for one that doesn't exist."""
+    match entry.get("byte_order") or "little":
+        case "little":
+            return "little"
+        case "big":
+            return "big"
+        case other:
+            raise source.error((*place, "byte_order"), f"must be little or big, not {other}")
 
 
 def read_optional(source: Source, place: Place, entry: Any, key: str) -> LineNumber | None:

@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
 import select
 import socket
-import struct
-import termios
 import tty
 from collections.abc import Callable
 from pathlib import Path
@@ -21,12 +18,10 @@ from pathlib import Path
 from micromanip.errors import DeviceUnavailable
 from micromanip.sim.event_loop import EventLoop
 
+from .baud_rate import baud_of, set_baud
 from .line_port import LineFigures, LinePort
 from .uart import as_heard
 
-_TERMIOS2 = struct.Struct("=4IB19s2I")
-_TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
-_CBAUD, _BOTHER = 0o010017, 0o010000
 _READ_BYTES = 65536
 _LOOK_EVERY_NS = 5_000_000
 """How often a port that nobody has open is looked at."""
@@ -97,7 +92,7 @@ class PseudoTerminal(LinePort):
         master, slave = os.openpty()
         try:
             tty.setraw(slave)
-            _set_baud(slave, self._baud)  # a program that sets no rate finds the port set right
+            set_baud(slave, self._baud)  # a program that sets no rate finds the port set right
             self._name = os.ttyname(slave)
             os.set_blocking(master, False)
             _link(self.device, self._name)
@@ -142,13 +137,13 @@ class PseudoTerminal(LinePort):
             self.figures.bytes_received += len(data)
             if self.echo:
                 self._write(data)
-            self._on_received(as_heard(data, _baud(self._master), self._baud))
+            self._on_received(as_heard(data, baud_of(self._master), self._baud))
 
     def _arrive(self, data: bytes) -> None:
         if self._master is None:
             return
         self.figures.bytes_sent += len(data)
-        self._write(as_heard(data, self._baud, _baud(self._master)))
+        self._write(as_heard(data, self._baud, baud_of(self._master)))
 
     def _write(self, heard: bytes) -> None:
         assert self._master is not None
@@ -210,19 +205,3 @@ def _hung_up(master: int) -> bool:
     poll = select.poll()
     poll.register(master, 0)
     return bool(poll.poll(0))
-
-
-def _baud(fileno: int) -> int:
-    """The rate that the port was set to by who opened it: both ends of a pseudo terminal show it."""
-    try:
-        return int(_TERMIOS2.unpack(fcntl.ioctl(fileno, _TCGETS2, bytes(_TERMIOS2.size)))[-1])
-    except OSError as error:
-        raise DeviceUnavailable(f"the rate of a pseudo terminal can't be read: {error.strerror}") from error
-
-
-def _set_baud(fileno: int, baud: int) -> None:
-    """Any rate, not only those that have a name."""
-    settings = list(_TERMIOS2.unpack(fcntl.ioctl(fileno, _TCGETS2, bytes(_TERMIOS2.size))))
-    settings[2] = (settings[2] & ~(_CBAUD | _CBAUD << 16) & ~termios.CSTOPB) | _BOTHER
-    settings[-2:] = [baud, baud]
-    fcntl.ioctl(fileno, _TCSETS2, _TERMIOS2.pack(*settings))

@@ -1,5 +1,6 @@
 """The device's time stamps in our own time."""
 
+import itertools
 import random
 
 import pytest
@@ -37,7 +38,7 @@ def test_wrap_of_the_stamp():
         clock.taken_ns(stamp & 0xFFFF, received_ns)
         for stamp, received_ns, _ in messages(500, lambda _: 0, first_us=65_000)
     ]
-    assert [b - a for a, b in zip(taken, taken[1:], strict=False)] == [MS] * 499
+    assert [b - a for a, b in itertools.pairwise(taken)] == [MS] * 499
     assert clock.steps == 0
 
 

@@ -115,7 +115,9 @@ def test_datagrams_have_nothing_to_do_with_each_other(contents, garbage):
         assert found.whole(garbage + frame(content) * 2, 0) == [(frame(content), 0)] * 2
 
 
-@given(st.lists(st.sampled_from(["1=12.3", "0", "set,1,2", "x"])), st.sampled_from(["\n", "\r", "\r\n", " \n"]), st.data())
+@given(
+    st.lists(st.sampled_from(["1=12.3", "0", "set,1,2", "x"])), st.sampled_from(["\n", "\r", "\r\n", " \n"]), st.data()
+)
 def test_lines_are_the_same_however_they_are_cut(texts, end, data):
     sent = "".join(text + end for text in texts).encode()
     places = data.draw(st.lists(st.integers(0, 1000), max_size=10))

@@ -17,6 +17,7 @@ from micromanip_drivers.line.udp_port import UdpDatagrams
 
 from micromanip.io.bus_errors import LinkError, TransientError
 
+from .again import raised
 from .wires import PtyWire, free_port
 
 
@@ -105,11 +106,10 @@ def test_what_does_not_fit_is_refused_and_frames_stay_whole():
     """The device reads nothing for a while: nothing is queued without end, and no half frame is left behind."""
     with serial_line() as (wire, port):
         frame = bytes(range(100))
-        sent = 0
-        with pytest.raises(TransientError, match="still waits to be sent"):
-            for _ in range(10_000):
-                port.send(frame)
-                sent += 1
+        problem = raised(lambda: port.send(frame))
+        assert isinstance(problem, TransientError)
+        assert "still waits to be sent" in str(problem)
+        sent = port.counters["bytes_out"] // len(frame)
         got = b""
         while data := wire.read(0.1):
             got += data
@@ -219,9 +219,7 @@ def test_tcp_nobody_answers(server):
 
 def test_tcp_device_that_reads_nothing(server):
     with connected(server) as (device, port):
-        with pytest.raises(TransientError, match="still waits to be sent"):
-            for _ in range(100_000):
-                port.send(bytes(1000))
+        assert isinstance(raised(lambda: port.send(bytes(1000))), TransientError)
         got = 0
         device.setblocking(False)
         while select.select([device], [], [], 0.2)[0]:
@@ -233,12 +231,13 @@ def test_tcp_device_that_reads_nothing(server):
 def test_half_open_connection_of_one_who_only_writes(server):
     """What is not acknowledged for so long ends the connection: here by a window that stays shut."""
     with connected(server, silence_ms=100.0) as (_, port):
-        end_s = time.monotonic() + 5.0
-        with pytest.raises(LinkError, match="is gone"):
-            while time.monotonic() < end_s:
-                with contextlib.suppress(TransientError):
-                    port.send(bytes(50_000))
-                port.receive(soon(0.005))
+
+        def go_on():
+            with contextlib.suppress(TransientError):
+                port.send(bytes(50_000))
+            port.receive(soon(0.005))
+
+        assert isinstance(raised(go_on), LinkError)
 
 
 def udp_pair(listen=None):
@@ -300,10 +299,13 @@ def test_udp_of_strangers_that_came_before_it_was_connected(monkeypatch):
 def test_udp_nobody_there():
     port = UdpDatagrams(UdpPort(host="127.0.0.1", port=free_port(socket.SOCK_DGRAM)))
     port.open(soon())
-    with contextlib.closing(port), pytest.raises(LinkError, match="Connection refused"):
-        for _ in range(3):
-            port.send(b"question")
-            port.receive(soon(0.05))
+
+    def ask():
+        port.send(b"question")
+        port.receive(soon(0.05))
+
+    with contextlib.closing(port):
+        assert "Connection refused" in str(raised(ask))
 
 
 def test_host_that_does_not_exist():

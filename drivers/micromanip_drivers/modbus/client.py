@@ -169,8 +169,11 @@ class Client:
 
     def _timed_out(self, request: _Request, now_ns: int) -> None:
         self._counters["timeouts"] += 1
-        self._timeouts += 1
         text = f"{request.exchange.title}: no answer within {self._timeout_ns * 1e-6:g} ms"
+        if self._buffer:
+            text += f", only {len(self._buffer)} bytes of one"
+        else:
+            self._timeouts += 1
         if self._timeouts >= _TIMEOUTS:
             raise LinkError(f"{text}, {_TIMEOUTS} times in a row; look at power, wires and the number of the unit")
         if self._serial:

@@ -18,12 +18,14 @@ from .line_port import Peer
 from .modbus_faults import ModbusException
 from .modbus_frames import Frames, Request, RtuFrames, TcpFrames
 from .modbus_server import answer, refused
-from .modbus_settings import is_serial, port_maker, read_units
+from .modbus_settings import is_serial, port_maker, read_units, slowest_write_ms
 from .modbus_unit import ModbusUnit
 from .played import PlayedDevice, Surroundings
 from .wires import wires_of
 
 _GATEWAY_TARGET = 11
+_MISSED_PERIODS = 5
+"""An amplifier that is commanded slowly has a watchdog to match: it forgives so many commands that don't come."""
 _SILENCE_NS = 5_000_000
 """On a pseudo terminal the silence between frames is no longer exact; a begun frame is given up after this."""
 
@@ -136,7 +138,8 @@ def play_modbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     wires = wires_of(name, surroundings.configuration, source, cell)
     amplifier = None
     if wires.outputs:
-        amplifier = Amplifier(cell.plant, wires.rest_V, surroundings.watchdog_ms)
+        watchdog_ms = max(surroundings.watchdog_ms, _MISSED_PERIODS * slowest_write_ms(source, place, options))
+        amplifier = Amplifier(cell.plant, wires.rest_V, watchdog_ms)
         cell.amplifiers.append(amplifier)
     behind = Behind(cell, wires, amplifier)
     units = read_units(source, place, options, behind)

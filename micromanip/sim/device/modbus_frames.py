@@ -74,7 +74,7 @@ class RtuFrames(Frames):
         frame = bytes(self._buffer)
         self._buffer.clear()
         whole = not length or len(frame) == length + self.overhead_bytes  # an unknown function ends where it ends
-        if whole and _sealed(frame[:-2]) == frame:
+        if whole and sealed(frame[:-2]) == frame:
             yield Request(frame[0], frame[1:-2], _rtu_seal(frame[0]))
 
 
@@ -83,8 +83,9 @@ def _tcp_seal(number: int, unit: int) -> Callable[[bytes], bytes]:
 
 
 def _rtu_seal(unit: int) -> Callable[[bytes], bytes]:
-    return lambda pdu: _sealed(bytes((unit,)) + pdu)
+    return lambda pdu: sealed(bytes((unit,)) + pdu)
 
 
-def _sealed(frame: bytes) -> bytes:
+def sealed(frame: bytes) -> bytes:
+    """An RTU frame with its checksum."""
     return frame + crc16.modbus(frame).to_bytes(2, "little")

@@ -33,18 +33,20 @@ def port_maker(source: Source, place: Place, options: Mapping[str, Any], loop: E
         where, keys = (*place, "serial"), options["serial"]
         device, baud = value(source, where, keys, "device", str), value(source, where, keys, "baud", int)
         bits = 10 + (keys.get("parity", "none") != "none") + (keys.get("stopbits", 1) - 1)
-        return lambda hear: _pseudo_terminal(loop, Path(device), baud, bits, hear)
+        echo = bool((keys.get("rs485") or {}).get("echo"))
+        return lambda hear: _pseudo_terminal(loop, Path(device), baud, bits, echo, hear)
     where, keys = (*place, "tcp"), value(source, place, options, "tcp", Mapping)
     host, port = value(source, where, keys, "host", str), value(source, where, keys, "port", int)
     bits_per_s = 1e6 * float(keys.get("link_Mbit_per_s", 100.0))
     return lambda hear: TcpPort(loop, host, port, hear, bits_per_s)
 
 
-def _pseudo_terminal(loop: EventLoop, device: Path, baud: int, bits_per_byte: int, hear: Hear) -> LinePort:
+def _pseudo_terminal(loop: EventLoop, device: Path, baud: int, bits_per_byte: int, echo: bool, hear: Hear) -> LinePort:
     def received(data: bytes) -> None:
         hear(data, port)
 
     port = PseudoTerminal(loop, device, baud, received, bits_per_byte=bits_per_byte, half_duplex=True)
+    port.echo = echo
     return port
 
 
@@ -55,6 +57,17 @@ def read_units(source: Source, place: Place, options: Mapping[str, Any], behind:
         where = (*place, "units", name)
         units[value(source, where, keys, "unit_id", int)] = _unit(source, where, name, keys, behind)
     return units
+
+
+def slowest_write_ms(source: Source, place: Place, options: Mapping[str, Any]) -> float:
+    """Longest period of a task that writes; 0 without one."""
+    periods_ms = [0.0]
+    for name, keys in section(source, place, options, "units").items():
+        for task, entry in section(source, (*place, "units", name), keys, "tasks").items():
+            if entry.get("write"):
+                where = (*place, "units", name, "tasks", task)
+                periods_ms.append(1e3 / float(value(source, where, entry, "rate_hz", (int, float))))
+    return max(periods_ms)
 
 
 def _unit(source: Source, place: Place, name: str, keys: Any, behind: Behind) -> ModbusUnit:

@@ -98,7 +98,8 @@ class Client:
     def ask(self, exchange: Exchange, pdu: bytes) -> None:
         """Send a request; there must be none out. Raises TransientError while the line is kept silent, LinkError."""
         now_ns = time.monotonic_ns()
-        self._idle(now_ns, now_ns)
+        if self._serial or now_ns < self._silent_until_ns:  # over TCP, what is late is told by its number
+            self._idle(now_ns, now_ns)
         if now_ns < self._silent_until_ns:
             left_ms = (self._silent_until_ns - now_ns) * 1e-6
             raise TransientError(f"{exchange.title}: not sent: late answers are waited for, {left_ms:.0f} ms more")

@@ -90,23 +90,55 @@ class WritePlan:
         self._coils = any(field.register.type == "coil" for field in fields)
         self.length = (count + 7) // 8 if self._coils else 2 * count
         """Bytes."""
-        self._fields = [
-            (field, struct.Struct(">" + FORMATS.get(field.register.type, "H")), field.bytes_of()) for field in fields
-        ]
+        self._fields = [_Written(field) for field in fields]
 
     def data(self, values: Mapping[str, float]) -> bytes:
         """What goes over the wire. Raises OutputRefused for a value that its register does not hold."""
         data = bytearray(self.length)
-        for field, packing, places in self._fields:
-            code = _code(field, values[field.name])
+        for field in self._fields:
+            code = field.code(values[field.name])
             if self._coils:
                 data[field.place >> 3] |= int(code) << (field.place & 7)
                 continue
-            if field.register.first_bit is not None:
-                code = int(code) << field.register.first_bit
-            for place, byte in zip(places, packing.pack(code), strict=True):
+            for place, byte in zip(field.places, field.pack(code), strict=True):
                 data[place] |= byte
         return bytes(data)
+
+
+class _Written:
+    """A field that is written: its number, within its range."""
+
+    def __init__(self, field: Field) -> None:
+        register = field.register
+        assert isinstance(register, Output)
+        self.name, self.place, self.places = field.name, field.place, field.bytes_of()
+        self._register, self._shift = register, register.first_bit or 0
+        self._struct = struct.Struct(">" + FORMATS.get(register.type, "H"))
+        self._whole = register.type not in _LARGEST
+        self._low, self._high = code_range(register)
+        self._range = register.range or (-math.inf, math.inf)
+
+    def pack(self, code: float) -> bytes:
+        """Its registers, highest byte first, with nothing in the bits that are not its own."""
+        return self._struct.pack(int(code) << self._shift if self._whole else code)
+
+    def code(self, value: float) -> float:
+        """The number that stands for a value, rounded to the nearest; OutputRefused where there is none."""
+        register = self._register
+        if not math.isfinite(value):
+            raise OutputRefused(f"{self.name} is {value}: nothing was sent")
+        if not self._range[0] <= value <= self._range[1]:
+            low, high = self._range
+            raise OutputRefused(f"{self.name} is {value:g}, outside of its range {low:g} to {high:g}: nothing was sent")
+        code: float = (value - register.offset) / register.scale
+        if math.isfinite(code):
+            code = round(code) if self._whole else code
+            if self._low <= code <= self._high:
+                return code
+        ends = sorted(register.scale * end + register.offset for end in (self._low, self._high))
+        raise OutputRefused(
+            f"{self.name} is {value:g}, its {register.type} holds {ends[0]:g} to {ends[1]:g}: nothing was sent"
+        )
 
 
 def code_range(register: Register) -> tuple[float, float]:
@@ -115,27 +147,6 @@ def code_range(register: Register) -> tuple[float, float]:
         return -_LARGEST[register.type], _LARGEST[register.type]
     bits = register.bit_count if register.type in ("bits", "coil") else 16 * register.count
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if register.type.startswith("int") else (0, (1 << bits) - 1)
-
-
-def _code(field: Field, value: float) -> float:
-    """The number that stands for a value, rounded to the nearest; OutputRefused where there is none."""
-    register = field.register
-    assert isinstance(register, Output)
-    if not math.isfinite(value):
-        raise OutputRefused(f"{field.name} is {value}: nothing was sent")
-    if register.range is not None and not register.range[0] <= value <= register.range[1]:
-        low, high = register.range
-        raise OutputRefused(f"{field.name} is {value:g}, outside of its range {low:g} to {high:g}: nothing was sent")
-    code: float = (value - register.offset) / register.scale
-    if register.type not in _LARGEST:
-        code = round(code) if math.isfinite(code) else code
-    low, high = code_range(register)
-    if not (low <= code <= high and math.isfinite(code)):
-        ends = sorted(register.scale * end + register.offset for end in (low, high))
-        raise OutputRefused(
-            f"{field.name} is {value:g}, its {register.type} holds {ends[0]:g} to {ends[1]:g}: nothing was sent"
-        )
-    return code
 
 
 def _shift_and_mask(register: Register) -> tuple[int, int] | None:

@@ -58,7 +58,7 @@ from __future__ import annotations
 import re
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from .section import Latency, Name, Rate, Section
 
@@ -197,7 +197,7 @@ class Ascii(Section):
         description="End of the lines that are sent; those received may end in any of them. null: the preset's, "
         "\\n of gcs, \\r of command,value.",
     )
-    identity: AsciiIdentity | Pattern | None = Field(
+    identity: AsciiIdentity | None = Field(
         default=None,
         description="Who must answer: request and pattern, or the pattern alone. null: whoever answers is taken.",
     )
@@ -223,6 +223,11 @@ class Ascii(Section):
     read: dict[Name, Read] = Field(default={}, description="What is asked for, by any name.")
     write: dict[Name, Write] = Field(default={}, description="What is written, by any name.")
 
+    @field_validator("identity", mode="before")
+    @classmethod
+    def _pattern_alone(cls, given: object) -> object:
+        return {"pattern": given} if isinstance(given, str) else given
+
     @model_validator(mode="after")
     def _does_something(self) -> Self:
         if not self.read and not self.write:
@@ -240,10 +245,8 @@ class Ascii(Section):
                         raise ValueError(
                             f"{key}.{name}: command goes with a preset; without one give request and reply"
                         )
-        if self.preset != "gcs":
-            identity = self.identity
-            if isinstance(identity, str) or (identity is not None and identity.request is None):
-                raise ValueError("identity: give request and pattern; only the preset gcs knows a request")
+        if self.preset != "gcs" and self.identity is not None and self.identity.request is None:
+            raise ValueError("identity: give request and pattern; only the preset gcs knows a request")
         return self
 
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 from micromanip.errors import ConfigError
 
-from .ascii_options import Ascii, AsciiIdentity, AsciiInput, AsciiOutput, Errors, Read, Write
+from .ascii_options import Ascii, AsciiInput, AsciiOutput, Errors, Read, Write
 
 _TERMINATORS = {"gcs": "\n", "command,value": "\r"}
 _ERRORS = {"gcs": Errors(request="ERR?"), "command,value": Errors(reply="err,{code}")}
@@ -57,9 +57,7 @@ def identity(options: Ascii) -> tuple[str, str | None]:
     """What asks for the identity, empty where nothing is known that does; and the pattern of the answer."""
     request = "*IDN?" if options.preset == "gcs" else ""
     given = options.identity
-    if isinstance(given, AsciiIdentity):
-        return given.request or request, given.pattern
-    return request, given
+    return (given.request or request, given.pattern) if given else (request, None)
 
 
 def steps(options: Ascii, key: str, exchange: Read | Write) -> list[Step]:

@@ -82,7 +82,8 @@ class Port(ABC):
         except BlockingIOError:
             pass
         except OSError as problem:
-            raise self._gone("reading", problem) from problem
+            if not chunks:  # else what came before that is good, and the next call finds it again
+                raise self._gone("reading", problem) from problem
         return self._cleaned(chunks)
 
     @abstractmethod

@@ -129,7 +129,7 @@ class SerialLine(Port):
 
 
 def _let_empty_mean_gone(descriptor: int) -> None:
-    """pyserial has the kernel return nothing where there is nothing, which is what a port that went away returns."""
+    """As set up by pyserial, the kernel returns nothing both where nothing came and where the port went away."""
     attributes = termios.tcgetattr(descriptor)
     attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from types import MappingProxyType
 
 from micromanip.sim.conformance import Peer
 
@@ -10,7 +11,7 @@ class LinePeer(Peer):
     """Calls `take` with what came, and `speak` every `period_s`."""
 
     period_s = 0.001
-    framing = {}
+    framing = MappingProxyType({})
 
     def __init__(self, wire):
         self.wire = wire

@@ -1,12 +1,13 @@
-"""The framing `ascii` with the preset gcs, over TCP and on a pseudo terminal, against the contract of bus drivers."""
+"""The framing `ascii` with the preset gcs, over TCP, against the contract of bus drivers."""
 
 from micromanip_drivers.line.driver import Line
 
 from micromanip.sim.conformance import BusDriverContract, Golden
 
 from .gcs_controller import FRAMING, GcsController
-from .wires import PtyWire, TcpWire
+from .wires import TcpWire
 
+ANOTHER = {"ascii": {**FRAMING["ascii"], "identity": "Physik Instrumente.*E-709"}}
 _ETHERNET_BITS = 8 * (38 + 20 + 32)
 _ACKNOWLEDGED_BITS = 8 * 84
 
@@ -23,19 +24,12 @@ class TcpGcs(GcsController):
         return {"link 127.0.0.1": bits / 100e6}
 
 
-class PtyGcs(GcsController):
-    def busy_s(self):
-        with self.lock:
-            count = self.heard + self.said
-            self.heard = self.said = 0
-        return {self.wire.path.name: count * 10 / 1e6}
-
-
-class GcsContract(BusDriverContract):
+class TestGcsOverTcp(BusDriverContract):
     driver = Line
+    kills = 2
     checksummed = False
     out_of_range = (120.001, -20.001, 1e300)
-    wrong_identity = {"ascii": {**FRAMING["ascii"], "identity": "Physik Instrumente.*E-709"}}
+    wrong_identity = ANOTHER
     golden_inputs = (
         Golden({"strain_x": 12.5, "strain_y": -0.25, "strain_z": 0.001}, (b"1=12.5000 \n2=-0.25 \n3=1e-3\n",)),
         Golden({"strain_x": 0.0, "strain_y": 100.0, "strain_z": -7.0}, (b"1=0 \r\n2=+100. \r\n3=-7.0000\r\n",)),
@@ -51,12 +45,5 @@ class GcsContract(BusDriverContract):
         ),
     )
 
-
-class TestGcsOverTcp(GcsContract):
     def peer(self):
         return TcpGcs(TcpWire())
-
-
-class TestGcsOnPty(GcsContract):
-    def peer(self):
-        return PtyGcs(PtyWire())

@@ -1,6 +1,5 @@
 """The framing `binary` on a pseudo terminal, against the contract of bus drivers."""
 
-
 from micromanip_drivers.line.driver import Line
 
 from micromanip.sim.conformance import BusDriverContract, Golden
@@ -8,19 +7,20 @@ from micromanip.sim.conformance import BusDriverContract, Golden
 from .board import FRAMING, Board
 from .wires import PtyWire
 
+ANOTHER = {
+    "binary": {
+        **FRAMING["binary"],
+        "identity": {
+            **FRAMING["binary"]["identity"],
+            "numbers": {"serial_number": {"at": 4, "type": "uint32", "byte_order": "little", "value": 1235}},
+        },
+    }
+}
 
 
 class TestBinaryOnPty(BusDriverContract):
     driver = Line
-    wrong_identity = {
-        "binary": {
-            **FRAMING["binary"],
-            "identity": {
-                **FRAMING["binary"]["identity"],
-                "numbers": {"serial_number": {"at": 4, "type": "uint32", "byte_order": "little", "value": 1235}},
-            },
-        }
-    }
+    wrong_identity = ANOTHER
     out_of_range = (150.01, -20.01, 1e300)
     golden_inputs = (
         Golden(

@@ -7,16 +7,18 @@ from micromanip.sim.conformance import BusDriverContract, Golden
 from .sensors import SENSOR, CapacitiveSensor, LaserTracker
 from .wires import TcpWire, UdpWire
 
+ANOTHER = {
+    "stream": {
+        **SENSOR["stream"],
+        "identity": {"serial_number": {"at": 8, "type": "int32", "byte_order": "little", "value": 4712}},
+    }
+}
+
 
 class TestSensorOverTcp(BusDriverContract):
     driver = Line
     checksummed = False
-    wrong_identity = {
-        "stream": {
-            **SENSOR["stream"],
-            "identity": {"serial_number": {"at": 8, "type": "int32", "byte_order": "little", "value": 4712}},
-        }
-    }
+    wrong_identity = ANOTHER
     golden_inputs = (
         Golden(
             {"strain_x": 12.5, "strain_y": -0.25, "strain_z": 167.77215},

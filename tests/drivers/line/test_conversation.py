@@ -300,3 +300,30 @@ def test_value_that_can_not_be_sent(value):
     with pytest.raises(OutputRefused, match=r"voltage is .*nothing was sent"):
         one.perform(COMMAND, [value], Inbox())
     assert port.sent == sent
+
+
+def test_while_the_device_is_asked_who_it_is_a_late_line_does_not_end_the_waiting():
+    """More than one reply may be late; what was asked last comes last."""
+    delays = [0.0]
+    one, _ = framing(gcs_device(lambda: delays[0]), identity="Physik", drain_ms=2000.0)
+    begin(one)
+    delays[0] = 0.03  # the position after 30 ms, the identity after 60 ms
+    with pytest.raises(TransientError):
+        read(one, POSITION)
+    delays[0] = 0.0
+    time.sleep(0.04)
+    assert read(one, VOLTAGE) == []
+    assert one.counters["late_lines"] == 1
+    time.sleep(0.04)
+    assert read(one, VOLTAGE)[0] < 0
+
+
+def test_noise_before_a_reply_does_not_become_a_part_of_it():
+    options = {
+        "terminator": "\n",
+        "read": {"value": {"request": "X?", "reply": ["{x}"], "rate_hz": 100, "fields": {"x": {}}}},
+    }
+    one, port = framing(lambda data: [(0.0, b"5\n")], options)
+    begin(one)
+    port.coming.append((time.monotonic_ns(), b"1"))
+    assert read(one, 0) == [5.0]

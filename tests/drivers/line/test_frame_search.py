@@ -117,6 +117,12 @@ def test_without_checksum_a_frame_must_be_followed_by_another():
     assert found.bad == 1
 
 
+def test_without_checksum_a_frame_must_not_hold_the_beginning_of_another():
+    """Nothing follows yet, so the length would fit."""
+    whole = frame(b"0123456789", crc=None)
+    assert fed(search(crc=None), [whole[:6] + whole[:7], whole[7:]]) == [whole]
+
+
 @given(payloads, st.lists(st.integers(0, 1000), max_size=30))
 def test_without_checksum_any_cutting_gives_the_same_frames(contents, places):
     frames = [frame(bytes(byte & 0x7F for byte in content), crc=None) for content in contents]

@@ -328,6 +328,38 @@ def test_closed_port(port):
             call()
 
 
+class Breaking(UdpDatagrams):
+    """Gives one datagram, and then the error of what was sent before."""
+
+    def _read(self, descriptor):
+        if self.given:
+            raise ConnectionRefusedError("nobody listens")
+        self.given = True
+        return b"last words", 1
+
+    def _connect(self, deadline_ns):
+        self.given = False
+        self.ends = os.pipe()
+        os.write(self.ends[1], b"x")
+        return self.ends[0]
+
+    def _disconnect(self):
+        while self.ends:
+            os.close(self.ends[0])
+            self.ends = self.ends[1:]
+
+    ends = ()
+
+
+def test_what_came_before_an_error_is_not_lost():
+    port = Breaking(UdpPort(host="127.0.0.1", port=1))
+    port.open(soon())
+    with contextlib.closing(port):
+        assert received(port) == b"last words"
+        with pytest.raises(LinkError, match="nobody listens"):
+            port.receive(soon())
+
+
 def test_receive_returns_soon_after_the_first():
     with serial_line() as (wire, port):
         later = threading.Timer(0.05, lambda: os.write(wire.master, b"x"))

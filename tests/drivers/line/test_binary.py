@@ -287,6 +287,19 @@ def test_without_kind_length_and_checksum():
     assert port.sent == [b"\x7e\x09"]
 
 
+def test_length_that_is_not_that_of_the_kind():
+    options = {**ASKED, "crc": None, "send": {}}
+    del options["send"]
+    options["receive"] = {"state": {"kind": 0x92, "rate_hz": 10, "fields": {"t": {"at": 4, "type": "int8"}}}}
+    options["length"] = {"at": 2, "type": "uint8", "plus": 4}
+    one, port = framing(lambda data: [], options)
+    port.coming.append((time.monotonic_ns(), b"\xaa\x55\x01\x92\x05"))
+    begin(one)
+    with pytest.raises(TransientError, match="1 damaged frame"):
+        taken(one, port, b"\xaa\x55\x02\x92\x05")
+    assert len(taken(one, port, b"\xaa\x55\x01\x92\x05")) == 1
+
+
 def test_probe_on_the_wire():
     device = Board(PtyWire())
     device.start()

@@ -81,6 +81,17 @@ def test_values_are_those_of_the_question():
     assert read(one, VOLTAGE)[0] < 0
 
 
+def test_a_value_is_as_old_as_its_way_is_long():
+    one, _ = framing(gcs_device(lambda: 0.002), turnaround_us=500.0)
+    begin(one)
+    inbox, before_ns = Inbox(), time.monotonic_ns()
+    one.perform(POSITION, [0.0], inbox)
+    after_ns, latency_ns = time.monotonic_ns(), round(one.inputs[0].latency_s * 1e9)
+    (sample,) = inbox
+    assert latency_ns > 500_000
+    assert before_ns + 2_000_000 <= sample.time_ns + latency_ns <= after_ns
+
+
 @pytest.mark.parametrize("identity", [None, "Physik"])
 def test_a_late_reply_is_never_taken_for_that_of_another_question(identity):
     """With delays around the time-out, in any order; and good replies still come."""

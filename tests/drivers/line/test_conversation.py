@@ -141,11 +141,11 @@ def test_without_an_identity_the_late_reply_itself_ends_the_waiting():
     delays = [0.0]
     one, _ = framing(gcs_device(lambda: delays[0]), drain_ms=2000.0)
     begin(one)
-    delays[0] = 0.008
+    delays[0] = 0.08
     with pytest.raises(TransientError):
         read(one, POSITION)
     delays[0] = 0.0
-    time.sleep(0.01)
+    time.sleep(0.09)
     assert read(one, VOLTAGE)[0] < 0
 
 
@@ -318,14 +318,14 @@ def test_while_the_device_is_asked_who_it_is_a_late_line_does_not_end_the_waitin
     delays = [0.0]
     one, _ = framing(gcs_device(lambda: delays[0]), identity="Physik", drain_ms=2000.0)
     begin(one)
-    delays[0] = 0.03  # the position after 30 ms, the identity after 60 ms
+    delays[0] = 0.1  # the position after 0.1 s, the identity after 0.2 s
     with pytest.raises(TransientError):
         read(one, POSITION)
     delays[0] = 0.0
-    time.sleep(0.04)
+    time.sleep(0.12)
     assert read(one, VOLTAGE) == []
     assert one.counters["late_lines"] == 1
-    time.sleep(0.04)
+    time.sleep(0.12)
     assert read(one, VOLTAGE)[0] < 0
 
 

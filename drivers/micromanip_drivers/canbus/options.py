@@ -72,7 +72,7 @@ class CanBusOptions(LinkOptions):
         fastest_hz = max((received.rate_hz for received in self.receive.values()), default=None)
         if self.silence_ms is not None and fastest_hz is not None and self.silence_ms * 1e-3 * fastest_hz < 3.0:
             raise ValueError(
-                f"silence_ms {self.silence_ms} is less than three periods of what comes most often ({fastest_hz:g} Hz): "
-                "make it longer, or null"
+                f"silence_ms {self.silence_ms} is less than three periods of what comes most often "
+                f"({fastest_hz:g} Hz): make it longer, or null"
             )
         return self

@@ -148,7 +148,7 @@ class TestCanBus(BusDriverContract):
 
 
 class TestBusThatDies(LinkChecks, LifetimeChecks):
-    """Adapter unplugged, network down: what can be said of the bus itself."""
+    """Adapter unplugged, network down."""
 
     driver = CanBus
     folder = FOLDER

@@ -2,6 +2,7 @@
 
 import random
 import struct
+from types import MappingProxyType
 
 import pytest
 from micromanip_drivers.canopen.driver import CanOpen
@@ -74,7 +75,9 @@ class TestCanOpen(BusDriverContract):
     folder = CONFIG
     checksummed = False
     out_of_range = (150.0026, -20.0026)
-    wrong_identity = {"nodes": options(nodes__sensor__identity={"vendor_id": 0xFFFF0001, "serial": 7})["nodes"]}
+    wrong_identity = MappingProxyType(
+        {"nodes": options(nodes__sensor__identity={"vendor_id": 0xFFFF0001, "serial": 7})["nodes"]}
+    )
     golden_inputs = (
         Golden(
             dict(zip(INPUTS, (12.5, -0.0001, 150.0, -300.0, 0.1, 0.0), strict=True)),

@@ -43,4 +43,4 @@ def bus_driver(file: Path, name: str) -> BusDriver:
     try:
         return kind(options, file.parent)
     except ConfigError as problem:
-        raise source.error(("drivers", name), str(problem)) from problem
+        raise source.error_below(("drivers", name), str(problem)) from problem

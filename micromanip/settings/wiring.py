@@ -116,7 +116,7 @@ def build_driver(
             return BusBridge(kind(options, source.path.parent), options, silent_ns), options
         return kind(options, period_ns), options
     except ConfigError as problem:
-        raise source.error(("drivers", name), str(problem)) from problem
+        raise source.error_below(("drivers", name), str(problem)) from problem
 
 
 def wire(configuration: Configuration, source: Source, seed: int | None = None) -> Wiring:

@@ -95,8 +95,8 @@ BROKEN = {
     ),
     "variation of no axis": (
         ("      y: {preisach", "      w: {preisach"),
-        "  cell:",
-        "drivers.cell: variation.w: there is no axis w; axes are x, y, z",
+        "      w: {preisach",
+        "drivers.cell.variation.w: there is no axis w; axes are x, y, z",
     ),
 }
 

@@ -110,12 +110,16 @@ def test_what_does_not_fit_is_refused_and_frames_stay_whole():
         assert isinstance(problem, TransientError)
         assert "still waits to be sent" in str(problem)
         sent = port.counters["bytes_out"] // len(frame)
-        got = b""
+        got = os.read(wire.master, 1000)
+        time.sleep(0.02)
+        while port.counters["transmit_full"] < 3:  # the rest of the last frame goes first
+            with contextlib.suppress(TransientError):
+                port.send(frame)
+                sent += 1
         while data := wire.read(0.1):
             got += data
             port.receive(0)  # the rest of a frame follows as soon as there is room
         assert got == frame * sent
-        assert port.counters["transmit_full"] == 1
         port.send(frame)
         assert wire.read(1.0) == frame
 

@@ -43,7 +43,7 @@ from .safe_state import SafeOutput, SafeState
 from .schedule import Schedule
 
 _LOOK_NS = 1_000_000
-"""So often, at least, the worker looks whether the loop still lives."""
+"""The worker looks whether the loop still lives so often at most; five times while that is in doubt."""
 _REPORT_NS = 500_000_000
 _ERRORS, _AMONG = 10, 40
 """So many errors among the last calls are a lost link."""
@@ -55,9 +55,19 @@ class Worker:
     """Serves one driver until it is told to end."""
 
     def __init__(
-        self, driver: BusDriver, image: ProcessImage, safe: SafeState, output_count: int, patience_ns: int = 0
+        self,
+        driver: BusDriver,
+        image: ProcessImage,
+        safe: SafeState,
+        output_count: int,
+        patience_ns: int = 0,
+        look_ns: int = _LOOK_NS,
     ) -> None:
-        """Errors that come and go are put up with for `patience_ns` before the link counts as lost."""
+        """Errors that come and go are put up with for `patience_ns` before the link counts as lost.
+
+        With nothing to do, it looks after the loop every `look_ns`.
+        """
+        self._look_ns = look_ns
         self._driver, self._image, self._safe = driver, image, safe
         self._values = np.zeros(len(image.wanted()[0]))  # as long as the image's, the driver's outputs first
         self._outputs = output_count
@@ -121,7 +131,7 @@ class Worker:
         """Do what is due, or listen for a moment; hand over what came."""
         now_ns = time.monotonic_ns()
         task = self._schedule.take(now_ns)
-        if task is not None or now_ns - self._decided_ns >= _LOOK_NS:
+        if task is not None or now_ns - self._decided_ns >= self._look_ns:
             self._decide(now_ns)
         failed = False
         try:
@@ -132,7 +142,7 @@ class Worker:
                     self._image.remember_sent(self._values, now_ns)
             else:
                 due_ns = self._schedule.next_ns()
-                look_ns = now_ns + _LOOK_NS
+                look_ns = now_ns + self._look_ns
                 self._driver.receive(self._inbox, look_ns if due_ns is None else min(due_ns, look_ns))
         except (TransientError, OutputRefused) as problem:
             failed = True
@@ -232,7 +242,8 @@ def main() -> int:
     last, last_ns = image.sent()
     before = last[: len(outputs)] if last_ns else None
     safe = SafeState(outputs, orders["ramp_ns"], orders["dead_ns"], before, last_ns)
-    worker = Worker(driver, image, safe, len(outputs), orders["patience_ns"])
+    look_ns = max(_LOOK_NS, min(orders["dead_ns"], orders["patience_ns"]) // 5)
+    worker = Worker(driver, image, safe, len(outputs), orders["patience_ns"], look_ns)
     signal.signal(signal.SIGTERM, lambda *_: worker.end())
     threading.Thread(target=_listen, args=(worker,), daemon=True).start()
     _take_rights(orders["loop_cpu"], orders["priority"])

@@ -22,9 +22,7 @@ def main() -> None:
     message = can.Message(
         arbitration_id=VOLTAGES, data=bytes(LENGTH), is_extended_id=False, is_fd=True, bitrate_switch=True
     )
-    with can.Bus(
-        channel, "micromanip", ignore_config=True, fd=True, bitrate=BITRATE, data_bitrate=DATA_BITRATE
-    ) as bus:
+    with can.Bus(channel, "micromanip", ignore_config=True, fd=True, bitrate=BITRATE, data_bitrate=DATA_BITRATE) as bus:
         begin, used = time.monotonic(), time.process_time()
         due = begin
         while (now := time.monotonic()) < begin + seconds:

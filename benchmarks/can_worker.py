@@ -78,7 +78,8 @@ def _played(examples: Path) -> Iterator[tuple[Path, str]]:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "can").symlink_to(examples / "can")
         configuration = Path(folder) / "can.yaml"
-        configuration.write_text((examples / "can.yaml").read_text().replace("channel: can0\n", f"channel: {channel}\n"))
+        example = (examples / "can.yaml").read_text()
+        configuration.write_text(example.replace("channel: can0\n", f"channel: {channel}\n"))
         command = "import sys; from micromanip.cli.main import main; sys.exit(main())"
         with _python("-c", command, "simulate-device", str(configuration), stderr=subprocess.PIPE) as device:
             try:

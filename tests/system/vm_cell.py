@@ -1,7 +1,7 @@
 """The configurations of the scenarios in a virtual machine: slow enough for an emulated processor.
 
 ``vm_cell.py FOLDER`` writes those that compile, elsewhere, all that the scenarios run: `cell.yaml` as it is, `can.yaml`
-with a bus that needs no kernel.
+and `device.yaml`, which is for simulate-device, with buses that need no kernel.
 """
 
 import shutil
@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 DATABASES = Path(__file__).parents[2] / "config" / "can"
+FRAMES = Path("/run/can-databases")
 
 _LOOP = """\
 schema_version: 1
@@ -50,6 +51,7 @@ drivers:
     send: {{Voltages: {{rate_hz: 50, counter: Count}}}}
 signals: {{strain_x: {{driver: can0, channel: Sensors.strain_x, max_age_us: null}}}}
 outputs: {{voltage_x: {{driver: can0, channel: Voltages.voltage_x, range_V: [-20, 150], slew_V_per_ms: 40, park_V: 0}}}}
+simulation: {{force: {{static_N: 0, tooth_N: 0, noise_N: 0}}}}
 {_AXIS}"""
 
 
@@ -64,3 +66,4 @@ def write(folder, name, text):
 if __name__ == "__main__":
     write(sys.argv[1], "cell.yaml", TEXT)
     write(sys.argv[1], "can.yaml", CAN_TEXT.replace("socketcan", "virtual"))
+    write(sys.argv[1], "device.yaml", CAN_TEXT.replace("socketcan", "micromanip"))

@@ -25,12 +25,13 @@ vm)
     generic="export NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= XDG_CACHE_HOME=/kept"
     "$here/ns-systemd.sh" "$stage
         $generic
-        /opt/micromanip/bin/python '$repository/tests/system/vm_cell.py' /kept
-        for cell in cell can; do
-            /opt/micromanip/bin/micromanip run /kept/\$cell.yaml --duration 1 --socket /run/control.sock
-            /opt/micromanip/bin/micromanip safe-outputs /kept/\$cell.yaml
-        done
-        /opt/micromanip/bin/micromanip simulate-device /kept/device.yaml --duration 1"
+        cd /kept
+        /opt/micromanip/bin/python '$repository/tests/system/vm_cell.py' cell.yaml
+        /opt/micromanip/bin/micromanip simulate-device cell.yaml 2>device &
+        for _ in {1..600}; do grep -q READY device && break; sleep 0.5; done
+        /opt/micromanip/bin/micromanip run cell.yaml --duration 1 --socket /run/control.sock
+        /opt/micromanip/bin/micromanip safe-outputs cell.yaml
+        kill \$!; wait"
     "$here/vm.sh" "$stage
         $generic
         $pytest -s ${*:-tests/system/vm_*scenarios.py}"

@@ -11,6 +11,7 @@ from .vcan import CHANNEL
 from .vm_cell import FRAMES
 
 LINK = {"interface": "socketcan", "channel": CHANNEL, "bitrate": 1_000_000}
+SPEAKS_WHEN_ASKED = {"silence_ms": None}
 FD = {"database": "manipulator.dbc", "data_bitrate": 5_000_000}
 CLASSIC = {"database": "classic.dbc"}
 PATIENCE_NS = 60_000_000_000
@@ -23,7 +24,7 @@ def message_of(database, name):
 
 def driver(database, received="Sensors", **options):
     """One that sends Voltages and receives `received`."""
-    keys = LINK | options
+    keys = LINK | SPEAKS_WHEN_ASKED | options
     messages = {
         "receive": {received: {"rate_hz": 100, "counter": "Count", "latency_us": 0}},
         "send": {"Voltages": {"rate_hz": 100, "counter": "Count"}},

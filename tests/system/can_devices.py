@@ -15,7 +15,8 @@ from .vcan import CHANNEL
 from .vm_cell import DATABASES
 
 DATABASE = DATABASES / "manipulator.dbc"
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
+START_S = 600.0  # importing numba takes an emulated processor a minute, on a busy machine many
 OPERATOR = "can-operator"
 CACHE = Path("/home") / OPERATOR / ".cache"
 
@@ -68,7 +69,9 @@ class PlayedDevice:
                 group=OPERATOR,
                 extra_groups=["micromanip"],
             )
-        until(lambda: "READY" in self._said.read_text() or self.process.poll() is not None, self._said.read_text)
+        until(
+            lambda: "READY" in self._said.read_text() or self.process.poll() is not None, self._said.read_text, START_S
+        )
         assert self.process.poll() is None, self._said.read_text()
 
     def end(self):

@@ -102,7 +102,7 @@ class Shape:
         for keyword in ("items", "additionalProperties"):
             if isinstance(schema := self.schema.get(keyword), Mapping):
                 return self._part(schema)
-        for schema in self.schema.get("patternProperties", {}).values():  # names that must have a certain form
+        for schema in self.schema.get("patternProperties", {}).values():  # names with a form of their own
             return self._part(schema)
         entries = self.schema.get("prefixItems", ())
         return self._part(entries[0]) if entries else None

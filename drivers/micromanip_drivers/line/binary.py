@@ -47,6 +47,7 @@ class BinaryFraming(Framing):
         self._messages = list(received.values())
         self._answers = [_answer(sent, options.send[sent.name].reply, received) for sent in self._sent]
         self._by_itself = [message for message in self._messages if message not in self._answers]
+        self.speaks_hz = max((message.rate_hz for message in self._by_itself), default=None)
         self._identity = IdentityFrame(frames, options.identity) if options.identity else None
         self._kinds = FrameKinds(options, self._messages, self._identity)
         self._reader = FrameReader(port, FrameSearch(frames.sync, self._kinds.length, options.crc))

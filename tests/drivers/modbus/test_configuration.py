@@ -69,7 +69,11 @@ def test_the_example_in_the_keys_own_words_works():
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        (f"{UNIT}read.strain_x.type", "int31", "expected int16, uint16, int32, .* not the text .int31.: did you mean int32"),
+        (
+            f"{UNIT}read.strain_x.type",
+            "int31",
+            "expected int16, uint16, int32, .* not the text .int31.: did you mean int32",
+        ),
         (f"{UNIT}read.strain_x.address", 1, "registers?.*strain_y.*overlap|strain_.: overlaps with .*strain_."),
         (f"{UNIT}read.enable.first_bit", 1, "overlaps with .*bit 1 of register 18"),
         (f"{UNIT}write.voltage_x.cyclic_safe", False, "cyclic_safe: .*not marked safe.*flash"),

@@ -9,7 +9,7 @@ from micromanip.errors import UsageError
 from .plan import Plan
 from .results import Report, Skipped
 
-NAMES = ("cycle", "lateness", "offline", "startup", "hysteresis_gradient", "modbus_transactions")
+NAMES = ("cycle", "lateness", "offline", "startup", "hysteresis_gradient", "line_rates", "modbus_transactions")
 """Each is the module of that name with its function ``run``, imported only when it is used."""
 
 

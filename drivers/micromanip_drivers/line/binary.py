@@ -137,14 +137,16 @@ class BinaryFraming(Framing):
         deadline_ns = now_ns + self._reply_ns
         self._silence.expect(now_ns)
         bad, answered = self._reader.counters["bad_frames"], False
-        while not answered and time.monotonic_ns() < deadline_ns:
+        while True:
             for frame, time_ns in self._reader.frames(deadline_ns):
                 message = self._kinds.message(frame)
                 answered = answered or message is answer
                 self._take_one(message, frame, time_ns, inbox)
             self._reader.pardon()
-        if answered:
-            return
+            if answered:
+                return
+            if time.monotonic_ns() >= deadline_ns:
+                break
         self._reader.forget()
         self._owed_until_ns = time.monotonic_ns() + self._drain_ns
         self._counters["missing_answers"] += 1

@@ -35,8 +35,11 @@ class FrameReader:
         search, whole = self._search, self._port.datagrams
         frames: list[tuple[bytes, int]] = []
         while True:
-            for data, time_ns in self._port.receive(until_ns):
+            chunks = self._port.receive(until_ns)
+            for data, time_ns in chunks:
                 frames += search.whole(data, time_ns) if whole else search.feed(data, time_ns)
+            if not chunks:
+                frames = search.quiet(time.monotonic_ns())
             if frames or search.bad != self._told or time.monotonic_ns() >= until_ns:
                 return frames
 

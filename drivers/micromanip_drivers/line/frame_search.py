@@ -46,12 +46,17 @@ class FrameSearch:
 
     def feed(self, data: bytes, now_ns: int) -> list[tuple[bytes, int]]:
         """The frames that are complete with `data`, which came at `now_ns`; each with the time of its last byte."""
-        if self._buffer and now_ns - self._marks[-1][1] > STALE_NS:
-            self.bad += 1
-            self._reject()
         self._buffer += data
         self._fed += len(data)
         self._marks.append((self._fed, now_ns))
+        return self._found()
+
+    def quiet(self, now_ns: int) -> list[tuple[bytes, int]]:
+        """Nothing had come by `now_ns`: frames that lie inside of one that stands still for too long."""
+        if not self._buffer or now_ns - self._marks[-1][1] <= STALE_NS:
+            return []
+        self.bad += 1
+        self._reject()
         return self._found()
 
     def whole(self, datagram: bytes, now_ns: int) -> list[tuple[bytes, int]]:

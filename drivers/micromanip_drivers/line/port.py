@@ -18,6 +18,8 @@ class Port(ABC):
 
     datagrams = False
     """True where each chunk that is received is whole, and has nothing to do with the one before."""
+    largest = 65_536
+    """Bytes that one reading takes at most."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -79,6 +81,8 @@ class Port(ABC):
                     break
                 self.counters["bytes_in"] += len(chunk[0])
                 chunks.append(chunk)
+                if len(chunk[0]) < self.largest and not self.datagrams:
+                    break  # that was all: asking again costs more than it would bring
         except BlockingIOError:
             pass
         except OSError as problem:

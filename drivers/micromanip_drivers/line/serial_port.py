@@ -23,12 +23,13 @@ from .port import Port
 from .port_options import SerialPort
 
 _PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
-_LARGEST = 4096
 _COUNT = struct.pack("I", 0)
 
 
 class SerialLine(Port):
     """The line that `options` name."""
+
+    largest = 4096
 
     def __init__(self, options: SerialPort) -> None:
         super().__init__(options.device)
@@ -89,7 +90,7 @@ class SerialLine(Port):
                 line.close()
 
     def _read(self, descriptor: int) -> tuple[bytes, int] | None:
-        data = os.read(descriptor, _LARGEST)
+        data = os.read(descriptor, self.largest)
         if not data:  # readable, with nothing to read: hung up
             raise OSError(errno.EIO, "it was unplugged, or its other end closed")
         now_ns = time.monotonic_ns()

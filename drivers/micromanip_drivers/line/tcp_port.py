@@ -14,7 +14,6 @@ from .port_options import TcpPort
 _SIOCOUTQNSD = 0x894B
 """Bytes that have not been sent at all: those on their way, and not acknowledged yet, are not among them."""
 _TCP_USER_TIMEOUT = 18
-_LARGEST = 65_536
 _COUNT = struct.pack("i", 0)
 
 
@@ -47,7 +46,7 @@ class TcpConnection(Port):
             connection.close()
 
     def _read(self, descriptor: int) -> tuple[bytes, int] | None:
-        data = os.read(descriptor, _LARGEST)
+        data = os.read(descriptor, self.largest)
         if not data:
             raise ConnectionResetError("the device closed the connection")
         return data, time.monotonic_ns()

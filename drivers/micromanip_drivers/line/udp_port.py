@@ -10,7 +10,6 @@ from .port import Port
 from .port_options import UdpPort
 
 SO_TIMESTAMPNS = 35
-_LARGEST = 65_536
 _TIMESPEC = struct.Struct("@ll")
 _ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
 
@@ -54,7 +53,7 @@ class UdpDatagrams(Port):
         assert self._socket is not None
         while True:
             try:
-                data, ancillary, _, sender = self._socket.recvmsg(_LARGEST, _ANCILLARY)
+                data, ancillary, _, sender = self._socket.recvmsg(self.largest, _ANCILLARY)
             except BlockingIOError:
                 self._earliest_ns = time.monotonic_ns()
                 return None

@@ -15,7 +15,7 @@ from micromanip.rt.records import SIGNAL
 from .bus import receive_samples, send_outputs, send_samples, write
 from .compiled import compiled
 from .faults import disturb, exchange_error, remember
-from .lines import advance_lines, cut_share, follow_enable, latch_switches, powered, read_lines
+from .lines import advance_lines, cut_share, follow_enable, latch_switches, powered, read_lines, worked_periods
 from .plant import drive, machining_force, move, quantised
 from .preisach import preisach_step, reset_memory
 from .records import (
@@ -49,8 +49,8 @@ def rest(c: Any) -> None:
 def advance(c: Any) -> None:
     """All axes by one loop period, with the voltages latched."""
     c["periods"] += 1
-    t_s = c["periods"] * c["period_ns"] * 1e-9
     advance_lines(c["lines"])
+    t_s = worked_periods(c["lines"], c["periods"]) * c["period_ns"] * 1e-9
     on, share = powered(c["lines"]), cut_share(c["lines"])
     for i in range(c["axes"]):
         p, s = c["p"][i], c["s"][i]

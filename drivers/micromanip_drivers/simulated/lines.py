@@ -29,6 +29,15 @@ def powered(line: Any) -> bool:
 
 
 @compiled
+def worked_periods(line: Any, passed: int) -> int:
+    """Periods since work began, the first of `passed`; with lines, since the amplifier was first switched on.
+
+    Nobody machines with a manipulator that is off.
+    """
+    return passed if line["present"] == 0 else int(line["worked_periods"])
+
+
+@compiled
 def cut_share(line: Any) -> float:
     """Share of the machining force that is left while the tool retracts: 1 in the cut, 0 when it is out."""
     if line["feed_hold"] == 0:
@@ -41,6 +50,8 @@ def advance_lines(line: Any) -> None:
     """One loop period passes: the tool retracts, the watchdog's time runs."""
     if line["present"] == 0:
         return
+    if line["amplifier_enable"] == 1 or line["worked_periods"] > 0:
+        line["worked_periods"] += 1
     if line["feed_hold"] != 0:
         line["held_periods"] += 1
     line["silent_periods"] += 1

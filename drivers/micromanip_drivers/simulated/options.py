@@ -59,7 +59,10 @@ class Plant(_Options):
 class Force(_Options):
     """Machining force on each axis."""
 
-    start_s: NotNegative = Field(default=3.0, description="When the tool engages, after the loop's start.")
+    start_s: NotNegative = Field(
+        default=3.0,
+        description="When the tool engages, after the loop's start; with lines, after the amplifier's first start.",
+    )
     static_N: float = Field(default=80.0, description="Steady part.")
     rise_ms: Positive = Field(default=20.0, description="Time constant of the steady part.")
     tooth_N: float = Field(default=40.0, description="Amplitude at tooth passing.")

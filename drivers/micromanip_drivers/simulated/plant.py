@@ -48,7 +48,7 @@ def move(p: Any, x: Any, free_um: float, force_N: float) -> None:
 
 @compiled
 def machining_force(p: Any, s: Any, t_s: float) -> float:
-    """Force (N) on the stage at `t_s`, once a period: steady, tooth passing, coloured noise."""
+    """Force (N) on the stage at `t_s` of the work, once a period: steady, tooth passing, coloured noise."""
     t = t_s - p["force_start_s"]
     if t < 0.0:
         return 0.0

@@ -124,6 +124,7 @@ LINES = _record(
     ("heartbeat", "f8"),
     ("silent_periods", "i8"),
     ("tripped", "i8"),
+    ("worked_periods", "i8"),
 )
 """The digital lines: options, then what they are at. ``heartbeat_periods`` 0 is no watchdog."""
 FAULT = _record(

@@ -9,7 +9,7 @@ from typing import Any
 
 from .plant import PERIOD_NS, STALL_PERIODS, PlantInRealTime
 
-WATCHDOG_MS = 20.0
+WATCHDOG_MS = 100.0
 """Default: without a command for this long the outputs go to rest."""
 RAMP_NS = 200_000_000
 REST_TOLERANCE_V = 0.5

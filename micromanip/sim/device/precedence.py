@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import os
+from pathlib import Path
 
 _NICE = -10
+_AUTOGROUP = Path("/proc/self/autogroup")
 
 
 def take_precedence(loop_cpu: int | None) -> None:
@@ -18,3 +20,6 @@ def take_precedence(loop_cpu: int | None) -> None:
         os.sched_setaffinity(0, others)
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, _NICE)
+    # Where the kernel shares the CPUs out by session, a nice value counts only among the processes of one session.
+    with contextlib.suppress(OSError):
+        _AUTOGROUP.write_text(str(_NICE))

@@ -84,7 +84,7 @@ REFUSED = [
     (BOARD, "binary.receive.strains.counter.type", "int16", "must be one of uint8"),
     (BOARD, "binary.receive.strains.kind", None, "binary.receive.strains.kind: is missing"),
     (BOARD, "binary.kind", None, "there is no binary.kind to put it in"),
-    (BOARD, "binary.send.voltages.kind", 256, "binary.send.voltages.kind: 256 does not fit into uint8"),
+    (BOARD, "binary.send.voltages.kind", 256, "drivers.one.binary.send.voltages.kind: 256 does not fit into uint8"),
     (BOARD, "binary.send.voltages.bytes", 300, "is 295 in binary.length, which uint8 can't hold"),
     (BOARD, "binary.send.voltages.reply", "state", "binary.receive has no state; it has strains"),
     (BOARD, "binary.send.voltages.rate_hz", 0.0, "rate_hz"),
@@ -141,6 +141,18 @@ def test_refused_with_one_message_that_says_where(tmp_path, options, path, value
     assert re.match(rf"{re.escape(str(file))}:\d+: drivers\.one", lines[0])
     assert words in lines[0]
     assert refusal.value.exit_code == 78
+
+
+def test_the_line_is_that_of_the_key(tmp_path):
+    """Also where only the driver can know that it is wrong."""
+    file = tmp_path / "cell.yaml"
+    section = {"driver": "line", **changed(BOARD, "binary.send.voltages.cyclic_safe", False)}
+    file.write_text(yaml.safe_dump({"schema_version": 1, "drivers": {"one": section}}))
+    number = 1 + next(i for i, line in enumerate(file.read_text().splitlines()) if "cyclic_safe" in line)
+    with pytest.raises(
+        ConfigError, match=rf"cell\.yaml:{number}: drivers\.one\.binary\.send\.voltages\.cyclic_safe: 1000"
+    ):
+        bus_driver(file, "one")
 
 
 def test_two_fields_with_one_name():

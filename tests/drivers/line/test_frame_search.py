@@ -88,9 +88,25 @@ def test_a_frame_that_stands_still_is_given_up():
     """Else the next one would be taken as its rest, and come late or never."""
     found = search()
     assert found.feed(frame(bytes(20))[:10], 0) == []
-    assert fed(found, [b""]) == []
-    assert found.feed(frame(b"new"), STALE_NS + 1000) == [(frame(b"new"), STALE_NS + 1000)]
+    assert found.quiet(STALE_NS) == []
+    assert found.bad == 0
+    assert found.quiet(STALE_NS + 1) == []
     assert found.bad == 1
+    assert found.feed(frame(b"new"), STALE_NS + 2) == [(frame(b"new"), STALE_NS + 2)]
+
+
+def test_a_reader_that_stood_still_loses_nothing():
+    """The time between its readings is not that between the bytes."""
+    found, one = search(), frame(bytes(20))
+    assert found.feed(one[:10], 0) == []
+    assert found.feed(one[10:], 10 * STALE_NS) == [(one, 10 * STALE_NS)]
+    assert found.bad == 0
+
+
+def test_a_frame_inside_of_one_that_stands_still_is_found():
+    found, one = search(), frame(b"inside")
+    assert found.feed(b"\xaa\x55\xff" + one, 5) == []
+    assert found.quiet(STALE_NS + 6) == [(one, 5)]
 
 
 def test_without_checksum_a_frame_must_be_followed_by_another():

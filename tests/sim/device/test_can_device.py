@@ -55,7 +55,7 @@ def test_watchdog_over_the_bus(controller):
     controller.command_for(0.1, voltage_x=60.0)
     assert controller.newest()["amplifier_ok_x"] == 1
     up = controller.newest()["strain_x"]
-    controller.run(0.03)
+    controller.run(0.11)
     assert controller.newest()["amplifier_ok_x"] == 0
     controller.run(0.3)
     assert controller.newest()["strain_x"] < 0.2 * up

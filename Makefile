@@ -7,7 +7,7 @@ JOBS   ?= 2
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run test test-laws test-system test-vm lint bench mutation soak-machine soak-kill fuzz-socket robustness docs tune clean
+.PHONY: help run test test-laws test-system test-vm lint bench mutation soak-machine soak-kill fault-campaign fuzz-socket robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -53,6 +53,9 @@ fuzz-socket: $(READY) ## a million lines of garbage against the control socket
 
 soak-machine: $(READY) ## ten thousand steps of commands, faults, lines and swaps on the cell
 	$(BIN)/pytest -n0 --hypothesis-profile=soak tests/rt/test_cell_machine.py
+
+fault-campaign: $(READY) ## faults of a bus on the whole daemon and a simulated device; writes docs/fault-campaign.md
+	$(BIN)/python scripts/fault_campaign.py --write
 
 soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at random moments
 	$(BIN)/python scripts/kill_campaign.py

@@ -4,7 +4,7 @@
 
 #include "twin_estimator.h"
 
-enum { BELIEVED = 100 };    /* samples in a row after which a reading that jumped away is believed */
+enum { BELIEVED = 1000 };   /* unusable cycles in a row after which a reading that jumped away is believed */
 
 static const double any_value[2] = {-INFINITY, INFINITY};
 

@@ -8,8 +8,8 @@ from typing import Any
 from .jit import compiled
 from .records import Record
 
-_BELIEVED = 100
-"""Samples in a row after which a reading that jumped away is believed: then it is a sensor that was moved."""
+_BELIEVED = 1000
+"""Unusable cycles in a row after which a reading that jumped away is believed: then it is a sensor that was moved."""
 _ANY = (-math.inf, math.inf)
 
 

@@ -16,7 +16,8 @@ from micromanip.rt.states import NO_FAULT
 
 from .device import Device
 
-AT_REST_V = 0.01
+_STEP_V = 0.01
+"""What a frame resolves of a voltage."""
 
 
 @dataclass
@@ -31,6 +32,8 @@ class Outcome:
     highest_V: float = math.nan
     back_s: float = math.nan
     """From the end of the fault to tracking again."""
+    grown: dict = field(default_factory=dict)
+    """Counters of the bus that grew, and by how much."""
     wrong: list = field(default_factory=list)
 
     def as_dict(self):
@@ -138,7 +141,7 @@ class Bench:
         if case.codes and not outcome.detected_ms <= case.within_ms:
             wrong.append(f"noticed after {outcome.detected_ms:.0f} ms, not within {case.within_ms:g} ms")
         limits = self.running.control["parameters"][0]["axis"]["limiter"]
-        if outcome.lowest_V < limits["low_V"].min() or outcome.highest_V > limits["high_V"].max():
+        if outcome.lowest_V < limits["low_V"].min() - _STEP_V or outcome.highest_V > limits["high_V"].max() + _STEP_V:
             wrong.append(f"an output left its range: {outcome.lowest_V:.2f} to {outcome.highest_V:.2f} V")
         if self.running.process.poll() is not None:
             wrong.append("the daemon ended")
@@ -146,8 +149,8 @@ class Bench:
         if case.said not in text:
             wrong.append(f"people were not told of {case.said!r}: {text!r}")
         time.sleep(0.6)  # counters come twice a second
-        grown = self.link()["counts"]
-        wrong += [f"{name} did not grow" for name in case.counted if not grown.get(name, 0) > counts.get(name, 0)]
+        outcome.grown = {name: now - counts.get(name, 0) for name, now in self.link()["counts"].items()}
+        wrong += [f"{name} did not grow" for name in case.counted if not outcome.grown.get(name, 0) > 0]
 
     def end(self):
         """Stop both; what they left alive."""

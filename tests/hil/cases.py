@@ -52,7 +52,7 @@ def kill(number: signal.Signals, then_s: float | None = None) -> Callable[[Any],
 
 
 SENSORS, VOLTAGES = 257, 256
-STRAIN, STAGE, LINK, AMPLIFIER = "X-201", "X-202", "X-108", "X-111"
+STRAIN, STAGE, LINK, AMPLIFIER, DISAGREE = "X-201", "X-202", "X-108", "X-111", "X-206"
 
 CASES = (
     Case("1 % of all frames dropped", inject("drop", share=0.01), counted=("lost",)),
@@ -60,7 +60,7 @@ CASES = (
     Case("sensor frames dropped, all", inject("drop", share=1.0, identifier=SENSORS), (STRAIN, STAGE), 100.0),
     Case("command frames dropped, all", inject("drop", share=1.0, identifier=VOLTAGES), (AMPLIFIER,), 150.0),
     Case("all frames delayed by 0.5 ms", inject("delay", delay_s=0.0005)),
-    Case("jitter of 0.5 ms", inject("jitter", jitter_s=0.0005)),
+    Case("jitter of 0.5 ms", inject("delay", jitter_s=0.0005)),
     Case("30 % of the frames doubled", inject("duplicate", share=0.3), counted=("repeated",)),
     Case("neighbours swapped", inject("reorder", share=0.3), counted=("out_of_order",)),
     Case("frames held for 100 ms, then a burst", inject("burst", hold_s=0.1), (STRAIN, STAGE, AMPLIFIER), 150.0),
@@ -72,9 +72,24 @@ CASES = (
     Case("babbling node with identifier 0", inject("babble"), (STRAIN, STAGE, LINK, AMPLIFIER), 150.0),
     Case("transmit queue full (ENOBUFS)", inject("enobufs"), (LINK, AMPLIFIER), 150.0, said="transmit buffer full"),
     Case("device restarted", tell("reboot", for_s=0.5), (STRAIN, STAGE, AMPLIFIER), 150.0),
-    Case("step of 50 um of the gauge", tell("offset", signal="strain_x", value=50.0, for_s=0.6), (STRAIN,), 100.0),
     Case(
-        "step of 10 um of the stage sensor", tell("offset", signal="stage_x", value=10.0, for_s=0.6), ("X-205",), 150.0
+        "step of 50 um of the gauge",
+        tell("offset", signal="strain_x", value=50.0, for_s=0.6),
+        (STRAIN, DISAGREE),
+        100.0,
+    ),
+    Case(
+        "step of 50 um of the stage sensor", tell("offset", signal="stage_x", value=50.0, for_s=0.6), (DISAGREE,), 150.0
+    ),
+    Case(
+        "gauge drifts by 20 um/s",
+        tell("drift", signal="strain_x", per_s=20.0, for_s=0.6),
+        note="the outer loop takes it up",
+    ),
+    Case(
+        "stage sensor drifts by 20 um/s",
+        tell("drift", signal="stage_x", per_s=20.0, for_s=0.6),
+        note="nothing on the cell can tell: the stage goes with it",
     ),
     Case("gauge says NaN", tell("nan", signal="strain_x", for_s=0.6), (STRAIN,), 100.0),
     Case("worker killed", kill(signal.SIGKILL), (LINK,), 400.0, said="was killed by signal 9; started again"),

@@ -1,0 +1,27 @@
+"""Some of the faults of `make fault-campaign`, of each kind one: all detected, undone, and nothing left behind."""
+
+import os
+
+import pytest
+
+from .campaign import campaign
+from .cases import CASES
+
+TRIED = (
+    "10 % of all frames dropped",
+    "sensor frames dropped, all",
+    "command frames dropped, all",
+    "value frozen, counter running",
+    "bus-off of the controller",
+    "gauge says NaN",
+    "worker killed",
+)
+
+
+@pytest.mark.xdist_group("loop")
+def test_faults_of_a_bus(tmp_path):
+    cases = tuple(case for case in CASES if case.name in TRIED)
+    assert len(cases) == len(TRIED)
+    outcomes = list(campaign(tmp_path, cases, f"test-faults-{os.getpid()}"))
+    assert len(outcomes) == len(cases) + 1
+    assert [(outcome.name, outcome.wrong) for outcome in outcomes if outcome.wrong] == []

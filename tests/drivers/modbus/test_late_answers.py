@@ -241,3 +241,22 @@ def test_a_counter_that_stands_still_makes_nothing_fresh_and_a_bad_status_is_pas
     assert scripted.turn() == [3.0]
     assert [sample.status for sample in scripted.inbox] == [3]
     assert scripted.driver.statistics()["repeated"] == 1
+
+
+@BOTH
+def test_two_units_on_one_line_never_get_each_others_answers(serial):
+    task = {"ask": {"function": 3, "rate_hz": 20, "read": READ}}
+    one = {"address_base": 0, "byte_order": "big", "word_order": "big", "tasks": task}
+    scripted = Scripted(serial=serial, units={"a": {"unit_id": 1, **one}, "b": {"unit_id": 2, **one}})
+    scripted.unit.said[3] = late(0.025)  # each was greeted once
+    with pytest.raises(TransientError, match=r"a \(unit 1\)"):
+        scripted.turn(task=0)
+    values = []
+    while not values:
+        asked = scripted.unit.requests
+        try:
+            values = scripted.turn(task=1)
+        except TransientError:
+            time.sleep(0.002)
+    assert values == [asked + 1]
+    assert [scripted.driver.inputs[sample.channel].name for sample in scripted.inbox] == ["b.value"]

@@ -68,6 +68,7 @@ tune: $(READY)    ## fit the models of config/simulated.yaml anew
 
 docs: $(READY)    ## generated pages and pictures
 	$(BIN)/python -m micromanip.settings.reference_doc > docs/configuration.md
+	$(BIN)/python -m micromanip.settings.drivers_doc > docs/driver-options.md
 	$(BIN)/python -m micromanip.host.faults_doc > docs/faults.md
 	$(BIN)/python scripts/draw_docs.py
 	$(BIN)/python scripts/draw_identification.py

@@ -34,11 +34,22 @@ _HEADER = """\
 def render() -> str:
     """The whole reference."""
     shape = Shape.of(Configuration)
-    parts = [_INTRODUCTION, f"## The whole file\n\n{_table(shape)}"]
+    return "\n".join([_INTRODUCTION, f"## The whole file\n\n{_table(shape)}", *sections(shape)])
+
+
+def sections(shape: Shape, within: str = "") -> list[str]:
+    """The sections of all keys of a model, nested ones too; `within` is the path of the model."""
     written: dict[str, str] = {}
-    for key, field in shape.fields.items():
-        parts += [_section(path, section, written) for path, section in _sections(key, field)]
-    return "\n".join(parts)
+    return [
+        _section(path, section, written)
+        for key, field in shape.fields.items()
+        for path, section in _sections(f"{within}{key}", field)
+    ]
+
+
+def section(path: str, shape: Shape) -> str:
+    """One section: heading, what it is, a table of its keys."""
+    return _section(path, shape, {})
 
 
 def _sections(path: str, shape: Shape) -> Iterator[tuple[str, Shape]]:

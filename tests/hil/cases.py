@@ -69,7 +69,7 @@ CASES = (
     Case("counter frozen, values running", tell("stop_counter", for_s=0.6), (STRAIN, STAGE), 100.0, ("repeated",)),
     Case("bus-off of the controller", inject("bus_off"), (LINK,), 100.0, said="bus-off"),
     Case("controller error-passive", inject("error_passive"), counted=("error_passive",)),
-    Case("babbling node with identifier 0", inject("babble"), (STRAIN, STAGE, LINK, AMPLIFIER), 150.0),
+    Case("babbling node with identifier 0", inject("babble"), (STRAIN, STAGE, LINK, AMPLIFIER, DISAGREE), 150.0),
     Case("transmit queue full (ENOBUFS)", inject("enobufs"), (LINK, AMPLIFIER), 150.0, said="transmit buffer full"),
     Case("device restarted", tell("reboot", for_s=0.5), (STRAIN, STAGE, AMPLIFIER), 150.0),
     Case(

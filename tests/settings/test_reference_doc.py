@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from micromanip.settings import drivers_doc
 from micromanip.settings.reference_doc import render
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "configuration.md"
@@ -9,6 +10,13 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "configuration.md"
 
 def test_reference_is_up_to_date():
     assert DOCUMENT.read_text() == render(), "run: python -m micromanip.settings.reference_doc > docs/configuration.md"
+
+
+def test_drivers_options_are_up_to_date():
+    page = DOCUMENT.with_name("driver-options.md")
+    assert page.read_text() == drivers_doc.render(), (
+        "run: python -m micromanip.settings.drivers_doc > docs/driver-options.md"
+    )
 
 
 def test_reference_names_unit_range_default_and_variants():

@@ -260,3 +260,27 @@ def test_two_units_on_one_line_never_get_each_others_answers(serial):
             time.sleep(0.002)
     assert values == [asked + 1]
     assert [scripted.driver.inputs[sample.channel].name for sample in scripted.inbox] == ["b.value"]
+
+
+def test_on_a_serial_line_a_late_answer_ends_the_silence_once():
+    scripted = Scripted(serial=True, drain_ms=600)
+    scripted.unit.said[2] = late(0.03)
+    with pytest.raises(TransientError, match="no answer"):
+        scripted.turn()
+    time.sleep(0.02)
+    assert scripted.turn() == [3.0]
+    assert scripted.driver.statistics()["late"] == 1
+
+
+def test_after_a_second_time_out_in_a_row_the_silence_is_waited_for():
+    """The late answer may be that to the request before."""
+    scripted = Scripted(serial=True, drain_ms=60)
+    scripted.unit.said |= {2: never, 3: late(0.025)}
+    while scripted.driver.statistics()["timeouts"] < 2:
+        with pytest.raises(TransientError):
+            scripted.turn()
+        time.sleep(0.001)
+    time.sleep(0.015)
+    with pytest.raises(TransientError, match="late answers are waited for"):
+        scripted.turn()
+    assert turns(scripted, 0.15)[0][-1] == scripted.unit.requests

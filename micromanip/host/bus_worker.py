@@ -54,7 +54,7 @@ class BusWorker:
         """Start the process; what it says that people should know goes to `say`."""
         self._process = await asyncio.create_subprocess_exec(
             sys.executable,
-            *("-m", "micromanip.io.worker"),
+            *("-m", "micromanip.io.worker_process"),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,

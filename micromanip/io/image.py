@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt import image as rt
-from micromanip.rt.records import MAX_OUTPUTS
+from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 
 from .bus import Inbox
 
@@ -22,6 +22,7 @@ class ProcessImage:
         """`record` is an array (1,) of IMAGE in shared memory."""
         self._record = record
         self._values = np.zeros(MAX_OUTPUTS)
+        self._readings = np.zeros(MAX_SIGNALS)
         self._written_ns = 0
 
     @classmethod
@@ -54,8 +55,13 @@ class ProcessImage:
 
     def publish(self, inbox: Inbox) -> None:
         """Hand all samples to the loop; the inbox is empty then."""
-        for sample in inbox:
-            rt.publish(self._record, sample.channel, sample.value, sample.time_ns, sample.status, sample.lost)
+        for first, values, time_ns, status, lost in inbox.readings:
+            count = len(values)
+            if count == 1:
+                rt.publish(self._record, first, values[0], time_ns, status, lost)
+            else:
+                self._readings[:count] = values
+                rt.publish_all(self._record, first, count, self._readings, time_ns, status, lost)
         inbox.clear()
 
     def wanted(self) -> tuple[NDArray[np.float64], int]:

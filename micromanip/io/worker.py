@@ -1,53 +1,32 @@
-"""The worker process of one bus: opens the driver, does its tasks in time, keeps the outputs safe, comes back.
-
-Started by the host as ``python -m micromanip.io.worker`` in a session of its own. Its orders are the first line on
-standard input, a JSON document; when standard input ends, the host is gone or wants it to end: it then goes on until
-the loop is silent and the outputs are at rest. What happens it tells on standard output, a JSON document a line.
-"""
+"""What the worker of a bus does: opens the driver, does its tasks in time, keeps the outputs safe, comes back."""
 
 from __future__ import annotations
 
-import gc
 import json
 import math
 import os
 import random
-import signal
-import sys
 import threading
 import time
 from collections import deque
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from micromanip.errors import ConfigError
-from micromanip.rt.image import (
-    ALIVE_NS,
-    EPOCH,
-    LINK,
-    LINK_DOWN,
-    LINK_LATCHED,
-    LINK_UP,
-    OUTPUT_STATE,
-    RESTING,
-)
+from micromanip.rt.image import ALIVE_NS, EPOCH, LINK, LINK_DOWN, LINK_LATCHED, LINK_UP, OUTPUT_STATE, RESTING
 
 from .backoff import BackOff
 from .bus import BusDriver, Inbox
 from .bus_errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
 from .image import ProcessImage
-from .registry import driver_class
-from .safe_state import SafeOutput, SafeState
+from .safe_state import SafeState
 from .schedule import Schedule
 
-_LOOK_NS = 1_000_000
-"""So often, at least, the worker looks whether the loop still lives."""
+LOOK_NS = 1_000_000
+"""The worker looks whether the loop still lives so often at most; five times while that is in doubt."""
 _REPORT_NS = 500_000_000
 _ERRORS, _AMONG = 10, 40
 """So many errors among the last calls are a lost link."""
-_LEFT_ALONE_S = 30.0
 _COUNTERS = ("received", "lost", "performed", "errors", "refused", "links", "skipped")
 
 
@@ -55,9 +34,19 @@ class Worker:
     """Serves one driver until it is told to end."""
 
     def __init__(
-        self, driver: BusDriver, image: ProcessImage, safe: SafeState, output_count: int, patience_ns: int = 0
+        self,
+        driver: BusDriver,
+        image: ProcessImage,
+        safe: SafeState,
+        output_count: int,
+        patience_ns: int = 0,
+        look_ns: int = LOOK_NS,
     ) -> None:
-        """Errors that come and go are put up with for `patience_ns` before the link counts as lost."""
+        """Errors that come and go are put up with for `patience_ns` before the link counts as lost.
+
+        With nothing to do, it looks after the loop every `look_ns`.
+        """
+        self._look_ns = look_ns
         self._driver, self._image, self._safe = driver, image, safe
         self._values = np.zeros(len(image.wanted()[0]))  # as long as the image's, the driver's outputs first
         self._outputs = output_count
@@ -121,7 +110,7 @@ class Worker:
         """Do what is due, or listen for a moment; hand over what came."""
         now_ns = time.monotonic_ns()
         task = self._schedule.take(now_ns)
-        if task is not None or now_ns - self._decided_ns >= _LOOK_NS:
+        if task is not None or now_ns - self._decided_ns >= self._look_ns:
             self._decide(now_ns)
         failed = False
         try:
@@ -132,7 +121,7 @@ class Worker:
                     self._image.remember_sent(self._values, now_ns)
             else:
                 due_ns = self._schedule.next_ns()
-                look_ns = now_ns + _LOOK_NS
+                look_ns = now_ns + self._look_ns
                 self._driver.receive(self._inbox, look_ns if due_ns is None else min(due_ns, look_ns))
         except (TransientError, OutputRefused) as problem:
             failed = True
@@ -193,72 +182,15 @@ class Worker:
         self._reported_ns = now_ns
         self._counts["refused"], self._counts["skipped"] = self._safe.refused, self._schedule.skipped
         counts = {**self._counts, **self._driver.statistics()}
-        _say({"event": "statistics", "counts": counts, "cpu_s": round(time.process_time(), 3)})
+        say({"event": "statistics", "counts": counts, "cpu_s": round(time.process_time(), 3)})
 
     def _tell(self, event: str, text: str, **more: Any) -> None:
-        _say({"event": event, "text": text, **more})
+        say({"event": event, "text": text, **more})
 
 
-def _say(document: dict[str, Any]) -> None:
+def say(document: dict[str, Any]) -> None:
+    """Tell the host, a JSON document a line."""
     try:
         os.write(1, json.dumps(document).encode() + b"\n")
     except (BlockingIOError, BrokenPipeError):
         return  # nobody listens, or not fast enough: the bus comes first
-
-
-def _listen(worker: Worker) -> None:
-    """End with the host; and if the driver does not come back from its bus, end all the same."""
-    os.read(0, 1)
-    worker.end()
-    time.sleep(_LEFT_ALONE_S)
-    os._exit(70)
-
-
-def main() -> int:
-    """Serve until the end; the exit code is 0, 78 for options that the driver refuses, 1 after a bug."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.set_blocking(1, False)
-    orders = json.loads(_first_line())
-    kind = driver_class(orders["driver"])
-    assert issubclass(kind, BusDriver)
-    try:
-        driver = kind(kind.Options.model_validate_json(orders["options"]), Path(orders["folder"]))
-    except ConfigError as problem:
-        sys.stderr.write(f"{problem}\n")
-        return problem.exit_code
-    image = ProcessImage.attach(orders["descriptor"], orders["offset"])
-    image.take_over()
-    outputs = [SafeOutput(**output) for output in orders["outputs"]]
-    last, last_ns = image.sent()
-    before = last[: len(outputs)] if last_ns else None
-    safe = SafeState(outputs, orders["ramp_ns"], orders["dead_ns"], before, last_ns)
-    worker = Worker(driver, image, safe, len(outputs), orders["patience_ns"])
-    signal.signal(signal.SIGTERM, lambda *_: worker.end())
-    threading.Thread(target=_listen, args=(worker,), daemon=True).start()
-    _take_rights(orders["loop_cpu"], orders["priority"])
-    gc.collect()
-    gc.freeze()
-    worker.run()
-    return 0
-
-
-def _take_rights(loop_cpu: int | None, priority: int) -> None:
-    """Off the loop's CPU, with a priority below the loop's where that is allowed."""
-    others = os.sched_getaffinity(0) - {loop_cpu}
-    if loop_cpu is not None and others:
-        os.sched_setaffinity(0, others)
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except PermissionError:
-        _say({"event": "rights", "text": "no real-time priority for its worker: samples and voltages may come late"})
-
-
-def _first_line() -> bytes:
-    line = b""
-    while not line.endswith(b"\n"):
-        line += os.read(0, 1 << 16)
-    return line
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -125,15 +125,27 @@ def exchange_image(c: Record, outputs: Any, inputs: Any, now_ns: int) -> int:
     return 0 if link_is_up(c, now_ns) else DOWN
 
 
-@compiled.entry(types.void(IMAGES, types.int64, types.float64, types.int64, types.int64, types.int64))
-def publish(image: Any, channel: int, value: float, time_ns: int, status: int, lost: int) -> None:
-    """The worker publishes a fresh sample, before which `lost` are missing."""
-    c = image[0]
+@compiled
+def publish_one(c: Record, channel: int, value: float, time_ns: int, status: int, lost: int) -> None:
+    """A fresh sample of one input."""
     begin_turn(c["input_turn"], channel)
     signal = c["input"][channel]
     signal["value"], signal["time_ns"], signal["status"] = value, time_ns, status
     signal["sequence"] += 1 + lost
     end_turn(c["input_turn"], channel)
+
+
+@compiled.entry(types.void(IMAGES, types.int64, types.float64, types.int64, types.int64, types.int64))
+def publish(image: Any, channel: int, value: float, time_ns: int, status: int, lost: int) -> None:
+    """The worker publishes a fresh sample, before which `lost` are missing."""
+    publish_one(image[0], channel, value, time_ns, status, lost)
+
+
+@compiled.entry(types.void(IMAGES, types.int64, types.int64, VALUES, types.int64, types.int64, types.int64))
+def publish_all(image: Any, first: int, count: int, values: Any, time_ns: int, status: int, lost: int) -> None:
+    """The worker publishes `count` samples of one moment, of the inputs from `first` on."""
+    for i in range(count):
+        publish_one(image[0], first + i, values[i], time_ns, status, lost)
 
 
 @compiled.entry(types.int64(IMAGES, VALUES))

@@ -10,7 +10,6 @@ from micromanip.errors import ConfigError, UsageError
 from micromanip.io.bus import BusDriver
 from micromanip.io.registry import driver_class
 
-from .driver_problem import driver_problem
 from .load import validate_section
 from .model import Driver
 from .source import Source
@@ -44,4 +43,4 @@ def bus_driver(file: Path, name: str) -> BusDriver:
     try:
         return kind(options, file.parent)
     except ConfigError as problem:
-        raise driver_problem(source, name, problem) from problem
+        raise source.error_below(("drivers", name), str(problem)) from problem

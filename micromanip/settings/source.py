@@ -62,6 +62,15 @@ class Source:
         """One thing that is wrong, at a key path: ``"axes.x.inner.Ti_ms"``, ``("axes", "x", "centre_um")``."""
         return self.errors([(path, message)])
 
+    def error_below(self, path: Path, message: str) -> ConfigError:
+        """As `error`, of who doesn't know the file: at the key below `path` that the message begins with, if it does.
+
+        ``"receive.Sensors.counter: there is no such signal"``.
+        """
+        below, colon, text = message.partition(": ")
+        found = (*path, *below.split("."))
+        return self.error(found, text) if colon and found in self.lines else self.error(path, message)
+
     def errors(self, findings: Iterable[tuple[KeyPath, str]]) -> ConfigError:
         """Several things that are wrong, each at its key path."""
         paths = [(tuple(path.split(".")) if isinstance(path, str) else tuple(path), text) for path, text in findings]

@@ -15,7 +15,6 @@ from micromanip.io.registry import driver_class
 from micromanip.io.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 
-from .driver_problem import driver_problem
 from .frame import frame_of
 from .load import validate_section
 from .model import Configuration, Driver, Output, Signal, Switch
@@ -117,7 +116,7 @@ def build_driver(
             return BusBridge(kind(options, source.path.parent), options, silent_ns), options
         return kind(options, period_ns), options
     except ConfigError as problem:
-        raise driver_problem(source, name, problem) from problem
+        raise source.error_below(("drivers", name), str(problem)) from problem
 
 
 def wire(configuration: Configuration, source: Source, seed: int | None = None) -> Wiring:

@@ -97,7 +97,7 @@ class Bench:
 @pytest.fixture
 def bench(monkeypatch):
     said = []
-    monkeypatch.setattr("micromanip.io.worker._say", said.append)
+    monkeypatch.setattr("micromanip.io.worker.say", said.append)
     bench = Bench()
     bench.said = said
     bench.thread.start()

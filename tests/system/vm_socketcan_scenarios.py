@@ -26,7 +26,7 @@ RECEIVE_BUFFER = Path("/proc/sys/net/core/rmem_default")
 
 def driver(database, received="Sensors", **options):
     """One that sends Voltages and receives `received`."""
-    keys = LINK | options
+    keys = LINK | {"silence_ms": None} | options
     messages = {
         "receive": {received: {"rate_hz": 100, "counter": "Count", "latency_us": 0}},
         "send": {"Voltages": {"rate_hz": 100, "counter": "Count"}},

@@ -25,13 +25,15 @@ class BusReader:
 
     def drain(self, limit: int) -> list[tuple[can.Message, int]]:
         """What is there, `limit` frames at most. Raises CanError, OSError."""
-        receive = self._bus.recv
+        receive, stamped = self._bus.recv, self._stamped
         frames, self._first = self._first, []
         while len(frames) < limit:
             message = receive(0)
             if message is None:
                 break
-            frames.append((message, self._received_ns(message)))
+            frames.append((message, _stamp_ns(message) if stamped else time.monotonic_ns()))
+        if stamped and frames and frames[-1][1] > (now_ns := time.monotonic_ns()):
+            return [(message, min(time_ns, now_ns)) for message, time_ns in frames]
         return frames
 
     def wait(self, seconds: float) -> None:
@@ -39,11 +41,11 @@ class BusReader:
         if self._fileno is not None:
             select.select([self._fileno], [], [], seconds)
         elif (message := self._bus.recv(seconds)) is not None:
-            self._first = [(message, self._received_ns(message))]
+            self._first = [(message, _stamp_ns(message) if self._stamped else time.monotonic_ns())]
 
-    def _received_ns(self, message: can.Message) -> int:
-        now_ns = time.monotonic_ns()
-        return min(now_ns, round(message.timestamp * 1e9)) if self._stamped else now_ns
+
+def _stamp_ns(message: can.Message) -> int:
+    return round(message.timestamp * 1e9)
 
 
 def _fileno(bus: can.BusABC) -> int | None:

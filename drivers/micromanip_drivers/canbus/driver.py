@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -10,7 +11,7 @@ import can
 
 from micromanip.errors import ConfigError
 from micromanip.io.bus import Answer, BusDriver, Channel, Inbox, Load, Task
-from micromanip.io.bus_errors import BusError, DeviceFault
+from micromanip.io.bus_errors import BusError, DeviceFault, LinkError
 from micromanip.io.can_bits import worst_case_s
 
 from .database import Database, switches_bitrate
@@ -20,6 +21,7 @@ from .options import CanBusOptions
 from .received_message import ReceivedMessage
 from .sent_message import SentMessage
 
+_OPEN_NS = 900_000_000
 _ECHOES = ("udp_multicast",)  # gives a sender its own frames, and can't tell
 
 
@@ -51,6 +53,8 @@ class CanBus(BusDriver):
         self._by_identity = {message.identity: message for message in self._received}
         self._commands = {message.identity: message.name for message in self._sent}
         self._others = 0
+        self._silence_ns = options.silence_ms * 1_000_000 if options.silence_ms and self._received else None
+        self._heard_ns = 0
         self._link = CanLink(options, [*self._by_identity, *self._commands])
 
     @property
@@ -84,6 +88,9 @@ class CanBus(BusDriver):
         for message in self._received:
             if message.counter is not None:
                 message.counter.forget()
+        self._heard_ns = time.monotonic_ns()
+        if self._silence_ns is not None:
+            self._listen(min(self._silence_ns, _OPEN_NS))
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
         message = self._sent[task]
@@ -93,7 +100,9 @@ class CanBus(BusDriver):
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         by_identity = self._by_identity
         failure: BusError | None = None
-        for frame, time_ns in self._link.receive(until_ns):
+        began_ns = time.monotonic_ns()
+        frames = self._link.receive(until_ns)
+        for frame, time_ns in frames:
             message = by_identity.get((frame.arbitration_id, frame.is_extended_id))
             try:
                 if message is None or frame.is_remote_frame:
@@ -102,6 +111,7 @@ class CanBus(BusDriver):
                     message.take(frame.data, time_ns, inbox)
             except BusError as error:  # not before the frames after it have been taken
                 failure = error
+        self._watch(frames, began_ns)
         if failure is not None:
             raise failure
 
@@ -122,6 +132,33 @@ class CanBus(BusDriver):
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         return heard(CanLink(self.options), self._database.by_identifier(), seconds)
+
+    def _listen(self, for_ns: int) -> None:
+        """Wait for a first frame of the devices. Raises LinkError if none comes."""
+        end_ns = self._heard_ns + for_ns
+        while not self._are_ours(self._link.receive(end_ns)):
+            if time.monotonic_ns() >= end_ns:
+                raise self._silent(for_ns)
+
+    def _watch(self, frames: Sequence[tuple[can.Message, int]], began_ns: int) -> None:
+        """Note that `frames` came by a call that began then. Raises LinkError if the devices were silent for too long.
+
+        Judged where a call begins: what came while this process stood still is there with the first call after that.
+        """
+        if self._are_ours(frames):
+            self._heard_ns = time.monotonic_ns()
+        elif self._silence_ns is not None and began_ns - self._heard_ns > self._silence_ns:
+            raise self._silent(self._silence_ns)
+
+    def _are_ours(self, frames: Sequence[tuple[can.Message, int]]) -> bool:
+        return any((frame.arbitration_id, frame.is_extended_id) in self._by_identity for frame, _ in frames)
+
+    def _silent(self, for_ns: int) -> LinkError:
+        names = ", ".join(message.name for message in self._received)
+        return LinkError(
+            f"{self.device}: nothing of {names} came for {for_ns * 1e-6:g} ms; is the device switched on, the cable "
+            "plugged in, the bit rate right?"
+        )
 
     def _take_other(self, frame: can.Message) -> None:
         """A frame that is not for us. Raises DeviceFault if it is one of our own commands, from somebody else."""

@@ -122,11 +122,9 @@ class CanLink:
         if reader is None:
             raise LinkError(f"{self.options.device} is not open")
         try:
-            frames = reader.drain(_LIMIT)
             left_s = (until_ns - time.monotonic_ns()) * 1e-9
-            if frames or left_s <= 0.0:
-                return frames
-            reader.wait(left_s)
+            if left_s > 0.0:
+                reader.wait(left_s)  # first: it returns at once if something is there, and costs less than to look
             return reader.drain(_LIMIT)
         except _RAISED as error:
             raise self._sorted("receiving", error) from error

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from .link_options import LinkOptions
 
 Rate = Annotated[float, Field(strict=True, gt=0, le=20_000)]
+Milliseconds = Annotated[int, Field(strict=True, ge=10, le=60_000)]
 Latency = Annotated[float, Field(strict=True, ge=0, le=1e6)]
 
 
@@ -56,7 +57,22 @@ class CanBusOptions(LinkOptions):
     database: str = Field(description="DBC file, seen from the folder of the configuration.")
     receive: dict[str, Received] = Field(default={}, description="Messages that devices send, by name in the DBC.")
     send: dict[str, Sent] = Field(default={}, description="Messages that are sent, by name in the DBC.")
+    silence_ms: Milliseconds | None = Field(
+        default=500,
+        description="Nothing of `receive` for so long, and the link is lost; it is there with the first frame. null: "
+        "silence is no error, for devices that speak only when they are spoken to, or seldom.",
+    )
     watchdog: str | None = Field(
         default=None,
         description="What the device does by itself when no frames come, and after how long, in a few words.",
     )
+
+    @model_validator(mode="after")
+    def _silence_is_unusual(self) -> CanBusOptions:
+        fastest_hz = max((received.rate_hz for received in self.receive.values()), default=None)
+        if self.silence_ms is not None and fastest_hz is not None and self.silence_ms * 1e-3 * fastest_hz < 3.0:
+            raise ValueError(
+                f"silence_ms {self.silence_ms} is less than three periods of what comes most often "
+                f"({fastest_hz:g} Hz): make it longer, or null"
+            )
+        return self

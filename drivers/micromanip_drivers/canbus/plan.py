@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 from micromanip.io.bus_errors import OutputRefused
 
@@ -17,34 +18,41 @@ class UnpackPlan:
     """Values of some signals of a message, in the order of `fields`."""
 
     def __init__(self, fields: Sequence[BitField]) -> None:
-        self._any_big = any(field.big_endian for field in fields)
-        self._any_little = not all(field.big_endian for field in fields)
+        orders = {field.big_endian for field in fields}
+        self._plain = len(orders) < 2 and not any(field.floating for field in fields)
+        self._order: Literal["big", "little"] = "big" if True in orders else "little"
         self._rows = [
-            (field.big_endian, field.shift, field.mask, field.sign, field.floating, field.scale, field.offset)
-            for field in fields
+            (field.shift, field.mask, field.sign, float(field.scale), float(field.offset), field) for field in fields
         ]
 
     def codes(self, data: bytes | bytearray) -> list[int]:
         """What the bits say, before scale and offset; `data` has the length of the message."""
-        big = int.from_bytes(data, "big") if self._any_big else 0
-        little = int.from_bytes(data, "little") if self._any_little else 0
         return [
-            (((big if big_endian else little) >> shift & mask) ^ sign) - sign
-            for big_endian, shift, mask, sign, _, _, _ in self._rows
+            ((_number(data, field) >> shift & mask) ^ sign) - sign for shift, mask, sign, _, _, field in self._rows
         ]
 
     def values(self, data: bytes | bytearray) -> list[float]:
         """The values; `data` has the length of the message."""
-        big = int.from_bytes(data, "big") if self._any_big else 0
-        little = int.from_bytes(data, "little") if self._any_little else 0
-        values = []
-        for big_endian, shift, mask, sign, floating, scale, offset in self._rows:
-            code = (big if big_endian else little) >> shift & mask
-            if floating is None:
-                values.append(float(((code ^ sign) - sign) * scale + offset))
-            else:
-                values.append(floating.unpack(code.to_bytes(floating.size, "little"))[0] * scale + offset)
-        return values
+        if not self._plain:
+            return [_value(data, field) for *_, field in self._rows]
+        whole = int.from_bytes(data, self._order)
+        return [
+            (((whole >> shift & mask) ^ sign) - sign) * scale + offset
+            for shift, mask, sign, scale, offset, _ in self._rows
+        ]
+
+
+def _number(data: bytes | bytearray, field: BitField) -> int:
+    """The frame as one number, in the byte order of a field."""
+    return int.from_bytes(data, "big" if field.big_endian else "little")
+
+
+def _value(data: bytes | bytearray, field: BitField) -> float:
+    """One value, whatever the field."""
+    code = _number(data, field) >> field.shift & field.mask
+    if field.floating is None:
+        return float(((code ^ field.sign) - field.sign) * field.scale + field.offset)
+    return float(field.floating.unpack(code.to_bytes(field.floating.size, "little"))[0] * field.scale + field.offset)
 
 
 class PackPlan:

@@ -65,7 +65,4 @@ class ReceivedMessage:
         status = 0
         if self._good is not None and own[-1] not in self._good:
             status = own[-1] or _BAD
-        taken_ns = time_ns - self._latency_ns
-        put = inbox.put
-        for channel, value in enumerate(self._values.values(data), self._first):
-            put(channel, value, taken_ns, status, lost)
+        inbox.put_all(self._first, self._values.values(data), time_ns - self._latency_ns, status, lost)

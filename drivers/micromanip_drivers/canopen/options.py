@@ -188,7 +188,7 @@ class CanOpenOptions(LinkOptions):
         taken = {self.own_node_id: "own_node_id"}
         for name, node in self.nodes.items():
             if node.node_id in taken:
-                raise ValueError(f"node_id {node.node_id} of {name} is also that of {taken[node.node_id]}")
+                raise ValueError(f"nodes.{name}.node_id: {node.node_id} is also that of {taken[node.node_id]}")
             taken[node.node_id] = name
         return self
 

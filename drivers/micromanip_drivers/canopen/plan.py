@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping as Names
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +29,11 @@ class PdoPlan:
     wires: tuple[Wire, ...]
     safe: tuple[float, ...]
     """Of each wire of an RPDO: what it is kept at if it is not used."""
+
+    @property
+    def key(self) -> str:
+        """Where it stands in the configuration."""
+        return f"nodes.{self.node}.{self.mapping.direction}.{self.mapping.number}"
 
     @property
     def title(self) -> str:
@@ -57,7 +63,7 @@ class NodePlan:
 
 
 def plan_nodes(options: CanOpenOptions, folder: Path) -> tuple[NodePlan, ...]:
-    """All nodes. Raises ConfigError for what can't work, with the node and the PDO."""
+    """All nodes. Raises ConfigError for what can't work; it begins with the key: "nodes.sensor.tpdo.1: ..."."""
     nodes = tuple(_node(name, node, folder) for name, node in options.nodes.items())
     for plan in nodes:
         _sync_agrees(plan, options.sync_hz)
@@ -67,31 +73,42 @@ def plan_nodes(options: CanOpenOptions, folder: Path) -> tuple[NodePlan, ...]:
 
 
 def _node(name: str, options: NodeOptions, folder: Path) -> NodePlan:
-    try:
+    with _at(f"nodes.{name}.eds"):
         dictionary = Dictionary(folder / options.eds, options.node_id)
-        tpdos = tuple(_pdo(name, dictionary, "tpdo", pdo, keys) for pdo, keys in options.tpdo.items())
-        rpdos = tuple(_pdo(name, dictionary, "rpdo", pdo, keys) for pdo, keys in options.rpdo.items())
+    tpdos = tuple(_pdo(name, dictionary, "tpdo", pdo, keys) for pdo, keys in options.tpdo.items())
+    rpdos = tuple(_pdo(name, dictionary, "rpdo", pdo, keys) for pdo, keys in options.rpdo.items())
+    with _at(f"nodes.{name}.eds"):
         dictionary.variable(0x1017)  # without a heartbeat it can't be watched
-    except ConfigError as problem:
-        raise ConfigError(f"node {name}: {problem}") from problem
     _names_differ(name, options)
     return NodePlan(name, options, dictionary, tpdos, rpdos)
 
 
+@contextmanager
+def _at(key: str) -> Iterator[None]:
+    """What is wrong in here is so at this key."""
+    try:
+        yield
+    except ConfigError as problem:
+        raise ConfigError(f"{key}: {problem}") from problem
+
+
 def _pdo(node: str, dictionary: Dictionary, direction: Direction, pdo: int, options: Tpdo | Rpdo) -> PdoPlan:
-    laid = mapping(dictionary, direction, pdo, options)
+    key = f"nodes.{node}.{direction}.{pdo}"
+    with _at(key):
+        laid = mapping(dictionary, direction, pdo, options)
     where = f"{dictionary.file}, {direction} {pdo}"
     carried: dict[str, Mapped] = {}
     signals: Names[str, InputSignal] = options.signals
     for name, signal in signals.items():
-        found = _carried(signal.object or name, laid.objects, where)
+        with _at(f"{key}.signals.{name}"):
+            found = _carried(signal.object or name, laid.objects, where)
         if other := next((other for other, mapped in carried.items() if mapped is found), None):
-            raise ConfigError(f"{where}: {name} and {other} are the same object")
+            raise ConfigError(f"{key}.signals.{name}: {where}: {name} and {other} are the same object")
         carried[name] = found
     if direction == "rpdo":
         missing = [m.variable.name for m in laid.objects if not m.is_dummy and m not in carried.values()]
         if missing:
-            raise ConfigError(f"{where} carries {', '.join(missing)} too, which signals does not name")
+            raise ConfigError(f"{key}.signals: {where} carries {', '.join(missing)} too, which signals does not name")
     return PdoPlan(
         node,
         laid,
@@ -121,23 +138,23 @@ def _names_differ(node: str, options: NodeOptions) -> None:
         for pdo, keys in pdos.items():
             for name in keys.signals:
                 if name in taken:
-                    raise ConfigError(f"node {node}: {name} is both in {taken[name]} and in {word} {pdo}")
+                    raise ConfigError(f"nodes.{node}.{word}.{pdo}.signals.{name}: it is in {taken[name]} too")
                 taken[name] = f"{word} {pdo}"
 
 
 def _sync_agrees(plan: NodePlan, sync_hz: float | None) -> None:
     synchronous = [pdo for pdo in plan.pdos if pdo.mapping.synchronous]
     if synchronous and sync_hz is None:
-        raise ConfigError(f"{synchronous[0].title} goes with SYNC, which needs sync_hz")
+        raise ConfigError(f"{synchronous[0].key}: {synchronous[0].title} goes with SYNC, which needs sync_hz")
     if synchronous and plan.dictionary.value(0x1005) & 0x7FF != SYNC:
-        raise ConfigError(f"node {plan.name}: {plan.dictionary.file} has SYNC elsewhere than at 0x80 (object 1005)")
+        raise ConfigError(f"nodes.{plan.name}.eds: {plan.dictionary.file} has SYNC elsewhere than at 0x80 (object 1005)")
     for pdo in plan.tpdos:
         if not pdo.mapping.synchronous or sync_hz is None:
             continue
         comes_hz = sync_hz / max(1, pdo.mapping.transmission)
         if pdo.mapping.transmission and abs(pdo.options.rate_hz - comes_hz) > 1e-6 * comes_hz:
             raise ConfigError(
-                f"{pdo.title} comes {comes_hz:g} times a second (sync_hz {sync_hz:g}, transmission "
+                f"{pdo.key}.rate_hz: {pdo.title} comes {comes_hz:g} times a second (sync_hz {sync_hz:g}, transmission "
                 f"{pdo.mapping.transmission}), not rate_hz {pdo.options.rate_hz:g}"
             )
 
@@ -148,16 +165,18 @@ def _watch_can_work(plan: NodePlan) -> None:
         return
     if plan.options.watchdog_by == "heartbeat":
         if not plan.dictionary.has(0x1016, 1):
-            raise ConfigError(f"node {plan.name}: {file} has no 1016sub1, so it can't wait for a heartbeat")
+            raise ConfigError(f"nodes.{plan.name}.watchdog_by: {file} has no 1016sub1, so it can't wait for a heartbeat")
         return
     for pdo in plan.rpdos:
         if not plan.dictionary.has(pdo.mapping.parameters, 5):
             missing = number(pdo.mapping.parameters, 5)
             hint = "; watchdog_by: heartbeat is possible" if plan.dictionary.has(0x1016, 1) else ""
-            raise ConfigError(f"node {plan.name}: {file} has no {missing}, so it can't wait for that rpdo{hint}")
+            raise ConfigError(
+                f"nodes.{plan.name}.watchdog_ms: {file} has no {missing}, so it can't wait for that rpdo{hint}"
+            )
         if watchdog_ms * 1e-3 * pdo.options.rate_hz < 3.0:
             raise ConfigError(
-                f"{pdo.title} is sent each {1e3 / pdo.options.rate_hz:g} ms; a watchdog_ms of {watchdog_ms} would "
+                f"nodes.{plan.name}.watchdog_ms: {pdo.title} is sent each {1e3 / pdo.options.rate_hz:g} ms; a watchdog_ms of {watchdog_ms} would "
                 "trip over one that is late: three periods are the least"
             )
 
@@ -167,5 +186,8 @@ def _identifiers_differ(nodes: Sequence[NodePlan]) -> None:
     for pdo in (pdo for plan in nodes for pdo in plan.pdos):
         identifier = pdo.mapping.identifier
         if identifier in taken:
-            raise ConfigError(f"{pdo.title} and {taken[identifier]} are both on identifier 0x{identifier:X}")
+            raise ConfigError(
+                f"{pdo.key}: {pdo.title} and {taken[identifier]} are both on identifier 0x{identifier:X}: give one "
+                "of the nodes another node_id, or another EDS file"
+            )
         taken[identifier] = pdo.title

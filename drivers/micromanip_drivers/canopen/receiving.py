@@ -89,8 +89,7 @@ class Receiver:
             taken_ns, lost = taken
             counters["lost"] += lost
             frame = int.from_bytes(data, "little")
-            for channel, wire in enumerate(wires, first):
-                inbox.put(channel, wire.value(frame), taken_ns, 0, lost)
+            inbox.put_all(first, [wire.value(frame) for wire in wires], taken_ns, 0, lost)
 
         return take
 

@@ -8,6 +8,7 @@ from micromanip.sim.event_loop import EventLoop, Timer
 
 from .canopen_objects import Objects, Pdo, packed, unpacked
 from .frame import Frame
+from .watchdog import Watchdog
 
 _DUMMIES = 0x20
 """Objects below stand for data types: gaps in a PDO."""
@@ -40,8 +41,7 @@ class Exchange:
         self._running = False
         self._syncs = 0
         self._pending: dict[int, bytes] = {}
-        self._received_ns: dict[int, int] = {}
-        self._watches: dict[int, Timer] = {}
+        self._watches: dict[int, Watchdog] = {}
         self._events: list[Timer] = []
         self.set_up()
 
@@ -67,9 +67,8 @@ class Exchange:
 
     def make_safe(self) -> None:
         """Bring the outputs to their error values, and watch them no more."""
-        for timer in self._watches.values():
-            timer.cancel()
-        self._watches.clear()
+        for watch in self._watches.values():
+            watch.stop()
         for pdo in self._rpdos.values():
             for entry in pdo.entries:
                 if entry.variable.index >= _DUMMIES:
@@ -94,9 +93,9 @@ class Exchange:
             return
         if len(data) < pdo.length:
             raise TooShort
-        self._received_ns[identifier] = time_ns
-        if pdo.event_ms and identifier not in self._watches:
-            self._watch(identifier, pdo)
+        if pdo.event_ms:
+            watch = self._watches.setdefault(identifier, Watchdog(self._loop, self._left_alone))
+            watch.feed(time_ns, pdo.event_ms * _MS)
         if pdo.transmission <= 240:
             self._pending[identifier] = data
         else:
@@ -122,14 +121,6 @@ class Exchange:
         for entry in pdo.entries:
             if entry.variable.index >= _DUMMIES:
                 self._write(entry.variable.name, unpacked(entry, frame))
-
-    def _watch(self, identifier: int, pdo: Pdo) -> None:
-        """Look again when the last RPDO has become too old; from the first one on."""
-        due_ns = self._received_ns[identifier] + pdo.event_ms * _MS
-        if self._loop.now_ns() < due_ns:
-            self._watches[identifier] = self._loop.call_at(due_ns, lambda: self._watch(identifier, pdo))
-        else:
-            self._left_alone()
 
     def _error_value(self, subindex: int, factor: float) -> float:
         objects = self._objects

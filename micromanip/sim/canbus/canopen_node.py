@@ -18,6 +18,7 @@ from .bus import Bus
 from .canopen_exchange import Exchange, TooShort
 from .canopen_objects import Abort, Objects
 from .frame import Frame
+from .watchdog import Watchdog
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
 """States of NMT."""
@@ -55,7 +56,7 @@ class CanOpenNode:
         self._silent = False
         self._errors = 0
         self._beat_timer: Timer | None = None
-        self._silence_timer: Timer | None = None
+        self._commander = Watchdog(loop, lambda: self._left_alone(NO_HEARTBEAT))
         self._expects = -1
         self._silence_ns = 0
         bus.attach(self)
@@ -109,7 +110,7 @@ class CanOpenNode:
         elif identifier == _SDO_REQUEST + self.node_id and len(data) == 8 and self.state != STOPPED:
             self._on_request(data)
         elif identifier == self._expects:
-            self._expect_heartbeat(time_ns)
+            self._commander.feed(time_ns, self._silence_ns)
         else:
             try:
                 self._exchange.on_frame(identifier, data, time_ns)
@@ -128,10 +129,10 @@ class CanOpenNode:
         self._set_heartbeat()
 
     def _cancel(self) -> None:
-        for timer in (self._beat_timer, self._silence_timer):
-            if timer is not None:
-                timer.cancel()
-        self._beat_timer = self._silence_timer = None
+        self._commander.stop()
+        if self._beat_timer is not None:
+            self._beat_timer.cancel()
+        self._beat_timer = None
 
     def _enter(self, state: int) -> None:
         before, self.state = self.state, state
@@ -207,12 +208,6 @@ class CanOpenNode:
         word = self.objects.raw(0x1016, 1) if self.objects.has(0x1016, 1) else 0
         watched, self._silence_ns = word >> 16 & 0x7F, (word & 0xFFFF) * _MS
         self._expects = _HEARTBEAT + watched if watched and self._silence_ns else -1
-
-    def _expect_heartbeat(self, heard_ns: int) -> None:
-        if self._silence_timer is not None:
-            self._silence_timer.cancel()
-        due_ns = heard_ns + self._silence_ns
-        self._silence_timer = self._loop.call_at(due_ns, lambda: self._left_alone(NO_HEARTBEAT))
 
     def _clear(self, errors: int) -> None:
         """Take bits of the error register back; the generic one stays as long as any other."""

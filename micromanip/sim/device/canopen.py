@@ -11,7 +11,6 @@ from canopen.objectdictionary import ObjectDictionaryError
 
 from micromanip.errors import UsageError
 from micromanip.sim.canbus.canopen_node import CanOpenNode
-from micromanip.sim.event_loop import EventLoop
 
 from .amplifier import Amplifier
 from .can_bus import CanBus, read_bus_settings
@@ -20,6 +19,7 @@ from .plain_options import Place, section, value
 from .played import PlayedDevice, Surroundings
 from .wires import Wires, wires_of
 
+_IDLE_NS = 5_000_000
 _NUMBER = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?:sub([0-9A-Fa-f]{1,2}))?")
 
 
@@ -27,9 +27,10 @@ class PlayedCanOpen:
     """Nodes that boot, obey NMT and watch their commander by themselves."""
 
     def __init__(
-        self, bus: CanBus, loop: EventLoop, nodes: dict[str, CanOpenNode], wires: Wires, pdos: tuple[int, int]
+        self, bus: CanBus, surroundings: Surroundings, nodes: dict[str, CanOpenNode], wires: Wires, pdos: tuple[int, int]
     ) -> None:
-        self.bus, self._loop, self._nodes, self._pdos = bus, loop, nodes, pdos
+        self.bus, self._nodes, self._pdos = bus, nodes, pdos
+        self._loop, self._cell = surroundings.loop, surroundings.cell
         self._off: set[str] = set()
         self.signals = list(wires.signals.values())
         self.messages: list[str] = []  # a PDO has no counter; one is silenced by dropping its identifier on the bus
@@ -40,6 +41,7 @@ class PlayedCanOpen:
 
     def start(self, now_ns: int) -> None:
         self.bus.start(now_ns)
+        self._go_on()
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
         raise UsageError(f"{message} has no counter")
@@ -64,6 +66,12 @@ class PlayedCanOpen:
 
     def close(self) -> None:
         self.bus.close()
+
+    def _go_on(self) -> None:
+        """The plant moves too while nobody asks what it measures."""
+        now_ns = self._loop.now_ns()
+        self._cell.advance_to(now_ns)
+        self._loop.call_at(now_ns + _IDLE_NS, self._go_on)
 
     def _power_on(self) -> None:
         for name in self._off:
@@ -100,7 +108,7 @@ def play_canopen(name: str, surroundings: Surroundings) -> PlayedDevice:
         bus.close()
         raise
     pdos = [len(entry.get(kind, ())) for kind in ("tpdo", "rpdo") for entry in options["nodes"].values()]
-    return PlayedCanOpen(bus, loop, nodes, wires, (sum(pdos[: len(nodes)]), sum(pdos[len(nodes) :])))
+    return PlayedCanOpen(bus, surroundings, nodes, wires, (sum(pdos[: len(nodes)]), sum(pdos[len(nodes) :])))
 
 
 class _Behind:

@@ -37,6 +37,12 @@ class Bench:
         self._calls.put(call)
         os.eventfd_write(self._bell, 1)
 
+    def ask(self, call):
+        """Have `call` made by the bus's thread, and wait for what it returns."""
+        answer = queue.SimpleQueue()
+        self.do(lambda: answer.put(call()))
+        return answer.get(timeout=5.0)
+
     def send(self, identifier, data, **flags):
         self.do(lambda: self.hub.send(self.device, Frame(identifier, data, **flags)))
 

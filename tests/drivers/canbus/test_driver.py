@@ -26,6 +26,7 @@ def options(database="can/manipulator.dbc", **keys):
         "channel": "canbus",
         "bitrate": 1_000_000,
         "data_bitrate": 5_000_000,
+        "silence_ms": None,
         "receive": {"Sensors": {"rate_hz": 2000.0, "counter": "Count", "status": {"signal": "Status"}}},
         "send": {"Voltages": {"rate_hz": 2000.0, "counter": "Count"}},
     }
@@ -241,6 +242,12 @@ def folder(tmp_path):
 def test_messages_that_can_not_be(folder, keys, words):
     with pytest.raises(ConfigError, match=re.escape(words)):
         CanBus(options("test.dbc", **({"receive": {}, "send": {}} | keys)), folder)
+
+
+def test_a_silence_must_be_longer_than_the_device_is_silent_anyway():
+    with pytest.raises(ValidationError, match=r"silence_ms 100 is less than three periods .* \(20 Hz\).* or null"):
+        options(silence_ms=100, receive={"Sensors": {"rate_hz": 20.0}, "Tracker": {"rate_hz": 2.0}})
+    options(silence_ms=150, receive={"Sensors": {"rate_hz": 20.0}, "Tracker": {"rate_hz": 2.0}})
 
 
 def test_an_fd_message_needs_an_fd_bus():

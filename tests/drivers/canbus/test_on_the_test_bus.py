@@ -28,6 +28,7 @@ def driver(channel):
         bitrate=BITRATE,
         data_bitrate=DATA_BITRATE,
         database="can/manipulator.dbc",
+        silence_ms=None,
         receive={"Sensors": {"rate_hz": 2000.0, "counter": "Count"}},
         send={"Voltages": {"rate_hz": 2000.0, "counter": "Count"}},
     )

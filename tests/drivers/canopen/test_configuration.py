@@ -114,17 +114,17 @@ def test_near_misses():
         nodes__sensor__tpdo={4: {"rate_hz": 200, "signals": {"a": {"scale": 1.0}}}},
     )
     refused(
-        r"node amplifier: .*amplifier\.eds has no tpdo 1 .* it has no tpdo",
+        r"^nodes\.amplifier\.tpdo\.1: .*amplifier\.eds has no tpdo 1 .* it has no tpdo",
         nodes__amplifier__tpdo={1: {"rate_hz": 200, "signals": {"a": {"scale": 1.0}}}},
     )
 
 
 def test_files_that_are_no_eds(folder):
-    refused(r"node sensor: EDS file .*nothing\.eds can't be read: No such file", nodes__sensor__eds="can/nothing.eds")
+    refused(r"^nodes\.sensor\.eds: EDS file .*nothing\.eds can't be read: No such file", nodes__sensor__eds="can/nothing.eds")
     refused(r"sensor\.txt: a file of CANopen objects ends in \.eds", nodes__sensor__eds="can/sensor.txt")
     for text in ("no ini file", "[DeviceInfo]\n", "[1000]\nObjectType=0x7\n", "[1000\n", "[1A00]\nParameterName\n"):
         (folder / "can/broken.eds").write_text(text)
-        refused(r"node sensor: .*broken\.eds is not a valid EDS file: ", folder, nodes__sensor__eds="can/broken.eds")
+        refused(r"^nodes\.sensor\.eds: .*broken\.eds is not a valid EDS file: ", folder, nodes__sensor__eds="can/broken.eds")
     (folder / "can/broken.eds").write_bytes(bytes(range(128, 256)))
     refused("is not a valid EDS file", folder, nodes__sensor__eds="can/broken.eds")
 
@@ -135,7 +135,7 @@ def test_objects_that_are_missing_or_too_many(folder):
     edit(folder, "amplifier", r"\[1017\].*?\n\n", "")
     refused("has no object 8130sub3", folder)
     shutil.copy(EDS / "sensor.eds", folder / "can/sensor.eds")
-    refused(r"node amplifier: .*amplifier\.eds has no object 1017", folder)
+    refused(r"^nodes\.amplifier\.eds: .*amplifier\.eds has no object 1017", folder)
 
 
 def test_pdo_that_is_too_long(folder):
@@ -188,10 +188,10 @@ def test_identifiers_and_numbers_that_clash(folder):
     refused("1400sub1 is 0x80, which is no identifier of a PDO", folder)
     section(folder, "amplifier", "1400sub1", "DefaultValue", "$NODEID+0x80000200")
     refused("has rpdo 1 switched off: give it a map", folder)
-    with pytest.raises(ValidationError, match="node_id 5 of amplifier is also that of sensor"):
+    with pytest.raises(ValidationError, match=r"nodes\.amplifier\.node_id: 5 is also that of sensor"):
         CanOpen.Options.model_validate(options(nodes__amplifier__node_id=5))
     refused(
-        "strain_x is both in tpdo 1 and in tpdo 2",
+        "nodes.sensor.tpdo.2.signals.strain_x: it is in tpdo 1 too",
         nodes__sensor__tpdo__2__signals={"strain_x": {"object": "strain_y", "scale": 1.0}},
     )
 
@@ -227,7 +227,7 @@ def test_watchdog(folder):
         ({"nodes__sensor__tpdo": {}}, "a node needs a tpdo or an rpdo"),
         ({"nodes__sensor__hartbeat_ms": 20}, "hartbeat_ms"),
         ({"nodes__sensor__node_id": 128}, "127"),
-        ({"own_node_id": 5}, "node_id 5 of sensor is also that of own_node_id"),
+        ({"own_node_id": 5}, r"nodes\.sensor\.node_id: 5 is also that of own_node_id"),
         ({"nodes__amplifier__watchdog": "x"}, "leave it or watchdog_ms out"),
     ],
 )

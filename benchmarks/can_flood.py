@@ -1,0 +1,45 @@
+"""A device that sends as fast as it is listened to, in a process of its own: ``python -m benchmarks.can_flood CHANNEL N``.
+
+It stands in for the hub of the test bus, without a bus time: N frames to each client, one client after the other.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+
+from micromanip.sim.canbus.client_port import address
+from micromanip.sim.canbus.frame import STAMP, Frame, pack
+
+SENSORS, LENGTH = 0x101, 24
+BITRATE, DATA_BITRATE = 1_000_000, 5_000_000
+
+
+def main() -> None:
+    """Serve until it is killed; says "ready" once clients may come."""
+    channel, count = sys.argv[1], int(sys.argv[2])
+    packets = [_packet(i) for i in range(count)]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(address(channel))
+        listener.listen()
+        print("ready", flush=True)  # noqa: T201
+        while True:
+            client = listener.accept()[0]
+            client.send(json.dumps({"bitrate": BITRATE, "data_bitrate": DATA_BITRATE}).encode())
+            try:
+                for packet in packets:
+                    client.send(packet)
+                client.recv(1)  # until it has gone
+            except OSError:
+                continue
+
+
+def _packet(i: int) -> bytes:
+    """Sensors of `can/manipulator.dbc`, zeros but for the counter in the last two bytes."""
+    data = bytes(LENGTH - 2) + (i % (1 << 16)).to_bytes(2, "little")
+    return STAMP.pack(0) + pack(Frame(SENSORS, data, fd=True, bitrate_switch=True))
+
+
+if __name__ == "__main__":
+    main()

@@ -47,9 +47,7 @@ def _rate_hz(read: Callable[[], None]) -> float:
 
 
 def _received(channel: str) -> None:
-    with can.Bus(
-        channel, "micromanip", ignore_config=True, fd=True, bitrate=BITRATE, data_bitrate=DATA_BITRATE
-    ) as bus:
+    with can.Bus(channel, "micromanip", ignore_config=True, fd=True, bitrate=BITRATE, data_bitrate=DATA_BITRATE) as bus:
         for _ in range(FRAMES):
             if bus.recv(_PATIENCE_NS * 1e-9) is None:
                 raise CheckFailed("frames of the flood are missing")

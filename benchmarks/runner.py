@@ -10,6 +10,7 @@ from .plan import Plan
 from .results import Report, Skipped
 
 NAMES = (
+NAMES = (
     "cycle",
     "lateness",
     "offline",
@@ -19,6 +20,7 @@ NAMES = (
     "can_worker",
     "line_rates",
     "modbus_transactions",
+)
 )
 """Each is the module of that name with its function ``run``, imported only when it is used."""
 

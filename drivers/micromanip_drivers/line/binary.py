@@ -52,7 +52,9 @@ class BinaryFraming(Framing):
         self._reader = FrameReader(port, FrameSearch(frames.sync, self._kinds.length, options.crc))
         self.loads: Sequence[Load] = line_time.loads([*self._traffic(line_time, options.turnaround_us * 1e-6)])
         self._reply_ns, self._drain_ns = round(options.reply_ms * 1e6), round(options.drain_ms * 1e6)
-        self._owed_until_ns = 0
+        self._asking = self._identity.request if self._identity else b""
+        self._identity_kind = options.identity.kind if options.identity else None
+        self._is_owed, self._owed_until_ns = False, 0
         self._counters = dict.fromkeys(("frames", "not_ours", "missing_answers", "late_answers", "held_back"), 0)
 
     def begin(self, deadline_ns: int) -> None:
@@ -73,7 +75,7 @@ class BinaryFraming(Framing):
             sent.was_sent()
             return
         self._take(0, inbox)
-        if time.monotonic_ns() < self._owed_until_ns:  # what answers now might be meant for the question before
+        if self._is_held():
             self._counters["held_back"] += 1
             self._silence.check(time.monotonic_ns())
             return
@@ -88,7 +90,7 @@ class BinaryFraming(Framing):
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         self._forget()
-        asking = [self._identity.request] if self._identity and self._identity.request else []
+        asking = [self._asking] if self._asking else []
         for sent, answer in zip(self._sent, self._answers, strict=True):
             if answer is not None and not sent.indices:
                 asking.append(sent.frame([0.0] * len(self.outputs)))
@@ -107,10 +109,20 @@ class BinaryFraming(Framing):
 
     def _forget(self) -> None:
         self._reader.forget()
-        self._owed_until_ns = 0
+        self._is_owed = False
         for message in self._messages:
             if message.counter:
                 message.counter.forget()
+
+    def _is_held(self) -> bool:
+        """Whether an answer of before may still come, and be taken for that of the next question."""
+        now_ns = time.monotonic_ns()
+        if self._is_owed and now_ns >= self._owed_until_ns:
+            self._owed_until_ns = now_ns + self._drain_ns
+            self._is_owed = bool(self._asking)
+            if self._asking:
+                self._port.send(self._asking)
+        return self._is_owed
 
     def _take(self, until_ns: int, inbox: Inbox) -> int:
         """Take what came; when its newest part came, 0 if there was none."""
@@ -119,7 +131,9 @@ class BinaryFraming(Framing):
             message = self._kinds.message(frame)
             if message is not None and message in self._answers:
                 self._counters["late_answers"] += 1
-                self._owed_until_ns = 0  # nothing else was asked meanwhile: it is the one that was missing
+                self._is_owed = False  # nothing else was asked meanwhile: it is the one that was missing
+            elif self._asking and self._kinds.kind(frame) == self._identity_kind:
+                self._is_owed = False  # it answers in order: the one that was missing is lost
             else:
                 self._take_one(message, frame, time_ns, inbox)
         return frames[-1][1] if frames else 0
@@ -148,7 +162,7 @@ class BinaryFraming(Framing):
             if time.monotonic_ns() >= deadline_ns:
                 break
         self._reader.forget()
-        self._owed_until_ns = time.monotonic_ns() + self._drain_ns
+        self._is_owed, self._owed_until_ns = True, time.monotonic_ns() + self._drain_ns
         self._counters["missing_answers"] += 1
         self._silence.check(time.monotonic_ns())
         how = "was damaged" if self._reader.counters["bad_frames"] > bad else "did not come"

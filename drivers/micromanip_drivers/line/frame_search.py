@@ -109,11 +109,29 @@ class FrameSearch:
 
     def _is_good(self, frame: bytes, buffer: bytearray) -> bool:
         if self._checksum is not None:
-            end = len(frame) - self._crc_size
-            said = int.from_bytes(frame[end:], self._crc_order)
-            return self._checksum(frame[self._covered : end]) == said
+            return self._adds_up(frame) and not self._is_crossed(len(frame), buffer)
         after = bytes(buffer[len(frame) : len(frame) + len(self._sync)])
         return self._sync.startswith(after) and self._sync not in frame[1:]
+
+    def _adds_up(self, frame: bytes) -> bool:
+        assert self._checksum is not None
+        end = len(frame) - self._crc_size
+        return self._checksum(frame[self._covered : end]) == int.from_bytes(frame[end:], self._crc_order)
+
+    def _is_crossed(self, length: int, buffer: bytearray) -> bool:
+        """Whether a good frame begins inside of these `length` bytes, and ends behind them.
+
+        Then that one is real, and what looks like a frame is one that was cut short and the beginning of the next: a
+        checksum of 8 bits agrees by chance with one of 256 of them.
+        """
+        last = length + len(self._sync) - 1
+        at = buffer.find(self._sync, 1, last)
+        while at > 0:
+            inner = self._measure(buffer[at:])
+            if inner and length < at + inner <= len(buffer) and self._adds_up(bytes(buffer[at : at + inner])):
+                return True
+            at = buffer.find(self._sync, at + 1, last)
+        return False
 
     def _reject(self) -> None:
         del self._buffer[:1]

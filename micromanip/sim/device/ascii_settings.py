@@ -34,7 +34,7 @@ def read_interpreter(
 
 def _gcs(source: Source, place: Place, options: Mapping[str, Any], behind: Behind, line: DeviceLine) -> GcsController:
     outputs: dict[str, Affine] = {}
-    sensors: dict[str, Affine] = {}
+    sensors: dict[str, dict[str, Affine]] = {}
     limits: dict[str, tuple[float, float]] = {}
     for command, item, channel, entry in _fields(source, place, options, "write"):
         limits.setdefault(item, _VOLTS)
@@ -43,8 +43,8 @@ def _gcs(source: Source, place: Place, options: Mapping[str, Any], behind: Behin
     for command, item, channel, entry in _fields(source, place, options, "read"):
         limits.setdefault(item, _VOLTS)
         if command in _POSITIONS:
-            sensors[item] = _affine(channel, entry)
-    axes = [GcsAxis(name, behind, outputs.get(name), sensors.get(name), limits[name]) for name in sorted(limits)]
+            sensors.setdefault(item, {})[command] = _affine(channel, entry)
+    axes = [GcsAxis(name, behind, outputs.get(name), limits[name], sensors.get(name, {})) for name in sorted(limits)]
     return GcsController(axes, behind, line)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from .line_device import Behind
@@ -50,17 +51,27 @@ class GcsAxis:
     """Moved in open loop, or by its own servo. Numbers are those on the line."""
 
     def __init__(
-        self, name: str, behind: Behind, output: Affine | None, sensor: Affine | None, limits: tuple[float, float]
+        self,
+        name: str,
+        behind: Behind,
+        output: Affine | None,
+        limits: tuple[float, float],
+        sensors: Mapping[str, Affine],
     ) -> None:
-        """`output` and `sensor` are None where the driver has no such channel; `limits` are those of the output."""
-        self.name, self.output, self.sensor, self.limits = name, output, sensor, limits
+        """`output` is None where nobody writes it; `limits` are its own; `sensors` are by command, POS? and TSP?."""
+        self.name, self.output, self.limits, self.sensors = name, output, limits, dict(sensors)
         self.commanded, self.target, self.servo = 0.0, 0.0, False
         self._behind = behind
 
     @property
     def position(self) -> float:
-        """What its sensor says; 0 without one."""
-        return self.sensor.number(self._behind.read(self.sensor.channel)) if self.sensor else 0.0
+        """Of the axis, as ``POS?`` tells it and its servo sees it; 0 without a sensor."""
+        return self._read("POS?", "TSP?")
+
+    @property
+    def sensor_position(self) -> float:
+        """Of its sensor channel, as ``TSP?`` tells it; the axis' own where it has but one."""
+        return self._read("TSP?", "POS?")
 
     @property
     def voltage(self) -> float:
@@ -96,3 +107,7 @@ class GcsAxis:
     def reboot(self) -> None:
         """As it is switched on."""
         self.commanded, self.target, self.servo = 0.0, 0.0, False
+
+    def _read(self, command: str, other: str) -> float:
+        sensor = self.sensors.get(command) or self.sensors.get(other)
+        return sensor.number(self._behind.read(sensor.channel)) if sensor else 0.0

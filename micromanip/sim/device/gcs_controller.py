@@ -33,7 +33,7 @@ _UNIT = 0x07000601
 """The only parameter that is known: the unit of an axis."""
 _QUERIES: dict[str, Callable[[GcsAxis], str]] = {
     "POS?": lambda axis: _number(axis.position),
-    "TSP?": lambda axis: _number(axis.position),
+    "TSP?": lambda axis: _number(axis.sensor_position),
     "VOL?": lambda axis: _number(axis.voltage),
     "SVA?": lambda axis: _number(axis.commanded),
     "MOV?": lambda axis: _number(axis.target),
@@ -70,7 +70,7 @@ class GcsController:
     single_bytes = b"\x05\x07\x18"
 
     def __init__(self, axes: list[GcsAxis], behind: Behind, line: DeviceLine) -> None:
-        self.signals = [behind.signal(axis.sensor.channel) for axis in axes if axis.sensor]
+        self.signals = [behind.signal(sensor.channel) for axis in axes for sensor in axis.sensors.values()]
         self.description = f"GCS 2.0 controller, axes {' '.join(axis.name for axis in axes)}"
         self._axes = {axis.name: axis for axis in axes}
         self._behind, self._line, self._error = behind, line, 0

@@ -138,7 +138,7 @@ def _stream(
 ) -> LineDevice:
     packet, samples = read_packet(source, place, layout), samples_a_packet(source, place, layout)
     begin = hexadecimal(source, place, layout, "start") if layout.get("start") else b""
-    return StreamDevice(loop, line, behind, packet, period_ns(source, place, layout), samples, begin)
+    return StreamDevice(loop, line, behind, place[1], packet, period_ns(source, place, layout), samples, begin)
 
 
 _DEVICES: dict[str, Callable[..., LineDevice]] = {"binary": _board, "ascii": _ascii, "stream": _stream}

@@ -73,12 +73,16 @@ class StreamDevice(LineDevice):
         loop: EventLoop,
         line: DeviceLine,
         behind: Behind,
+        name: str,
         layout: PacketLayout,
         period_ns: int,
         samples: int,
         begin: bytes,
     ) -> None:
-        """`samples` go into a packet; with `begin` the device waits for these bytes before it sends any."""
+        """Its packets are called `name` in commands, and have `samples` each.
+
+        With `begin` the device waits for these bytes before it sends any.
+        """
         super().__init__(loop, line, behind)
         self.faults = (Identity,) if layout.identity else ()
         self.signals = [behind.signal(channel) for channel in layout.fields]
@@ -88,7 +92,7 @@ class StreamDevice(LineDevice):
         self._gathered: list[Mapping[str, float]] = []
         self._first_ns, self._began_ns = 0, 0
         self._count = 0
-        self.sends(Due("samples", period_ns), self._sample)
+        self.sends(Due(name, period_ns), self._sample)
 
     @property
     def description(self) -> str:

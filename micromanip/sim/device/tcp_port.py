@@ -107,7 +107,8 @@ class TcpPort(LinePort):
         except OSError as error:
             listener.close()
             raise DeviceUnavailable(
-                f"{self.name} can't be listened on: {error.strerror}; it is in use, or not an address of this machine"
+                f"{self.name} can't be listened on: {error.strerror}; devices are played at an address of this "
+                "machine, on a port that is free"
             ) from error
         self._listener = listener
         self._loop.add_reader(listener.fileno(), self._accept)

@@ -62,7 +62,8 @@ class UdpPort(LinePort):
         except OSError as error:
             opened.close()
             raise DeviceUnavailable(
-                f"{self.name} can't be opened: {error.strerror}; it is in use, or not an address of this machine"
+                f"{self.name} can't be opened: {error.strerror}; devices are played at an address of this "
+                "machine, on a port that is free"
             ) from error
         self._socket = opened
         self._loop.add_reader(opened.fileno(), self._read)

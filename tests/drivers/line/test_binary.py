@@ -126,6 +126,48 @@ def test_a_late_answer_is_no_sample_and_answers_no_other_question():
     assert one.counters["late_answers"] > 5
 
 
+IDENTITY = {"request": "aa 55 00 01", "kind": 0x81, "numbers": {"number": {"at": 4, "type": "uint8", "value": 7}}}
+
+
+def test_an_answer_that_comes_after_all_patience_is_still_not_taken_for_another():
+    """Where the device can be asked who it is: it answers in order, so what comes before that answer is old."""
+    device, late_s = board(), [0.0]
+
+    def answer(data):
+        if data[3] == 0x01:
+            return [(0.0, frame(0x81, b"\x07"))]
+        return [(late_s[0], said) for _, said in device(data)]
+
+    one, _ = framing(answer, identity=IDENTITY)
+    begin(one)
+    late_s[0] = 0.05  # four times drain_ms
+    with pytest.raises(TransientError):
+        perform(one, ASK)
+    late_s[0] = 0.0
+    end_s = time.monotonic() + 1.0
+    while not (values := perform(one, ASK)) and time.monotonic() < end_s:
+        time.sleep(0.001)
+    assert values == {"strain": 1.0}
+    assert one.counters["late_answers"] == 1
+
+
+def test_an_answer_that_is_lost_is_waited_for_once():
+    device, lost = board(), [True]
+    one, _ = framing(
+        lambda data: [(0.0, frame(0x81, b"\x07"))] if data[3] == 1 else [] if lost[0] else device(data),
+        identity=IDENTITY,
+    )
+    begin(one)
+    with pytest.raises(TransientError):
+        perform(one, ASK)
+    lost[0] = False
+    end_s = time.monotonic() + 1.0
+    while not (values := perform(one, ASK)) and time.monotonic() < end_s:
+        time.sleep(0.001)
+    assert values == {"strain": 0.5}
+    assert one.counters["missing_answers"] == 1
+
+
 def test_a_damaged_answer_is_an_error():
     def damaged(data):
         wire = bytearray(frame(0x91, b"\x00\x01"))
@@ -287,6 +329,19 @@ def test_without_kind_length_and_checksum():
     assert port.sent == [b"\x7e\x09"]
 
 
+def test_length_that_is_not_that_of_the_kind():
+    options = {**ASKED, "crc": None, "send": {}}
+    del options["send"]
+    options["receive"] = {"state": {"kind": 0x92, "rate_hz": 10, "fields": {"t": {"at": 4, "type": "int8"}}}}
+    options["length"] = {"at": 2, "type": "uint8", "plus": 4}
+    one, port = framing(lambda data: [], options)
+    port.coming.append((time.monotonic_ns(), b"\xaa\x55\x01\x92\x05"))
+    begin(one)
+    with pytest.raises(TransientError, match="1 damaged frame"):
+        taken(one, port, b"\xaa\x55\x02\x92\x05")
+    assert len(taken(one, port, b"\xaa\x55\x01\x92\x05")) == 1
+
+
 def test_probe_on_the_wire():
     device = Board(PtyWire())
     device.start()
@@ -320,7 +375,8 @@ def test_echo_of_a_two_wire_line():
 
     device = Echoing(PtyWire())
     device.start()
-    options = {"serial": {**device.wire.options["serial"], "rs485": {"echo": True}}, "binary": ASKED}
+    patient = {**ASKED, "reply_ms": 250.0}
+    options = {"serial": {**device.wire.options["serial"], "rs485": {"echo": True}}, "binary": patient}
     line = Line(Line.Options.model_validate(options), None)
     try:
         line.open()

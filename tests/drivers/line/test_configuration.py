@@ -4,6 +4,7 @@ import copy
 import re
 import textwrap
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 import yaml
@@ -43,6 +44,18 @@ def test_the_examples_in_the_keys_own_words_work(module):
     for driver in drivers:
         assert driver.inputs
         assert all(0 < load.share < load.limit for load in driver.loads())
+
+
+def test_the_examples_of_the_documentation_work():
+    page = Path(__file__).parents[3] / "docs" / "lines.md"
+    drivers = {}
+    for block in re.findall(r"```yaml\n(.*?)```", page.read_text(), re.S):
+        for name, keys in yaml.safe_load(block)["drivers"].items():
+            assert keys.pop("driver") == "line"
+            drivers[name] = built(keys)
+    assert set(drivers) == {"board", "piezo", "tracker"}
+    (one,) = drivers["board"].loads()
+    assert f"{one.name} {100 * one.share:.0f} % of 80 %: {one.detail}" in page.read_text()
 
 
 def changed(options, path, value):

@@ -81,6 +81,17 @@ def test_values_are_those_of_the_question():
     assert read(one, VOLTAGE)[0] < 0
 
 
+def test_a_value_is_as_old_as_its_way_is_long():
+    one, _ = framing(gcs_device(lambda: 0.002), turnaround_us=500.0)
+    begin(one)
+    inbox, before_ns = Inbox(), time.monotonic_ns()
+    one.perform(POSITION, [0.0], inbox)
+    after_ns, latency_ns = time.monotonic_ns(), round(one.inputs[0].latency_s * 1e9)
+    (sample,) = inbox
+    assert latency_ns > 500_000
+    assert before_ns + 2_000_000 <= sample.time_ns + latency_ns <= after_ns
+
+
 @pytest.mark.parametrize("identity", [None, "Physik"])
 def test_a_late_reply_is_never_taken_for_that_of_another_question(identity):
     """With delays around the time-out, in any order; and good replies still come."""
@@ -130,11 +141,11 @@ def test_without_an_identity_the_late_reply_itself_ends_the_waiting():
     delays = [0.0]
     one, _ = framing(gcs_device(lambda: delays[0]), drain_ms=2000.0)
     begin(one)
-    delays[0] = 0.008
+    delays[0] = 0.08
     with pytest.raises(TransientError):
         read(one, POSITION)
     delays[0] = 0.0
-    time.sleep(0.01)
+    time.sleep(0.09)
     assert read(one, VOLTAGE)[0] < 0
 
 
@@ -300,3 +311,30 @@ def test_value_that_can_not_be_sent(value):
     with pytest.raises(OutputRefused, match=r"voltage is .*nothing was sent"):
         one.perform(COMMAND, [value], Inbox())
     assert port.sent == sent
+
+
+def test_while_the_device_is_asked_who_it_is_a_late_line_does_not_end_the_waiting():
+    """More than one reply may be late; what was asked last comes last."""
+    delays = [0.0]
+    one, _ = framing(gcs_device(lambda: delays[0]), identity="Physik", drain_ms=2000.0)
+    begin(one)
+    delays[0] = 0.1  # the position after 0.1 s, the identity after 0.2 s
+    with pytest.raises(TransientError):
+        read(one, POSITION)
+    delays[0] = 0.0
+    time.sleep(0.12)
+    assert read(one, VOLTAGE) == []
+    assert one.counters["late_lines"] == 1
+    time.sleep(0.12)
+    assert read(one, VOLTAGE)[0] < 0
+
+
+def test_noise_before_a_reply_does_not_become_a_part_of_it():
+    options = {
+        "terminator": "\n",
+        "read": {"value": {"request": "X?", "reply": ["{x}"], "rate_hz": 100, "fields": {"x": {}}}},
+    }
+    one, port = framing(lambda data: [(0.0, b"5\n")], options)
+    begin(one)
+    port.coming.append((time.monotonic_ns(), b"1"))
+    assert read(one, 0) == [5.0]

@@ -1,6 +1,7 @@
 """Frames out of bytes: however they are cut, whatever lies between them."""
 
 import itertools
+import random
 
 import pytest
 from hypothesis import example, given, settings
@@ -74,6 +75,22 @@ def test_a_frame_that_ends_early_is_left_out(contents, data):
     assert got == frames[:victim] + frames[victim + 1 :]
 
 
+def test_a_short_checksum_that_agrees_by_chance_makes_no_frame():
+    """Half a frame and the beginning of the next: with 8 bits one of 256 such pairs adds up."""
+    crc, draw, chances = Crc(name="crc8.smbus"), random.Random(7), 0
+
+    def sealed(content):
+        body = SYNC + bytes((len(content),)) + content
+        return body + bytes((crc.function(body),))
+
+    for _ in range(3000):
+        cut_short, whole = sealed(draw.randbytes(16))[: draw.randint(4, 18)], sealed(draw.randbytes(16))
+        seeming = (cut_short + whole)[:20]
+        chances += crc.function(seeming[:19]) == seeming[19]
+        assert fed(search(crc), [cut_short, whole]) == [whole]
+    assert chances > 3
+
+
 def test_frames_have_the_time_of_their_last_byte():
     """Also one that was found late, behind a length that was wrong."""
     first, second = frame(b"one"), frame(b"two")
@@ -117,6 +134,12 @@ def test_without_checksum_a_frame_must_be_followed_by_another():
     assert found.bad == 1
 
 
+def test_without_checksum_a_frame_must_not_hold_the_beginning_of_another():
+    """Nothing follows yet, so the length would fit."""
+    whole = frame(b"0123456789", crc=None)
+    assert fed(search(crc=None), [whole[:6] + whole[:7], whole[7:]]) == [whole]
+
+
 @given(payloads, st.lists(st.integers(0, 1000), max_size=30))
 def test_without_checksum_any_cutting_gives_the_same_frames(contents, places):
     frames = [frame(bytes(byte & 0x7F for byte in content), crc=None) for content in contents]
@@ -153,4 +176,6 @@ def test_a_line_that_never_ends_is_given_up():
     for _ in range(100):
         assert lines.feed(b"x" * 100) == []
     assert lines.noise >= 1
-    assert lines.feed(b"\nERR\n")[-1] == "ERR"
+    *rest, last = lines.feed(b"\nERR\n")
+    assert last == "ERR"
+    assert all(len(line) < 4096 for line in rest)

@@ -120,6 +120,12 @@ def test_packet_of_another_device_is_no_sample():
         begun(other.packet(1, (9, 9, 9)) * 2)
 
 
+def test_one_packet_that_looks_like_another_device_may_be_noise():
+    other = CapacitiveSensor(TcpWire())
+    other.serial_number = 1
+    begun(other.packet(1, (9, 9, 9)) + packet(0, 1))
+
+
 def test_status():
     one, port = begun(packet(0, 5))
     bad = CapacitiveSensor(TcpWire())

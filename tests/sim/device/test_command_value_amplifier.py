@@ -12,7 +12,10 @@ AMPLIFIER = """\
       identity: {{request: ver, pattern: "^NV40/3"}}
       read:
         monitor: {{command: rk, rate_hz: 50, fields: {{monitor_x: {{item: "0"}}}}}}
-        strains: {{command: mess, rate_hz: 50, fields: {{strain_x: {{item: "0"}}, strain_y: {{item: "1", scale: 0.1}}}}}}
+        strains:
+          command: mess
+          rate_hz: 50
+          fields: {{strain_x: {{item: "0"}}, strain_y: {{item: "1", scale: 0.1}}}}
       write:
         voltages:
           command: set

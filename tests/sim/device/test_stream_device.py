@@ -189,6 +189,14 @@ def test_datagrams_have_counter_time_and_checksum(tracker):
     assert (1000 * x, 1000 * y) == (plant.value("strain_x"), plant.value("strain_y"))
 
 
+def test_its_packets_have_the_name_of_the_driver(tracker):
+    bench = tracker()
+    bench.order(device="silence", message="device", for_s=0.01)
+    bench.run(0.0095)
+    assert datagrams(bench) == []
+    assert "there are device" in bench.order(device="silence", message="samples")["error"]
+
+
 def test_its_clock_gains(tracker):
     bench = tracker()
     bench.run(10.0)

@@ -10,7 +10,6 @@ from .plan import Plan
 from .results import Report, Skipped
 
 NAMES = (
-NAMES = (
     "cycle",
     "lateness",
     "offline",
@@ -20,7 +19,6 @@ NAMES = (
     "can_worker",
     "line_rates",
     "modbus_transactions",
-)
 )
 """Each is the module of that name with its function ``run``, imported only when it is used."""
 

@@ -10,7 +10,7 @@ from .cases import AMPLIFIER, LINK, STAGE, STRAIN, Case, inject, kill, tell
 
 STALE_MS = 300.0
 """Samples count as too old after 20 ms, and the axes coast on the feedforward for 50 ms."""
-_STALE = (STRAIN, STAGE, LINK, AMPLIFIER)
+_STALE = (STRAIN, STAGE, LINK, AMPLIFIER, "X-106")
 
 
 def half_open(bench: Any) -> None:

@@ -1,9 +1,11 @@
-"""Requests and answers on one line: never more than one request is out, and no late answer is taken for another's.
+"""Requests and answers on one line: one at a time, and no late answer is taken for another's.
 
 Modbus RTU has no transaction number: one late answer, and every later one would be that to the request before. So after
 a time-out the line is kept silent, and what comes is thrown away, until nothing has come for longer than the latest
 answer of any device (``drain_ms``), or until the late answer itself has come: nothing else is under way then. On a
-serial line that is believed once; a second time-out in a row waits for the silence, whatever comes.
+serial line that is believed once; a second time-out in a row waits for the silence, whatever comes. Over TCP, where the
+number tells, the silence begins with the second time-out in a row: it keeps requests from gathering in a device that
+hangs.
 
 The receive loop is our own, on the ports of the driver `line`: the library's client blocks for its time-outs, and goes
 on after one as if nothing could come any more.
@@ -187,7 +189,8 @@ class Client:
             self._counters["resyncs"] += 1
             self._overdue = request if self._timeouts == 1 and not self._buffer else None
             self._buffer.clear()
-        self._be_silent(now_ns + self._drain_ns, self._drain_ns)
+        if self._serial or self._timeouts > 1:
+            self._be_silent(now_ns + self._drain_ns, self._drain_ns)
         raise TransientError(text)
 
     def _came_late(self, request: _Request) -> bool:

@@ -1,4 +1,4 @@
-"""`check` and `run` of configurations with a bus: its budget; what is wrong, in one line, with its place and a way out."""
+"""Configurations with a bus: the budget, and what is wrong in one line, with its place and what would be right."""
 
 import json
 import re
@@ -132,9 +132,7 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize(("example", "percent"), [("can.yaml", 35), ("canopen.yaml", 63)])
 def test_the_examples_are_good_and_their_budget_is_shown(example, percent, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["check", str(CONFIG / example), "--json"])
-    assert ended.value.code == 0
+    main(["check", str(CONFIG / example), "--json"])
     [load] = json.loads(capsys.readouterr().out)["buses"]["can0"]
     assert load["name"] == "can0"
     assert load["share_percent"] == pytest.approx(percent, abs=0.5)

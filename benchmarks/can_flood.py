@@ -1,4 +1,4 @@
-"""A device that sends as fast as it is listened to, in a process of its own: ``python -m benchmarks.can_flood CHANNEL N``.
+"""A device that sends as fast as it is listened to: ``python -m benchmarks.can_flood CHANNEL N``.
 
 It stands in for the hub of the test bus, without a bus time: N frames to each client, one client after the other.
 """

@@ -45,7 +45,7 @@ _FRAMES = {
 }
 _TEXT = {
     "ascii": {
-        "terminator": "\n",
+        "terminator": "LF",
         "read": {
             "strains": {
                 "request": _REQUEST.decode().strip(),

@@ -100,7 +100,7 @@ BROKEN = {
     "CANopen, two PDOs on one identifier": (
         ("canopen.yaml", "eds: can/sensor.eds", "eds: can/twin.eds"),
         "          2: {rate_hz: 1000",
-        "drivers.can0.nodes.sensor.tpdo.2: tpdo 2 of node sensor and tpdo 1 of node sensor are both on identifier 0x185",
+        "drivers.can0.nodes.sensor.tpdo.2: tpdo 2 of node sensor and tpdo 1 of node sensor are both on identifier ",
         "another EDS file",
     ),
     "CANopen, one number for two nodes": (

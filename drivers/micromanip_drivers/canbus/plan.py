@@ -27,9 +27,7 @@ class UnpackPlan:
 
     def codes(self, data: bytes | bytearray) -> list[int]:
         """What the bits say, before scale and offset; `data` has the length of the message."""
-        return [
-            ((_number(data, field) >> shift & mask) ^ sign) - sign for shift, mask, sign, _, _, field in self._rows
-        ]
+        return [((_number(data, field) >> shift & mask) ^ sign) - sign for shift, mask, sign, _, _, field in self._rows]
 
     def values(self, data: bytes | bytearray) -> list[float]:
         """The values; `data` has the length of the message."""

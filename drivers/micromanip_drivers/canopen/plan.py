@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping as Names
 from collections.abc import Iterator, Sequence
+from collections.abc import Mapping as Names
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -147,7 +147,8 @@ def _sync_agrees(plan: NodePlan, sync_hz: float | None) -> None:
     if synchronous and sync_hz is None:
         raise ConfigError(f"{synchronous[0].key}: {synchronous[0].title} goes with SYNC, which needs sync_hz")
     if synchronous and plan.dictionary.value(0x1005) & 0x7FF != SYNC:
-        raise ConfigError(f"nodes.{plan.name}.eds: {plan.dictionary.file} has SYNC elsewhere than at 0x80 (object 1005)")
+        file = plan.dictionary.file
+        raise ConfigError(f"nodes.{plan.name}.eds: {file} has SYNC elsewhere than at 0x80 (object 1005)")
     for pdo in plan.tpdos:
         if not pdo.mapping.synchronous or sync_hz is None:
             continue
@@ -165,7 +166,9 @@ def _watch_can_work(plan: NodePlan) -> None:
         return
     if plan.options.watchdog_by == "heartbeat":
         if not plan.dictionary.has(0x1016, 1):
-            raise ConfigError(f"nodes.{plan.name}.watchdog_by: {file} has no 1016sub1, so it can't wait for a heartbeat")
+            raise ConfigError(
+                f"nodes.{plan.name}.watchdog_by: {file} has no 1016sub1, so it can't wait for a heartbeat"
+            )
         return
     for pdo in plan.rpdos:
         if not plan.dictionary.has(pdo.mapping.parameters, 5):
@@ -176,8 +179,8 @@ def _watch_can_work(plan: NodePlan) -> None:
             )
         if watchdog_ms * 1e-3 * pdo.options.rate_hz < 3.0:
             raise ConfigError(
-                f"nodes.{plan.name}.watchdog_ms: {pdo.title} is sent each {1e3 / pdo.options.rate_hz:g} ms; a watchdog_ms of {watchdog_ms} would "
-                "trip over one that is late: three periods are the least"
+                f"nodes.{plan.name}.watchdog_ms: {pdo.title} is sent each {1e3 / pdo.options.rate_hz:g} ms; a "
+                f"watchdog_ms of {watchdog_ms} would trip over one that is late: three periods are the least"
             )
 
 

@@ -31,6 +31,8 @@ _TIMEOUT_NS = 100_000_000
 class Sdo(SdoClient):
     """Access to the objects of one node, until `deadline_ns`. `other` is given what else came meanwhile."""
 
+    MAX_RETRIES = 3  # tries: a question may be lost, and asking or writing the same again changes nothing
+
     def __init__(
         self, link: CanLink, plan: NodePlan, deadline_ns: int, other: Callable[[can.Message, int], None]
     ) -> None:

@@ -42,7 +42,7 @@ An amplifier with commands such as "set,0,12.300", one value a line, by its pres
 Any other device, by templates; what stands in braces is a field, blanks around a line's text do not matter:
 
         ascii:
-          terminator: "\r\n"                            # "\r" and "\n" also end what is received with any of them
+          terminator: CRLF                              # of what is sent; what is received may end in any of them
           identity: {request: "ID", pattern: "^AMP-3 "}
           errors: {request: "STAT", reply: "STAT {code}", good: [0]}
           read:
@@ -192,10 +192,10 @@ class Ascii(Section):
     preset: Literal["gcs", "command,value"] | None = Field(
         default=None, description="Templates that are known: GCS 2.0, or lines such as set,0,12.3; null: none."
     )
-    terminator: Literal["\n", "\r", "\r\n"] | None = Field(
+    terminator: Literal["LF", "CR", "CRLF"] | None = Field(
         default=None,
         description="End of the lines that are sent; those received may end in any of them. null: the preset's, "
-        "\\n of gcs, \\r of command,value.",
+        "LF of gcs, CR of command,value.",
     )
     identity: AsciiIdentity | None = Field(
         default=None,

@@ -15,7 +15,8 @@ from micromanip.errors import ConfigError
 
 from .ascii_options import Ascii, AsciiInput, AsciiOutput, Errors, Read, Write
 
-_TERMINATORS = {"gcs": "\n", "command,value": "\r"}
+_ENDS = {"LF": "\n", "CR": "\r", "CRLF": "\r\n"}
+_TERMINATORS = {"gcs": "LF", "command,value": "CR"}
 _ERRORS = {"gcs": Errors(request="ERR?"), "command,value": Errors(reply="err,{code}")}
 _MEANINGS = {
     "gcs": {
@@ -39,7 +40,7 @@ Step = tuple[str, Sequence[str]]
 
 def terminator(options: Ascii) -> str:
     """End of the lines that are sent."""
-    return options.terminator or _TERMINATORS[options.preset or ""]
+    return _ENDS[options.terminator or _TERMINATORS[options.preset or ""]]
 
 
 def errors(options: Ascii) -> Errors | None:

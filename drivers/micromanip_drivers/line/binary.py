@@ -47,6 +47,7 @@ class BinaryFraming(Framing):
         self._messages = list(received.values())
         self._answers = [_answer(sent, options.send[sent.name].reply, received) for sent in self._sent]
         self._by_itself = [message for message in self._messages if message not in self._answers]
+        self.speaks_hz = max((message.rate_hz for message in self._by_itself), default=None)
         self._identity = IdentityFrame(frames, options.identity) if options.identity else None
         self._kinds = FrameKinds(options, self._messages, self._identity)
         self._reader = FrameReader(port, FrameSearch(frames.sync, self._kinds.length, options.crc))
@@ -118,11 +119,15 @@ class BinaryFraming(Framing):
         """Whether an answer of before may still come, and be taken for that of the next question."""
         now_ns = time.monotonic_ns()
         if self._is_owed and now_ns >= self._owed_until_ns:
-            self._owed_until_ns = now_ns + self._drain_ns
             self._is_owed = bool(self._asking)
-            if self._asking:
-                self._port.send(self._asking)
+            self._ask_for_order(now_ns)
         return self._is_owed
+
+    def _ask_for_order(self, now_ns: int) -> None:
+        """Ask who it is, where that can be asked: it answers in order, so what comes before that answer is old."""
+        self._owed_until_ns = now_ns + self._drain_ns
+        if self._asking:
+            self._port.send(self._asking)
 
     def _take(self, until_ns: int, inbox: Inbox) -> int:
         """Take what came; when its newest part came, 0 if there was none."""
@@ -133,7 +138,7 @@ class BinaryFraming(Framing):
                 self._counters["late_answers"] += 1
                 self._is_owed = False  # nothing else was asked meanwhile: it is the one that was missing
             elif self._asking and self._kinds.kind(frame) == self._identity_kind:
-                self._is_owed = False  # it answers in order: the one that was missing is lost
+                self._is_owed = False  # the one that was missing is lost
             else:
                 self._take_one(message, frame, time_ns, inbox)
         return frames[-1][1] if frames else 0
@@ -162,7 +167,8 @@ class BinaryFraming(Framing):
             if time.monotonic_ns() >= deadline_ns:
                 break
         self._reader.forget()
-        self._is_owed, self._owed_until_ns = True, time.monotonic_ns() + self._drain_ns
+        self._is_owed = True
+        self._ask_for_order(time.monotonic_ns())
         self._counters["missing_answers"] += 1
         self._silence.check(time.monotonic_ns())
         how = "was damaged" if self._reader.counters["bad_frames"] > bad else "did not come"

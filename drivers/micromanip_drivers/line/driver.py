@@ -37,6 +37,12 @@ class Line(BusDriver):
         self._options = options
         self._port = _port(options)
         self._framing = _framing(options, self._port)
+        speaks_hz = self._framing.speaks_hz
+        if speaks_hz is not None and options.silence_ms < 2e3 / speaks_hz:
+            raise ConfigError(
+                f"silence_ms: {options.silence_ms:g} is less than two periods of what comes at {speaks_hz:g} Hz: the "
+                "link would be lost again and again"
+            )
         for kind, channels in (("input", self._framing.inputs), ("output", self._framing.outputs)):
             names = [channel.name for channel in channels]
             if twice := sorted({name for name in names if names.count(name) > 1}):

@@ -15,6 +15,8 @@ class Framing(ABC):
     outputs: Sequence[Channel]
     tasks: Sequence[Task]
     loads: Sequence[Load]
+    speaks_hz: float | None = None
+    """How often the device speaks by itself, at least; None for one that only answers."""
 
     @abstractmethod
     def begin(self, deadline_ns: int) -> None:

@@ -57,6 +57,7 @@ class StreamFraming(Framing):
         self._latency_ns = round(latency_s * 1e9)
         self.inputs = [Channel(name, options.rate_hz / options.most_blocks, latency_s) for name in options.fields]
         self.loads: Sequence[Load] = line_time.loads([self._traffic(line_time)])
+        self.speaks_hz = options.rate_hz / options.most_blocks
         self._packets = 0
 
     def begin(self, deadline_ns: int) -> None:

@@ -27,7 +27,12 @@ class PlayedCanOpen:
     """Nodes that boot, obey NMT and watch their commander by themselves."""
 
     def __init__(
-        self, bus: CanBus, surroundings: Surroundings, nodes: dict[str, CanOpenNode], wires: Wires, pdos: tuple[int, int]
+        self,
+        bus: CanBus,
+        surroundings: Surroundings,
+        nodes: dict[str, CanOpenNode],
+        wires: Wires,
+        pdos: tuple[int, int],
     ) -> None:
         self.bus, self._nodes, self._pdos = bus, nodes, pdos
         self._loop, self._cell = surroundings.loop, surroundings.cell

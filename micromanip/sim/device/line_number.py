@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 from micromanip.settings.source import Source
@@ -30,35 +31,34 @@ class LineNumber:
     scale: float = 1.0
     offset: float = 0.0
 
-    @property
+    @cached_property
     def size(self) -> int:
         """How many bytes it has."""
         return _SIZES[self.kind]
 
-    @property
+    @cached_property
     def end(self) -> int:
         """The byte behind its last."""
         return self.at + self.size
 
-    @property
+    @cached_property
     def counts(self) -> int:
         """How many numbers it can be, for one that counts."""
         return int(256**self.size)
 
     def put(self, frame: bytearray, value: float) -> None:
         """Write a value: the nearest that it can hold; NaN as such where the type has it, else as the largest code."""
+        number = (value - self.offset) / self.scale
         if self.kind in _FLOATS:
-            number = (value - self.offset) / self.scale
             frame[self.at : self.end] = struct.pack(self._format, number)
             return
         low, high = self._ends
-        code = high if math.isnan(value) else round(min(max((value - self.offset) / self.scale, low), high))
-        self.put_code(frame, min(max(code, low), high))
+        code = high if math.isnan(number) else min(max(round(min(max(number, low), high)), low), high)
+        self.put_code(frame, code)
 
     def put_code(self, frame: bytearray, code: int) -> None:
         """Write a whole number, without scale."""
-        signed = self.kind.startswith("i")
-        frame[self.at : self.end] = code.to_bytes(self.size, self.byte_order, signed=signed)
+        frame[self.at : self.end] = code.to_bytes(self.size, self.byte_order, signed=self._signed)
 
     def get(self, frame: bytes) -> float:
         """Its value."""
@@ -73,14 +73,18 @@ class LineNumber:
         if self.kind in _FLOATS:
             number: float = struct.unpack(self._format, part)[0]
             return number
-        return int.from_bytes(part, self.byte_order, signed=self.kind.startswith("i"))
+        return int.from_bytes(part, self.byte_order, signed=self._signed)
 
-    @property
+    @cached_property
+    def _signed(self) -> bool:
+        return self.kind.startswith("i")
+
+    @cached_property
     def _ends(self) -> tuple[int, int]:
         bits = 8 * self.size
-        return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.kind.startswith("i") else (0, (1 << bits) - 1)
+        return (-(1 << bits - 1), (1 << bits - 1) - 1) if self._signed else (0, (1 << bits) - 1)
 
-    @property
+    @cached_property
     def _format(self) -> str:
         return ("<" if self.byte_order == "little" else ">") + _FLOATS[self.kind]
 

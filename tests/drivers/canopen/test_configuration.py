@@ -120,11 +120,13 @@ def test_near_misses():
 
 
 def test_files_that_are_no_eds(folder):
-    refused(r"^nodes\.sensor\.eds: EDS file .*nothing\.eds can't be read: No such file", nodes__sensor__eds="can/nothing.eds")
+    missing = r"^nodes\.sensor\.eds: EDS file .*nothing\.eds can't be read: No such file"
+    refused(missing, nodes__sensor__eds="can/nothing.eds")
     refused(r"sensor\.txt: a file of CANopen objects ends in \.eds", nodes__sensor__eds="can/sensor.txt")
     for text in ("no ini file", "[DeviceInfo]\n", "[1000]\nObjectType=0x7\n", "[1000\n", "[1A00]\nParameterName\n"):
         (folder / "can/broken.eds").write_text(text)
-        refused(r"^nodes\.sensor\.eds: .*broken\.eds is not a valid EDS file: ", folder, nodes__sensor__eds="can/broken.eds")
+        broken = r"^nodes\.sensor\.eds: .*broken\.eds is not a valid EDS file: "
+        refused(broken, folder, nodes__sensor__eds="can/broken.eds")
     (folder / "can/broken.eds").write_bytes(bytes(range(128, 256)))
     refused("is not a valid EDS file", folder, nodes__sensor__eds="can/broken.eds")
 

@@ -8,7 +8,7 @@ AXES = ("x", "y", "z")
 IDN = "(c)2015 Physik Instrumente (PI) GmbH & Co. KG, E-727, 0112345678, 1.2.3"
 
 FRAMING = {
-    "silence_ms": 500,
+    "silence_ms": 300,
     "ascii": {
         "preset": "gcs",
         "identity": "Physik Instrumente.*E-727",

@@ -168,6 +168,14 @@ def test_the_line_is_that_of_the_key(tmp_path):
         bus_driver(file, "one")
 
 
+@pytest.mark.parametrize(
+    ("options", "section", "key"), [(BOARD, "binary.receive.strains", "rate_hz"), (GAP, "stream", "rate_hz")]
+)
+def test_silence_that_is_the_rule(options, section, key):
+    with pytest.raises(ConfigError, match=r"silence_ms: 200 is less than two periods of what comes at .* Hz"):
+        built(changed(options, f"{section}.{key}", 9.0))
+
+
 def test_two_fields_with_one_name():
     options = changed(BOARD, "binary.receive.again", {**FRAMING["binary"]["receive"]["strains"], "kind": 0x11})
     with pytest.raises(ConfigError, match="two inputs are called strain_x"):

@@ -234,7 +234,7 @@ def test_command_and_value_says_errors_by_itself():
 
 def test_templates():
     options = {
-        "terminator": "\r\n",
+        "terminator": "CRLF",
         "identity": {"request": "ID", "pattern": "^AMP-3 "},
         "errors": {"request": "STAT", "reply": "STAT {code}"},
         "start": ["REMOTE"],
@@ -331,7 +331,7 @@ def test_while_the_device_is_asked_who_it_is_a_late_line_does_not_end_the_waitin
 
 def test_noise_before_a_reply_does_not_become_a_part_of_it():
     options = {
-        "terminator": "\n",
+        "terminator": "LF",
         "read": {"value": {"request": "X?", "reply": ["{x}"], "rate_hz": 100, "fields": {"x": {}}}},
     }
     one, port = framing(lambda data: [(0.0, b"5\n")], options)

@@ -159,7 +159,7 @@ def test_a_frame_in_pieces_between_noise_arrives_and_a_damaged_one_does_not(benc
 
 def test_watchdog(bench):
     command_for(bench, 0.05, x=60.0)
-    bench.run(0.25)
+    bench.run(0.35)
     assert bench.cell.voltages()["voltage_x"] == pytest.approx(0.0)
     assert bench.devices.report()["amplifier_trips"] == 1
 

@@ -10,8 +10,15 @@ from .plan import Plan
 from .results import Report, Skipped
 
 NAMES = (
-    *("cycle", "lateness", "offline", "startup", "hysteresis_gradient"),
-    *("can_frames", "can_worker", "modbus_transactions", "line_rates"),
+    "cycle",
+    "lateness",
+    "offline",
+    "startup",
+    "hysteresis_gradient",
+    "can_frames",
+    "can_worker",
+    "line_rates",
+    "modbus_transactions",
 )
 """Each is the module of that name with its function ``run``, imported only when it is used."""
 

@@ -102,7 +102,7 @@ def test_c_example_plays_a_sine(installed, tmp_path, monkeypatch):
 
 def test_c_example_says_what_to_do_without_its_library(installed, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigError, match=r"cell\.yaml:4: drivers\.card: .*compile it first"):
+    with pytest.raises(ConfigError, match=r"cell\.yaml:4: drivers\.card\.library: .*compile it first"):
         prepare(installed("c_card"))
 
 

@@ -1,8 +1,11 @@
-"""Requests and answers on one line: never more than one request is out, and no late answer is taken for another's.
+"""Requests and answers on one line: one at a time, and no late answer is taken for another's.
 
 Modbus RTU has no transaction number: one late answer, and every later one would be that to the request before. So after
 a time-out the line is kept silent, and what comes is thrown away, until nothing has come for longer than the latest
-answer of any device (``drain_ms``). On TCP the number tells: the late answer itself ends the silence.
+answer of any device (``drain_ms``), or until the late answer itself has come: nothing else is under way then. On a
+serial line that is believed once; a second time-out in a row waits for the silence, whatever comes. Over TCP, where the
+number tells, the silence begins with the second time-out in a row: it keeps requests from gathering in a device that
+hangs.
 
 The receive loop is our own, on the ports of the driver `line`: the library's client blocks for its time-outs, and goes
 on after one as if nothing could come any more.
@@ -65,6 +68,8 @@ class Client:
         self._gap_ns = round(timing.gap_s * 1e9)
         self._buffer = bytearray()
         self._request: _Request | None = None
+        self._overdue: _Request | None = None
+        """The one whose late answer would end the silence."""
         self._silent_until_ns = self._silence_ns = self._heard_ns = 0
         self._timeouts = 0
         self._counters = dict.fromkeys(("requests", "answers", "timeouts", "bad_frames", "exceptions", "resyncs"), 0)
@@ -87,7 +92,7 @@ class Client:
         """Let go of it; does no harm twice, never raises."""
         self._port.close()
         self._buffer.clear()
-        self._request = None
+        self._request = self._overdue = None
         self._silent_until_ns = 0
 
     def drain(self, until_ns: int) -> None:
@@ -103,6 +108,9 @@ class Client:
         if now_ns < self._silent_until_ns:
             left_ms = (self._silent_until_ns - now_ns) * 1e-6
             raise TransientError(f"{exchange.title}: not sent: late answers are waited for, {left_ms:.0f} ms more")
+        if self._overdue is not None:
+            self._overdue = None
+            self._framing.idle(self._buffer)
         if self._serial and (wait_ns := self._heard_ns + self._gap_ns - now_ns) > 0:
             time.sleep(wait_ns * 1e-9)
         frame = self._framing.seal(exchange.unit_id, pdu)
@@ -179,9 +187,24 @@ class Client:
             raise LinkError(f"{text}, {_TIMEOUTS} times in a row; look at power, wires and the number of the unit")
         if self._serial:
             self._counters["resyncs"] += 1
+            self._overdue = request if self._timeouts == 1 and not self._buffer else None
             self._buffer.clear()
-        self._be_silent(now_ns + self._drain_ns, self._drain_ns)
+        if self._serial or self._timeouts > 1:
+            self._be_silent(now_ns + self._drain_ns, self._drain_ns)
         raise TransientError(text)
+
+    def _came_late(self, request: _Request) -> bool:
+        """Whether the answer to a request that is over has come: then nothing more is under way."""
+        exchange = request.exchange
+        try:
+            pdu = self._framing.take(self._buffer, exchange.unit_id, request.head, exchange.answer_bytes)
+        except BadFrame:
+            self._overdue = None
+            return False
+        if pdu is not None:
+            self._framing.late += 1
+            self._overdue, self._silent_until_ns = None, 0
+        return pdu is not None
 
     def _be_silent(self, until_ns: int, after_ns: int) -> None:
         """Send nothing until then, and until nothing has come for `after_ns`."""
@@ -196,9 +219,12 @@ class Client:
         """Listen with no request out: what comes is nobody's."""
         before = self._heard_ns
         self._listen(until_ns)
+        if self._overdue is not None and self._came_late(self._overdue):
+            return
         late = self._framing.late
         try:
-            self._framing.idle(self._buffer)
+            if self._overdue is None:
+                self._framing.idle(self._buffer)
         except BadFrame:
             self._counters["bad_frames"] += 1
             self._counters["resyncs"] += 1

@@ -26,6 +26,7 @@ from .wires import wires_of
 _GATEWAY_TARGET = 11
 _MISSED_PERIODS = 5
 """An amplifier that is commanded slowly has a watchdog to match: it forgives so many commands that don't come."""
+_EVERY_NS = 1_000_000
 _SILENCE_NS = 5_000_000
 """On a pseudo terminal the silence between frames is no longer exact; a begun frame is given up after this."""
 
@@ -57,6 +58,7 @@ class PlayedModbus:
 
     def start(self, now_ns: int) -> None:
         self._began_ns = now_ns
+        self._go_on()
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
         self._unit(message).counts_from_ns = self._end_ns(for_s)
@@ -88,6 +90,12 @@ class PlayedModbus:
 
     def close(self) -> None:
         self.line.port.close()
+
+    def _go_on(self) -> None:
+        """The plant moves, and the watchdog of the amplifier waits, also while nobody asks."""
+        now_ns = self._loop.now_ns()
+        self._behind.advance_to(now_ns)
+        self._loop.call_at(now_ns + _EVERY_NS, self._go_on)
 
     def _hear(self, data: bytes, peer: Peer) -> None:
         now_ns = self._loop.now_ns()

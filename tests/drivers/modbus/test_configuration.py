@@ -52,7 +52,8 @@ def told(tmp_path, keys):
     text = str(problem.value)
     assert text.startswith(f"{file}:")
     line, said = text.removeprefix(f"{file}:").split(": ", 1)
-    assert int(line) > 1
+    there = file.read_text(encoding="utf-8").splitlines()[int(line) - 1].split(":")[0].strip()
+    assert there in said.split(": ")[0].split("."), "the line is that of the key, or of the section that it misses"
     assert "\n" not in said, "one message"
     return said
 

@@ -1,5 +1,6 @@
-"""What is wrong with a bus is said in one line, with its place in the file and what would be right."""
+"""Configurations with a bus: the budget, and what is wrong in one line, with its place and what would be right."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -127,6 +128,15 @@ def folder(tmp_path):
     (tmp_path / "can/without.eds").write_text(re.sub(r"\[8130sub1\].*?\n\n", "", SENSOR_EDS, flags=re.DOTALL))
     (tmp_path / "can/twin.eds").write_text(SENSOR_EDS.replace("$NODEID+0x280", "$NODEID+0x180"))
     return tmp_path
+
+
+@pytest.mark.parametrize(("example", "percent"), [("can.yaml", 35), ("canopen.yaml", 63)])
+def test_the_examples_are_good_and_their_budget_is_shown(example, percent, capsys):
+    main(["check", str(CONFIG / example), "--json"])
+    [load] = json.loads(capsys.readouterr().out)["buses"]["can0"]
+    assert load["name"] == "can0"
+    assert load["share_percent"] == pytest.approx(percent, abs=0.5)
+    assert load["limit_percent"] == 80
 
 
 @pytest.mark.parametrize("name", BROKEN)

@@ -102,12 +102,20 @@ class PathError(TypedDict):
 
 
 class SignalFigures(TypedDict):
-    """Rate, age and losses of a signal."""
+    """Rate, age and losses of a signal.
+
+    `late` are the samples that were older than the signal's ``max_age_us`` when they came, `stale_cycles` the cycles
+    in which the newest one was: then it is not used.
+    """
 
     rate_hz: float
     age_p50_us: int | None
+    age_p99_9_us: int | None
     age_max_us: int | None
     lost: int
+    samples: int
+    late: int
+    stale_cycles: int
 
 
 class Trip(TypedDict):

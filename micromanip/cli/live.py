@@ -17,7 +17,7 @@ from micromanip.host import journal
 
 _PLAIN_EVERY_S = 2.0
 _COLUMNS: tuple[Literal["p50", "p99", "p99_9", "p99_99", "max"], ...] = ("p50", "p99", "p99_9", "p99_99", "max")
-_AGES: tuple[Literal["age_p50_us", "age_max_us"], ...] = ("age_p50_us", "age_max_us")
+_AGES: tuple[Literal["age_p50_us", "age_p99_9_us", "age_max_us"], ...] = ("age_p50_us", "age_p99_9_us", "age_max_us")
 _STYLES = {
     "TRACKING": "bold green",
     "FAULT": "bold red",
@@ -133,10 +133,10 @@ def links(report: Status) -> Table:
 
 def watched(report: Status) -> Group:
     """All that `status --watch` shows on a terminal."""
-    signals = Table("signal", "Hz", "age p50, us", "age max, us", "lost", title="Signals")
+    signals = Table("signal", "Hz", "age p50, us", "p99.9", "max", "lost", "late", title="Signals")
     for name, signal in report["signals"].items():
         ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
-        signals.add_row(name, f"{signal['rate_hz']:.0f}", *ages, str(signal["lost"]))
+        signals.add_row(name, f"{signal['rate_hz']:.0f}", *ages, str(signal["lost"]), str(signal["late"]))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
     return Group(state_line(report), figures(report), signals, Text(running, style="dim"))
 

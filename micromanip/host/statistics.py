@@ -30,6 +30,8 @@ class SignalStatistics:
         self._fresh: Counter[str] = Counter()
         self._cycles: Counter[str] = Counter()
         self._ages: dict[str, Counter[int]] = {}
+        self._late: Counter[str] = Counter()
+        self._stale: Counter[str] = Counter()
 
     def gather(self) -> None:
         """Take in the rows since the last call."""
@@ -45,29 +47,41 @@ class SignalStatistics:
                     first = int(np.argmax(fresh)) if fresh.any() else len(rows)
                 self._fresh[name] += int(np.count_nonzero(fresh))
                 self._cycles[name] += int(rows["periods"][first:].sum())
-                ages, counts = np.unique(rows["axis"][f"{role}_age_ns"][first:, i] // 1000, return_counts=True)
+                ages_us = rows["axis"][f"{role}_age_ns"][first:, i] // 1000
+                limit_us = self._controller.prepared.configuration.signals[name].max_age_us
+                too_old = ages_us > (np.inf if limit_us is None else limit_us)
+                self._late[name] += int(np.count_nonzero(too_old & fresh[first:]))
+                self._stale[name] += int(np.count_nonzero(too_old))
+                ages, counts = np.unique(ages_us, return_counts=True)
                 self._ages.setdefault(name, Counter()).update(dict(zip(ages.tolist(), counts.tolist(), strict=True)))
 
     def report(self) -> dict[str, SignalFigures]:
-        """``{name: {rate_hz, age_p50_us, age_max_us, lost}}``."""
+        """What was gathered, by the signals' names."""
         period_s = self._controller.prepared.configuration.loop.period_ns * 1e-9
         report: dict[str, SignalFigures] = {}
         for name, ages in self._ages.items():
             role, axis = name.rsplit("_", 1)
             state = self._controller.status["state"][0]["axis"][self._names.index(axis)][role]
-            middle, seen, total = None, 0, ages.total()
-            for age in sorted(ages):
-                seen += ages[age]
-                if 2 * seen >= total:
-                    middle = age
-                    break
             report[name] = {
                 "rate_hz": round(self._fresh[name] / max(1, self._cycles[name]) / period_s, 1),
-                "age_p50_us": middle,
+                "age_p50_us": _percentile(ages, 0.5),
+                "age_p99_9_us": _percentile(ages, 0.999),
                 "age_max_us": max(ages) if ages else None,
                 "lost": int(state["lost"]),
+                "samples": self._fresh[name],
+                "late": self._late[name],
+                "stale_cycles": self._stale[name],
             }
         return report
+
+
+def _percentile(ages: Counter[int], share: float) -> int | None:
+    seen, total = 0, ages.total()
+    for age in sorted(ages):
+        seen += ages[age]
+        if seen >= share * total:
+            return age
+    return None
 
 
 def durations(histogram: Any, maximum: int) -> Durations:

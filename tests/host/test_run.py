@@ -48,7 +48,13 @@ def test_signals_have_their_rates_and_ages(report):
     assert signals.keys() == {f"{role}_{axis}" for role in ("strain", "stage", "deviation") for axis in "xyz"}
     seen = cycles / (cycles + overruns)  # a missed cycle sees no sample, which is its right
     for name, figures in signals.items():
-        assert figures.keys() == {"rate_hz", "age_p50_us", "age_max_us", "lost"}
+        assert figures.keys() == {
+            *("rate_hz", "age_p50_us", "age_p99_9_us", "age_max_us"),
+            *("lost", "samples", "late", "stale_cycles"),
+        }
+        assert figures["age_p50_us"] <= figures["age_p99_9_us"] <= figures["age_max_us"]
+        assert 0 <= figures["late"] <= figures["stale_cycles"]
+        assert figures["samples"] > 0
         if name.startswith("deviation"):
             assert 1000 * seen - 30 <= figures["rate_hz"] <= 1005
             assert 1000 <= figures["age_p50_us"] <= 1900

@@ -39,7 +39,7 @@ test-laws: $(READY)
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root
 	scripts/system-tests/scenarios.sh namespace
 
-test-vm: $(READY) ## the same on a PREEMPT_RT kernel in an emulated machine; takes root, fetches 90 MB of Debian
+test-vm: $(READY) ## the same, and SocketCAN, on a PREEMPT_RT kernel in an emulated machine; takes root, fetches 90 MB of Debian
 	scripts/system-tests/scenarios.sh vm
 
 bench: $(READY)   ## speed beside references measured in the same run

@@ -9,7 +9,17 @@ from micromanip.errors import UsageError
 from .plan import Plan
 from .results import Report, Skipped
 
-NAMES = ("cycle", "lateness", "offline", "startup", "hysteresis_gradient", "can_frames", "can_worker")
+NAMES = (
+    "cycle",
+    "lateness",
+    "offline",
+    "startup",
+    "hysteresis_gradient",
+    "can_frames",
+    "can_worker",
+    "line_rates",
+    "modbus_transactions",
+)
 """Each is the module of that name with its function ``run``, imported only when it is used."""
 
 

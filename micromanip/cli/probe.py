@@ -83,7 +83,9 @@ def _found(driver: BusDriver, seconds: float) -> Iterator[Answer]:
     try:
         yield from driver.probe(seconds)
     except BusError as problem:
-        raise DeviceUnavailable(f"{driver.device}: {problem}") from problem
+        said = str(problem)
+        named = said.startswith(driver.device)  # most errors of a bus begin with its name
+        raise DeviceUnavailable(said if named else f"{driver.device}: {said}") from problem
 
 
 def _rows(answers: dict[str, Answer]) -> Iterator[tuple[str, str, str, str]]:

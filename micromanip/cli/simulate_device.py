@@ -29,7 +29,7 @@ _LINE_EVERY_NS = 500_000_000
     "--watchdog",
     "watchdog_ms",
     type=click.FloatRange(min=0.0, min_open=True),
-    default=20.0,
+    default=100.0,
     show_default=True,
     metavar="MS",
     help="Without a command for so long an amplifier ramps to rest.",

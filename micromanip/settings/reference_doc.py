@@ -88,7 +88,7 @@ def _default(field: Shape) -> str:
     value = field.schema.get("default")
     if isinstance(value, dict):
         return f"`{field.discriminator}: {value[field.discriminator]}`" if field.discriminator else "all its defaults"
-    return f"`{value if isinstance(value, str) else json.dumps(value)}`"
+    return f"`{json.dumps(value, ensure_ascii=False).strip(chr(34))}`"
 
 
 def _prose(text: str) -> str:

@@ -7,6 +7,7 @@ messages and the reference in ``docs/`` say what is really enforced, for a drive
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -102,6 +103,8 @@ class Shape:
         for keyword in ("items", "additionalProperties"):
             if isinstance(schema := self.schema.get(keyword), Mapping):
                 return self._part(schema)
+        for schema in self.schema.get("patternProperties", {}).values():  # names with a form of their own
+            return self._part(schema)
         entries = self.schema.get("prefixItems", ())
         return self._part(entries[0]) if entries else None
 
@@ -188,4 +191,6 @@ def _limits(low: float | None, high: float | None) -> list[str]:
 
 
 def _plain(value: object) -> str:
+    if isinstance(value, str):
+        return value if value.isprintable() else json.dumps(value)  # a line's end among what a text may be
     return f"{value:g}" if isinstance(value, float) and abs(value) < 1e6 else str(value)

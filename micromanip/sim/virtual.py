@@ -35,6 +35,9 @@ class VirtualCell:
         self.signals = np.zeros(MAX_SIGNALS, SIGNAL)
         self.outputs = np.zeros(MAX_OUTPUTS)
         self.samples = np.zeros((1, MAX_AXES)) if samples is None else samples
+        slow = [channel for driver in wiring.drivers.values() for channel in driver.slow_inputs]
+        first_s = max((channel.latency_s + 2.0 / channel.rate_hz for channel in slow), default=0.0)
+        self._sensors_s = max(_SENSORS_S, first_s)
         self._drivers = np.zeros(len(wiring.drivers), DRIVER)
         self._contexts = []
         for record, (name, driver) in zip(self._drivers, wiring.drivers.items(), strict=True):
@@ -75,7 +78,7 @@ class VirtualCell:
         Raises CheckFailed where a fault, or a sensor, prevents it.
         """
         period_s = int(self.parameters[0]["period_ns"]) * 1e-9
-        before = self.run(_SENSORS_S)
+        before = self.run(self._sensors_s)
         arming = arming_cycles(self.parameters[0], self.state[0])
         rows = self.run(arming * period_s, command=ARM)
         if self.state[0]["state"] != TRACKING:

@@ -17,18 +17,21 @@ namespace)
         $pytest ${*:-tests/system/namespace_scenarios.py}"
     ;;
 vm)
-    # Compiling takes the emulated processor many minutes: it is done outside, for a processor that both can be.
-    KEPT=$(mktemp -d)
-    trap 'rm -rf "$KEPT"' EXIT
-    export KEPT
+    # Compiling takes the emulated processor many minutes: it is done outside, for a processor that both can be, and
+    # only once for the same sources.
+    "$here/fetch-vm.sh"
+    export KEPT=${VM_HOME:-${XDG_CACHE_HOME:-$HOME/.cache}/micromanip-vm}/compiled
+    mkdir -p "$KEPT"
     generic="export NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= XDG_CACHE_HOME=/kept"
     "$here/ns-systemd.sh" "$stage
         $generic
-        /opt/micromanip/bin/python '$repository/tests/system/vm_cell.py' /kept
-        for cell in cell can; do
-            /opt/micromanip/bin/micromanip run /kept/\$cell.yaml --duration 1 --socket /run/control.sock
-            /opt/micromanip/bin/micromanip safe-outputs /kept/\$cell.yaml
-        done"
+        cd /kept
+        /opt/micromanip/bin/python '$repository/tests/system/vm_cell.py' cell.yaml
+        /opt/micromanip/bin/micromanip simulate-device cell.yaml 2>device &
+        for _ in {1..600}; do grep -q READY device && break; sleep 0.5; done
+        /opt/micromanip/bin/micromanip run cell.yaml --duration 1 --socket /run/control.sock
+        /opt/micromanip/bin/micromanip safe-outputs cell.yaml
+        kill \$!; wait"
     "$here/vm.sh" "$stage
         $generic
         $pytest -s ${*:-tests/system/vm_*scenarios.py}"

@@ -18,7 +18,7 @@ mkdir -p /new/exchange /new/kept /new/lib/modules
 for folder in exchange kept; do mount -t 9p -o "rw,$share" $folder /new/$folder; done
 ln -s "$(cat /modules/tree)" /new/lib/modules/
 for program in candump cansend cangen; do
-    [ -x /new/usr/bin/$program ] || ln -s "$(cat /can-utils)/$program" /new/usr/bin/
+    [ -x /new/usr/bin/$program ] || cp "/new$(cat /can-utils)/$program" /new/usr/bin/ # not every user sees where they lie
 done
 for tree in proc sys dev; do mount --move /$tree /new/$tree; done
 mkdir -p /new/dev/pts /new/dev/shm

@@ -1,8 +1,9 @@
 #!/bin/bash
 # vm.sh COMMAND: run it as root in a virtual machine with Debian's PREEMPT_RT kernel, systemd as process 1 and vcan0.
 #
-# can-utils are in its PATH, the queue discipline netem is there for whoever wants a slow bus. Its / is a throw-away overlay of this machine's, so that it may install, break and leave what it likes; it has no
-# network. Ends with the command's exit status, 125 where there is none. `fetch-vm.sh` gets what it needs first.
+# can-utils are in its PATH, the queue discipline netem is there for whoever wants a slow bus. Its / is a throw-away
+# overlay of this machine's, so that it may install, break and leave what it likes; it has no network. Ends with the
+# command's exit status, 125 where there is none. `fetch-vm.sh` gets what it needs first.
 # Environment: LIMIT  seconds until all of it is ended (1500)   CPUS (2)   MEMORY  in MB (2048)   VM_HOME
 #              KEPT  a folder that stays, inside it is /kept
 set -u

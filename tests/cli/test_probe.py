@@ -8,6 +8,7 @@ from sim.conformance.example import UdpPeer, UdpStage
 from micromanip.cli.main import main
 from micromanip.io import device_lock
 from micromanip.io.bus import Answer, BusDriver
+from micromanip.io.bus_errors import LinkError
 from micromanip.io.device_lock import DeviceLocks
 
 
@@ -110,8 +111,19 @@ def test_ctrl_c_shows_what_was_found(config, monkeypatch, capsys):
 def test_no_device_is_69(config, capsys):
     assert ended(config[0], "stage", "--seconds", "0.1") == 69
     line = capsys.readouterr().err.strip()
-    assert line.startswith(f"micromanip: udp 127.0.0.1:{config[1].port}: ")
+    device = f"udp 127.0.0.1:{config[1].port}"
+    assert line.startswith(f"micromanip: {device} ")
+    assert line.count(device) == 1
     assert "\n" not in line
+
+
+def test_error_without_a_name_gets_that_of_the_device(config, monkeypatch, capsys):
+    def failing(*_):
+        raise LinkError("no carrier")
+
+    monkeypatch.setattr(Stage, "probed", failing)
+    assert ended(config[0], "stage") == 69
+    assert capsys.readouterr().err.strip() == f"micromanip: udp 127.0.0.1:{config[1].port}: no carrier"
 
 
 def test_silent_bus_is_69_and_a_document(config, monkeypatch, capsys):

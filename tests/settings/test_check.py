@@ -13,7 +13,7 @@ from micromanip.design.hysteresis import predict
 from micromanip.errors import ConfigError
 from micromanip.io import registry
 from micromanip.io.contract import CyclicDriver
-from micromanip.io.registry import driver_class
+from micromanip.io.registry import driver_class, installed
 from micromanip.settings import wiring
 from micromanip.settings.check import prepare
 from micromanip.settings.hysteresis import PrandtlIshlinskii, attainable_um
@@ -195,7 +195,7 @@ WHOLE = {
     "nothing like an installed driver": (
         ("driver: simulated, seed", "driver: profibus, seed"),
         "cell: {driver: profibus",
-        "drivers.cell.driver: no driver called profibus is installed; installed are: canbus, canopen, simulated",
+        f"drivers.cell.driver: no driver called profibus is installed; installed are: {', '.join(sorted(installed()))}",
     ),
     "two outputs on a channel": (
         (

@@ -7,9 +7,16 @@ from micromanip.io.registry import driver_class
 
 from .canbus import play_canbus
 from .canopen import play_canopen
+from .line import play_line
+from .modbus import play_modbus
 from .played import Builder, PlayedDevice, Surroundings
 
-BUILDERS: dict[str, Builder] = {"canbus": play_canbus, "canopen": play_canopen}
+BUILDERS: dict[str, Builder] = {
+    "canbus": play_canbus,
+    "canopen": play_canopen,
+    "line": play_line,
+    "modbus": play_modbus,
+}
 """By the driver's entry point."""
 
 

@@ -1,0 +1,90 @@
+"""The framing ``ascii``: lines of text, a request and its reply."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+
+from micromanip.io.bus import Answer, Channel, Inbox, Load, Task
+from micromanip.io.bus_errors import TransientError
+
+from .ascii_conversation import Conversation
+from .ascii_exchange import Exchange
+from .ascii_options import Ascii
+from .framing import Framing
+from .line_time import LineTime, Traffic
+from .port import Port
+from .silence import Silence
+
+_PAUSE_S = 0.05
+
+
+class AsciiFraming(Framing):
+    """Each read and each write is a task."""
+
+    def __init__(self, options: Ascii, port: Port, line_time: LineTime, silence: Silence) -> None:
+        self._port, self._silence = port, silence
+        inputs: list[Channel] = []
+        outputs: list[Channel] = []
+        self._exchanges: list[Exchange] = []
+        for name, read in options.read.items():
+            self._exchanges.append(Exchange(options, name, read, len(inputs), line_time))
+            inputs += self._exchanges[-1].channels
+        for name, write in options.write.items():
+            self._exchanges.append(Exchange(options, name, write, len(outputs), line_time))
+            outputs += self._exchanges[-1].channels
+        self.inputs, self.outputs = inputs, outputs
+        self.tasks: Sequence[Task] = [
+            Task(one.name, one.rate_hz, tuple(one.indices.values()) if one.writes else ()) for one in self._exchanges
+        ]
+        self.loads: Sequence[Load] = line_time.loads(
+            [Traffic(one.name, one.rate_hz, one.seconds, "both") for one in self._exchanges]
+        )
+        self._conversation = Conversation(options, port, silence)
+
+    def begin(self, deadline_ns: int) -> None:
+        self._conversation.begin(deadline_ns)
+
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+        exchange = self._exchanges[task]
+        texts = [step.request.text(values) for step in exchange.steps] if exchange.writes else []
+        if self._conversation.is_held():
+            return
+        if exchange.writes:
+            for step, text in zip(exchange.steps, texts, strict=True):
+                self._conversation.tell(text, exchange.title, step.replies)
+            return
+        for name, value, time_ns in self._asked(exchange):
+            inbox.put(exchange.indices[name], value, time_ns - round(exchange.latency_s * 1e9))
+
+    def receive(self, inbox: Inbox, until_ns: int) -> None:  # noqa: ARG002 (nothing of it is a sample)
+        self._conversation.listen(until_ns)
+        self._silence.check(time.monotonic_ns())
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        yield from self._conversation.introduced(_PAUSE_S)
+        end_ns = time.monotonic_ns() + round(seconds * 1e9)
+        reads = [exchange for exchange in self._exchanges if not exchange.writes]
+        while reads and time.monotonic_ns() < end_ns:
+            for exchange in reads:
+                try:
+                    while self._conversation.is_held():
+                        time.sleep(0.001)
+                    values = {name: value for name, value, _ in self._asked(exchange)}
+                except TransientError as problem:
+                    yield Answer(exchange.title, {}, str(problem))
+                else:
+                    yield Answer(exchange.title, values)
+            time.sleep(_PAUSE_S)
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        return self._conversation.counters
+
+    def _asked(self, exchange: Exchange) -> Iterator[tuple[str, float, int]]:
+        """Name, value and time of reception of what is read, step by step."""
+        for step in exchange.steps:
+            for numbers, time_ns in self._conversation.ask(step.request.text(()), step.replies, exchange.title):
+                for name, number in numbers.items():
+                    scale, offset = exchange.scales[name]
+                    yield name, number * scale + offset, time_ns

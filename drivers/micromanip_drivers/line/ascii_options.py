@@ -1,0 +1,267 @@
+r"""Keys of the framing ``ascii``: lines of text, a request and its reply.
+
+A piezo controller that speaks GCS 2.0, by its preset: `command` and the axes' names on the device (`item`).
+
+    drivers:
+      piezo:
+        driver: line
+        tcp: {host: 192.168.0.10, port: 50000}          # or serial: {device: /dev/ttyUSB0, baud: 115200}
+        silence_ms: 500
+        ascii:
+          preset: gcs
+          identity: Physik Instrumente.*E-727           # regular expression, found in the reply to *IDN?
+          read:
+            strains:                                    # "POS? 1 2 3" -> "1=12.3 \n2=4.5 \n3=0.1\n"
+              command: POS?
+              rate_hz: 100
+              fields: {strain_x: {item: "1"}, strain_y: {item: "2"}, strain_z: {item: "3"}}
+          write:
+            voltages:                                   # "SVA 1 12.3000 2 4.5000 3 0.1000", then "ERR?" -> "0"
+              command: SVA
+              rate_hz: 100
+              cyclic_safe: true
+              fields:
+                voltage_x: {item: "1", range: [-20, 120], decimals: 4}
+                voltage_y: {item: "2", range: [-20, 120], decimals: 4}
+                voltage_z: {item: "3", range: [-20, 120], decimals: 4}
+
+An amplifier with commands such as "set,0,12.300", one value a line, by its preset:
+
+        ascii:
+          preset: command,value
+          identity: {request: ver, pattern: "^NV40/3"}  # the preset knows no request of its own
+          read:                                         # "rk,0" -> "rk,0,12.300"
+            monitor: {command: rk, rate_hz: 50, fields: {monitor_x: {item: "0"}, monitor_y: {item: "1"}}}
+          write:                                        # "set,0,12.300", not answered; "err,2" comes if it is bad
+            voltages:
+              command: set
+              rate_hz: 50
+              cyclic_safe: true
+              fields: {voltage_x: {item: "0", range: [-20, 150]}, voltage_y: {item: "1", range: [-20, 150]}}
+
+Any other device, by templates; what stands in braces is a field, blanks around a line's text do not matter:
+
+        ascii:
+          terminator: CRLF                              # of what is sent; what is received may end in any of them
+          identity: {request: "ID", pattern: "^AMP-3 "}
+          errors: {request: "STAT", reply: "STAT {code}", good: [0]}
+          read:
+            gauges: {request: "MEAS ALL", reply: ["X {strain_x} um", "Y {strain_y} um"], rate_hz: 100,
+                     fields: {strain_x: {}, strain_y: {}}}
+          write:
+            voltage: {request: "OUT {voltage_x};{voltage_y}", reply: ["OK"], rate_hz: 100, cyclic_safe: true,
+                      fields: {voltage_x: {}, voltage_y: {}}}
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from .section import Latency, Name, Rate, Section
+
+
+def _printable(text: str) -> str:
+    if not text.isascii() or not text.isprintable():
+        raise ValueError(f"{text!r} must be printable ASCII, without the terminator")
+    return text
+
+
+def _compiled(text: str) -> str:
+    try:
+        re.compile(text)
+    except re.error as problem:
+        raise ValueError(f"{text!r} is not a regular expression: {problem}") from None
+    return text
+
+
+Text = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
+Pattern = Annotated[str, Field(min_length=1), AfterValidator(_compiled)]
+_PLACE = re.compile(r"\{(\w*)\}")
+
+
+class AsciiIdentity(Section):
+    """Which device must answer, asked when it is opened."""
+
+    request: Text | None = Field(default=None, description="Line that asks; null: the preset's, *IDN? of gcs.")
+    pattern: Pattern = Field(description="Regular expression that is found in the line that answers.")
+
+
+class Errors(Section):
+    """How the device says that something was wrong."""
+
+    request: Text | None = Field(
+        default=None, description="Asked after each write, and after a missing reply; null: it says so by itself."
+    )
+    reply: Text = Field(default="{code}", description="Line that tells, with the number as {code}.")
+    good: tuple[Annotated[int, Field(strict=True)], ...] = Field(default=(0,), description="Numbers that mean: none.")
+
+
+class AsciiInput(Section):
+    """A value that the device tells."""
+
+    item: str = Field(
+        default="",
+        pattern=r"^[\w.+-]*$",
+        description="Axis or channel as the device calls it; for a preset's templates.",
+    )
+    scale: float = Field(default=1.0, strict=True, description="value = scale x number + offset.")
+    offset: float = Field(default=0.0, strict=True, description="Value at a number of 0.")
+
+    @model_validator(mode="after")
+    def _scale_is_not_zero(self) -> Self:
+        if self.scale == 0.0:
+            raise ValueError("a scale of 0 makes every value the same")
+        return self
+
+
+class AsciiOutput(AsciiInput):
+    """A value that the device is given."""
+
+    decimals: Annotated[int, Field(strict=True, ge=0, le=12)] = Field(default=4, description="Digits behind the point.")
+    range: tuple[float, float] = Field(
+        default=(-1e6, 1e6), description="Lowest and highest value that may be sent: text holds any number."
+    )
+    safe: float = Field(
+        default=0.0, strict=True, description="What it is kept at where the configuration uses no such output."
+    )
+
+    @model_validator(mode="after")
+    def _safe_is_in_range(self) -> Self:
+        if not self.range[0] <= self.safe <= self.range[1]:
+            raise ValueError(f"safe {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
+        return self
+
+
+class _Exchange(Section):
+    rate_hz: Rate = Field(description="How often it is done.")
+    command: Text | None = Field(default=None, description="Command of the preset's templates: POS?, SVA, set.")
+    request: Text | None = Field(default=None, description="Template of the line that is sent, in place of a command.")
+    reply: tuple[Text, ...] = Field(default=(), description="Templates of the lines that answer a request.")
+    latency_us: Latency | None = Field(
+        default=None,
+        description="Read: from being measured to the reply's end. Write: from being sent to being in force. null: as "
+        "long as the exchange is on the wire.",
+    )
+
+    @model_validator(mode="after")
+    def _either_command_or_request(self) -> Self:
+        if (self.command is None) == (self.request is None):
+            raise ValueError("give either command, for a preset, or request")
+        if self.command is not None and self.reply:
+            raise ValueError("reply goes with request; the preset knows the replies to a command")
+        return self
+
+
+class Read(_Exchange):
+    """Values that are asked for at a fixed rate."""
+
+    fields: dict[Name, AsciiInput] = Field(min_length=1, description="The inputs by name.")
+
+    @model_validator(mode="after")
+    def _fields_are_answered(self) -> Self:
+        if self.request is not None:
+            _must_have(places("".join(self.reply)), set(self.fields), "reply")
+            _must_have(places(self.request), set(), "request")
+        return self
+
+
+class Write(_Exchange):
+    """Values that are sent at a fixed rate."""
+
+    fields: dict[Name, AsciiOutput] = Field(min_length=1, description="The outputs by name.")
+    cyclic_safe: bool = Field(
+        default=False,
+        strict=True,
+        description="Its manual says that it may be written for ever: no flash memory is written, nothing wears out.",
+    )
+
+    @model_validator(mode="after")
+    def _fields_are_sent(self) -> Self:
+        if self.request is not None:
+            _must_have(places(self.request), set(self.fields), "request")
+            _must_have(places("".join(self.reply)), set(), "reply")
+        return self
+
+
+class Ascii(Section):
+    """Lines of text."""
+
+    preset: Literal["gcs", "command,value"] | None = Field(
+        default=None, description="Templates that are known: GCS 2.0, or lines such as set,0,12.3; null: none."
+    )
+    terminator: Literal["LF", "CR", "CRLF"] | None = Field(
+        default=None,
+        description="End of the lines that are sent; those received may end in any of them. null: the preset's, "
+        "LF of gcs, CR of command,value.",
+    )
+    identity: AsciiIdentity | None = Field(
+        default=None,
+        description="Who must answer: request and pattern, or the pattern alone. null: whoever answers is taken.",
+    )
+    errors: Errors | None = Field(default=None, description="null: the preset's, ERR? of gcs, err,1 of command,value.")
+    reply_ms: Annotated[float, Field(strict=True, gt=0, le=250)] = Field(
+        default=50.0, description="A reply that takes longer is missing."
+    )
+    drain_ms: Annotated[float, Field(strict=True, gt=0, le=5_000)] = Field(
+        default=100.0,
+        description="After a missing reply, so long is waited for it to come late before anything else is asked; more "
+        "than the longest that the device takes.",
+    )
+    turnaround_us: Latency = Field(
+        default=0.0, description="How long the device takes to begin its reply, for the budget."
+    )
+    digits: Annotated[int, Field(strict=True, ge=1, le=40)] = Field(
+        default=14, description="Longest number in a reply, in characters, for the budget."
+    )
+    start: tuple[Text, ...] = Field(
+        default=(),
+        description="Lines that are sent when it is opened; they must move nothing, and nothing answers them.",
+    )
+    read: dict[Name, Read] = Field(default={}, description="What is asked for, by any name.")
+    write: dict[Name, Write] = Field(default={}, description="What is written, by any name.")
+
+    @field_validator("identity", mode="before")
+    @classmethod
+    def _pattern_alone(cls, given: object) -> object:
+        return {"pattern": given} if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _does_something(self) -> Self:
+        if not self.read and not self.write:
+            raise ValueError("read or write: at least one exchange must be given")
+        return self
+
+    @model_validator(mode="after")
+    def _has_what_a_preset_would_give(self) -> Self:
+        if self.preset is None:
+            if self.terminator is None:
+                raise ValueError("terminator must be given where there is no preset")
+            for key, exchanges in (("read", self.read), ("write", self.write)):
+                for name, exchange in exchanges.items():
+                    if exchange.command is not None:
+                        raise ValueError(
+                            f"{key}.{name}: command goes with a preset; without one give request and reply"
+                        )
+        if self.preset != "gcs" and self.identity is not None and self.identity.request is None:
+            raise ValueError("identity: give request and pattern; only the preset gcs knows a request")
+        return self
+
+
+def places(template: str) -> list[str]:
+    """Names in braces, in their order."""
+    return _PLACE.findall(template)
+
+
+def _must_have(found: list[str], wanted: set[str], key: str) -> None:
+    for name in found:
+        if name not in wanted:
+            raise ValueError(
+                f"{key}: {{{name}}} is not one of the fields it can hold: {', '.join(sorted(wanted)) or 'none'}"
+            )
+        if found.count(name) > 1:
+            raise ValueError(f"{key}: {{{name}}} stands there twice")
+    if missing := wanted - set(found):
+        raise ValueError(f"{key}: {{{min(missing)}}} is missing: each field must stand there once")

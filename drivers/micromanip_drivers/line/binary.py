@@ -1,0 +1,229 @@
+"""The framing ``binary``: frames with sync bytes and checksum, that come by themselves or as answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+
+from micromanip.errors import ConfigError
+from micromanip.io.bus import Answer, Channel, Inbox, Load, Task
+from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
+
+from .binary_kinds import FrameKinds
+from .binary_messages import Frames, IdentityFrame, ReceivedFrame, SentFrame
+from .binary_options import Binary
+from .binary_probe import found
+from .frame_reader import FrameReader
+from .frame_search import FrameSearch
+from .framing import Framing
+from .line_time import LineTime, Traffic
+from .port import Port
+from .silence import Silence
+
+_ASK_NS = 150_000_000
+"""So long the device has to say who it is, before it is asked again."""
+_STRANGE = 2
+"""So many frames must say that it is another device: one may be noise that looked like a frame."""
+
+
+class BinaryFraming(Framing):
+    """Each message that is sent is a task."""
+
+    def __init__(self, options: Binary, port: Port, line_time: LineTime, silence: Silence) -> None:
+        self._port, self._silence = port, silence
+        frames = Frames(options)
+        inputs: list[Channel] = []
+        outputs: list[Channel] = []
+        received: dict[str, ReceivedFrame] = {}
+        self._sent: list[SentFrame] = []
+        for name, one in options.receive.items():
+            received[name] = ReceivedFrame(frames, name, one, len(inputs), line_time)
+            inputs += received[name].channels
+        for name, other in options.send.items():
+            self._sent.append(SentFrame(frames, name, other, len(outputs), line_time))
+            outputs += self._sent[-1].channels
+        self.inputs, self.outputs = inputs, outputs
+        self.tasks: Sequence[Task] = [Task(sent.name, sent.rate_hz, sent.indices) for sent in self._sent]
+        self._messages = list(received.values())
+        self._answers = [_answer(sent, options.send[sent.name].reply, received) for sent in self._sent]
+        self._by_itself = [message for message in self._messages if message not in self._answers]
+        self.speaks_hz = max((message.rate_hz for message in self._by_itself), default=None)
+        self._identity = IdentityFrame(frames, options.identity) if options.identity else None
+        self._kinds = FrameKinds(options, self._messages, self._identity)
+        self._reader = FrameReader(port, FrameSearch(frames.sync, self._kinds.length, options.crc))
+        self.loads: Sequence[Load] = line_time.loads([*self._traffic(line_time, options.turnaround_us * 1e-6)])
+        self._reply_ns, self._drain_ns = round(options.reply_ms * 1e6), round(options.drain_ms * 1e6)
+        self._asking = self._identity.request if self._identity else b""
+        self._identity_kind = options.identity.kind if options.identity else None
+        self._is_owed, self._owed_until_ns = False, 0
+        self._counters = dict.fromkeys(("frames", "not_ours", "missing_answers", "late_answers", "held_back"), 0)
+
+    def begin(self, deadline_ns: int) -> None:
+        self._forget()
+        if self._identity is not None:
+            self._ask_who(self._identity, deadline_ns)
+        elif self._by_itself:
+            self._hear(deadline_ns)
+        self._reader.pardon()
+        if self._by_itself:
+            self._silence.heard(time.monotonic_ns(), more=True)
+
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+        sent, answer = self._sent[task], self._answers[task]
+        frame = sent.frame(values)
+        if answer is None:
+            self._port.send(frame)
+            sent.was_sent()
+            return
+        self._take(0, inbox)
+        if self._is_held():
+            self._counters["held_back"] += 1
+            self._silence.check(time.monotonic_ns())
+            return
+        self._port.send(frame)
+        sent.was_sent()
+        self._await(sent, answer, inbox)
+
+    def receive(self, inbox: Inbox, until_ns: int) -> None:
+        newest_ns = self._take(until_ns, inbox)
+        self._silence.check(newest_ns or time.monotonic_ns())
+        self._reader.complain()
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        self._forget()
+        asking = [self._asking] if self._asking else []
+        for sent, answer in zip(self._sent, self._answers, strict=True):
+            if answer is not None and not sent.indices:
+                asking.append(sent.frame([0.0] * len(self.outputs)))
+        return found(self._port, self._reader, self._kinds, asking, seconds)
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        counters = [message.counter for message in self._messages if message.counter]
+        return {
+            **self._counters,
+            **self._reader.counters,
+            "lost": sum(counter.lost for counter in counters),
+            "not_fresh": sum(counter.stale for counter in counters),
+            "restarts": sum(counter.restarts for counter in counters),
+        }
+
+    def _forget(self) -> None:
+        self._reader.forget()
+        self._is_owed = False
+        for message in self._messages:
+            if message.counter:
+                message.counter.forget()
+
+    def _is_held(self) -> bool:
+        """Whether an answer of before may still come, and be taken for that of the next question."""
+        now_ns = time.monotonic_ns()
+        if self._is_owed and now_ns >= self._owed_until_ns:
+            self._is_owed = bool(self._asking)
+            self._ask_for_order(now_ns)
+        return self._is_owed
+
+    def _ask_for_order(self, now_ns: int) -> None:
+        """Ask who it is, where that can be asked: it answers in order, so what comes before that answer is old."""
+        self._owed_until_ns = now_ns + self._drain_ns
+        if self._asking:
+            self._port.send(self._asking)
+
+    def _take(self, until_ns: int, inbox: Inbox) -> int:
+        """Take what came; when its newest part came, 0 if there was none."""
+        frames = self._reader.frames(until_ns)
+        for frame, time_ns in frames:
+            message = self._kinds.message(frame)
+            if message is not None and message in self._answers:
+                self._counters["late_answers"] += 1
+                self._is_owed = False  # nothing else was asked meanwhile: it is the one that was missing
+            elif self._asking and self._kinds.kind(frame) == self._identity_kind:
+                self._is_owed = False  # the one that was missing is lost
+            else:
+                self._take_one(message, frame, time_ns, inbox)
+        return frames[-1][1] if frames else 0
+
+    def _take_one(self, message: ReceivedFrame | None, frame: bytes, time_ns: int, inbox: Inbox) -> None:
+        if message is None:
+            self._counters["not_ours"] += 1
+        elif message.take(frame, time_ns, inbox):
+            self._counters["frames"] += 1
+            self._silence.heard(time_ns, more=bool(self._by_itself))
+
+    def _await(self, sent: SentFrame, answer: ReceivedFrame, inbox: Inbox) -> None:
+        """Take the answer to what was sent just now. Raises TransientError where it is missing."""
+        now_ns = time.monotonic_ns()
+        deadline_ns = now_ns + self._reply_ns
+        self._silence.expect(now_ns)
+        bad, answered = self._reader.counters["bad_frames"], False
+        while True:
+            for frame, time_ns in self._reader.frames(deadline_ns):
+                message = self._kinds.message(frame)
+                answered = answered or message is answer
+                self._take_one(message, frame, time_ns, inbox)
+            self._reader.pardon()
+            if answered:
+                return
+            if time.monotonic_ns() >= deadline_ns:
+                break
+        self._reader.forget()
+        self._is_owed = True
+        self._ask_for_order(time.monotonic_ns())
+        self._counters["missing_answers"] += 1
+        self._silence.check(time.monotonic_ns())
+        how = "was damaged" if self._reader.counters["bad_frames"] > bad else "did not come"
+        raise TransientError(
+            f"{self._port.name}: {answer.name}, the answer to {sent.name}, {how} within {self._reply_ns * 1e-6:g} ms"
+        )
+
+    def _ask_who(self, identity: IdentityFrame, deadline_ns: int) -> None:
+        before, strange = self._reader.received, 0
+        while (now_ns := time.monotonic_ns()) < deadline_ns:
+            if identity.request:
+                self._port.send(identity.request)
+            until_ns = min(deadline_ns, now_ns + _ASK_NS)
+            while time.monotonic_ns() < until_ns:
+                for frame, _ in self._reader.frames(until_ns):
+                    if self._kinds.kind(frame) != identity.kind:
+                        continue
+                    if not (differences := identity.mismatches(frame)):
+                        return
+                    strange += 1
+                    if strange >= _STRANGE:
+                        raise IdentityMismatch(f"{self._port.name} has {' and '.join(differences)}")
+                self._reader.pardon()
+                if strange and identity.request:
+                    break
+        raise LinkError(f"{self._port.name} {self._reader.unheard(before, 'does not say who it is')}")
+
+    def _hear(self, deadline_ns: int) -> None:
+        before = self._reader.received
+        while time.monotonic_ns() < deadline_ns:
+            if any(self._kinds.message(frame) for frame, _ in self._reader.frames(deadline_ns)):
+                return
+            self._reader.pardon()
+        raise LinkError(f"{self._port.name} {self._reader.unheard(before, 'sends nothing')}")
+
+    def _traffic(self, line_time: LineTime, turnaround_s: float) -> Iterator[Traffic]:
+        for message in self._by_itself:
+            yield Traffic(message.name, message.rate_hz, message.seconds, "in")
+        for sent, answer in zip(self._sent, self._answers, strict=True):
+            if answer is None:
+                yield Traffic(sent.name, sent.rate_hz, sent.seconds, "out")
+            else:
+                seconds = line_time.turnaround_s + sent.seconds + turnaround_s + answer.seconds
+                yield Traffic(sent.name, sent.rate_hz, seconds, "both")
+
+
+def _answer(sent: SentFrame, name: str | None, received: Mapping[str, ReceivedFrame]) -> ReceivedFrame | None:
+    """The message that answers; raises ConfigError where there is no such one, or its rate is another."""
+    if name is None:
+        return None
+    key = f"binary.send.{sent.name}.reply"
+    if name not in received:
+        raise ConfigError(f"{key}: binary.receive has no {name}; it has {', '.join(received) or 'nothing'}")
+    if received[name].rate_hz != sent.rate_hz:
+        raise ConfigError(
+            f"{key}: {name} has the rate {received[name].rate_hz:g} Hz, what it answers {sent.rate_hz:g} Hz"
+        )
+    return received[name]

@@ -1,0 +1,171 @@
+"""Messages of the framing ``binary``: frames to samples, values to frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from micromanip.errors import ConfigError
+from micromanip.io.bus import Channel, Inbox
+from micromanip.io.bus_errors import OutputRefused
+
+from .binary_options import Binary, BinaryIdentity, Received, Sent
+from .layout import Part, laid_out, part
+from .line_time import LineTime
+from .number import InputNumber, NumberCodec, OutputNumber, mismatches
+from .packet_counter import PacketCounter
+from .status import StatusWord
+
+NOT_FINITE = -1
+"""Status of a sample that is no number."""
+
+
+class Frames:
+    """What all frames of a `binary` section have in common."""
+
+    def __init__(self, options: Binary) -> None:
+        self.options = options
+        self.sync = bytes.fromhex(options.sync)
+        self.crc_size = options.crc.size if options.crc else 0
+
+    def length(self, key: str, message: Received | Sent | BinaryIdentity, parts: Sequence[Part]) -> int:
+        """Of a message with these `parts` of its own. Raises ConfigError where they don't fit or overlap."""
+        options = self.options
+        if (message.kind is None) != (options.kind is None):
+            raise ConfigError(f"{key}.kind: {'is missing' if options.kind else 'there is no binary.kind to put it in'}")
+        if options.kind and message.kind is not None and message.kind > NumberCodec(options.kind).high:
+            raise ConfigError(f"{key}.kind: {message.kind} does not fit into {options.kind.type}")
+        frame = [("binary.sync", 0, len(self.sync)), *part("binary.length", options.length)]
+        return laid_out(key, [*frame, *part("binary.kind", options.kind), *parts], message.bytes, self.crc_size)
+
+    def sealed(self, frame: bytearray) -> bytes:
+        """The frame with its checksum in place."""
+        crc = self.options.crc
+        if crc is not None:
+            end = len(frame) - crc.size
+            frame[end:] = crc.function(bytes(frame[crc.first : end])).to_bytes(crc.size, crc.byte_order)
+        return bytes(frame)
+
+
+class IdentityFrame:
+    """The frame by which a device says who it is. Raises ConfigError."""
+
+    def __init__(self, frames: Frames, options: BinaryIdentity) -> None:
+        key = "binary.identity"
+        parts = [one for name, known in options.numbers.items() for one in part(f"numbers.{name}", known)]
+        self.length = frames.length(key, options, parts)
+        self.kind = options.kind
+        asked = bytes.fromhex(options.request) if options.request else b""
+        self.request = frames.sealed(bytearray(asked + bytes(frames.crc_size))) if asked else b""
+        self._numbers = {name: (NumberCodec(known), known.value) for name, known in options.numbers.items()}
+
+    def mismatches(self, frame: bytes) -> Sequence[str]:
+        """What it says that is not as configured, in words."""
+        return mismatches(self._numbers, frame)
+
+    def values(self, frame: bytes) -> dict[str, float]:
+        """What it says."""
+        return {name: codec.read(frame) for name, (codec, _) in self._numbers.items()}
+
+
+class ReceivedFrame:
+    """A message that the device sends; its inputs begin at index `first`. Raises ConfigError."""
+
+    def __init__(self, frames: Frames, name: str, options: Received, first: int, line_time: LineTime) -> None:
+        key = f"binary.receive.{name}"
+        fields = [one for label, field in options.fields.items() for one in part(f"fields.{label}", field)]
+        parts = [*part("counter", options.counter), *part("status", options.status), *fields]
+        self.name, self.kind, self.rate_hz = name, options.kind, options.rate_hz
+        self.length = frames.length(key, options, parts)
+        self.seconds = line_time.seconds(self.length)
+        latency_s = self.seconds if options.latency_us is None else options.latency_us * 1e-6
+        self._latency_ns = round(latency_s * 1e9)
+        self.channels = [Channel(label, options.rate_hz, latency_s) for label in options.fields]
+        self._first = first
+        self._values = [InputNumber(field) for field in options.fields.values()]
+        self._status = StatusWord(options.status) if options.status else None
+        self.counter = PacketCounter(options.counter) if options.counter else None
+
+    def take(self, frame: bytes, time_ns: int, inbox: Inbox) -> bool:
+        """Put its samples into `inbox`; False if it is not a fresh one."""
+        lost = self.counter.lost_before(frame) if self.counter else 0
+        if lost is None:
+            return False
+        status = self.status(frame)
+        taken_ns = time_ns - self._latency_ns
+        for channel, number in enumerate(self._values, self._first):
+            value = number.value(frame)
+            inbox.put(channel, value, taken_ns, status if math.isfinite(value) else status or NOT_FINITE, lost)
+        return True
+
+    def status(self, frame: bytes) -> int:
+        """0, or the device's word for what is wrong."""
+        return self._status.of(frame) if self._status else 0
+
+    def values(self, frame: bytes) -> dict[str, float]:
+        """What it says, by channel."""
+        return {channel.name: number.value(frame) for channel, number in zip(self.channels, self._values, strict=True)}
+
+
+class SentFrame:
+    """A message that the device is sent; its outputs begin at index `first`. Raises ConfigError."""
+
+    def __init__(self, frames: Frames, name: str, options: Sent, first: int, line_time: LineTime) -> None:
+        key = f"binary.send.{name}"
+        fields = [one for label, field in options.fields.items() for one in part(f"fields.{label}", field)]
+        self.name, self.rate_hz = name, options.rate_hz
+        self.length = frames.length(key, options, [*part("counter", options.counter), *fields])
+        self.seconds = line_time.seconds(self.length)
+        if options.fields and not options.cyclic_safe:
+            raise ConfigError(
+                f"{key}.cyclic_safe: {options.rate_hz:g} writes a second wear out a device that keeps them in flash "
+                "memory; say cyclic_safe: true if its manual allows them for ever"
+            )
+        latency_s = self.seconds if options.latency_us is None else options.latency_us * 1e-6
+        self.channels = [
+            Channel(label, options.rate_hz, latency_s, field.safe) for label, field in options.fields.items()
+        ]
+        self.indices = tuple(range(first, first + len(options.fields)))
+        self._own = slice(first, first + len(options.fields))
+        self._frames = frames
+        self._empty = self._prepared(options)
+        self._numbers = [OutputNumber(label, field) for label, field in options.fields.items()]
+        self._counter = NumberCodec(options.counter) if options.counter else None
+        self._count = 0
+        try:
+            self.frame([0.0] * first + [number.safe for number in self._numbers])
+        except OutputRefused as problem:
+            raise ConfigError(f"{key}: safe: {problem}") from problem
+
+    def frame(self, values: Sequence[float]) -> bytes:
+        """The next frame, with `values` of all outputs of the driver. Raises OutputRefused.
+
+        Its counter stays until `was_sent`: a frame that the port did not take leaves no gap.
+        """
+        data = bytearray(self._empty)
+        for number, value in zip(self._numbers, values[self._own], strict=True):
+            number.put(data, value)
+        if self._counter is not None:
+            self._counter.write(data, self._count)
+        return self._frames.sealed(data)
+
+    def was_sent(self) -> None:
+        """The last frame is on its way: count on."""
+        if self._counter is not None:
+            self._count = (self._count + 1) % self._counter.counts
+
+    def _prepared(self, options: Sent) -> bytes:
+        binary = self._frames.options
+        data = bytearray(self.length)
+        data[: len(self._frames.sync)] = self._frames.sync
+        if binary.length is not None:
+            said, codec = self.length - binary.length.plus, NumberCodec(binary.length)
+            if not 0 <= said <= codec.high:
+                raise ConfigError(
+                    f"binary.send.{self.name}: its length, {self.length} bytes, is {said} in binary.length, "
+                    f"which {binary.length.type} can't hold"
+                )
+            codec.write(data, said)
+        if binary.kind is not None and options.kind is not None:
+            NumberCodec(binary.kind).write(data, options.kind)
+        return bytes(data)

@@ -1,0 +1,133 @@
+"""Keys of the framing ``binary``: frames with sync bytes, length, kind, counter and CRC, in both directions.
+
+    drivers:
+      board:
+        driver: line
+        serial: {device: /dev/ttyUSB0, baud: 4000000}
+        silence_ms: 200
+        watchdog: outputs to 0 V after 10 ms without voltages
+        binary:
+          sync: aa 55                                   # bytes 0 and 1 of every frame
+          length: {at: 2, type: uint8, plus: 5}         # counts the payload: 2 sync, length, kind, 1 CRC are not in it
+          kind: {at: 3, type: uint8}
+          crc: {name: crc8.smbus, first: 2}             # the last byte; covers all behind the sync bytes
+          identity:
+            request: aa 55 00 01                        # whole but for its CRC, which is added
+            kind: 0x81                                  # of the frame that answers
+            numbers: {serial_number: {at: 4, type: uint32, byte_order: little, value: 1234}}
+          receive:
+            strains:
+              kind: 0x10
+              rate_hz: 2000                             # comes by itself, so often
+              counter: {at: 4, type: uint16, byte_order: little}
+              status: {at: 6, type: uint8, good: [0]}
+              fields:
+                strain_x: {at: 7, type: int32, byte_order: little, scale: 1.0e-4}
+                strain_y: {at: 11, type: int32, byte_order: little, scale: 1.0e-4}
+                strain_z: {at: 15, type: int32, byte_order: little, scale: 1.0e-4}
+          send:
+            voltages:
+              kind: 0x20
+              rate_hz: 2000
+              cyclic_safe: true                         # the manual says that it may be written for ever
+              counter: {at: 4, type: uint16, byte_order: little}
+              fields:
+                voltage_x: {at: 6, type: int16, byte_order: little, scale: 0.005, range: [-20, 150]}
+                voltage_y: {at: 8, type: int16, byte_order: little, scale: 0.005, range: [-20, 150]}
+                voltage_z: {at: 10, type: int16, byte_order: little, scale: 0.005, range: [-20, 150]}
+
+On a line where a device speaks only when it is asked, a message of `send` names its answer: ``reply: strains``; one
+without fields only asks. Channels have the fields' names. A frame is as long as its last part, and its CRC, unless
+`bytes` says that it is longer; bytes that nothing covers are sent as 0.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from .field_options import InputField, Known, OutputField, Status, WholeNumber
+from .framing_options import Counter, Crc, Length
+from .section import Count, HexBytes, Latency, Name, Rate, Section
+
+Kind = Annotated[int, Field(strict=True, ge=0)]
+
+
+class _Message(Section):
+    kind: Kind | None = Field(default=None, description="By which it is told from others; goes with binary.kind.")
+    rate_hz: Rate = Field(description="How often it comes, or is sent.")
+    bytes: Count | None = Field(
+        default=None, description="Length of the whole frame, with its CRC; null: to the end of its last part and CRC."
+    )
+    counter: Counter | None = Field(default=None, description="Incremented with each frame of this kind.")
+    latency_us: Latency | None = Field(
+        default=None,
+        description="Received: from being measured to the frame's end. Sent: from being sent to being in force. null: "
+        "as long as the frame is on the wire.",
+    )
+
+
+class Received(_Message):
+    """A frame that the device sends, by itself or as an answer."""
+
+    status: Status | None = Field(default=None, description="How the device says that its values are bad.")
+    fields: dict[Name, InputField] = Field(min_length=1, description="The inputs by name.")
+
+
+class Sent(_Message):
+    """A frame that is sent to the device, with the latest values; without fields it only asks."""
+
+    fields: dict[Name, OutputField] = Field(default={}, description="The outputs by name.")
+    cyclic_safe: bool = Field(
+        default=False,
+        strict=True,
+        description="Its manual says that it may be written for ever: no flash memory is written, nothing wears out.",
+    )
+    reply: Name | None = Field(
+        default=None, description="Message of `receive` that answers it, with the same rate; null: nothing answers."
+    )
+
+
+class BinaryIdentity(Section):
+    """Which device must answer, asked when it is opened."""
+
+    request: HexBytes | None = Field(
+        default=None, description="Frame that asks, whole but for its CRC, hexadecimal; null: it says so by itself."
+    )
+    kind: Kind | None = Field(default=None, description="Kind of the frame that answers.")
+    bytes: Count | None = Field(default=None, description="Its length, as for a message.")
+    numbers: dict[Name, Known] = Field(min_length=1, description="What it must hold.")
+
+
+class Binary(Section):
+    """Frames with sync bytes and checksum."""
+
+    sync: HexBytes = Field(min_length=2, description="First bytes of every frame, hexadecimal.")
+    length: Length | None = Field(
+        default=None, description="Where a frame says how long it is; null: its kind, or that there is one, tells."
+    )
+    kind: WholeNumber | None = Field(default=None, description="Where a frame says which one it is; null: one kind.")
+    crc: Crc | None = Field(
+        description="The checksum at the end; null, said outright, for a device that has none: noise becomes values."
+    )
+    identity: BinaryIdentity | None = Field(default=None, description="null: whatever answers is taken.")
+    reply_ms: Annotated[float, Field(strict=True, gt=0, le=250)] = Field(
+        default=10.0, description="An answer that takes longer is missing."
+    )
+    drain_ms: Annotated[float, Field(strict=True, gt=0, le=5_000)] = Field(
+        default=20.0,
+        description="After a missing answer, so long is waited for it to come late before anything else is asked; more "
+        "than the longest that the device takes.",
+    )
+    turnaround_us: Latency = Field(
+        default=0.0, description="How long the device takes to begin its answer, for the budget."
+    )
+    receive: dict[Name, Received] = Field(default={}, description="What the device sends, by any name.")
+    send: dict[Name, Sent] = Field(default={}, description="What is sent to it, by any name.")
+
+    @model_validator(mode="after")
+    def _does_something(self) -> Binary:
+        if not self.receive and not self.send:
+            raise ValueError("receive or send: at least one message must be given")
+        return self

@@ -1,0 +1,119 @@
+"""The driver ``line``: one device on a serial line, a TCP connection or UDP, with a framing that is configured."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from micromanip.errors import ConfigError
+from micromanip.io.bus import Answer, BusDriver, Channel, Inbox, Load, Task
+from micromanip.io.bus_errors import BusError, LinkError, TransientError
+
+from .ascii import AsciiFraming
+from .binary import BinaryFraming
+from .framing import Framing
+from .line_time import LineTime
+from .options import LineOptions
+from .port import Port
+from .serial_port import SerialLine
+from .silence import Silence
+from .stream import StreamFraming
+from .tcp_port import TcpConnection
+from .udp_port import UdpDatagrams
+
+__all__ = ["Line"]
+
+_OPEN_NS = 900_000_000
+
+
+class Line(BusDriver):
+    """Channels have the names that the fields have in the configuration."""
+
+    Options: ClassVar[type[LineOptions]] = LineOptions
+
+    def __init__(self, options: LineOptions, folder: Path) -> None:  # noqa: ARG002 (it has no files)
+        self._options = options
+        self._port = _port(options)
+        self._framing = _framing(options, self._port)
+        speaks_hz = self._framing.speaks_hz
+        if speaks_hz is not None and options.silence_ms < 2e3 / speaks_hz:
+            raise ConfigError(
+                f"silence_ms: {options.silence_ms:g} is less than two periods of what comes at {speaks_hz:g} Hz: the "
+                "link would be lost again and again"
+            )
+        for kind, channels in (("input", self._framing.inputs), ("output", self._framing.outputs)):
+            names = [channel.name for channel in channels]
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise ConfigError(f"two {kind}s are called {twice[0]}")
+
+    @property
+    def device(self) -> str:
+        return self._port.name
+
+    @property
+    def watchdog(self) -> str | None:
+        return self._options.watchdog
+
+    @property
+    def inputs(self) -> Sequence[Channel]:
+        return self._framing.inputs
+
+    @property
+    def outputs(self) -> Sequence[Channel]:
+        return self._framing.outputs
+
+    @property
+    def tasks(self) -> Sequence[Task]:
+        return self._framing.tasks
+
+    def loads(self) -> Sequence[Load]:
+        return self._framing.loads
+
+    def open(self) -> None:
+        deadline_ns = time.monotonic_ns() + _OPEN_NS
+        try:
+            self._port.open(deadline_ns)
+            self._framing.begin(deadline_ns)
+        except TransientError as problem:  # there is no second try here: that is the worker's
+            self._port.close()
+            raise LinkError(str(problem)) from problem
+        except BusError:
+            self._port.close()
+            raise
+
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+        self._framing.perform(task, values, inbox)
+
+    def receive(self, inbox: Inbox, until_ns: int) -> None:
+        self._framing.receive(inbox, until_ns)
+
+    def close(self) -> None:
+        self._port.close()
+
+    def statistics(self) -> Mapping[str, int]:
+        return {**self._port.counters, **self._framing.counters}
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        self._port.open(time.monotonic_ns() + _OPEN_NS)
+        yield from self._framing.probe(seconds)
+
+
+def _port(options: LineOptions) -> Port:
+    if options.serial is not None:
+        return SerialLine(options.serial)
+    if options.tcp is not None:
+        return TcpConnection(options.tcp, options.silence_ms)
+    assert options.udp is not None
+    return UdpDatagrams(options.udp)
+
+
+def _framing(options: LineOptions, port: Port) -> Framing:
+    line_time, silence = LineTime(options.port), Silence(port.name, options.silence_ms)
+    if options.binary is not None:
+        return BinaryFraming(options.binary, port, line_time, silence)
+    if options.ascii is not None:
+        return AsciiFraming(options.ascii, port, line_time, silence)
+    assert options.stream is not None
+    return StreamFraming(options.stream, port, line_time, silence)

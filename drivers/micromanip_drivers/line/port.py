@@ -1,0 +1,142 @@
+"""A port as the framings use it: opened, written to, read from, with errors by what is to be done about them."""
+
+from __future__ import annotations
+
+import errno
+import select
+import time
+from abc import ABC, abstractmethod
+
+from micromanip.io.bus_errors import LinkError, TransientError
+
+_AT_ONCE = 64
+"""Reads that one call does at most: a babbling device must not keep the worker from writing."""
+
+
+class Port(ABC):
+    """Bytes to and from one device. `name` is what messages call it."""
+
+    datagrams = False
+    """True where each chunk that is received is whole, and has nothing to do with the one before."""
+    largest = 65_536
+    """Bytes that one reading takes at most."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.counters = {"bytes_in": 0, "bytes_out": 0, "transmit_full": 0}
+        self._descriptor: int | None = None
+        self._rest = b""
+
+    def open(self, deadline_ns: int) -> None:
+        """Reach it, until `deadline_ns` (CLOCK_MONOTONIC) at the latest. Raises LinkError."""
+        self.close()
+        try:
+            self._descriptor = self._connect(deadline_ns)
+        except OSError as problem:
+            self.close()
+            raise LinkError(f"{self.name} can't be opened: {said(problem)}") from problem
+
+    def close(self) -> None:
+        """Let go of it; does no harm twice, never raises."""
+        self._descriptor, self._rest = None, b""
+        self._disconnect()
+
+    def send(self, data: bytes) -> None:
+        """Hand `data` over, without waiting for it to be sent. Raises TransientError if it is full, LinkError.
+
+        What is sent goes out whole: where the kernel takes a part of it, the rest follows as soon as it can. What
+        waits already is not added to: values would grow old in a queue.
+        """
+        descriptor = self._opened()
+        try:
+            if self._rest or self._waiting_bytes() >= len(data):
+                self._flush()
+                if self._rest or self._waiting_bytes() >= len(data):
+                    self._is_full()
+            try:
+                written = self._write(descriptor, data)
+            except BlockingIOError:
+                self._is_full()
+            self._rest = data[written:]
+        except OSError as problem:
+            raise self._gone("writing", problem) from problem
+        self.counters["bytes_out"] += len(data)
+
+    def receive(self, until_ns: int) -> list[tuple[bytes, int]]:
+        """What came, each with the time of its reception (CLOCK_MONOTONIC, ns), oldest first.
+
+        Returns soon after the first, and at `until_ns` at the latest. Raises LinkError.
+        """
+        descriptor = self._opened()
+        chunks: list[tuple[bytes, int]] = []
+        try:
+            if self._rest:
+                self._flush()
+            left_s = max(0.0, (until_ns - time.monotonic_ns()) * 1e-9)
+            if not select.select([descriptor], [], [], left_s)[0]:
+                return chunks
+            while len(chunks) < _AT_ONCE:
+                chunk = self._read(descriptor)
+                if chunk is None:
+                    break
+                self.counters["bytes_in"] += len(chunk[0])
+                chunks.append(chunk)
+                if len(chunk[0]) < self.largest and not self.datagrams:
+                    break  # that was all: asking again costs more than it would bring
+        except BlockingIOError:
+            pass
+        except OSError as problem:
+            if not chunks:  # else what came before that is good, and the next call finds it again
+                raise self._gone("reading", problem) from problem
+        return self._cleaned(chunks)
+
+    @abstractmethod
+    def _connect(self, deadline_ns: int) -> int:
+        """The descriptor to wait on, non-blocking. Raises OSError."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Free what `_connect` took."""
+
+    @abstractmethod
+    def _read(self, descriptor: int) -> tuple[bytes, int] | None:
+        """One chunk and its time; None if there is no more now. Raises OSError, BlockingIOError."""
+
+    @abstractmethod
+    def _write(self, descriptor: int, data: bytes) -> int:
+        """How many bytes the kernel took. Raises OSError, BlockingIOError."""
+
+    def _waiting_bytes(self) -> int:
+        """Bytes that the kernel has taken and not sent yet."""
+        return 0
+
+    def _cleaned(self, chunks: list[tuple[bytes, int]]) -> list[tuple[bytes, int]]:
+        """What of it is from the device."""
+        return chunks
+
+    def _flush(self) -> None:
+        if not self._rest:
+            return
+        try:
+            self._rest = self._rest[self._write(self._opened(), self._rest) :]
+        except BlockingIOError:
+            return
+
+    def _opened(self) -> int:
+        if self._descriptor is None:
+            raise LinkError(f"{self.name} is not open")
+        return self._descriptor
+
+    def _is_full(self) -> None:
+        self.counters["transmit_full"] += 1
+        raise TransientError(f"{self.name}: what was written before still waits to be sent; nothing was added to it")
+
+    def _gone(self, doing: str, problem: OSError) -> LinkError:
+        return LinkError(f"{self.name} is gone ({doing}: {said(problem)})")
+
+
+def said(problem: OSError) -> str:
+    """What an error of the kernel says, in its own words or pyserial's."""
+    if problem.strerror and problem.errno != errno.ENOMSG:
+        return problem.strerror
+    return " ".join(str(problem).split()) or type(problem).__name__

@@ -1,0 +1,87 @@
+"""Keys that say which port: a serial line, a TCP connection, or UDP datagrams.
+
+serial: {device: /dev/ttyUSB0, baud: 4000000, low_latency: true}
+serial: {device: /dev/ttyS1, baud: 115200, parity: even, rs485: {turnaround_us: 300, echo: true}}
+tcp: {host: 192.168.0.10, port: 50000}
+udp: {host: 192.168.0.20, port: 700, listen: 7000}
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .section import Section
+
+PortNumber = Annotated[int, Field(strict=True, ge=1, le=65_535)]
+Microseconds = Annotated[float, Field(strict=True, ge=0, le=100_000)]
+
+
+class Rs485(Section):
+    """Two wires for both directions: only one may speak at a time."""
+
+    turnaround_us: Microseconds = Field(
+        default=0.0, description="Silence that we keep between the end of what was received and what we send next."
+    )
+    echo: bool = Field(
+        default=False, strict=True, description="What we send comes back to us, and is taken out of what is received."
+    )
+    rts: Literal["adapter", "kernel"] = Field(
+        default="adapter",
+        description="What switches the transmitter on and off: the adapter by itself, or the kernel by RTS.",
+    )
+    delay_before_us: Microseconds = Field(default=0.0, description="RTS before the first bit; with rts: kernel only.")
+    delay_after_us: Microseconds = Field(default=0.0, description="RTS after the last bit; with rts: kernel only.")
+
+    @model_validator(mode="after")
+    def _delays_belong_to_the_kernel(self) -> Rs485:
+        if self.rts == "adapter" and (self.delay_before_us or self.delay_after_us):
+            raise ValueError("delay_before_us and delay_after_us are for rts: kernel; an adapter has its own")
+        return self
+
+
+class SerialPort(Section):
+    """A serial line, over a UART, a USB adapter or a pseudo terminal."""
+
+    device: str = Field(min_length=1, description="Device file; /dev/serial/by-id/... stays the same when replugged.")
+    baud: Annotated[int, Field(strict=True, ge=50, le=50_000_000)] = Field(description="Bits a second.")
+    bytesize: Literal[5, 6, 7, 8] = Field(default=8, description="Data bits of a character.")
+    parity: Literal["none", "even", "odd"] = Field(default="none", description="Parity bit of a character.")
+    stopbits: Literal[1, 2] = Field(default=1, description="Stop bits of a character.")
+    low_latency: bool = Field(
+        default=True,
+        strict=True,
+        description="Ask the kernel to hand over bytes at once; a USB adapter otherwise gathers them for up to 16 ms. "
+        "Ignored where the port can't.",
+    )
+    rs485: Rs485 | None = Field(default=None, description="For RS-485; null for RS-232, RS-422 and USB.")
+
+    @property
+    def bits_per_byte(self) -> int:
+        """Bits that a byte costs on the wire."""
+        return 1 + self.bytesize + (self.parity != "none") + self.stopbits
+
+
+class TcpPort(Section):
+    """A TCP connection, that we make."""
+
+    host: str = Field(min_length=1, description="Address of the device.")
+    port: PortNumber = Field(description="Its TCP port.")
+    link_Mbit_per_s: float = Field(
+        default=100.0, strict=True, gt=0, le=100_000, description="Slowest part of the network on the way."
+    )
+
+
+class UdpPort(Section):
+    """UDP datagrams, to and from one device; those of others are counted and thrown away."""
+
+    host: str = Field(min_length=1, description="Address of the device.")
+    port: PortNumber = Field(description="Its UDP port: it sends from there, and receives there.")
+    listen: PortNumber | None = Field(
+        default=None,
+        description="Our UDP port, to which it sends; null: any, it answers to where it was asked.",
+    )
+    link_Mbit_per_s: float = Field(
+        default=100.0, strict=True, gt=0, le=100_000, description="Slowest part of the network on the way."
+    )

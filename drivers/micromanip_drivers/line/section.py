@@ -1,0 +1,31 @@
+"""What the sections of the driver's configuration have in common."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+
+class Section(BaseModel):
+    """Keys of a section: unknown ones are refused, numbers are finite."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def _hexadecimal(text: str) -> str:
+    try:
+        bytes.fromhex(text)
+    except ValueError:
+        raise ValueError(f'"{text}" is not hexadecimal: two digits a byte, for example "aa 55"') from None
+    return text
+
+
+HexBytes = Annotated[str, AfterValidator(_hexadecimal)]
+"""Bytes as hexadecimal text, blanks between them or not."""
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
+Rate = Annotated[float, Field(strict=True, gt=0, le=20_000)]
+Latency = Annotated[float, Field(strict=True, ge=0, le=1e6)]
+Place = Annotated[int, Field(strict=True, ge=0, le=65_535)]
+Count = Annotated[int, Field(strict=True, ge=1, le=65_535)]
+Whole = Annotated[int, Field(strict=True)]

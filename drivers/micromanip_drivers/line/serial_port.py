@@ -1,0 +1,143 @@
+"""A serial line: pyserial sets it up, reading and writing are the kernel's own calls.
+
+pyserial's ``read`` returns short after a time-out and selects before every byte; its ``write`` waits. Only its setting
+up of the terminal, of low latency and of RS-485 is used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import struct
+import termios
+import time
+from pathlib import Path
+
+import serial
+import serial.rs485
+
+from .echo import Echo
+from .port import Port
+from .port_options import SerialPort
+
+_PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
+_COUNT = struct.pack("I", 0)
+
+
+class SerialLine(Port):
+    """The line that `options` name."""
+
+    largest = 4096
+
+    def __init__(self, options: SerialPort) -> None:
+        super().__init__(options.device)
+        self._options = options
+        self._serial: serial.Serial | None = None
+        rs485 = options.rs485
+        self._turnaround_ns = round(rs485.turnaround_us * 1e3) if rs485 else 0
+        self._echo = Echo() if rs485 and rs485.echo else None
+        self._quiet_ns = 0
+        self.low_latency = False
+        """True if the kernel hands over bytes at once, as far as it says."""
+        if self._echo is not None:
+            self.counters["echo_errors"] = 0
+
+    def send(self, data: bytes) -> None:
+        wait_ns = self._quiet_ns + self._turnaround_ns - time.monotonic_ns()
+        if self._turnaround_ns and wait_ns > 0:
+            time.sleep(wait_ns * 1e-9)
+        super().send(data)
+        if self._echo is not None:
+            self._echo.sent(data)
+
+    def _connect(self, deadline_ns: int) -> int:  # noqa: ARG002 (a line is there at once, or not)
+        options = self._options
+        if not Path(options.device).exists():
+            raise OSError(errno.ENOENT, f"there is no such device; serial ports here: {_found()}")
+        try:
+            line = serial.Serial(
+                options.device,
+                options.baud,
+                bytesize=options.bytesize,
+                parity=_PARITIES[options.parity],
+                stopbits=options.stopbits,
+                timeout=0,
+                write_timeout=0,
+                exclusive=True,
+            )
+        except ValueError as problem:  # a rate that the port can't be set to
+            raise OSError(errno.EINVAL, f"{problem}; is the baud rate {options.baud} right?") from problem
+        except termios.error as problem:
+            raise OSError(errno.EIO, f"it can't be set up ({problem.args[-1]}); is it a serial port?") from problem
+        self._serial = line
+        if options.rs485 is not None and options.rs485.rts == "kernel":
+            self._let_kernel_switch(line)
+        if options.low_latency:
+            self._ask_for_low_latency(line)
+        line.reset_input_buffer()
+        if self._echo is not None:
+            self._echo.clear()
+        descriptor: int = line.fileno()
+        _let_empty_mean_gone(descriptor)
+        return descriptor
+
+    def _disconnect(self) -> None:
+        line, self._serial = self._serial, None
+        if line is not None:
+            with contextlib.suppress(OSError, termios.error):
+                line.close()
+
+    def _read(self, descriptor: int) -> tuple[bytes, int] | None:
+        data = os.read(descriptor, self.largest)
+        if not data:  # readable, with nothing to read: hung up
+            raise OSError(errno.EIO, "it was unplugged, or its other end closed")
+        now_ns = time.monotonic_ns()
+        self._quiet_ns = now_ns
+        return data, now_ns
+
+    def _write(self, descriptor: int, data: bytes) -> int:
+        return os.write(descriptor, data)
+
+    def _waiting_bytes(self) -> int:
+        count: int = struct.unpack("I", fcntl.ioctl(self._opened(), termios.TIOCOUTQ, _COUNT))[0]
+        return count
+
+    def _cleaned(self, chunks: list[tuple[bytes, int]]) -> list[tuple[bytes, int]]:
+        if self._echo is None:
+            return chunks
+        cleaned = [(self._echo.without(data), time_ns) for data, time_ns in chunks]
+        self.counters["echo_errors"] = self._echo.errors
+        return [(data, time_ns) for data, time_ns in cleaned if data]
+
+    def _let_kernel_switch(self, line: serial.Serial) -> None:
+        rs485 = self._options.rs485
+        assert rs485 is not None
+        try:
+            line.rs485_mode = serial.rs485.RS485Settings(
+                delay_before_tx=rs485.delay_before_us * 1e-6, delay_before_rx=rs485.delay_after_us * 1e-6
+            )
+        except (OSError, ValueError) as problem:
+            raise OSError(errno.ENOTSUP, "the kernel can't switch its RTS (rts: kernel); try rts: adapter") from problem
+
+    def _ask_for_low_latency(self, line: serial.Serial) -> None:
+        try:
+            line.set_low_latency_mode(True)
+            self.low_latency = True
+        except (OSError, ValueError, NotImplementedError):  # a pseudo terminal, an adapter whose driver does without
+            self.low_latency = False
+
+
+def _let_empty_mean_gone(descriptor: int) -> None:
+    """As set up by pyserial, the kernel returns nothing both where nothing came and where the port went away."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+
+
+def _found() -> str:
+    folder = Path("/dev/serial/by-id")
+    named = sorted(str(path) for path in folder.iterdir()) if folder.is_dir() else []
+    others = sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
+    return ", ".join(named or others) or "none with a USB adapter"

@@ -1,0 +1,201 @@
+"""The framing ``stream``: packets of samples, that come by themselves."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from micromanip.errors import ConfigError
+from micromanip.io.bus import Answer, Channel, Inbox, Load, Task
+from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
+
+from .device_clock import DeviceClock
+from .field_options import overlap
+from .frame_reader import FrameReader
+from .frame_search import FrameSearch
+from .framing import Framing
+from .layout import part
+from .line_time import LineTime, Traffic
+from .number import InputNumber, NumberCodec, mismatches
+from .packet_counter import PacketCounter
+from .port import Port
+from .silence import Silence
+from .status import StatusWord
+from .stream_options import Blocks, Stream
+
+NOT_FINITE = -1
+"""Status of a sample that is no number."""
+_STRANGE = 2
+"""So many packets must say that they are of another device: one may be noise that looked like a packet."""
+
+
+class StreamFraming(Framing):
+    """Inputs only."""
+
+    outputs: Sequence[Channel] = ()
+    tasks: Sequence[Task] = ()
+
+    def __init__(self, options: Stream, port: Port, line_time: LineTime, silence: Silence) -> None:
+        self._options, self._port, self._silence = options, port, silence
+        _must_fit(options)
+        self._crc_size = options.crc.size if options.crc else 0
+        self._most = options.header_bytes + options.most_blocks * options.block_bytes + self._crc_size
+        self._blocks = NumberCodec(options.blocks) if isinstance(options.blocks, Blocks) else None
+        self._values = [InputNumber(field) for field in options.fields.values()]
+        counter = options.counter
+        self._counter = PacketCounter(counter, counter.counts == "samples") if counter else None
+        self._status = StatusWord(options.status) if options.status else None
+        self._identity = {name: (NumberCodec(known), known.value) for name, known in options.identity.items()}
+        self._stamp = NumberCodec(options.time) if options.time else None
+        self._clock = self._device_clock()
+        self._reader = FrameReader(port, FrameSearch(bytes.fromhex(options.magic), self._length, options.crc))
+        self._period_ns = 1e9 / options.rate_hz
+        packet_s = line_time.seconds(self._most)
+        latency_s = packet_s if options.latency_us is None else options.latency_us * 1e-6
+        self._latency_ns = round(latency_s * 1e9)
+        self.inputs = [Channel(name, options.rate_hz / options.most_blocks, latency_s) for name in options.fields]
+        self.loads: Sequence[Load] = line_time.loads([self._traffic(line_time)])
+        self.speaks_hz = options.rate_hz / options.most_blocks
+        self._packets = 0
+
+    def begin(self, deadline_ns: int) -> None:
+        self._forget()
+        if self._options.start:
+            self._port.send(bytes.fromhex(self._options.start))
+        before, strange = self._reader.received, 0
+        while time.monotonic_ns() < deadline_ns:
+            for packet, time_ns in self._reader.frames(deadline_ns):
+                if not (found := mismatches(self._identity, packet)):
+                    self._silence.heard(time_ns, more=True)
+                    self._reader.pardon()
+                    return
+                strange += 1
+                if strange >= _STRANGE:
+                    raise IdentityMismatch(f"{self._port.name} has {' and '.join(found)}")
+            self._reader.pardon()
+        raise LinkError(f"{self._port.name} {self._reader.unheard(before, 'sends nothing')}")
+
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
+        raise AssertionError("a stream has no tasks")
+
+    def receive(self, inbox: Inbox, until_ns: int) -> None:
+        packets = self._reader.frames(until_ns)
+        stranger = False
+        for packet, time_ns in packets:
+            if self._identity and mismatches(self._identity, packet):
+                stranger = True
+            elif self._take(packet, time_ns, inbox):
+                self._silence.heard(time_ns, more=True)
+        self._silence.check(packets[-1][1] if packets else time.monotonic_ns())
+        self._reader.complain()
+        if stranger:
+            raise TransientError(f"{self._port.name}: a packet says that it is of another device")
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        self._forget()
+        if self._options.start:
+            self._port.send(bytes.fromhex(self._options.start))
+        before, begin_ns = self._reader.received, time.monotonic_ns()
+        end_ns = begin_ns + round(seconds * 1e9)
+        count, inbox = 0, Inbox()
+        while (now_ns := time.monotonic_ns()) < end_ns:
+            for packet, time_ns in self._reader.frames(min(end_ns, now_ns + 200_000_000)):
+                count += 1
+                found = mismatches(self._identity, packet)
+                self._take(packet, time_ns, inbox)
+                passed_s = max(1e-3, (time_ns - begin_ns) * 1e-9)
+                yield Answer(self._port.name, self._described(packet, inbox, count / passed_s), "; ".join(found))
+                inbox.clear()
+        if not count and self._reader.received > before:
+            heard = self._reader.received - before
+            yield Answer(self._port.name, {"bytes": heard}, self._reader.unheard(before, "sends nothing"))
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        return {
+            "packets": self._packets,
+            **self._reader.counters,
+            "lost": self._counter.lost if self._counter else 0,
+            "not_fresh": self._counter.stale if self._counter else 0,
+            "restarts": self._counter.restarts if self._counter else 0,
+            "clock_steps": self._clock.steps if self._clock else 0,
+        }
+
+    def _forget(self) -> None:
+        self._reader.forget()
+        if self._counter:
+            self._counter.forget()
+        if self._clock:
+            self._clock.forget()
+
+    def _length(self, data: bytes | bytearray) -> int | None:
+        """Of the packet that begins with `data`."""
+        options = self._options
+        if self._blocks is None:
+            return self._most
+        if len(data) < options.header_bytes:
+            return None
+        blocks = int(self._blocks.read(data))
+        if not 1 <= blocks <= options.most_blocks:
+            return 0
+        return options.header_bytes + blocks * options.block_bytes + self._crc_size
+
+    def _take(self, packet: bytes, time_ns: int, inbox: Inbox) -> bool:
+        """Put the samples of a packet into `inbox`; False if it is not a fresh one."""
+        options = self._options
+        count = (len(packet) - options.header_bytes - self._crc_size) // options.block_bytes
+        lost = self._counter.lost_before(packet, count) if self._counter else 0
+        if lost is None:
+            return False
+        self._packets += 1
+        status = self._status.of(packet) if self._status else 0
+        first_ns = time_ns - self._latency_ns - round((count - 1) * self._period_ns)
+        if self._stamp is not None and self._clock is not None:
+            first_ns = self._clock.taken_ns(self._stamp.read(packet), first_ns)
+        for block in range(count):
+            at = options.header_bytes + block * options.block_bytes
+            taken_ns = first_ns + round(block * self._period_ns)
+            for channel, number in enumerate(self._values):
+                value = number.value(packet, at)
+                good = status if math.isfinite(value) else status or NOT_FINITE
+                inbox.put(channel, value, taken_ns, good, 0 if block else lost)
+        return True
+
+    def _device_clock(self) -> DeviceClock | None:
+        options = self._options.time
+        if options is None:
+            return None
+        return DeviceClock(options.unit_s, 1 << (8 * options.size) if options.type.startswith("uint") else None)
+
+    def _traffic(self, line_time: LineTime) -> Traffic:
+        options = self._options
+        if self._blocks is None:
+            return Traffic("packets", options.rate_hz / options.most_blocks, line_time.seconds(self._most), "in")
+        shortest = options.header_bytes + options.block_bytes + self._crc_size  # a packet for each sample costs most
+        return Traffic("packets", options.rate_hz, line_time.seconds(shortest), "in")
+
+    def _described(self, packet: bytes, inbox: Inbox, rate_hz: float) -> dict[str, Any]:
+        values: dict[str, Any] = {"packets_per_s": round(rate_hz, 1), "bytes": len(packet)}
+        values |= {name: codec.read(packet) for name, (codec, _) in self._identity.items()}
+        if self._status:
+            values["status"] = self._status.of(packet)
+        values["lost"] = self._counter.lost if self._counter else 0
+        return values | {self.inputs[sample.channel].name: sample.value for sample in inbox}
+
+
+def _must_fit(options: Stream) -> None:
+    magic = bytes.fromhex(options.magic)
+    parts = [("stream.magic", 0, len(magic)), *part("counter", options.counter), *part("status", options.status)]
+    parts += part("time", options.time)
+    parts += part("blocks", options.blocks) if isinstance(options.blocks, Blocks) else []
+    parts += [one for name, known in options.identity.items() for one in part(f"identity.{name}", known)]
+    if problem := overlap(parts):
+        raise ConfigError(f"stream: {problem}")
+    for name, _, end in parts:
+        if end > options.header_bytes:
+            raise ConfigError(f"stream: {name} ends behind the header, which has {options.header_bytes} bytes")
+    fields = [one for name, field in options.fields.items() for one in part(f"fields.{name}", field)]
+    if problem := overlap(fields):
+        raise ConfigError(f"stream.fields: {problem}")

@@ -1,0 +1,112 @@
+"""Keys of the framing ``stream``: packets with a header, a counter and blocks of samples, that come by themselves.
+
+A capacitive sensor with three channels, over TCP (all numbers little-endian, as its manual says):
+
+    drivers:
+      gap:
+        driver: line
+        tcp: {host: 192.168.0.30, port: 10001}
+        silence_ms: 100
+        stream:
+          magic: 4d 45 41 53                            # "MEAS"
+          header_bytes: 32
+          identity: {serial_number: {at: 8, type: int32, byte_order: little, value: 4711}}
+          status: {at: 20, type: uint32, byte_order: little, good: [0]}
+          blocks: {at: 24, type: uint16, byte_order: little, most: 8}   # samples in this packet
+          counter: {at: 28, type: uint32, byte_order: little, counts: samples}
+          rate_hz: 4000                                 # samples a second
+          block_bytes: 12
+          fields:                                       # places in the block
+            strain_x: {at: 0, type: int32, byte_order: little, scale: 5.96e-6}
+            strain_y: {at: 4, type: int32, byte_order: little, scale: 5.96e-6}
+            strain_z: {at: 8, type: int32, byte_order: little, scale: 5.96e-6}
+
+A laser tracker, over UDP, a sample a datagram, with its own time stamps:
+
+    drivers:
+      tracker:
+        driver: line
+        udp: {host: 192.168.0.40, port: 5000, listen: 7000}
+        silence_ms: 100
+        stream:
+          magic: 4c 54
+          header_bytes: 16
+          counter: {at: 4, type: uint32, byte_order: big, counts: packets}
+          time: {at: 8, type: uint64, byte_order: big, unit_s: 1.0e-6}
+          rate_hz: 1000
+          block_bytes: 24
+          crc: {name: crc32.iso_hdlc, byte_order: big}  # behind the last block
+          fields:
+            stage_x: {at: 0, type: float64, byte_order: big, scale: 1000.0}
+            stage_y: {at: 8, type: float64, byte_order: big, scale: 1000.0}
+            stage_z: {at: 16, type: float64, byte_order: big, scale: 1000.0}
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .field_options import InputField, Known, Number, Status, WholeNumber
+from .framing_options import Counter, Crc
+from .section import Count, HexBytes, Latency, Name, Rate, Section
+
+
+class Blocks(WholeNumber):
+    """A number in the header that says how many blocks follow."""
+
+    most: Count = Field(description="As many as there can be; a header that says more is garbage.")
+
+
+class StreamCounter(Counter):
+    """A number in the header that rises."""
+
+    counts: Literal["packets", "samples"] = Field(
+        description="packets: by 1 with each packet. samples: it is the number of the packet's first sample."
+    )
+
+
+class DeviceTime(Number):
+    """The device's own time of the first sample of a packet."""
+
+    unit_s: Annotated[float, Field(strict=True, gt=0, le=1)] = Field(description="Seconds a count.")
+
+
+class Stream(Section):
+    """Packets of samples."""
+
+    magic: HexBytes = Field(min_length=2, description="First bytes of every packet, hexadecimal.")
+    header_bytes: Count = Field(description="Length of the header, magic included; the first block follows.")
+    block_bytes: Count = Field(description="Length of a block, which holds one sample of every field.")
+    blocks: Count | Blocks = Field(
+        default=1, description="Blocks in a packet: a number, or where the header says how many."
+    )
+    fields: dict[Name, InputField] = Field(min_length=1, description="The inputs by name; places are in the block.")
+    rate_hz: Rate = Field(description="Samples a second, of each field.")
+    counter: StreamCounter | None = Field(default=None, description="null: what is lost can't be seen.")
+    status: Status | None = Field(default=None, description="How the device says that its values are bad.")
+    time: DeviceTime | None = Field(
+        default=None, description="Its own clock; null: samples are as old as they can be when they are received."
+    )
+    crc: Crc | None = Field(default=None, description="Behind the last block.")
+    identity: dict[Name, Known] = Field(default={}, description="Numbers of the header that say which device it is.")
+    start: HexBytes = Field(
+        default="", description="Sent when it is opened, so that the device begins; it must move nothing. Hexadecimal."
+    )
+    latency_us: Latency | None = Field(
+        default=None,
+        description="From the last sample being measured to its packet's end; null: while that is on the wire.",
+    )
+
+    @property
+    def most_blocks(self) -> int:
+        """As many samples as a packet can hold."""
+        return self.blocks.most if isinstance(self.blocks, Blocks) else self.blocks
+
+    @model_validator(mode="after")
+    def _blocks_are_in_the_header(self) -> Stream:
+        for name, field in self.fields.items():
+            if field.end > self.block_bytes:
+                raise ValueError(f"fields.{name} ends behind the block, which has {self.block_bytes} bytes")
+        return self

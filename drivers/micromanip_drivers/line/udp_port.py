@@ -1,0 +1,83 @@
+"""UDP datagrams, to and from one device."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+
+from .port import Port
+from .port_options import UdpPort
+
+SO_TIMESTAMPNS = 35
+_TIMESPEC = struct.Struct("@ll")
+_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
+
+
+class UdpDatagrams(Port):
+    """The device that `options` name. Datagrams carry the kernel's time of their reception.
+
+    The socket is connected: the kernel drops what others send, and tells when nobody listens at the other end. What
+    came in before that, while it was only bound, is told by its sender's address.
+    """
+
+    datagrams = True
+
+    def __init__(self, options: UdpPort) -> None:
+        super().__init__(f"udp {options.host}:{options.port}")
+        self._options = options
+        self._socket: socket.socket | None = None
+        self._peer: tuple[str, int] = ("", 0)
+        self._earliest_ns = 0
+        self.counters["strangers"] = 0
+
+    def _connect(self, deadline_ns: int) -> int:  # noqa: ARG002 (nobody is asked, so nobody is waited for)
+        options = self._options
+        family, kind, protocol, _, address = socket.getaddrinfo(options.host, options.port, type=socket.SOCK_DGRAM)[0]
+        self._socket = port = socket.socket(family, kind, protocol)
+        port.setblocking(False)
+        port.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self._earliest_ns = time.monotonic_ns()
+        if options.listen is not None:
+            port.bind(("", options.listen))
+        port.connect(address)
+        self._peer = (str(address[0]), int(address[1]))
+        return port.fileno()
+
+    def _disconnect(self) -> None:
+        port, self._socket = self._socket, None
+        if port is not None:
+            port.close()
+
+    def _read(self, descriptor: int) -> tuple[bytes, int] | None:  # noqa: ARG002
+        assert self._socket is not None
+        while True:
+            try:
+                data, ancillary, _, sender = self._socket.recvmsg(self.largest, _ANCILLARY)
+            except BlockingIOError:
+                self._earliest_ns = time.monotonic_ns()
+                return None
+            received_ns = self._received_ns(ancillary)
+            if sender[:2] == self._peer:
+                return data, received_ns
+            self.counters["strangers"] += 1
+
+    def _write(self, descriptor: int, data: bytes) -> int:  # noqa: ARG002
+        assert self._socket is not None
+        return self._socket.send(data)
+
+    def _received_ns(self, ancillary: list[tuple[int, int, bytes]]) -> int:
+        """The kernel's time stamp in CLOCK_MONOTONIC, as far as a wall clock that may be stepped can tell it.
+
+        It counts within what is known for sure: it came after the one before it and after the queue was last seen
+        empty, and before now. The monotonic clock is read first: if this process is stalled in between, the datagram
+        looks older, never newer than it is.
+        """
+        now_ns, wall_ns = time.monotonic_ns(), time.time_ns()
+        for _, kind, data in ancillary:
+            if kind == SO_TIMESTAMPNS:
+                seconds, nanoseconds = _TIMESPEC.unpack_from(data)
+                stamp_ns = seconds * 1_000_000_000 + nanoseconds
+                self._earliest_ns = min(now_ns, max(self._earliest_ns, now_ns - (wall_ns - stamp_ns)))
+                return self._earliest_ns
+        return now_ns

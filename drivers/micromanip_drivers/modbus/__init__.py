@@ -1,0 +1,1 @@
+"""The driver `modbus`: registers of Modbus TCP and RTU devices, by configuration."""

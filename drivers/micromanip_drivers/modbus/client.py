@@ -1,0 +1,236 @@
+"""Requests and answers on one line: one at a time, and no late answer is taken for another's.
+
+Modbus RTU has no transaction number: one late answer, and every later one would be that to the request before. So after
+a time-out the line is kept silent, and what comes is thrown away, until nothing has come for longer than the latest
+answer of any device (``drain_ms``), or until the late answer itself has come: nothing else is under way then. On a
+serial line that is believed once; a second time-out in a row waits for the silence, whatever comes. Over TCP, where the
+number tells, the silence begins with the second time-out in a row: it keeps requests from gathering in a device that
+hangs.
+
+The receive loop is our own, on the ports of the driver `line`: the library's client blocks for its time-outs, and goes
+on after one as if nothing could come any more.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from micromanip.io.bus_errors import LinkError, TransientError
+
+from ..line.port import Port
+from ..line.serial_port import SerialLine
+from ..line.tcp_port import TcpConnection
+from .errors import BadFrame, DamagedFrame, exception_error
+from .exchange import Exchange
+from .framing import EXCEPTION_BYTES, Framing, RtuFraming, TcpFraming
+from .options import ModbusOptions
+from .timing import Timing
+
+_TIMEOUTS = 3
+"""So many in a row are a lost link."""
+_UNACKNOWLEDGED_MS = 1000.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came for a request, from the function code on."""
+
+    exchange: Exchange
+    pdu: bytes
+    sent_ns: int
+    received_ns: int
+
+
+@dataclass(frozen=True)
+class _Request:
+    exchange: Exchange
+    frame: bytes
+    head: bytes
+    sent_ns: int
+    deadline_ns: int
+
+
+class Client:
+    """One line and its one request."""
+
+    def __init__(self, options: ModbusOptions, timing: Timing) -> None:
+        self._framing: Framing
+        self._port: Port
+        if options.serial is not None:
+            self._framing, self._port = RtuFraming(), SerialLine(options.serial)
+        else:
+            assert options.tcp is not None
+            self._framing, self._port = TcpFraming(), TcpConnection(options.tcp, _UNACKNOWLEDGED_MS)
+        self._serial = options.serial is not None
+        self._timeout_ns, self._drain_ns = round(options.timeout_ms * 1e6), round(options.drain_s * 1e9)
+        self._gap_ns = round(timing.gap_s * 1e9)
+        self._buffer = bytearray()
+        self._request: _Request | None = None
+        self._overdue: _Request | None = None
+        """The one whose late answer would end the silence."""
+        self._silent_until_ns = self._silence_ns = self._heard_ns = 0
+        self._timeouts = 0
+        self._counters = dict.fromkeys(("requests", "answers", "timeouts", "bad_frames", "exceptions", "resyncs"), 0)
+
+    @property
+    def waits(self) -> bool:
+        """Whether a request is out whose time is not over."""
+        return self._request is not None
+
+    def open(self, deadline_ns: int) -> None:
+        """Reach the line; a serial one is listened to until it is silent. Raises LinkError."""
+        self.close()
+        self._port.open(deadline_ns)
+        self._timeouts = 0
+        if self._serial:
+            self._be_silent(time.monotonic_ns() + self._drain_ns, self._drain_ns)
+            self.drain(deadline_ns)
+
+    def close(self) -> None:
+        """Let go of it; does no harm twice, never raises."""
+        self._port.close()
+        self._buffer.clear()
+        self._request = self._overdue = None
+        self._silent_until_ns = 0
+
+    def drain(self, until_ns: int) -> None:
+        """Listen until the line may be used again, and at most so long. Raises LinkError."""
+        while (now_ns := time.monotonic_ns()) < min(self._silent_until_ns, until_ns):
+            self._idle(min(self._silent_until_ns, until_ns), now_ns)
+
+    def ask(self, exchange: Exchange, pdu: bytes) -> None:
+        """Send a request; there must be none out. Raises TransientError while the line is kept silent, LinkError."""
+        now_ns = time.monotonic_ns()
+        if self._serial or now_ns < self._silent_until_ns:  # over TCP, what is late is told by its number
+            self._idle(now_ns, now_ns)
+        if now_ns < self._silent_until_ns:
+            left_ms = (self._silent_until_ns - now_ns) * 1e-6
+            raise TransientError(f"{exchange.title}: not sent: late answers are waited for, {left_ms:.0f} ms more")
+        if self._overdue is not None:
+            self._overdue = None
+            self._framing.idle(self._buffer)
+        if self._serial and (wait_ns := self._heard_ns + self._gap_ns - now_ns) > 0:
+            time.sleep(wait_ns * 1e-9)
+        frame = self._framing.seal(exchange.unit_id, pdu)
+        sent_ns = time.monotonic_ns()
+        self._port.send(frame)
+        self._counters["requests"] += 1
+        self._request = _Request(exchange, frame, exchange.answer_head(pdu), sent_ns, sent_ns + self._timeout_ns)
+
+    def answer(self, until_ns: int) -> Answer | None:
+        """The answer, as soon as it is there; None at `until_ns` without one.
+
+        Raises TransientError for a time-out and for what is no answer, DeviceFault for an exception, LinkError.
+        """
+        request = self._request
+        if request is None:
+            self._idle(until_ns, time.monotonic_ns())
+            return None
+        while True:
+            self._listen(min(until_ns, request.deadline_ns))
+            try:
+                exchange = request.exchange
+                pdu = self._framing.take(self._buffer, exchange.unit_id, request.head, exchange.answer_bytes)
+            except BadFrame as problem:
+                self._request = None
+                raise self._refused(request, problem) from problem
+            if pdu is not None:
+                self._request = None
+                return self._accepted(request, pdu)
+            now_ns = time.monotonic_ns()
+            if now_ns >= request.deadline_ns:
+                self._request = None
+                self._timed_out(request, now_ns)
+            if now_ns >= until_ns:
+                return None
+
+    def statistics(self) -> Mapping[str, int]:
+        """Counters since ``__init__``."""
+        return {**self._counters, "late": self._framing.late, **self._port.counters}
+
+    def _accepted(self, request: _Request, pdu: bytes) -> Answer:
+        self._timeouts = 0
+        if len(pdu) == EXCEPTION_BYTES and pdu[0] & 0x80:
+            self._counters["exceptions"] += 1
+            raise exception_error(request.exchange.title, pdu[1])
+        self._counters["answers"] += 1
+        return Answer(request.exchange, pdu, request.sent_ns, self._heard_ns)
+
+    def _refused(self, request: _Request, problem: BadFrame) -> TransientError:
+        self._counters["bad_frames"] += 1
+        what = f"{request.exchange.title}: no answer but something else: {problem}"
+        if self._serial and bytes(self._buffer).startswith(request.frame):
+            what += "; what is sent comes back: if the adapter has such an echo, say rs485: {echo: true}"
+        if not isinstance(problem, DamagedFrame):
+            self._resynchronise(request)
+        return TransientError(what)
+
+    def _resynchronise(self, request: _Request) -> None:
+        """Find the place again where an answer begins. Raises LinkError where a connection can't be had again."""
+        self._counters["resyncs"] += 1
+        self._buffer.clear()
+        if self._serial:  # the true answer may still come, until it is late; what comes after that is not waited for
+            self._be_silent(request.deadline_ns, self._gap_ns)
+        else:
+            self._port.open(time.monotonic_ns() + self._timeout_ns)
+
+    def _timed_out(self, request: _Request, now_ns: int) -> None:
+        self._counters["timeouts"] += 1
+        text = f"{request.exchange.title}: no answer within {self._timeout_ns * 1e-6:g} ms"
+        if self._buffer:
+            text += f", only {len(self._buffer)} bytes of one"
+        else:
+            self._timeouts += 1
+        if self._timeouts >= _TIMEOUTS:
+            raise LinkError(f"{text}, {_TIMEOUTS} times in a row; look at power, wires and the number of the unit")
+        if self._serial:
+            self._counters["resyncs"] += 1
+            self._overdue = request if self._timeouts == 1 and not self._buffer else None
+            self._buffer.clear()
+        if self._serial or self._timeouts > 1:
+            self._be_silent(now_ns + self._drain_ns, self._drain_ns)
+        raise TransientError(text)
+
+    def _came_late(self, request: _Request) -> bool:
+        """Whether the answer to a request that is over has come: then nothing more is under way."""
+        exchange = request.exchange
+        try:
+            pdu = self._framing.take(self._buffer, exchange.unit_id, request.head, exchange.answer_bytes)
+        except BadFrame:
+            self._overdue = None
+            return False
+        if pdu is not None:
+            self._framing.late += 1
+            self._overdue, self._silent_until_ns = None, 0
+        return pdu is not None
+
+    def _be_silent(self, until_ns: int, after_ns: int) -> None:
+        """Send nothing until then, and until nothing has come for `after_ns`."""
+        self._silent_until_ns, self._silence_ns = until_ns, after_ns
+
+    def _listen(self, until_ns: int) -> None:
+        for data, time_ns in self._port.receive(until_ns):
+            self._buffer += data
+            self._heard_ns = time_ns
+
+    def _idle(self, until_ns: int, now_ns: int) -> None:
+        """Listen with no request out: what comes is nobody's."""
+        before = self._heard_ns
+        self._listen(until_ns)
+        if self._overdue is not None and self._came_late(self._overdue):
+            return
+        late = self._framing.late
+        try:
+            if self._overdue is None:
+                self._framing.idle(self._buffer)
+        except BadFrame:
+            self._counters["bad_frames"] += 1
+            self._counters["resyncs"] += 1
+            self._buffer.clear()
+            self._port.open(time.monotonic_ns() + self._timeout_ns)
+        if self._serial and self._heard_ns != before and now_ns < self._silent_until_ns:
+            self._silent_until_ns = max(self._silent_until_ns, self._heard_ns + self._silence_ns)
+        elif not self._serial and self._framing.late > late:
+            self._silent_until_ns = 0

@@ -1,0 +1,126 @@
+"""The driver `modbus`: registers of Modbus TCP and RTU devices, read and written at fixed rates.
+
+A task sends its request and returns; the answer is taken by ``receive``, or by the next request, which waits for it. Of
+each value it is known that it was taken between the end of the request and the beginning of the answer: it is dated in
+the middle of the two.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from micromanip.io.bus import Answer as Found
+from micromanip.io.bus import BusDriver, Channel, Inbox, Load, Task
+from micromanip.io.bus_errors import BusError, TransientError
+
+from .answers import Answers
+from .client import Client
+from .hello import greet
+from .options import ModbusOptions
+from .plan import TaskPlan, plan_tasks
+from .probe import probe
+from .timing import Timing
+
+_OPEN_NS = 900_000_000
+
+
+class Modbus(BusDriver):
+    """Devices on one line; channels are called unit.register."""
+
+    Options: ClassVar[type[ModbusOptions]] = ModbusOptions
+
+    def __init__(self, options: ModbusOptions, folder: Path) -> None:  # noqa: ARG002 (it reads no files)
+        self._options = options
+        self._plans = plan_tasks(options)
+        self._timing = Timing(options)
+        self._timing.refuse_short_timeout(self._plans)
+        self._answers = Answers(self._plans, self._timing)
+        self._outputs = [channel for plan in self._plans for channel in self._outputs_of(plan)]
+        self._names = [channel.name for channel in self._outputs]
+        self._client = Client(options, self._timing)
+
+    @property
+    def device(self) -> str:
+        return self._options.device
+
+    @property
+    def watchdog(self) -> str | None:
+        return self._options.watchdog
+
+    @property
+    def inputs(self) -> Sequence[Channel]:
+        return self._answers.channels
+
+    @property
+    def outputs(self) -> Sequence[Channel]:
+        return self._outputs
+
+    @property
+    def tasks(self) -> Sequence[Task]:
+        return [
+            Task(plan.name, plan.options.rate_hz, tuple(map(self._names.index, plan.outputs))) for plan in self._plans
+        ]
+
+    def loads(self) -> Sequence[Load]:
+        return [self._timing.load(self._plans)]
+
+    def open(self) -> None:
+        deadline_ns = time.monotonic_ns() + _OPEN_NS
+        self._answers.forget()
+        try:
+            self._client.open(deadline_ns)
+            greet(self._client, self._options, self._plans, deadline_ns)
+        except BusError:
+            self._client.close()
+            raise
+
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+        """Send the requests of a task; it waits for the answer of the one before, until that is late.
+
+        All values are looked at before the first request goes. A time-out of the one before is raised, and the newest
+        values are on their way all the same where the line allows it.
+        """
+        plan = self._plans[task]
+        named = dict(zip(self._names, values, strict=True))
+        requests = [exchange.request(named) for exchange in plan.exchanges]
+        failure: TransientError | None = None
+        for exchange, request in zip(plan.exchanges, requests, strict=True):
+            try:
+                self._finish(inbox)
+            except TransientError as problem:
+                failure = failure or problem
+            try:
+                self._client.ask(exchange, request)
+            except TransientError as problem:
+                raise failure or problem from problem
+        if failure is not None:
+            raise failure
+
+    def receive(self, inbox: Inbox, until_ns: int) -> None:
+        answer = self._client.answer(until_ns)
+        if answer is not None:
+            self._answers.take(answer, inbox)
+
+    def close(self) -> None:
+        self._client.close()
+
+    def statistics(self) -> Mapping[str, int]:
+        return {**self._client.statistics(), "repeated": self._answers.repeated}
+
+    def probe(self, seconds: float) -> Iterator[Found]:
+        return probe(self._options, self._client, seconds)
+
+    def _finish(self, inbox: Inbox) -> None:
+        """Take the answer to the request that is out. Raises what that brings."""
+        while self._client.waits:
+            answer = self._client.answer(time.monotonic_ns() + 1_000_000_000)  # its own time-out comes first
+            if answer is not None:
+                self._answers.take(answer, inbox)
+
+    def _outputs_of(self, plan: TaskPlan) -> Iterator[Channel]:
+        latency_s = self._timing.output_latency_s(plan)
+        for name, keys in zip(plan.outputs, plan.options.write.values(), strict=True):
+            yield Channel(name, plan.options.rate_hz, latency_s + keys.latency_us * 1e-6, keys.safe)

@@ -1,0 +1,126 @@
+"""Keys of the driver `modbus`.
+
+    drivers:
+      line:
+        driver: modbus
+        serial: {device: /dev/ttyUSB0, baud: 115200, parity: even}     # or tcp: {host: 192.168.0.20, port: 502}
+        timeout_ms: 30               # an answer that is not complete by then is a time-out
+        response_ms: 2               # the longest that a device takes to begin its answer
+        units:
+          gauge:
+            unit_id: 3
+            address_base: 40001      # the manual's number of the register that goes as 0 over the wire
+            byte_order: big
+            word_order: little
+            tasks:
+              strain:
+                function: 3
+                rate_hz: 100
+                read:                # value = scale x number + offset
+                  strain_x: {address: 40064, type: float32}
+                  strain_y: {address: 40066, type: float32}
+
+Channels are called unit.register: "gauge.strain_x". Nothing of a register is guessed: `micromanip probe` shows each one
+under every order.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from micromanip.io.bus import BusOptions
+
+from ..line.port_options import SerialPort, TcpPort
+from ..line.section import Name, Section
+from .task_options import Task
+
+LARGEST_TIMEOUT_MS = 90.0
+"""A worker that does not return from its bus for longer than 100 ms counts as silent."""
+RTU_UNITS = range(1, 248)
+
+Order = Literal["big", "little"]
+Milliseconds = Annotated[float, Field(strict=True, gt=0, le=LARGEST_TIMEOUT_MS)]
+
+
+class Expected(Section):
+    """A register that says which device it is: a type, a serial number."""
+
+    function: Literal[3, 4] = Field(description="Function code that reads it.")
+    address: Annotated[int, Field(strict=True, ge=0, le=0x20000)] = Field(description="Its number in the manual.")
+    type: Literal["uint16", "int16", "uint32", "int32"] = Field(description="How it is to be read.")
+    value: Annotated[int, Field(strict=True)] = Field(description="What it must be; any other is the wrong device.")
+
+
+class Unit(Section):
+    """A device on the line, or behind the gateway."""
+
+    unit_id: Annotated[int, Field(strict=True, ge=0, le=255)] = Field(description="Its number on the line.")
+    address_base: Annotated[int, Field(strict=True, ge=0, le=0x10000)] = Field(
+        description="Number in its manual of the register that goes as 0 over the wire: 0, 1, 30001, 40001, ..."
+    )
+    byte_order: Order = Field(description="In a register: big, as the standard has it, or little, bytes swapped.")
+    word_order: Order = Field(description="Of the registers of one number: big has the highest word first.")
+    identity: dict[Name, Expected] = Field(
+        default={}, description="Registers that are compared when the line is opened: another device is refused."
+    )
+    tasks: dict[Name, Task] = Field(min_length=1, description="What is read and written, at which rates.")
+
+
+class ModbusOptions(BusOptions):
+    """The line, and the devices on it."""
+
+    tcp: TcpPort | None = Field(default=None, description="Modbus TCP: a device or a gateway.")
+    serial: SerialPort | None = Field(default=None, description="Modbus RTU on a serial line.")
+    timeout_ms: Milliseconds = Field(
+        description="So long after a request its answer must be complete. There are no retries: the task's next turn "
+        "is one, with newer values."
+    )
+    response_ms: Annotated[float, Field(strict=True, ge=0, le=LARGEST_TIMEOUT_MS)] = Field(
+        description="Longest time from the end of a request to the beginning of its answer: for the budget, and for "
+        "the age of what was read."
+    )
+    drain_ms: Annotated[float, Field(strict=True, gt=0, le=700)] | None = Field(
+        default=None,
+        description="After a time-out a serial line is kept silent until nothing came for so long: longer than the "
+        "latest answer of any device, which would be taken for that to the next request. null: three times timeout_ms.",
+    )
+    watchdog: str | None = Field(
+        default=None,
+        description="What the device does by itself when nothing is written, and after how long, in a few words.",
+    )
+    units: dict[Name, Unit] = Field(min_length=1, description="Devices by name.")
+
+    @model_validator(mode="after")
+    def _has_one_port(self) -> ModbusOptions:
+        if (self.tcp is None) == (self.serial is None):
+            which = "neither is" if self.tcp is None else "both are"
+            raise ValueError(
+                "exactly one of tcp: {host: ..., port: 502} and serial: {device: ..., baud: ...} must be given, "
+                f"and {which} there"
+            )
+        if self.serial is not None and self.serial.bytesize != 8:
+            raise ValueError(f"serial.bytesize: Modbus RTU has 8 data bits, not {self.serial.bytesize}")
+        return self
+
+    @model_validator(mode="after")
+    def _units_differ(self) -> ModbusOptions:
+        taken: dict[int, str] = {}
+        for name, unit in self.units.items():
+            if self.serial is not None and unit.unit_id not in RTU_UNITS:
+                raise ValueError(f"units.{name}.unit_id: on a serial line units go from 1 to 247, not {unit.unit_id}")
+            if unit.unit_id in taken:
+                raise ValueError(f"units.{name}.unit_id: {unit.unit_id} is also that of {taken[unit.unit_id]}")
+            taken[unit.unit_id] = name
+        return self
+
+    @property
+    def device(self) -> str:
+        """The port by name, e.g. "tcp 192.168.0.20:502" or "/dev/ttyUSB0"."""
+        return self.serial.device if self.serial else f"tcp {self.tcp.host}:{self.tcp.port}" if self.tcp else ""
+
+    @property
+    def drain_s(self) -> float:
+        """How long a serial line must have been silent after a time-out."""
+        return 1e-3 * (3.0 * self.timeout_ms if self.drain_ms is None else self.drain_ms)

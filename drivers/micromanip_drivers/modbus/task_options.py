@@ -1,0 +1,167 @@
+"""Keys of what is read and written at one rate: the function code, and the registers with their types."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from ..line.section import Latency, Name, Rate, Section
+
+READS = {1: "coils", 2: "discrete inputs", 3: "holding registers", 4: "input registers", 23: "holding registers"}
+WRITES = {5: "coils", 6: "holding registers", 15: "coils", 16: "holding registers", 23: "holding registers"}
+"""Function codes that there are, and the table that each one reads or writes."""
+BIT_TABLES = ("coils", "discrete inputs")
+REGISTERS = {
+    **dict.fromkeys(("bits", "int16", "uint16", "coil"), 1),
+    **dict.fromkeys(("int32", "uint32", "float32"), 2),
+    **dict.fromkeys(("int64", "uint64", "float64"), 4),
+}
+"""How many registers a type takes, or how many coils."""
+UNSIGNED = ("bits", "uint16", "uint32", "uint64", "coil")
+
+Type = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64", "bits", "coil"]
+Function = Literal[1, 2, 3, 4, 5, 6, 15, 16, 23]
+Whole = Annotated[int, Field(strict=True, ge=0)]
+
+
+class Register(Section):
+    """A number in the device: one register or several, some bits of one, or a coil."""
+
+    address: Annotated[int, Field(strict=True, ge=0, le=0x20000)] = Field(
+        description="Its number in the manual, of the first register; see address_base."
+    )
+    type: Type = Field(description="How it is to be read; bits: some bits of a register; coil: one bit of its own.")
+    first_bit: Annotated[int, Field(strict=True, ge=0, le=15)] | None = Field(
+        default=None, description="With type bits: its lowest bit, 0 is the register's lowest."
+    )
+    bit_count: Annotated[int, Field(strict=True, ge=1, le=16)] = Field(
+        default=1, description="With type bits: how many."
+    )
+
+    @model_validator(mode="after")
+    def _bits_are_named(self) -> Register:
+        if (self.type == "bits") != (self.first_bit is not None):
+            raise ValueError("first_bit goes with type: bits, and type: bits with first_bit")
+        if self.type != "bits" and self.bit_count != 1:
+            raise ValueError("bit_count goes with type: bits")
+        if self.first_bit is not None and self.first_bit + self.bit_count > 16:
+            raise ValueError(f"bit_count: a register has 16 bits, not {self.first_bit + self.bit_count}")
+        return self
+
+    @property
+    def count(self) -> int:
+        """How many registers, or coils, it takes."""
+        return REGISTERS[self.type]
+
+    @property
+    def mask(self) -> int:
+        """Its bits in the register, for type bits."""
+        return ((1 << self.bit_count) - 1) << (self.first_bit or 0)
+
+
+class Input(Register):
+    """A value that is read."""
+
+    scale: Annotated[float, Field(strict=True)] = Field(default=1.0, description="Physical unit per count.")
+    offset: Annotated[float, Field(strict=True)] = Field(default=0.0, description="Value at a number of 0.")
+    latency_us: Latency = Field(
+        default=0.0,
+        description="Age of a reading in the device when it is asked for; of an output, until it is in force.",
+    )
+
+    @model_validator(mode="after")
+    def _scale_is_not_zero(self) -> Input:
+        if self.scale == 0.0:
+            raise ValueError("scale: 0 makes every value the same")
+        return self
+
+
+class Output(Input):
+    """A value that is written, again and again."""
+
+    cyclic_safe: bool = Field(
+        default=False,
+        strict=True,
+        description="The manual says that this register may be written for ever. Many are kept in flash memory, which "
+        "is worn out after some 10,000 writes: seconds.",
+    )
+    range: tuple[float, float] | None = Field(
+        default=None, description="Lowest and highest value that may be sent; null: what the type holds."
+    )
+    safe: Annotated[float, Field(strict=True)] = Field(
+        default=0.0, description="What it is kept at where the configuration uses no such output."
+    )
+
+    @model_validator(mode="after")
+    def _may_be_written(self) -> Output:
+        if not self.cyclic_safe:
+            raise ValueError(
+                "cyclic_safe: this register would be written at the task's rate, and is not marked safe for that: many "
+                "registers are flash memory that is worn out after 10,000 writes; if the device's manual allows it, "
+                "write cyclic_safe: true"
+            )
+        if self.range is not None and not self.range[0] <= self.safe <= self.range[1]:
+            raise ValueError(f"safe: {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
+        return self
+
+
+class Counter(Register):
+    """A number that the device changes with each measurement: the same again is not a fresh one."""
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        if self.type not in UNSIGNED:
+            raise ValueError(f"type: one of {', '.join(UNSIGNED)} is needed, not {self.type}")
+        return self
+
+
+class Status(Counter):
+    """A number by which the device says whether what it measures is to be trusted."""
+
+    good: tuple[Whole, ...] = Field(default=(0,), min_length=1, description="What it is when all is well.")
+
+
+class Task(Section):
+    """What is done at one rate. Registers that follow each other go in one transaction."""
+
+    function: Function = Field(
+        description="1 and 2 read coils and discrete inputs, 3 and 4 holding and input registers; 5 and 15 write "
+        "coils, 6 and 16 registers, one by one or all at once; 23 writes and reads in one transaction."
+    )
+    rate_hz: Rate = Field(description="How often.")
+    read: dict[Name, Input] = Field(default={}, description="What is read, by name.")
+    write: dict[Name, Output] = Field(default={}, description="What is written, by name.")
+    status: Status | None = Field(default=None, description="Read with the others: are they good?")
+    counter: Counter | None = Field(default=None, description="Read with the others: are they fresh?")
+
+    @model_validator(mode="after")
+    def _function_fits(self) -> Task:
+        reads, writes = self.function in READS, self.function in WRITES
+        for key, wanted, there in (("read", reads, self.read), ("write", writes, self.write)):
+            if wanted and not there:
+                raise ValueError(f"{key}: function {self.function} needs registers to {key}")
+            if there and not wanted:
+                raise ValueError(f"{key}: function {self.function} can't {key}: choose another, or leave this out")
+        if not reads and (self.status or self.counter):
+            raise ValueError(f"function {self.function} reads nothing, so there is no status and no counter")
+        return self
+
+    @model_validator(mode="after")
+    def _types_fit(self) -> Task:
+        own = {key: one for key, one in (("status", self.status), ("counter", self.counter)) if one}
+        for place, register in {**_below("read", self.read), **_below("write", self.write), **own}.items():
+            table = WRITES[self.function] if place.startswith("write") else READS[self.function]
+            if (table in BIT_TABLES) != (register.type == "coil"):
+                fits = "coil" if table in BIT_TABLES else "int16, float32, bits, ... and not coil"
+                raise ValueError(f"{place}.type: function {self.function} is for {table}, whose type is {fits}")
+            if self.function == 6 and register.count > 1:
+                raise ValueError(
+                    f"{place}.type: function 6 writes one register, {register.type} takes {register.count}"
+                )
+        return self
+
+
+def _below(key: str, registers: Mapping[str, Register]) -> dict[str, Register]:
+    return {f"{key}.{name}": register for name, register in registers.items()}

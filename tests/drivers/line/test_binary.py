@@ -1,0 +1,389 @@
+"""The framing `binary`: answers, kinds, status, silence."""
+
+import copy
+import random
+import struct
+import time
+
+import pytest
+from micromanip_drivers.line.binary import BinaryFraming
+from micromanip_drivers.line.binary_options import Binary
+from micromanip_drivers.line.driver import Line
+from micromanip_drivers.line.line_time import LineTime
+from micromanip_drivers.line.port_options import TcpPort
+from micromanip_drivers.line.silence import Silence
+
+from micromanip.io.bus import Inbox
+from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
+
+from .again import raised
+from .board import FRAMING, Board, frame
+from .scripted_port import ScriptedPort
+from .wires import PtyWire
+
+COUNTER = {"at": 4, "type": "uint16", "byte_order": "little"}
+ASKED = {
+    **{key: FRAMING["binary"][key] for key in ("sync", "length", "kind", "crc")},
+    "reply_ms": 4.0,
+    "drain_ms": 12.0,
+    "receive": {
+        "gauge": {
+            "kind": 0x91,
+            "rate_hz": 500,
+            "fields": {"strain": {"at": 4, "type": "int16", "byte_order": "big", "scale": 0.5}},
+        },
+        "state": {
+            "kind": 0x92,
+            "rate_hz": 500,
+            "counter": COUNTER,
+            "fields": {"temperature": {"at": 6, "type": "int8"}},
+        },
+    },
+    "send": {
+        "ask": {"kind": 0x11, "rate_hz": 500, "reply": "gauge"},
+        "move": {
+            "kind": 0x12,
+            "rate_hz": 500,
+            "reply": "state",
+            "cyclic_safe": True,
+            "fields": {"voltage": {"at": 4, "type": "int24", "byte_order": "big", "scale": 0.001}},
+        },
+    },
+}
+ASK, MOVE = 0, 1
+
+
+def framing(answer, options=ASKED, silence_ms=500.0, **changed):
+    port = ScriptedPort(answer)
+    one = BinaryFraming(
+        Binary.model_validate({**options, **changed}),
+        port,
+        LineTime(TcpPort(host="device", port=1)),
+        Silence(port.name, silence_ms),
+    )
+    return one, port
+
+
+def board(delay=lambda: 0.0):
+    """Answers each question with the number of the question: the strain is half of it, the temperature negative."""
+    count = [0]
+
+    def answer(data):
+        count[0] += 1
+        if data[3] == 0x11:
+            return [(delay(), frame(0x91, struct.pack(">h", count[0])))]
+        return [(delay(), frame(0x92, struct.pack("<Hb", count[0], -1)))]
+
+    return answer
+
+
+def perform(one, task, volts=0.0):
+    inbox = Inbox()
+    one.perform(task, [volts], inbox)
+    return {one.inputs[sample.channel].name: sample.value for sample in inbox}
+
+
+def begin(one):
+    one.begin(time.monotonic_ns() + 300_000_000)
+
+
+def test_questions_and_answers():
+    one, port = framing(board())
+    begin(one)
+    assert perform(one, ASK) == {"strain": 0.5}
+    assert perform(one, MOVE, -0.003) == {"temperature": -1.0}
+    assert port.sent[-1] == frame(0x12, bytes.fromhex("fffffd"))
+    assert perform(one, ASK) == {"strain": 1.5}
+
+
+def test_a_late_answer_is_no_sample_and_answers_no_other_question():
+    draw, delays, number = random.Random(2), [0.0], [0]
+    device = board(lambda: draw.choice(delays))
+
+    def numbered(data):
+        number[0] += 1
+        return device(data)
+
+    one, _ = framing(numbered)
+    begin(one)
+    delays[:] = [0.0, 0.0, 0.003, 0.0045, 0.006, 0.009]
+    good = late = 0
+    end_s = time.monotonic() + 1.0
+    while time.monotonic() < end_s:
+        time.sleep(0.0005)
+        before = number[0]
+        try:
+            values = perform(one, ASK)
+        except TransientError:
+            late += 1
+            continue
+        if values:
+            assert values == {"strain": 0.5 * number[0]}
+            assert number[0] == before + 1
+            good += 1
+    assert good > 20
+    assert late > 5
+    assert one.counters["late_answers"] > 5
+
+
+IDENTITY = {"request": "aa 55 00 01", "kind": 0x81, "numbers": {"number": {"at": 4, "type": "uint8", "value": 7}}}
+
+
+def test_an_answer_that_comes_after_all_patience_is_still_not_taken_for_another():
+    """Where the device can be asked who it is: it answers in order, so what comes before that answer is old."""
+    device, late_s = board(), [0.0]
+
+    def answer(data):
+        if data[3] == 0x01:
+            return [(0.0, frame(0x81, b"\x07"))]
+        return [(late_s[0], said) for _, said in device(data)]
+
+    one, _ = framing(answer, identity=IDENTITY)
+    begin(one)
+    late_s[0] = 0.05  # four times drain_ms
+    with pytest.raises(TransientError):
+        perform(one, ASK)
+    late_s[0] = 0.0
+    end_s = time.monotonic() + 1.0
+    while not (values := perform(one, ASK)) and time.monotonic() < end_s:
+        time.sleep(0.001)
+    assert values == {"strain": 1.0}
+    assert one.counters["late_answers"] == 1
+
+
+def test_an_answer_that_is_lost_is_waited_for_once():
+    device, lost = board(), [True]
+    one, _ = framing(
+        lambda data: [(0.0, frame(0x81, b"\x07"))] if data[3] == 1 else [] if lost[0] else device(data),
+        identity=IDENTITY,
+    )
+    begin(one)
+    with pytest.raises(TransientError):
+        perform(one, ASK)
+    lost[0] = False
+    end_s = time.monotonic() + 1.0
+    while not (values := perform(one, ASK)) and time.monotonic() < end_s:
+        time.sleep(0.001)
+    assert values == {"strain": 0.5}
+    assert one.counters["missing_answers"] == 1
+
+
+def test_a_damaged_answer_is_an_error():
+    def damaged(data):
+        wire = bytearray(frame(0x91, b"\x00\x01"))
+        wire[5] ^= 0x10
+        return [(0.0, bytes(wire))]
+
+    one, _ = framing(damaged)
+    begin(one)
+    with pytest.raises(TransientError, match="gauge, the answer to ask, was damaged within 4 ms"):
+        perform(one, ASK)
+
+
+def test_noise_before_an_answer_does_not_matter():
+    one, _ = framing(lambda data: [(0.0, b"\xaa\x55\x02\xaa" + frame(0x91, b"\x00\x04"))])
+    begin(one)
+    assert perform(one, ASK) == {"strain": 2.0}
+
+
+def test_answers_that_do_not_come_are_a_lost_link():
+    one, _ = framing(lambda data: [], silence_ms=50.0)
+    begin(one)
+    problem = raised(lambda: perform(one, ASK), passing=TransientError)
+    assert isinstance(problem, LinkError)
+    assert "nothing understood for 50 ms" in str(problem)
+
+
+def test_nothing_is_expected_of_a_device_that_was_not_asked():
+    one, _ = framing(board(), silence_ms=20.0)
+    begin(one)
+    time.sleep(0.05)
+    one.receive(Inbox(), 0)
+    perform(one, ASK)
+    time.sleep(0.05)
+    one.receive(Inbox(), 0)
+
+
+@pytest.fixture
+def stream():
+    """The board that speaks by itself, in this process: what it says is put into `said`."""
+    said = [frame(0x81, struct.pack("<I", 1234))]
+    one, port = framing(lambda data: [(0.0, said[0])], FRAMING["binary"])
+    begin(one)
+    return one, port
+
+
+def strains(count, status=0, x=0):
+    return frame(0x10, struct.pack("<HB3i", count, status, x, 0, 0))
+
+
+def taken(one, port, *wires):
+    inbox = Inbox()
+    port.coming += [(time.monotonic_ns(), wire) for wire in wires]
+    one.receive(inbox, time.monotonic_ns())
+    return [sample for sample in inbox if sample.channel == 0]
+
+
+def test_frames_that_come_together(stream):
+    samples = taken(*stream, strains(1, x=10_000) + strains(2, x=20_000), strains(5, x=30_000))
+    assert [(sample.value, sample.lost) for sample in samples] == [(1.0, 0), (2.0, 0), (3.0, 2)]
+
+
+def test_samples_are_older_than_their_frame_by_its_time_on_the_wire(stream):
+    one, port = stream
+    before_ns = time.monotonic_ns()
+    port.coming.append((before_ns, strains(1)))
+    inbox = Inbox()
+    one.receive(inbox, before_ns)
+    latency_ns = round(one.inputs[0].latency_s * 1e9)
+    assert latency_ns > 0
+    assert {sample.time_ns for sample in inbox} == {before_ns - latency_ns}
+
+
+def test_status_of_the_device(stream):
+    assert [sample.status for sample in taken(*stream, strains(1, status=3), strains(2))] == [3, 0]
+
+
+def test_frames_of_other_kinds_are_skipped(stream):
+    one, port = stream
+    other = frame(0x77, bytes(40))
+    assert len(taken(one, port, strains(1), other, strains(2) + other + strains(3))) == 3
+    assert one.counters["not_ours"] == 2
+    assert one.counters["bad_frames"] == 0
+
+
+def test_repeated_and_overtaken_frames_are_not_fresh(stream):
+    one, port = stream
+    samples = taken(one, port, strains(1), strains(1), strains(3), strains(2), strains(4))
+    assert [sample.lost for sample in samples] == [0, 1, 0]
+    assert one.counters["not_fresh"] == 2
+
+
+def test_a_counter_that_stands_still_is_silence():
+    one, port = framing(lambda data: [(0.0, frame(0x81, struct.pack("<I", 1234)))], FRAMING["binary"], silence_ms=30.0)
+    begin(one)
+
+    def repeat():
+        port.coming.append((time.monotonic_ns(), strains(7)))
+        one.receive(Inbox(), time.monotonic_ns() + 1_000_000)
+
+    assert isinstance(raised(repeat), LinkError)
+
+
+def test_damaged_frames_are_one_error_after_the_good_ones(stream):
+    one, port = stream
+    inbox = Inbox()
+    now_ns = time.monotonic_ns()
+    port.coming += [(now_ns, strains(1)), (now_ns, strains(2)[:-1] + b"\x00"), (now_ns, strains(3))]
+    with pytest.raises(TransientError, match="damaged frame"):
+        one.receive(inbox, time.monotonic_ns())
+    assert len(inbox) == 6
+
+
+def test_identity_must_be_told_twice():
+    """One frame may be noise that looked like one."""
+    said = [frame(0x81, struct.pack("<I", 99)), frame(0x81, struct.pack("<I", 1234))]
+    one, _ = framing(lambda data: [(0.0, said.pop(0))], FRAMING["binary"])
+    begin(one)
+    one, _ = framing(lambda data: [(0.0, frame(0x81, struct.pack("<I", 99)))], FRAMING["binary"])
+    with pytest.raises(IdentityMismatch, match="has serial_number 99, the configuration says 1234"):
+        begin(one)
+
+
+def test_bytes_without_frames_are_a_wrong_baud_rate():
+    one, _ = framing(lambda data: [(0.0, bytes(range(1, 60)))], FRAMING["binary"])
+    with pytest.raises(LinkError, match=r"sends \d+ bytes, and no frame is in them: are baud rate"):
+        begin(one)
+
+
+def test_nobody_answers():
+    one, _ = framing(lambda data: [], FRAMING["binary"])
+    with pytest.raises(LinkError, match="does not say who it is: is it switched on"):
+        begin(one)
+
+
+def test_frame_that_is_longer_than_its_parts():
+    options = copy.deepcopy(ASKED)
+    options["send"]["ask"]["bytes"] = 8
+    one, port = framing(board(), options)
+    begin(one)
+    perform(one, ASK)
+    assert port.sent == [frame(0x11, bytes(3))]
+
+
+def test_without_kind_length_and_checksum():
+    """The simplest of all: sync bytes and numbers."""
+    options = {
+        "sync": "7e",
+        "crc": None,
+        "receive": {"values": {"rate_hz": 100, "fields": {"a": {"at": 1, "type": "uint8"}}}},
+        "send": {
+            "set": {"rate_hz": 100, "cyclic_safe": True, "fields": {"b": {"at": 1, "type": "uint8"}}},
+        },
+    }
+    one, port = framing(lambda data: [], options)
+    port.coming.append((time.monotonic_ns(), b"\x7e\x01"))
+    begin(one)
+    assert [sample.value for sample in taken(one, port, b"\x7e\x05\x7e\x06", b"\x7e\x07")] == [5.0, 6.0, 7.0]
+    one.perform(0, [9.0], Inbox())
+    assert port.sent == [b"\x7e\x09"]
+
+
+def test_length_that_is_not_that_of_the_kind():
+    options = {**ASKED, "crc": None, "send": {}}
+    del options["send"]
+    options["receive"] = {"state": {"kind": 0x92, "rate_hz": 10, "fields": {"t": {"at": 4, "type": "int8"}}}}
+    options["length"] = {"at": 2, "type": "uint8", "plus": 4}
+    one, port = framing(lambda data: [], options)
+    port.coming.append((time.monotonic_ns(), b"\xaa\x55\x01\x92\x05"))
+    begin(one)
+    with pytest.raises(TransientError, match="1 damaged frame"):
+        taken(one, port, b"\xaa\x55\x02\x92\x05")
+    assert len(taken(one, port, b"\xaa\x55\x01\x92\x05")) == 1
+
+
+def test_probe_on_the_wire():
+    device = Board(PtyWire())
+    device.start()
+    try:
+        device.set_input("strain_y", 12.5)
+        line = Line(Line.Options.model_validate(device.options), None)
+        answers = {answer.name: answer for answer in line.probe(0.3)}
+        line.close()
+    finally:
+        device.kill()
+    assert answers["identity"].values["serial_number"] == 1234
+    assert answers["identity"].note == "the device of the configuration"
+    assert answers["strains"].values["strain_y"] == pytest.approx(12.5)
+    assert 300 < answers["strains"].values["frames_per_s"] < 1500
+    assert device.written == []
+
+
+def test_echo_of_a_two_wire_line():
+    """What is sent comes back before the answer does."""
+
+    class Echoing(Board):
+        def take(self, data):
+            self.wire.write(data)
+            super().take(data)
+
+        def speak(self):
+            pass
+
+        def understand(self, unit):
+            self.wire.write(frame(0x91, b"\x00\x08") if unit[3] == 0x11 else frame(0x92, b"\x01\x00\xff"))
+
+    device = Echoing(PtyWire())
+    device.start()
+    patient = {**ASKED, "reply_ms": 250.0}
+    options = {"serial": {**device.wire.options["serial"], "rs485": {"echo": True}}, "binary": patient}
+    line = Line(Line.Options.model_validate(options), None)
+    try:
+        line.open()
+        for _ in range(5):
+            assert perform(line._framing, ASK) == {"strain": 4.0}
+        assert line.statistics()["echo_errors"] == 0
+        assert line.statistics()["skipped_bytes"] == 0
+    finally:
+        line.close()
+        device.kill()

@@ -1,0 +1,260 @@
+"""What a configuration may say, and what is said of those that can't work."""
+
+import copy
+import re
+import textwrap
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import yaml
+from micromanip_drivers.line.driver import Line
+
+from micromanip.errors import ConfigError
+from micromanip.settings.single_driver import bus_driver
+
+from .board import FRAMING
+from .gcs_controller import FRAMING as GCS
+from .sensors import SENSOR, TRACKER
+
+BOARD = {"serial": {"device": "/dev/ttyUSB0", "baud": 4_000_000}, **FRAMING}
+PIEZO = {"tcp": {"host": "192.168.0.10", "port": 50000}, **GCS}
+GAP = {"tcp": {"host": "192.168.0.30", "port": 10001}, **SENSOR}
+LASER = {"udp": {"host": "192.168.0.40", "port": 5000, "listen": 7000}, **TRACKER}
+
+
+def examples(module):
+    """Of the docstring of a module of options, each as the keys of one driver."""
+    text = import_module(f"micromanip_drivers.line.{module}").__doc__
+    for block in re.findall(r"(?:^ {4}.*\n|^\n)+", text, re.M):
+        if block.strip():
+            document = yaml.safe_load(textwrap.dedent(block))
+            for keys in document.get("drivers", {"line": {"tcp": PIEZO["tcp"], **document}}).values():
+                yield {key: value for key, value in keys.items() if key != "driver"}
+
+
+def built(options):
+    return Line(Line.Options.model_validate(options), None)
+
+
+@pytest.mark.parametrize("module", ["binary_options", "stream_options", "ascii_options"])
+def test_the_examples_in_the_keys_own_words_work(module):
+    drivers = [built(options) for options in examples(module)]
+    assert len(drivers) == {"binary_options": 1, "stream_options": 2, "ascii_options": 3}[module]
+    for driver in drivers:
+        assert driver.inputs
+        assert all(0 < load.share < load.limit for load in driver.loads())
+
+
+def test_the_examples_of_the_documentation_work():
+    page = Path(__file__).parents[3] / "docs" / "lines.md"
+    drivers = {}
+    for block in re.findall(r"```yaml\n(.*?)```", page.read_text(), re.S):
+        for name, keys in yaml.safe_load(block)["drivers"].items():
+            assert keys.pop("driver") == "line"
+            drivers[name] = built(keys)
+    assert set(drivers) == {"board", "piezo", "tracker"}
+    (one,) = drivers["board"].loads()
+    assert f"{one.name} {100 * one.share:.0f} % of 80 %: {one.detail}" in page.read_text()
+
+
+def changed(options, path, value):
+    """The options with another value at a path such as "binary.crc.name"; None takes the key away."""
+    options = copy.deepcopy(options)
+    *folders, last = path.split(".")
+    place = options
+    for key in folders:
+        place = place[key]
+    if value is None:
+        del place[last]
+    else:
+        place[last] = value
+    return options
+
+
+REFUSED = [
+    (BOARD, "serial", None, "give one port, serial, tcp or udp; there is none"),
+    (BOARD, "tcp", PIEZO["tcp"], "give one port, serial, tcp or udp; there are serial and tcp"),
+    (BOARD, "ascii", GCS["ascii"], "give one framing, binary, ascii or stream; there are binary and ascii"),
+    (BOARD, "serial.baud", 0, "serial.baud"),
+    (BOARD, "serial.parity", "odd?", "serial.parity"),
+    (BOARD, "serial.rs485", {"delay_before_us": 5.0}, "delay_before_us and delay_after_us are for rts: kernel"),
+    (BOARD, "binary.sync", "aa 5", '"aa 5" is not hexadecimal'),
+    (BOARD, "binary.crc.name", "crc8.smbuss", "fastcrc has no crc8.smbuss: did you mean crc8.smbus"),
+    (BOARD, "binary.crc", None, "binary.crc"),
+    (BOARD, "binary.receive.strains.fields.strain_x.type", "long", "there is no type long"),
+    (BOARD, "binary.receive.strains.fields.strain_x.type", "in32", "there is no type in32; did you mean int32?"),
+    (BOARD, "binary.receive.strains.fields.strain_x.byte_order", None, "byte_order must be given for int32"),
+    (BOARD, "binary.receive.strains.fields.strain_x.scale", 0.0, "a scale of 0 makes every value the same"),
+    (
+        BOARD,
+        "binary.receive.strains.fields.strain_y.at",
+        9,
+        "strain_x (bytes 7 to 10) and fields.strain_y (from byte 9) overlap",
+    ),
+    (BOARD, "binary.receive.strains.fields.strain_x.at", 1, "binary.sync (bytes 0 to 1) and fields.strain_x"),
+    (BOARD, "binary.receive.strains.bytes", 19, "binary.receive.strains: fields.strain_z (bytes 15 to 18) and its CRC"),
+    (BOARD, "binary.receive.strains.counter.type", "int16", "must be one of uint8"),
+    (BOARD, "binary.receive.strains.kind", None, "binary.receive.strains.kind: is missing"),
+    (BOARD, "binary.kind", None, "there is no binary.kind to put it in"),
+    (BOARD, "binary.send.voltages.kind", 256, "drivers.one.binary.send.voltages.kind: 256 does not fit into uint8"),
+    (BOARD, "binary.send.voltages.bytes", 300, "is 295 in binary.length, which uint8 can't hold"),
+    (BOARD, "binary.send.voltages.reply", "state", "binary.receive has no state; it has strains"),
+    (BOARD, "binary.send.voltages.rate_hz", 0.0, "rate_hz"),
+    (
+        BOARD,
+        "binary.send.voltages.cyclic_safe",
+        False,
+        "binary.send.voltages.cyclic_safe: 1000 writes a second wear out",
+    ),
+    (BOARD, "binary.send.voltages.fields.voltage_x.safe", 200.0, "safe 200 is outside of the range -20 to 150"),
+    (BOARD, "binary.send.voltages.fields.voltage_x.range", [200.0, 300.0], "safe 0 is outside of the range"),
+    (BOARD, "binary.no_such_key", 1, "no_such_key"),
+    (PIEZO, "ascii.write.voltages.cyclic_safe", None, "ascii.write.voltages.cyclic_safe: 100 writes a second wear out"),
+    (PIEZO, "ascii.preset", "gsc", "ascii.preset"),
+    (PIEZO, "ascii.preset", None, "terminator must be given where there is no preset"),
+    (PIEZO, "ascii.preset", "command,value", "identity: give request and pattern; only the preset gcs knows a request"),
+    (PIEZO, "ascii.identity", "(", "ascii.identity.pattern: '(' is not a regular expression"),
+    (PIEZO, "ascii.read.strains.fields.strain_x.item", None, "fields.strain_x.item: is missing: the axis"),
+    (PIEZO, "ascii.read.strains.request", "POS? 1", "give either command, for a preset, or request"),
+    (
+        PIEZO,
+        "ascii.read.strains",
+        {"request": "P?", "reply": ["{x}"], "rate_hz": 1, "fields": {"y": {}}},
+        "{x} is not one",
+    ),
+    (
+        PIEZO,
+        "ascii.write.voltages",
+        {"request": "V {x}", "rate_hz": 1, "cyclic_safe": True, "fields": {"x": {}, "y": {}}},
+        "request: {y} is missing",
+    ),
+    (PIEZO, "ascii.write.voltages.fields.voltage_x.range", [1.0, 2.0], "safe 0 is outside of the range 1 to 2"),
+    (PIEZO, "silence_ms", 5, "silence_ms"),
+    (PIEZO, "tcp.port", 65536, "tcp.port"),
+    (GAP, "stream.blocks.at", 22, "status (bytes 20 to 23) and blocks (from byte 22) overlap"),
+    (GAP, "stream.fields.strain_y.at", 2, "stream.fields: fields.strain_x (bytes 0 to 3) and fields.strain_y"),
+    (GAP, "stream.block_bytes", 8, "fields.strain_z ends behind the block, which has 8 bytes"),
+    (GAP, "stream.header_bytes", 30, "counter ends behind the header, which has 30 bytes"),
+    (GAP, "stream.counter.counts", "frames", "stream.counter.counts"),
+    (LASER, "stream.time.unit_s", 0.0, "stream.time.unit_s"),
+    (LASER, "stream.rate_hz", "fast", "stream.rate_hz"),
+]
+
+
+@pytest.mark.parametrize(("options", "path", "value", "words"), REFUSED, ids=[f"{row[1]}={row[2]}" for row in REFUSED])
+def test_refused_with_one_message_that_says_where(tmp_path, options, path, value, words):
+    file = tmp_path / "cell.yaml"
+    section = changed(options, path, value)
+    file.write_text(yaml.safe_dump({"schema_version": 1, "drivers": {"one": {"driver": "line", **section}}}))
+    with pytest.raises(ConfigError) as refusal:
+        bus_driver(file, "one")
+    lines = str(refusal.value).splitlines()
+    assert len(lines) == 1
+    assert re.match(rf"{re.escape(str(file))}:\d+: drivers\.one", lines[0])
+    assert words in lines[0]
+    assert refusal.value.exit_code == 78
+
+
+def test_the_line_is_that_of_the_key(tmp_path):
+    """Also where only the driver can know that it is wrong."""
+    file = tmp_path / "cell.yaml"
+    section = {"driver": "line", **changed(BOARD, "binary.send.voltages.cyclic_safe", False)}
+    file.write_text(yaml.safe_dump({"schema_version": 1, "drivers": {"one": section}}))
+    number = 1 + next(i for i, line in enumerate(file.read_text().splitlines()) if "cyclic_safe" in line)
+    with pytest.raises(
+        ConfigError, match=rf"cell\.yaml:{number}: drivers\.one\.binary\.send\.voltages\.cyclic_safe: 1000"
+    ):
+        bus_driver(file, "one")
+
+
+@pytest.mark.parametrize(
+    ("options", "section", "key"), [(BOARD, "binary.receive.strains", "rate_hz"), (GAP, "stream", "rate_hz")]
+)
+def test_silence_that_is_the_rule(options, section, key):
+    with pytest.raises(ConfigError, match=r"silence_ms: 200 is less than two periods of what comes at .* Hz"):
+        built(changed(options, f"{section}.{key}", 9.0))
+
+
+def test_two_fields_with_one_name():
+    options = changed(BOARD, "binary.receive.again", {**FRAMING["binary"]["receive"]["strains"], "kind": 0x11})
+    with pytest.raises(ConfigError, match="two inputs are called strain_x"):
+        built(options)
+
+
+def test_two_messages_that_can_not_be_told_apart():
+    options = changed(BOARD, "binary.receive.again", FRAMING["binary"]["receive"]["strains"])
+    with pytest.raises(ConfigError, match=r"binary\.receive\.again: strains and again have the same kind"):
+        built(options)
+
+
+def load(options):
+    (one,) = built(options).loads()
+    return one
+
+
+def test_budget_of_a_two_wire_line():
+    """RS-485 at 4 Mbaud, 8 bytes there and 24 back, 10 us of turnaround: 90 us an exchange, 11.1 kHz at most."""
+    number = {"byte_order": "little"}
+    options = {
+        "serial": {"device": "/dev/ttyS0", "baud": 4_000_000, "rs485": {"turnaround_us": 5.0}},
+        "binary": {
+            "sync": "aa",
+            "crc": {"name": "crc8.smbus"},
+            "turnaround_us": 5.0,
+            "receive": {
+                "strains": {
+                    "rate_hz": 5000,
+                    "bytes": 24,
+                    "fields": {"strain": {"at": 1, "type": "int32", **number}},
+                }
+            },
+            "send": {
+                "voltages": {
+                    "rate_hz": 5000,
+                    "bytes": 8,
+                    "cyclic_safe": True,
+                    "reply": "strains",
+                    "fields": {"voltage": {"at": 1, "type": "int16", **number}},
+                }
+            },
+        },
+    }
+    one = load(options)
+    assert one.name == "ttyS0"
+    assert one.share == pytest.approx(5000 * 90e-6)
+    assert one.detail == "5000 voltages x 90 us"
+
+
+def test_budget_of_text():
+    """Written out: "POS? 1 2 3\\n" and three lines of "1=" and 14 digits; "SVA ..." with ERR?, and its answer."""
+    options = changed(PIEZO, "tcp", None) | {"serial": {"device": "/dev/ttyS0", "baud": 115200}}
+    one = load(options)
+    asked = 11 + 3 * (2 + 14 + 3)
+    written = len("SVA 1 -20.0000 2 -20.0000 3 -20.0000\nERR?\n") + 3 + 14 + 3
+    assert one.share == pytest.approx(100 * (asked + written) * 10 / 115200)
+
+
+def test_parity_and_stop_bits_cost_time():
+    slow = changed(BOARD, "serial", {**BOARD["serial"], "parity": "even", "stopbits": 2})
+    for plain, more in zip(built(BOARD).loads(), built(slow).loads(), strict=True):
+        assert more.share == pytest.approx(plain.share * 12 / 10)
+
+
+def test_budget_of_a_network():
+    """A packet of 8 samples: 38 + 20 + 32 + 32 + 96 bytes, and one of 84 to acknowledge it; at worst one sample."""
+    one = load(GAP)
+    assert one.name == "link 192.168.0.30 in"
+    assert one.share == pytest.approx(2000 * (38 + 52 + 32 + 12 + 84) * 8 / 100e6)
+
+
+def test_rates_and_latencies():
+    gap = built(GAP)
+    assert {channel.rate_hz for channel in gap.inputs} == {250.0}  # of 2000 samples a second, 8 come together
+    board = built(BOARD)
+    assert {round(1e6 * channel.latency_s, 3) for channel in board.inputs} == {50.0}  # 20 bytes at 4 Mbaud
+    assert {round(1e6 * channel.latency_s, 3) for channel in board.outputs} == {32.5}
+    assert [task.name for task in board.tasks] == ["voltages"]
+    assert board.watchdog == "0 V after 10 ms without voltages"
+    assert board.device == "/dev/ttyUSB0"
+    assert built(changed(BOARD, "watchdog", None)).watchdog is None

@@ -1,0 +1,374 @@
+"""Serial lines, TCP and UDP: what is sent, what comes, and how it ends."""
+
+import contextlib
+import os
+import select
+import socket
+import termios
+import threading
+import time
+
+import pytest
+from micromanip_drivers.line.echo import Echo
+from micromanip_drivers.line.port_options import SerialPort, TcpPort, UdpPort
+from micromanip_drivers.line.serial_port import SerialLine
+from micromanip_drivers.line.tcp_port import TcpConnection
+from micromanip_drivers.line.udp_port import UdpDatagrams
+
+from micromanip.io.bus_errors import LinkError, TransientError
+
+from .again import raised
+from .wires import PtyWire, free_port
+
+
+def soon(seconds=1.0):
+    return time.monotonic_ns() + round(seconds * 1e9)
+
+
+def received(port, seconds=1.0):
+    return b"".join(data for data, _ in port.receive(soon(seconds)))
+
+
+@contextlib.contextmanager
+def serial_line(**options):
+    wire = PtyWire()
+    wire.start()
+    port = SerialLine(SerialPort.model_validate({**wire.options["serial"], **options}))
+    try:
+        port.open(soon())
+        yield wire, port
+    finally:
+        port.close()
+        wire.kill()
+
+
+def test_serial_line_both_ways():
+    with serial_line() as (wire, port):
+        port.send(b"\x00\xff\n\r\x11\x13ask")  # nothing is changed on the way, no flow control
+        assert wire.read(1.0) == b"\x00\xff\n\r\x11\x13ask"
+        wire.write(b"\x00\r\n\x11\x13\x03answer")
+        assert received(port) == b"\x00\r\n\x11\x13\x03answer"
+        assert port.receive(0) == []
+        assert port.counters["bytes_out"] == 9
+
+
+def test_serial_line_is_set_up_as_configured():
+    with serial_line(baud=115200, stopbits=2) as (wire, port):  # a pseudo terminal keeps no parity, and 8 bits
+        _, _, control, local, in_speed, out_speed, _ = termios.tcgetattr(wire.slave)
+        assert in_speed == out_speed == termios.B115200
+        assert control & termios.CSTOPB
+        assert not local & (termios.ICANON | termios.ECHO)
+        assert not port.low_latency  # a pseudo terminal has nothing to set
+
+
+def test_serial_line_that_is_not_there():
+    with pytest.raises(LinkError, match="/dev/no-such-port can't be opened: there is no such device; serial ports"):
+        SerialLine(SerialPort(device="/dev/no-such-port", baud=9600)).open(soon())
+
+
+def test_file_that_is_no_serial_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LinkError, match="can't be opened"):
+        SerialLine(SerialPort(device=str(tmp_path / "file"), baud=9600)).open(soon())
+
+
+def test_serial_line_has_one_owner():
+    with serial_line() as (wire, _), pytest.raises(LinkError, match="can't be opened"):
+        SerialLine(SerialPort.model_validate(wire.options["serial"])).open(soon())
+
+
+def test_unplugged_and_back():
+    with serial_line() as (wire, port):
+        wire.kill()
+        with pytest.raises(LinkError, match="is gone"):
+            port.receive(soon(0.1))
+        with pytest.raises(LinkError, match="is gone"):
+            port.send(b"x")
+        port.close()
+        with pytest.raises(LinkError, match="no such device"):
+            port.open(soon())
+        wire.start()
+        port.open(soon())
+        port.send(b"again")
+        assert wire.read(1.0) == b"again"
+
+
+def test_bytes_of_before_are_forgotten_by_opening():
+    with serial_line() as (wire, port):
+        port.close()
+        wire.write(b"old")
+        port.open(soon())
+        wire.write(b"new")
+        assert received(port) == b"new"
+
+
+def test_what_does_not_fit_is_refused_and_frames_stay_whole():
+    """The device reads nothing for a while: nothing is queued without end, and no half frame is left behind."""
+    with serial_line() as (wire, port):
+        frame = bytes(range(100))
+        problem = raised(lambda: port.send(frame))
+        assert isinstance(problem, TransientError)
+        assert "still waits to be sent" in str(problem)
+        sent = port.counters["bytes_out"] // len(frame)
+        got = os.read(wire.master, 1000)
+        time.sleep(0.02)
+        while port.counters["transmit_full"] < 3:  # the rest of the last frame goes first
+            with contextlib.suppress(TransientError):
+                port.send(frame)
+                sent += 1
+        while data := wire.read(0.1):
+            got += data
+            port.receive(0)  # the rest of a frame follows as soon as there is room
+        assert got == frame * sent
+        port.send(frame)
+        assert wire.read(1.0) == frame
+
+
+def test_turnaround_is_kept():
+    with serial_line(rs485={"turnaround_us": 20_000}) as (wire, port):
+        wire.write(b"answer")
+        assert received(port) == b"answer"
+        begin_s = time.monotonic()
+        port.send(b"next")
+        assert time.monotonic() - begin_s > 0.01
+
+
+def test_echo_is_taken_out():
+    with serial_line(rs485={"echo": True}) as (wire, port):
+        port.send(b"question")
+        wire.write(b"quest")
+        assert received(port, 0.05) == b""
+        wire.write(b"ionanswer")
+        assert received(port) == b"answer"
+        assert port.counters["echo_errors"] == 0
+
+
+def test_echo_that_is_another():
+    echo = Echo()
+    echo.sent(b"abcd")
+    assert echo.without(b"ab") == b""
+    assert echo.without(b"xd12") == b"xd12"
+    assert echo.without(b"34") == b"34"
+    assert echo.errors == 1
+
+
+def test_echo_that_did_not_come():
+    echo = Echo()
+    echo.sent(b"abcd")
+    echo.sent(b"ef")
+    assert echo.without(b"ef12") == b"12"
+    assert echo.errors == 1
+
+
+@pytest.fixture
+def server():
+    with socket.create_server(("127.0.0.1", 0)) as one:
+        one.settimeout(2.0)
+        yield one
+
+
+@contextlib.contextmanager
+def connected(server, silence_ms=200.0):
+    port = TcpConnection(TcpPort(host="127.0.0.1", port=server.getsockname()[1]), silence_ms)
+    port.open(soon())
+    device, _ = server.accept()
+    try:
+        with device:
+            yield device, port
+    finally:
+        port.close()
+
+
+def test_tcp_both_ways(server):
+    with connected(server) as (device, port):
+        port.send(b"question")
+        assert device.recv(100) == b"question"
+        device.sendall(b"answer")
+        assert received(port) == b"answer"
+        assert port._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
+def test_tcp_closed_by_the_device(server):
+    with connected(server) as (device, port):
+        device.sendall(b"last words")
+        device.close()
+        assert received(port) == b"last words"
+        with pytest.raises(LinkError, match="the device closed the connection"):
+            port.receive(soon())
+
+
+def test_tcp_nobody_there():
+    port = TcpConnection(TcpPort(host="127.0.0.1", port=free_port(socket.SOCK_STREAM)), 200.0)
+    with pytest.raises(LinkError, match=r"tcp 127.0.0.1:\d+ can't be opened: Connection refused"):
+        port.open(soon())
+
+
+def test_tcp_nobody_answers(server):
+    """A queue of connections that is full: the next ones get no answer at all."""
+    with socket.socket() as full:
+        full.bind(("127.0.0.1", 0))
+        full.listen(0)
+        address = full.getsockname()
+        with contextlib.ExitStack() as waiting:
+            for _ in range(4):
+                one = waiting.enter_context(socket.socket())
+                one.setblocking(False)
+                one.connect_ex(address)
+            port = TcpConnection(TcpPort(host=address[0], port=address[1]), 200.0)
+            begin_s = time.monotonic()
+            with pytest.raises(LinkError, match=r"no answer within 0\.2 s; is it switched on"):
+                port.open(soon(0.2))
+            assert time.monotonic() - begin_s < 1.0
+
+
+def test_tcp_device_that_reads_nothing(server):
+    with connected(server) as (device, port):
+        assert isinstance(raised(lambda: port.send(bytes(1000))), TransientError)
+        got = 0
+        device.setblocking(False)
+        while select.select([device], [], [], 0.2)[0]:
+            got += len(device.recv(1 << 20))
+            port.receive(0)
+        assert got == port.counters["bytes_out"]
+
+
+def test_half_open_connection_of_one_who_only_writes(server):
+    """What is not acknowledged for so long ends the connection: here by a window that stays shut."""
+    with connected(server, silence_ms=100.0) as (_, port):
+
+        def go_on():
+            with contextlib.suppress(TransientError):
+                port.send(bytes(50_000))
+            port.receive(soon(0.005))
+
+        assert isinstance(raised(go_on), LinkError)
+
+
+def udp_pair(listen=None):
+    device = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    device.bind(("127.0.0.1", 0))
+    device.settimeout(2.0)
+    port = UdpDatagrams(UdpPort(host="127.0.0.1", port=device.getsockname()[1], listen=listen))
+    port.open(soon())
+    return device, port
+
+
+def test_udp_both_ways():
+    device, port = udp_pair()
+    with device, contextlib.closing(port):
+        port.send(b"question")
+        data, sender = device.recvfrom(100)
+        assert data == b"question"
+        time.sleep(0.1)  # the kernel begins to stamp a moment after it was asked to
+        before_ns = time.monotonic_ns()
+        device.sendto(b"one", sender)
+        device.sendto(b"two", sender)
+        time.sleep(0.02)
+        (one, one_ns), (two, two_ns) = port.receive(soon())
+        assert (one, two) == (b"one", b"two")
+        assert before_ns <= one_ns <= two_ns < time.monotonic_ns() - 10_000_000  # the kernel's times, not ours
+
+
+def test_udp_of_strangers_is_not_received():
+    listen = free_port(socket.SOCK_DGRAM)
+    device, port = udp_pair(listen)
+    with device, contextlib.closing(port), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.sendto(b"not ours", ("127.0.0.1", listen))
+        device.sendto(b"ours", ("127.0.0.1", listen))
+        assert received(port) == b"ours"
+
+
+def test_udp_of_strangers_that_came_before_it_was_connected(monkeypatch):
+    """Between bind and connect the port is everybody's; the sender's address tells."""
+    listen = free_port(socket.SOCK_DGRAM)
+    device = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    device.bind(("127.0.0.1", 0))
+
+    class Overheard(socket.socket):
+        def connect(self, address):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+                stranger.sendto(b"not ours", ("127.0.0.1", listen))
+            super().connect(address)
+
+    monkeypatch.setattr(socket, "socket", Overheard)
+    port = UdpDatagrams(UdpPort(host="127.0.0.1", port=device.getsockname()[1], listen=listen))
+    port.open(soon())
+    monkeypatch.undo()
+    with device, contextlib.closing(port):
+        device.sendto(b"ours", ("127.0.0.1", listen))
+        assert received(port) == b"ours"
+        assert port.counters["strangers"] == 1
+
+
+def test_udp_nobody_there():
+    port = UdpDatagrams(UdpPort(host="127.0.0.1", port=free_port(socket.SOCK_DGRAM)))
+    port.open(soon())
+
+    def ask():
+        port.send(b"question")
+        port.receive(soon(0.05))
+
+    with contextlib.closing(port):
+        assert "Connection refused" in str(raised(ask))
+
+
+def test_host_that_does_not_exist():
+    with pytest.raises(LinkError, match="can't be opened"):
+        UdpDatagrams(UdpPort(host="256.1.2.3", port=1)).open(soon())
+
+
+@pytest.mark.parametrize(
+    "port",
+    [
+        SerialLine(SerialPort(device="/dev/ttyS0", baud=9600)),
+        TcpConnection(TcpPort(host="127.0.0.1", port=1), 100.0),
+        UdpDatagrams(UdpPort(host="127.0.0.1", port=1)),
+    ],
+)
+def test_closed_port(port):
+    port.close()
+    for call in (lambda: port.send(b"x"), lambda: port.receive(0)):
+        with pytest.raises(LinkError, match="is not open"):
+            call()
+
+
+class Breaking(UdpDatagrams):
+    """Gives one datagram, and then the error of what was sent before."""
+
+    def _read(self, descriptor):
+        if self.given:
+            raise ConnectionRefusedError("nobody listens")
+        self.given = True
+        return b"last words", 1
+
+    def _connect(self, deadline_ns):
+        self.given = False
+        self.ends = os.pipe()
+        os.write(self.ends[1], b"x")
+        return self.ends[0]
+
+    def _disconnect(self):
+        while self.ends:
+            os.close(self.ends[0])
+            self.ends = self.ends[1:]
+
+    ends = ()
+
+
+def test_what_came_before_an_error_is_not_lost():
+    port = Breaking(UdpPort(host="127.0.0.1", port=1))
+    port.open(soon())
+    with contextlib.closing(port):
+        assert received(port) == b"last words"
+        with pytest.raises(LinkError, match="nobody listens"):
+            port.receive(soon())
+
+
+def test_receive_returns_soon_after_the_first():
+    with serial_line() as (wire, port):
+        later = threading.Timer(0.05, lambda: os.write(wire.master, b"x"))
+        later.start()
+        begin_s = time.monotonic()
+        assert received(port, 2.0) == b"x"
+        assert time.monotonic() - begin_s < 1.0
+        later.join()

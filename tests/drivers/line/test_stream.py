@@ -1,0 +1,290 @@
+"""The framing `stream`: packets cut and joined, samples at their own times, other devices, datagrams of all kinds."""
+
+import contextlib
+import itertools
+import random
+import socket
+import struct
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from micromanip_drivers.line.driver import Line
+from micromanip_drivers.line.line_time import LineTime
+from micromanip_drivers.line.port_options import TcpPort
+from micromanip_drivers.line.silence import Silence
+from micromanip_drivers.line.stream import StreamFraming
+from micromanip_drivers.line.stream_options import Stream
+
+from micromanip.io.bus import Inbox
+from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
+
+from .again import raised
+from .scripted_port import ScriptedPort
+from .sensors import SENSOR, TRACKER, CapacitiveSensor, LaserTracker
+from .wires import TcpWire, UdpWire, free_port
+
+PERIOD_NS = 500_000
+SAMPLER, TRACER = CapacitiveSensor(TcpWire()), LaserTracker(UdpWire())
+
+
+def framing(options=SENSOR, datagrams=False, silence_ms=500.0, **changed):
+    port = ScriptedPort(lambda data: [], datagrams)
+    one = StreamFraming(
+        Stream.model_validate({**options["stream"], **changed}),
+        port,
+        LineTime(TcpPort(host="device", port=1)),
+        Silence(port.name, silence_ms),
+    )
+    return one, port
+
+
+def begun(first, **changed):
+    one, port = framing(**changed)
+    port.coming.append((time.monotonic_ns(), first))
+    one.begin(time.monotonic_ns() + 200_000_000)
+    return one, port
+
+
+def taken(one, port, *wires, at_ns=None, channel=0):
+    inbox = Inbox()
+    port.coming += [(at_ns or time.monotonic_ns(), wire) for wire in wires]
+    with contextlib.suppress(TransientError):
+        one.receive(inbox, time.monotonic_ns())
+    return [sample for sample in inbox if sample.channel == channel]
+
+
+def packet(count, *xs):
+    return SAMPLER.packet(count, *[(x, 2 * x, -x) for x in xs])
+
+
+def test_samples_of_a_packet_have_their_own_times():
+    one, port = begun(packet(0, 1))
+    at_ns = time.monotonic_ns()
+    samples = taken(one, port, packet(1, 10, 20, 30, 40), at_ns=at_ns)
+    assert [sample.value for sample in samples] == pytest.approx([1e-4, 2e-4, 3e-4, 4e-4])
+    latency_ns = round(one.inputs[0].latency_s * 1e9)
+    assert [at_ns - latency_ns - sample.time_ns for sample in samples] == [3 * PERIOD_NS, 2 * PERIOD_NS, PERIOD_NS, 0]
+
+
+def test_a_gap_is_counted_once_and_on_every_input():
+    one, port = begun(packet(0, 1))
+    taken(one, port, packet(0, 1, 1))
+    for channel in range(3):
+        samples = taken(one, port, packet(2 + 7 * channel + 5, 1, 1), channel=channel)
+        assert [sample.lost for sample in samples] == [5, 0]
+    assert one.counters["lost"] == 15
+
+
+@settings(deadline=None)
+@given(st.lists(st.integers(1, 8), min_size=1, max_size=8), st.lists(st.integers(0, 2000), max_size=20))
+def test_any_cutting_gives_the_same_samples(sizes, places):
+    wires, count = [], 1
+    for size in sizes:
+        wires.append(packet(count, *range(count, count + size)))
+        count += size
+    data = b"".join(wires)
+    edges = [0, *sorted(place % (len(data) + 1) for place in places), len(data)]
+    one, port = begun(packet(0, 0))
+    samples = taken(one, port, *[data[a:b] for a, b in itertools.pairwise(edges)])
+    assert [round(sample.value * 1e5) for sample in samples] == list(range(1, count))
+    assert {sample.lost for sample in samples} <= {0}
+
+
+def test_garbage_and_cut_packets_give_no_value_without_a_checksum_too():
+    draw = random.Random(3)
+    one, port = begun(packet(0, 5, 5))
+    count, good = 2, 0
+    for _ in range(300):
+        garbage = draw.choice((draw.randbytes(draw.randint(1, 60)), packet(count, 9, 9)[: draw.randint(1, 55)]))
+        wire = packet(count, 5, 5)
+        samples = taken(one, port, garbage + wire + packet(count + 2, 5, 5))
+        assert {round(sample.value * 1e5) for sample in samples} <= {5}
+        good += bool(samples)
+        count += 4
+    assert good > 290
+
+
+def test_packet_of_another_device_is_no_sample():
+    """Somebody plugged another sensor to the same converter; or noise that looks like a packet."""
+    one, port = begun(packet(0, 5))
+    other = CapacitiveSensor(TcpWire())
+    other.serial_number = 1
+    port.coming.append((time.monotonic_ns(), other.packet(1, (9, 9, 9))))
+    inbox = Inbox()
+    with pytest.raises(TransientError, match="of another device"):
+        one.receive(inbox, time.monotonic_ns())
+    assert not len(inbox)
+    with pytest.raises(IdentityMismatch, match="serial_number 1, the configuration says 4711"):
+        begun(other.packet(1, (9, 9, 9)) * 2)
+
+
+def test_one_packet_that_looks_like_another_device_may_be_noise():
+    other = CapacitiveSensor(TcpWire())
+    other.serial_number = 1
+    begun(other.packet(1, (9, 9, 9)) + packet(0, 1))
+
+
+def test_status():
+    one, port = begun(packet(0, 5))
+    bad = CapacitiveSensor(TcpWire())
+    bad.status = 0x80
+    assert [sample.status for sample in taken(one, port, bad.packet(1, (1, 1, 1)), packet(2, 1))] == [0x80, 0]
+
+
+def test_number_that_is_none_is_marked():
+    one, port = begun(TRACER.datagram(0, 0, 0.0, 0.0, 0.0), options=TRACKER, datagrams=True)
+    samples = taken(one, port, TRACER.datagram(1, 1000, float("nan"), 1.0, float("inf")))
+    assert [sample.status for sample in samples] == [-1]
+    assert [sample.status for sample in taken(one, port, TRACER.datagram(2, 2000, 0.0, 1.0, 1.0))] == [0]
+
+
+def test_time_stamps_of_the_tracker():
+    """Datagrams that come late, one behind the other, have the times at which they were measured."""
+    born_ns = time.monotonic_ns() - 20_000_000
+    one, port = begun(TRACER.datagram(0, 0, 0.0, 0.0, 0.0), options=TRACKER, datagrams=True, latency_us=0.0)
+    began_ns = taken(one, port, TRACER.datagram(1, 1000, 0.0, 0.0, 0.0), at_ns=born_ns + 1_000_000)[0].time_ns
+    late_ns = born_ns + 9_000_000
+    samples = taken(one, port, *[TRACER.datagram(n, 1000 * n, 0.0, 0.0, 0.0) for n in range(2, 8)], at_ns=late_ns)
+    assert [sample.time_ns - began_ns for sample in samples] == pytest.approx(
+        [1_000_000 * n for n in range(1, 7)], abs=5_000
+    )
+
+
+def test_datagrams_doubled_lost_and_out_of_order():
+    one, port = begun(TRACER.datagram(0, 0, 0.0, 0.0, 0.0), options=TRACKER, datagrams=True)
+    wires = [TRACER.datagram(n, 1000 * n, float(n), 0.0, 0.0) for n in range(8)]
+    samples = taken(one, port, wires[1], wires[1], wires[3], wires[2], wires[6], wires[7][:-1], wires[7])
+    assert [(round(sample.value / 1000), sample.lost) for sample in samples] == [(1, 0), (3, 1), (6, 2), (7, 0)]
+    assert one.counters["not_fresh"] == 2
+
+
+def test_flipped_bit_in_a_datagram():
+    one, port = begun(TRACER.datagram(0, 0, 0.0, 0.0, 0.0), options=TRACKER, datagrams=True)
+    wire = bytearray(TRACER.datagram(1, 1000, 1.0, 0.0, 0.0))
+    wire[20] ^= 1
+    port.coming.append((time.monotonic_ns(), bytes(wire)))
+    with pytest.raises(TransientError, match="1 damaged frame"):
+        one.receive(Inbox(), time.monotonic_ns())
+
+
+def test_nothing_comes():
+    one, _ = framing()
+    with pytest.raises(LinkError, match="sends nothing: is it switched on"):
+        one.begin(time.monotonic_ns() + 20_000_000)
+
+
+def test_what_comes_is_no_stream():
+    one, port = framing()
+    port.coming.append((time.monotonic_ns(), bytes(range(200))))
+    with pytest.raises(LinkError, match="sends 200 bytes, and no frame is in them"):
+        one.begin(time.monotonic_ns() + 20_000_000)
+
+
+def test_beginning_in_the_middle_of_a_packet():
+    one, port = framing()
+    port.coming.append((time.monotonic_ns(), packet(0, 1, 2, 3)[17:] + packet(3, 4)))
+    one.begin(time.monotonic_ns() + 200_000_000)
+    assert len(taken(one, port, packet(4, 5))) == 1
+
+
+def test_start_is_sent():
+    one, port = framing(start="53 54 41 52 54 0a")
+    port.coming.append((time.monotonic_ns(), packet(0, 1)))
+    one.begin(time.monotonic_ns() + 200_000_000)
+    assert port.sent == [b"START\n"]
+
+
+def line(options):
+    return Line(Line.Options.model_validate(options), None)
+
+
+def test_half_open_connection_is_noticed_by_silence():
+    """The device takes the connection, speaks, and is gone without a word."""
+    device = CapacitiveSensor(TcpWire())
+    device.start()
+    driver = line({**device.options, "silence_ms": 60})
+    try:
+        driver.open()
+        device.silence(True)
+        problem = raised(lambda: driver.receive(Inbox(), time.monotonic_ns() + 5_000_000))
+        assert isinstance(problem, LinkError)
+        assert "nothing understood for 60 ms" in str(problem)
+        driver.close()
+        device.silence(False)
+        driver.open()
+    finally:
+        driver.close()
+        device.kill()
+
+
+def test_strangers_are_not_heard():
+    """A second tracker sends to our port, with another address: nothing of it becomes a value."""
+    device, stranger = LaserTracker(UdpWire()), LaserTracker(UdpWire())
+    stranger.wire.listener = device.wire.listener
+    device.set_input("stage_x", 1.0)
+    stranger.set_input("stage_x", -1.0)
+    device.start()
+    stranger.start()
+    driver = line(device.options)
+    try:
+        driver.open()
+        inbox, end_ns = Inbox(), time.monotonic_ns() + 100_000_000
+        while time.monotonic_ns() < end_ns:
+            driver.receive(inbox, end_ns)
+        values = {round(sample.value, 9) for sample in inbox if sample.channel == 0}
+    finally:
+        driver.close()
+        device.kill()
+        stranger.kill()
+    assert values == {1.0}
+
+
+def test_probe_shows_values_and_the_wrong_device():
+    device = CapacitiveSensor(TcpWire())
+    device.start()
+    device.serial_number = 7
+    device.set_input("strain_z", 2.5)
+    driver = line(device.options)
+    try:
+        *_, answer = driver.probe(0.2)
+    finally:
+        driver.close()
+        device.kill()
+    assert answer.values["strain_z"] == pytest.approx(2.5)
+    assert answer.values["serial_number"] == 7
+    assert answer.note == "serial_number 7, the configuration says 4711"
+
+
+def test_probe_of_another_protocol_shows_that_something_comes():
+    device = CapacitiveSensor(TcpWire())
+    device.packet = lambda count, *blocks: b"hello\n"
+    device.start()
+    driver = line(device.options)
+    try:
+        (answer,) = driver.probe(0.1)
+    finally:
+        driver.close()
+        device.kill()
+    assert answer.values["bytes"] > 0
+    assert "no frame is in them" in answer.note
+
+
+def test_tracker_that_nobody_plays_is_a_lost_link():
+    driver = line({"udp": {"host": "127.0.0.1", "port": free_port(socket.SOCK_DGRAM)}, **TRACKER})
+    with pytest.raises(LinkError, match="sends nothing"):
+        driver.open()
+    driver.close()
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.binary(max_size=300), st.booleans())
+def test_whatever_comes_nothing_but_a_passing_error_comes_of_it(data, of_a_tracker):
+    good = TRACER.datagram(0, 0, 0.0, 0.0, 0.0) if of_a_tracker else packet(0, 1)
+    one, port = begun(good, options=TRACKER if of_a_tracker else SENSOR, datagrams=of_a_tracker)
+    magic = b"LT" if of_a_tracker else b"MEAS" + struct.pack("<ii", 1, 4711)
+    for wire in (data, magic + data, data + good):
+        port.coming.append((time.monotonic_ns(), wire))
+        with contextlib.suppress(TransientError):
+            one.receive(Inbox(), time.monotonic_ns())

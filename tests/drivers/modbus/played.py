@@ -1,0 +1,91 @@
+"""The units that `simulate-device` plays for a configuration of config/, in a thread of the test."""
+
+import os
+import queue
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import yaml
+
+from micromanip.sim.device.devices import Devices
+
+from ..line.wires import free_port, socket
+
+CONFIG = Path(__file__).parents[3] / "config"
+QUIET = {"strain_noise_nm": 0.0, "strain_hum_nm": 0.0, "stage_noise_nm": 0.0}
+PATIENCE_S = 20.0
+
+
+def document(name):
+    with (CONFIG / name).open(encoding="utf-8") as stream:
+        return yaml.safe_load(stream)
+
+
+def keys_of(config):
+    """The keys of its driver."""
+    return config["drivers"]["modbus"]
+
+
+class Played:
+    """A configuration on a port of its own; `devices` may be asked by `do` only."""
+
+    def __init__(self, folder, name):
+        self.config = document(name)
+        keys = keys_of(self.config)
+        if "tcp" in keys:
+            keys["tcp"]["port"] = self.port = free_port(socket.SOCK_STREAM)
+        else:
+            keys["serial"]["device"] = self.path = str(folder / "tty")
+        self.config["simulation"]["plant"] = QUIET
+        self.config["simulation"].pop("variation")
+        self.file = folder / "cell.yaml"
+        self.file.write_text(yaml.safe_dump(self.config, sort_keys=False), encoding="utf-8")
+        self.devices = Devices(self.file, watchdog_ms=60_000.0)
+        self._calls, self._bell = queue.SimpleQueue(), os.eventfd(0)
+        self.devices.loop.add_reader(self._bell, self._serve)
+        self.thread = threading.Thread(target=self._play)
+        self.thread.start()
+
+    def _play(self):
+        self.devices.start()
+        self.devices.loop.run()
+
+    def do(self, call):
+        """Have it done by the devices' thread; what it returns."""
+        done = []
+        self._calls.put(lambda: done.append(call()))
+        os.eventfd_write(self._bell, 1)
+        until(lambda: done)
+        return done[0]
+
+    def _serve(self):
+        os.eventfd_read(self._bell)
+        while not self._calls.empty():
+            self._calls.get()()
+
+    def order(self, line):
+        return self.do(lambda: self.devices.command(line))
+
+    def close(self):
+        self.devices.loop.stop()
+        self.thread.join()
+        self.devices.close()
+        os.close(self._bell)
+
+
+def until(condition, seconds=PATIENCE_S):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.002)
+
+
+@contextmanager
+def played(folder, name="modbus.yaml"):
+    it = Played(folder, name)
+    try:
+        yield it
+    finally:
+        it.close()

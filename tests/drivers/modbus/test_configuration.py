@@ -1,0 +1,159 @@
+"""What a configuration may say, and the one message for each that can't work."""
+
+import copy
+import re
+import textwrap
+from pathlib import Path
+
+import pytest
+import yaml
+from micromanip_drivers.modbus import options as options_module
+from micromanip_drivers.modbus.driver import Modbus
+
+from micromanip.errors import ConfigError
+from micromanip.settings.buses import bus_findings
+from micromanip.settings.check import prepare
+from micromanip.settings.single_driver import bus_driver
+
+CONFIG = Path(__file__).parents[3] / "config"
+FILES = ["modbus.yaml", "modbus_rtu.yaml"]
+UNIT = "units.cell.tasks.exchange."
+
+
+def entry(text):
+    return next(iter(yaml.safe_load(text)["drivers"].values()))
+
+
+def changed(path, value):
+    """The driver of config/modbus.yaml with one key changed; DELETE takes it away."""
+    keys = entry((CONFIG / "modbus.yaml").read_text(encoding="utf-8"))
+    keys = copy.deepcopy(keys)
+    *way, last = path.split(".")
+    at = keys
+    for key in way:
+        at = at[key]
+    if value is DELETE:
+        del at[last]
+    else:
+        at[last] = value
+    return keys
+
+
+DELETE = object()
+
+
+def told(tmp_path, keys):
+    """What is said of a driver with such keys, without the name of the file."""
+    file = tmp_path / "cell.yaml"
+    file.write_text(yaml.safe_dump({"drivers": {"modbus": keys}}, sort_keys=False), encoding="utf-8")
+    with pytest.raises(ConfigError) as problem:
+        bus_driver(file, "modbus")
+    assert problem.value.exit_code == 78
+    text = str(problem.value)
+    assert text.startswith(f"{file}:")
+    line, said = text.removeprefix(f"{file}:").split(": ", 1)
+    there = file.read_text(encoding="utf-8").splitlines()[int(line) - 1].split(":")[0].strip()
+    assert there in said.split(": ")[0].split("."), "the line is that of the key, or of the section that it misses"
+    assert "\n" not in said, "one message"
+    return said
+
+
+def test_the_example_in_the_keys_own_words_works():
+    text = textwrap.dedent(options_module.__doc__.split("\n\n")[1])
+    keys = entry(text)
+    del keys["driver"]
+    driver = Modbus(Modbus.Options.model_validate(keys), None)
+    assert [channel.name for channel in driver.inputs] == ["gauge.strain_x", "gauge.strain_y"]
+    assert driver._plans[0].exchanges[0].request({}).hex() == "03003f0004"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        (
+            f"{UNIT}read.strain_x.type",
+            "int31",
+            "expected int16, uint16, int32, .* not the text .int31.: did you mean int32",
+        ),
+        (f"{UNIT}read.strain_x.address", 1, "registers?.*strain_y.*overlap|strain_.: overlaps with .*strain_."),
+        (f"{UNIT}read.enable.first_bit", 1, "overlaps with .*bit 1 of register 18"),
+        (f"{UNIT}write.voltage_x.cyclic_safe", False, "cyclic_safe: .*not marked safe.*flash"),
+        (f"{UNIT}write.voltage_x.cyclic_safe", DELETE, "cyclic_safe: .*not marked safe.*flash"),
+        (f"{UNIT}write.voltage_x.address", 110, "function 23 carries one block"),
+        (f"{UNIT}function", 7, "function: expected"),
+        (f"{UNIT}function", 16, "read: function 16 can't read"),
+        (f"{UNIT}function", 3, "write: function 3 can't write"),
+        (f"{UNIT}read.strain_x.scale", 0.0, "scale: 0 makes every value the same"),
+        (f"{UNIT}read.strain_x.type", "coil", "function 23 is for holding registers"),
+        (f"{UNIT}read.enable.first_bit", 16, "first_bit: expected"),
+        (f"{UNIT}counter.type", "float32", "type: one of bits, uint16"),
+        ("units.cell.address_base", 19, "address 0 with address_base 19 would be -19 on the wire"),
+        ("units.cell.byte_order", DELETE, "byte_order: missing"),
+        ("units.cell.word_order", "middle", "word_order: expected"),
+        ("units.cell.unit_id", 256, "unit_id: expected"),
+        ("tcp", DELETE, "exactly one of tcp: .* and serial: .*neither is there"),
+        ("serial", {"device": "/dev/ttyUSB0", "baud": 9600}, "exactly one of .*both are there"),
+        ("timeout_ms", 0.5, "timeout_ms: 0.5 ms is over before cell.exchange can be answered"),
+        ("timeout_ms", 500, "timeout_ms: expected"),
+        ("timeout_ms", DELETE, "timeout_ms: missing"),
+        ("retries", 3, "retries"),
+    ],
+)
+def test_what_can_not_work(tmp_path, path, value, said):
+    found = told(tmp_path, changed(path, value))
+    assert re.search(said, found), found
+
+
+def test_units_on_a_serial_line_have_numbers_of_it(tmp_path):
+    keys = changed("tcp", DELETE) | {"serial": {"device": "/dev/ttyUSB0", "baud": 115200}, "timeout_ms": 30}
+    keys["units"]["cell"]["unit_id"] = 255
+    assert "on a serial line units go from 1 to 247, not 255" in told(tmp_path, keys)
+    keys["units"]["cell"]["unit_id"] = 1
+    keys["serial"]["bytesize"] = 7
+    assert "Modbus RTU has 8 data bits, not 7" in told(tmp_path, keys)
+
+
+def test_two_units_with_one_number(tmp_path):
+    keys = changed("tcp.port", 502)
+    keys["units"]["other"] = copy.deepcopy(keys["units"]["cell"])
+    assert told(tmp_path, keys) == "drivers.modbus.units.other.unit_id: 1 is also that of cell"
+
+
+def test_a_long_block_is_parted_at_what_a_transaction_carries():
+    read = {f"r{i}": {"address": 2 * i, "type": "int32"} for i in range(100)}
+    unit = {"unit_id": 1, "address_base": 0, "byte_order": "big", "word_order": "big"}
+    keys = {"tcp": {"host": "h", "port": 502}, "timeout_ms": 20, "response_ms": 1}
+    tasks = {"all": {"function": 4, "rate_hz": 10, "read": read}}
+    driver = Modbus(Modbus.Options.model_validate({**keys, "units": {"u": {**unit, "tasks": tasks}}}), None)
+    assert [exchange.request({}).hex() for exchange in driver._plans[0].exchanges] == ["040000007c", "04007c004c"]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_examples_fit_their_lines(name):
+    prepared = prepare(CONFIG / name)
+    assert not list(bus_findings(prepared.configuration, prepared.wiring))
+
+
+def test_what_a_line_can_not_carry_is_refused(tmp_path):
+    text = (CONFIG / "modbus_rtu.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "cell.yaml"
+    assert "rate_hz: 100\n" in text
+    file.write_text(text.replace("rate_hz: 100\n", "rate_hz: 125\n"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"would be busy for 1?\d\d % of the time .* at most 90 %"):
+        prepare(file)
+
+
+def test_the_budget_of_a_serial_line_worked_out_by_hand():
+    """115200 baud, 8 data bits, no parity: FC23 with 12 registers read and 6 written, 1 ms to think."""
+    read = {f"r{i}": {"address": i, "type": "int16"} for i in range(12)}
+    write = {f"w{i}": {"address": i, "type": "int16", "cyclic_safe": True} for i in range(6)}
+    tasks = {"x": {"function": 23, "rate_hz": 100, "read": read, "write": write}}
+    unit = {"unit_id": 1, "address_base": 0, "byte_order": "big", "word_order": "big", "tasks": tasks}
+    keys = {"serial": {"device": "/dev/x", "baud": 115200}, "timeout_ms": 30, "response_ms": 1, "units": {"u": unit}}
+    driver = Modbus(Modbus.Options.model_validate(keys), None)
+    (load,) = driver.loads()
+    request, answer = (1 + 10 + 12 + 2) * 10 / 115200, (1 + 2 + 24 + 2) * 10 / 115200
+    assert load.share == pytest.approx(100 * (request + answer + 1e-3 + 2 * 1.75e-3))
+    assert load.limit == 0.9
+    assert driver.inputs[0].latency_s == pytest.approx(answer + 0.5e-3)
+    assert driver.outputs[0].latency_s == pytest.approx(request + 0.5e-3)

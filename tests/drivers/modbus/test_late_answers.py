@@ -1,0 +1,286 @@
+"""Time-outs, late answers, exceptions and rubbish: what is raised, and that no answer is taken for another's."""
+
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from micromanip.io.bus_errors import DeviceFault, LinkError, TransientError
+
+from .scripted import READ, WRITE, Scripted
+
+BOTH = pytest.mark.parametrize("serial", [True, False], ids=["rtu", "tcp"])
+
+
+def late(seconds):
+    return lambda frame, request: [(seconds, frame)]
+
+
+def instead(pdu):
+    return lambda frame, request: [(0.0, request.seal(pdu))]
+
+
+def never(frame, request):
+    return []
+
+
+def write_on(scripted):
+    for value in range(1000):
+        try:
+            scripted.turn([float(value)], wait_ns=0)
+        except TransientError:
+            time.sleep(0.002)
+
+
+def turns(scripted, seconds):
+    """Turn for so long; the values that came, and the errors."""
+    values, errors, end = [], [], time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            values += scripted.turn(wait_ns=5_000_000)
+        except TransientError as problem:
+            errors.append(str(problem))
+            time.sleep(0.002)
+    return values, errors
+
+
+@BOTH
+def test_values_come_in_the_order_of_their_requests(serial):
+    scripted = Scripted(serial=serial)
+    assert [scripted.turn() for _ in range(3)] == [[2.0], [3.0], [4.0]]
+
+
+@BOTH
+@pytest.mark.parametrize("late_s", [0.017, 0.025, 0.045])
+def test_a_late_answer_is_not_taken_for_the_next_ones(serial, late_s):
+    scripted = Scripted(serial=serial)
+    scripted.unit.said[3] = late(late_s)
+    assert scripted.turn() == [2.0]
+    values, errors = turns(scripted, 0.25)
+    assert 3.0 not in values, "the request was over"
+    assert values == sorted(set(values)), "each value belongs to a request of its own"
+    assert values[-1] == scripted.unit.requests, "the newest answer is that to the newest request"
+    assert any("no answer within 15 ms" in error for error in errors)
+    assert 1 <= scripted.driver.statistics()["timeouts"] <= 2, "the answer after a late one may be late for it"
+
+
+@given(st.lists(st.floats(0.0, 0.05), min_size=1, max_size=6), st.booleans())
+@settings(max_examples=15)
+def test_whatever_is_late_every_value_is_that_of_its_own_request(delays_s, serial):
+    """The unit is never later than the line is kept silent for; how late it is differs each time."""
+    scripted = Scripted(serial=serial)
+    scripted.unit.said = {2 + i: late(delay_s) for i, delay_s in enumerate(delays_s)}
+    for _ in range(len(delays_s) + 3):
+        asked = scripted.unit.requests
+        try:
+            values = scripted.turn()
+        except TransientError:
+            time.sleep(0.02)
+            continue
+        except LinkError:
+            scripted.driver.close()
+            scripted.driver.open()
+            continue
+        assert values == [asked + 1]
+
+
+def test_nothing_is_sent_on_a_serial_line_while_late_answers_are_waited_for():
+    scripted = Scripted(serial=True)
+    scripted.unit.said[2] = never
+    with pytest.raises(TransientError, match="no answer within"):
+        scripted.turn()
+    asked, begin = scripted.unit.requests, time.monotonic()
+    with pytest.raises(TransientError, match="late answers are waited for"):
+        scripted.turn()
+    assert scripted.unit.requests == asked
+    while scripted.unit.requests == asked:
+        try:
+            scripted.turn()
+        except TransientError:
+            time.sleep(0.001)
+    assert time.monotonic() - begin > 0.038
+
+
+def test_over_tcp_the_late_answer_itself_ends_the_silence():
+    scripted = Scripted(serial=False, drain_ms=600)
+    scripted.unit.said[2] = late(0.03)
+    with pytest.raises(TransientError):
+        scripted.turn()
+    time.sleep(0.02)
+    assert scripted.turn() == [3.0]
+    assert scripted.driver.statistics()["late"] == 1
+
+
+@BOTH
+def test_few_requests_gather_in_a_device_that_hangs(serial):
+    """When it goes on it finds three old commands at most, not hundreds."""
+    tasks = {"write": {"function": 16, "rate_hz": 20, "write": WRITE}}
+    scripted = Scripted(serial=serial, tasks=tasks)
+    scripted.unit.said = dict.fromkeys(range(1, 1000), never)
+    with pytest.raises(LinkError, match="3 times in a row"):
+        write_on(scripted)
+    assert len(scripted.unit.heard) <= 3
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("code", "error", "said"),
+    [
+        (1, DeviceFault, "illegal function"),
+        (2, DeviceFault, "address_base"),
+        (4, DeviceFault, "device failure"),
+        (6, TransientError, "busy"),
+        (11, TransientError, "behind the gateway"),
+        (99, DeviceFault, "of the vendor"),
+    ],
+)
+def test_exceptions(serial, code, error, said):
+    scripted = Scripted(serial=serial)
+    scripted.unit.said[2] = instead(bytes((0x83, code)))
+    with pytest.raises(error, match=rf"u \(unit 1\), function 3, 5: exception {code}, .*{said}"):
+        scripted.turn()
+    assert scripted.turn() == [3.0], "the next one is asked for at once"
+
+
+def test_the_answer_to_another_function_is_none():
+    scripted = Scripted(serial=False)
+    scripted.unit.said[2] = instead(bytes.fromhex("04 02 0007"))
+    with pytest.raises(TransientError, match="begins with 04 02 instead of 03 02"):
+        scripted.turn()
+
+
+def test_a_wrong_transaction_number_is_never_believed():
+    scripted = Scripted(serial=False)
+    scripted.unit.said[2] = lambda frame, request: [(0.0, bytes((frame[0], frame[1] + 1)) + frame[2:])]
+    with pytest.raises(TransientError, match="no answer"):
+        scripted.turn()
+    assert not list(scripted.inbox)
+
+
+@BOTH
+def test_a_split_answer_is_put_together(serial):
+    scripted = Scripted(serial=serial)
+    scripted.unit.said[2] = lambda frame, request: [(0.0, frame[:3]), (0.004, frame[3:])]
+    assert scripted.turn() == [2.0]
+
+
+def test_after_rubbish_a_serial_line_is_found_again():
+    scripted = Scripted(serial=True)
+    scripted.unit.said[2] = lambda frame, request: [(0.0, b"\x55\xaa\x17"), (0.003, frame)]
+    with pytest.raises(TransientError, match="no answer but something else"):
+        scripted.turn()
+    values, _ = turns(scripted, 0.1)
+    assert values, "it goes on"
+    assert 2.0 not in values
+    assert values[-1] == scripted.unit.requests
+
+
+def test_after_a_damaged_answer_the_next_one_is_asked_for_at_once():
+    scripted = Scripted(serial=True)
+    scripted.unit.said[2] = lambda frame, request: [(0.0, frame[:-1] + bytes((frame[-1] ^ 1,)))]
+    with pytest.raises(TransientError, match="checksum"):
+        scripted.turn()
+    assert scripted.turn() == [3.0]
+
+
+def test_an_echo_is_named():
+    scripted = Scripted(serial=True)
+    scripted.unit.said[2] = lambda frame, request: [(0.0, RTU_REQUEST), (0.002, frame)]
+    with pytest.raises(TransientError, match=r"rs485: \{echo: true\}"):
+        scripted.turn()
+
+
+RTU_REQUEST = bytes.fromhex("01 03 0005 0001 940b")
+
+
+def test_what_comes_unasked_is_thrown_away():
+    scripted = Scripted(serial=True)
+    scripted.unit.said[2] = lambda frame, request: [(0.0, frame), (0.001, frame)]
+    assert scripted.turn() == [2.0]
+    time.sleep(0.003)
+    assert scripted.turn() == [3.0]
+    assert scripted.driver.statistics()["late"] == 1
+
+
+@BOTH
+def test_values_are_dated_between_request_and_answer(serial):
+    scripted = Scripted(serial=serial)
+    scripted.unit.said[2] = late(0.010)
+    begin_ns = time.monotonic_ns()
+    scripted.turn()
+    (sample,) = scripted.inbox
+    assert 0.004 < (sample.time_ns - begin_ns) * 1e-9 < 0.0085
+
+
+def test_adjacent_registers_are_one_transaction_and_others_are_not():
+    read = {"a": {"address": 5, "type": "uint16"}, "b": {"address": 6, "type": "uint16"}}
+    apart = {"c": {"address": 9, "type": "uint16"}}
+    scripted = Scripted(serial=False, tasks={"ask": {"function": 3, "rate_hz": 20, "read": {**read, **apart}}})
+    scripted.unit.heard.clear()
+    values = scripted.turn()
+    assert [pdu.hex() for pdu in scripted.unit.heard] == ["0300050002", "0300090001"]
+    assert values == [2.0, 2.0, 3.0]
+
+
+def test_a_counter_that_stands_still_makes_nothing_fresh_and_a_bad_status_is_passed_on():
+    tasks = {
+        "ask": {
+            "function": 3,
+            "rate_hz": 20,
+            "read": READ,
+            "counter": {"address": 6, "type": "uint16"},
+            "status": {"address": 7, "type": "bits", "first_bit": 1, "bit_count": 2, "good": [1, 2]},
+        }
+    }
+    scripted = Scripted(serial=False, tasks=tasks)
+    for number, registers in {2: "0001 0007 0002", 3: "0002 0007 0002", 4: "0003 0008 0006"}.items():
+        scripted.unit.said[number] = instead(bytes.fromhex(f"03 06 {registers}"))
+    assert scripted.turn() == [1.0]
+    assert scripted.turn() == [], "the count is the same"
+    assert scripted.turn() == [3.0]
+    assert [sample.status for sample in scripted.inbox] == [3]
+    assert scripted.driver.statistics()["repeated"] == 1
+
+
+@BOTH
+def test_two_units_on_one_line_never_get_each_others_answers(serial):
+    task = {"ask": {"function": 3, "rate_hz": 20, "read": READ}}
+    one = {"address_base": 0, "byte_order": "big", "word_order": "big", "tasks": task}
+    scripted = Scripted(serial=serial, units={"a": {"unit_id": 1, **one}, "b": {"unit_id": 2, **one}})
+    scripted.unit.said[3] = late(0.025)  # each was greeted once
+    with pytest.raises(TransientError, match=r"a \(unit 1\)"):
+        scripted.turn(task=0)
+    values = []
+    while not values:
+        asked = scripted.unit.requests
+        try:
+            values = scripted.turn(task=1)
+        except TransientError:
+            time.sleep(0.002)
+    assert values == [asked + 1]
+    assert [scripted.driver.inputs[sample.channel].name for sample in scripted.inbox] == ["b.value"]
+
+
+def test_on_a_serial_line_a_late_answer_ends_the_silence_once():
+    scripted = Scripted(serial=True, drain_ms=600)
+    scripted.unit.said[2] = late(0.03)
+    with pytest.raises(TransientError, match="no answer"):
+        scripted.turn()
+    time.sleep(0.02)
+    assert scripted.turn() == [3.0]
+    assert scripted.driver.statistics()["late"] == 1
+
+
+def test_after_a_second_time_out_in_a_row_the_silence_is_waited_for():
+    """The late answer may be that to the request before."""
+    scripted = Scripted(serial=True, drain_ms=60)
+    scripted.unit.said |= {2: never, 3: late(0.025)}
+    while scripted.driver.statistics()["timeouts"] < 2:
+        with pytest.raises(TransientError):
+            scripted.turn()
+        time.sleep(0.001)
+    time.sleep(0.015)
+    with pytest.raises(TransientError, match="late answers are waited for"):
+        scripted.turn()
+    assert turns(scripted, 0.15)[0][-1] == scripted.unit.requests

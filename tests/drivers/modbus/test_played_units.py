@@ -1,0 +1,248 @@
+"""The driver on the units that `simulate-device` plays, over TCP and a pseudo terminal, with faults of the line."""
+
+import re
+import time
+
+import pytest
+from micromanip_drivers.modbus.driver import Modbus
+
+from micromanip.io.bus import Inbox
+from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError, TransientError
+
+from .played import keys_of, played, until
+
+FILES = pytest.mark.parametrize("name", ["modbus.yaml", "modbus_rtu.yaml"], ids=["tcp", "rtu"])
+
+
+@pytest.fixture
+def unit(tmp_path, name):
+    with played(tmp_path, name) as it:
+        yield it
+
+
+class Cycle:
+    """Turns of the one task, as a worker does them."""
+
+    def __init__(self, unit, **keys):
+        self.driver = Modbus(Modbus.Options.model_validate({**keys_of(unit.config), **keys}), None)
+        self.names = [channel.name for channel in self.driver.inputs]
+        self.outputs = [channel.name for channel in self.driver.outputs]
+        self.values, self.errors = {}, []
+
+    def __enter__(self):
+        until(self.opened)
+        return self
+
+    def opened(self):
+        """A busy machine may answer late once."""
+        try:
+            self.driver.open()
+        except LinkError:
+            return False
+        return True
+
+    def __exit__(self, *_):
+        self.driver.close()
+
+    def turn(self, **outputs):
+        inbox = Inbox()
+        try:
+            self.driver.perform(0, [outputs.get(name.split(".")[1], 0.0) for name in self.outputs], inbox)
+            self.driver.receive(inbox, time.monotonic_ns() + 50_000_000)
+        except TransientError as problem:
+            self.errors.append(str(problem))
+            time.sleep(0.005)
+        self.values |= {self.names[one.channel].split(".")[1]: one.value for one in inbox}
+        return len(inbox) > 0
+
+    def turns(self, count, **outputs):
+        return sum(self.turn(**outputs) for _ in range(count))
+
+
+@FILES
+def test_an_axis_moves(unit):
+    with Cycle(unit) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        low = cycle.values["strain_y"]
+        cycle.turns(30, amplifier_enable=1.0, voltage_y=40.0)
+        assert 15.0 < cycle.values["strain_y"] - low < 80.0
+        assert abs(cycle.values["strain_x"] - low) < 5.0
+        assert cycle.values["enable"] == 1.0
+        assert cycle.values["amplifier_ok_y"] == 1.0
+    assert unit.do(unit.devices.report)["outputs"]["voltage_y"]["max"] == 40.0
+
+
+@FILES
+def test_another_device_is_refused(unit):
+    assert "ok" in unit.order('{"inject": "identity"}')
+    config = keys_of(unit.config)
+    number = {"function": 4, "address": 0, "type": "uint32", "value": 4711}
+    config["units"]["cell"]["identity"] = {"serial_number": number}
+    driver = Modbus(Modbus.Options.model_validate(config), None)
+    try:
+        with pytest.raises((IdentityMismatch, DeviceFault)) as refused:
+            open_patiently(driver)
+        if "modbus.yaml" in str(unit.file.name) or "tcp" in config:
+            assert "serial_number 4710, the configuration says 4711: another device" in str(refused.value)
+    finally:
+        driver.close()
+
+
+def open_patiently(driver):
+    for _ in range(5):
+        try:
+            return driver.open()
+        except LinkError:
+            time.sleep(0.05)
+    return driver.open()
+
+
+@FILES
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ('{"inject": "exception", "code": 6, "share": 0.5}', "exception 6, busy"),
+        ('{"inject": "short", "share": 0.3}', "only|no answer|something else"),
+        ('{"inject": "garbage", "share": 0.3}', "something else|no answer"),
+        ('{"inject": "drop", "share": 0.35}', "no answer"),
+        ('{"inject": "delay", "ms": 40, "share": 0.35}', "no answer"),
+        ('{"inject": "split", "gap_ms": 2}', None),
+    ],
+    ids=["busy", "short", "garbage", "drop", "late", "split"],
+)
+def test_a_disturbed_line_is_found_again(unit, fault, said):
+    """Every value is one that the sensors had: 0.32 um or so at rest, and digital lines that are on."""
+    with Cycle(unit) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        at_rest = dict(cycle.values)
+        assert "ok" in unit.order(fault), fault
+        for _ in range(25):
+            try:
+                cycle.turn(amplifier_enable=1.0)
+            except LinkError:
+                cycle.driver.close()
+                until(cycle.opened)
+            for name in ("strain_x", "strain_y", "strain_z"):
+                assert abs(cycle.values[name] - at_rest[name]) < 2.0, "a value that no sensor had"
+            assert cycle.values["enable"] == cycle.values["interlock"] == 1.0
+        unit.order('{"device": "clear"}')
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        if said is not None:
+            assert any(re.search(said, error) for error in cycle.errors), cycle.errors
+
+
+@pytest.mark.parametrize("name", ["modbus_rtu.yaml"])
+def test_one_wrong_bit_is_found_and_the_next_answer_is_good(unit):
+    with Cycle(unit) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        unit.order('{"inject": "flip"}')
+        assert cycle.turns(2, amplifier_enable=1.0) == 0
+        unit.order('{"device": "clear"}')
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+    assert cycle.driver.statistics()["bad_frames"] >= 1
+
+
+@pytest.mark.parametrize("name", ["modbus_rtu.yaml"])
+def test_an_echo_is_named_or_taken_out(unit):
+    unit.order('{"inject": "echo"}')
+    driver = Modbus(Modbus.Options.model_validate(keys_of(unit.config)), None)
+    with pytest.raises(LinkError, match=r"what is sent comes back.*rs485: \{echo: true\}"):
+        driver.open()
+    driver.close()
+    serial = {**keys_of(unit.config)["serial"], "rs485": {"echo": True}}
+    with Cycle(unit, serial=serial) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+
+
+@pytest.mark.parametrize("name", ["modbus_rtu.yaml"])
+def test_a_wrong_rate_is_said(unit):
+    keys = keys_of(unit.config)
+    keys = {**keys, "serial": {**keys["serial"], "baud": 57_600}, "timeout_ms": 60, "drain_ms": 50}
+    driver = Modbus(Modbus.Options.model_validate(keys), None)
+    with pytest.raises(LinkError, match=r"are baud 57600, parity none and unit_id those of the device\?"):
+        driver.open()
+    driver.close()
+
+
+@FILES
+def test_a_device_that_hangs_is_a_lost_link_and_comes_back(unit):
+    with Cycle(unit) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        unit.order('{"inject": "hang"}')
+        with pytest.raises(LinkError, match="3 times in a row"):
+            cycle.turns(2000)
+        cycle.driver.close()
+        with pytest.raises(LinkError):
+            cycle.driver.open()
+        cycle.driver.close()
+        unit.order('{"device": "clear"}')
+        until(cycle.opened)
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+
+
+@FILES
+def test_an_unplugged_port_is_a_lost_link_and_comes_back(unit):
+    with Cycle(unit) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        unit.order('{"inject": "unplug"}')
+        with pytest.raises(LinkError, match="is gone"):
+            cycle.turns(50)
+        cycle.driver.close()
+        with pytest.raises(LinkError, match="can't be opened"):
+            cycle.driver.open()
+        unit.order('{"device": "clear"}')
+        until(cycle.opened)
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+
+
+@pytest.mark.parametrize("name", ["modbus.yaml"])
+def test_a_half_open_connection(unit):
+    """The device hangs and has forgotten us when it goes on: whoever speaks to it is told so."""
+    with Cycle(unit) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        unit.order('{"inject": "hang", "for_s": 0.05}')
+        cycle.turns(2)
+        unit.order('{"inject": "disconnect"}')
+        with pytest.raises(LinkError, match="is gone"):
+            cycle.turns(50)
+        cycle.driver.close()
+        until(cycle.opened)
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+
+
+@pytest.mark.parametrize("name", ["modbus.yaml"])
+def test_answers_with_the_number_of_another_request(unit):
+    with Cycle(unit) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        cycle.values.clear()
+        unit.order('{"inject": "transaction"}')
+        with pytest.raises(LinkError, match="3 times in a row"):
+            cycle.turns(200)
+        assert not cycle.values
+        assert cycle.driver.statistics()["late"] >= 3
+
+
+@FILES
+def test_signal_faults_and_silence_reach_the_registers(unit):
+    with Cycle(unit) as cycle:
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        unit.order('{"device": "offset", "signal": "stage_x", "value": 25}')
+        before = cycle.values["stage_x"]
+        until(lambda: cycle.turn(amplifier_enable=1.0))
+        assert cycle.values["stage_x"] - before == pytest.approx(25.0, abs=3.0) or before <= -290
+        unit.order('{"device": "stop_counter"}')
+        time.sleep(0.005)
+        cycle.turns(2)
+        assert cycle.turns(3) == 0, "nothing is fresh"
+        assert cycle.driver.statistics()["repeated"] >= 3
+        unit.order('{"device": "silence", "message": "cell"}')
+        cycle.turns(1)
+        assert any("no answer" in error for error in cycle.errors)
+
+
+@FILES
+def test_faults_that_make_no_sense_are_refused(unit):
+    assert "code" in unit.order('{"inject": "exception", "code": 0}')["error"]
+    assert "no device sends a message" in unit.order('{"device": "silence", "message": "x"}')["error"]
+    if "serial" in keys_of(unit.config):
+        assert "no number" in unit.order('{"inject": "transaction"}')["error"]

@@ -1,0 +1,121 @@
+"""Register maps of any kind: planned into transactions, asked of a simulated unit, and read back as they are."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from micromanip_drivers.modbus.options import ModbusOptions
+from micromanip_drivers.modbus.plan import MOST, plan_tasks
+from micromanip_drivers.modbus.task_options import REGISTERS
+
+from micromanip.errors import ConfigError
+from micromanip.sim.device.modbus_register import DeviceRegister
+from micromanip.sim.device.modbus_server import answer
+from micromanip.sim.device.modbus_unit import HOLDING, ModbusUnit
+
+WORDS = [kind for kind in REGISTERS if kind not in ("coil", "bits")]
+KEYS = {"tcp": {"host": "h", "port": 502}, "timeout_ms": 20, "response_ms": 1}
+
+
+def plans(tasks, **unit):
+    whole = {"unit_id": 1, "address_base": 0, "byte_order": "big", "word_order": "big", "tasks": tasks, **unit}
+    return plan_tasks(ModbusOptions.model_validate({**KEYS, "units": {"u": whole}}))
+
+
+@st.composite
+def register_maps(draw, most=30):
+    """Registers that don't overlap, with gaps between some of them: name to (address, type)."""
+    found, address = {}, draw(st.integers(0, 1000))
+    for i in range(draw(st.integers(1, most))):
+        address += draw(st.sampled_from([0, 0, 0, 1, 7]))
+        kind = draw(st.sampled_from(WORDS))
+        found[f"r{i}"] = (address, kind)
+        address += REGISTERS[kind]
+    return found
+
+
+class Memory:
+    """What a unit measures is given; what is written to it is kept."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def advance_to(self, now_ns):
+        pass
+
+    def read(self, channel):
+        return self.values[channel]
+
+    def write(self, values):
+        self.values.update(values)
+
+
+@given(register_maps(), st.data())
+def test_what_is_read_is_what_the_unit_has(found, data):
+    base = data.draw(st.sampled_from([0, 1, 40001]))
+    byte_order, word_order = (data.draw(st.sampled_from(["big", "little"])) for _ in range(2))
+    order = {"byte_order": byte_order, "word_order": word_order}
+    read = {name: {"address": address + base, "type": kind} for name, (address, kind) in found.items()}
+    shuffled = dict(data.draw(st.permutations(list(read.items()))))
+    (plan,) = plans({"t": {"function": 3, "rate_hz": 1, "read": shuffled}}, address_base=base, **order)
+    values = {f"u.{name}": float(data.draw(st.integers(0, 30_000))) for name in found}
+    unit = ModbusUnit("u", Memory(values))
+    for name, (address, kind) in found.items():
+        register = DeviceRegister(name, address, kind, byte_order == "big", word_order == "big")
+        unit.add_measured(HOLDING, register, f"u.{name}")
+    got = {}
+    for exchange in plan.exchanges:
+        said = answer(unit, exchange.request({}), 0)
+        assert len(said) == exchange.answer_bytes
+        assert said.startswith(exchange.answer_head(b""))
+        got |= dict(zip(exchange.inputs, exchange.values(said), strict=True))
+    assert got == values
+
+
+@given(register_maps(most=60))
+def test_transactions_are_as_few_as_the_gaps_allow(found):
+    read = {name: {"address": address, "type": kind} for name, (address, kind) in found.items()}
+    (plan,) = plans({"t": {"function": 4, "rate_hz": 1, "read": read}})
+    rows = sorted(found.values())
+    gaps = sum(later[0] > row[0] + REGISTERS[row[1]] for row, later in itertools.pairwise(rows))
+    counts = [int.from_bytes(exchange.request({})[3:5], "big") for exchange in plan.exchanges]
+    assert max(counts) <= MOST[4]
+    assert sum(counts) == sum(REGISTERS[kind] for _, kind in rows)
+    assert len(counts) == gaps + 1 if sum(counts) <= MOST[4] else len(counts) >= gaps + 1
+
+
+@given(register_maps(most=12), st.data())
+def test_what_is_written_is_what_the_unit_gets(found, data):
+    write = {n: {"address": address, "type": kind, "cyclic_safe": True} for n, (address, kind) in found.items()}
+    (plan,) = plans({"t": {"function": 16, "rate_hz": 1, "write": write}})
+    wanted = {f"u.{name}": float(data.draw(st.integers(0, 30_000))) for name in found}
+    memory = Memory({})
+    unit = ModbusUnit("u", memory)
+    for name, (address, kind) in found.items():
+        unit.add_output(HOLDING, DeviceRegister(name, address, kind), f"u.{name}")
+    for exchange in plan.exchanges:
+        request = exchange.request(wanted)
+        assert answer(unit, request, 0) == exchange.answer_head(request)
+    assert memory.values == wanted
+
+
+@given(register_maps(), st.data())
+def test_registers_that_overlap_are_refused(found, data):
+    name = data.draw(st.sampled_from(sorted(found)))
+    address, kind = found[name]
+    other = data.draw(st.sampled_from(WORDS))
+    at = data.draw(st.integers(max(0, address - REGISTERS[other] + 1), address + REGISTERS[kind] - 1))
+    read = {n: {"address": a, "type": k} for n, (a, k) in found.items()} | {"new": {"address": at, "type": other}}
+    with pytest.raises(ConfigError, match=r"units\.u\.tasks\.t\.read\.\w+: overlaps with units\.u\.tasks\.t\.read\."):
+        plans({"t": {"function": 3, "rate_hz": 1, "read": read}})
+
+
+def test_a_register_of_two_tasks_is_refused_when_both_write_it():
+    def task(name):
+        return {"function": 16, "rate_hz": 1, "write": {name: {"address": 5, "type": "uint16", "cyclic_safe": True}}}
+
+    with pytest.raises(ConfigError, match=r"tasks\.two\.write\.b: overlaps with units\.u\.tasks\.one\.write\.a"):
+        plans({"one": task("a"), "two": task("b")})
+    with pytest.raises(ConfigError, match="task one has a a already"):
+        plans({"one": task("a"), "two": task("a")})

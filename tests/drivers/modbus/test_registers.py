@@ -1,0 +1,132 @@
+"""Numbers to registers and back: by hand, beside the library, and beside the simulated device's own packing."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from micromanip_drivers.modbus.codec import CoilPlan, Field, ReadPlan, WritePlan, code_range
+from micromanip_drivers.modbus.task_options import REGISTERS, Input, Output, Register
+from pymodbus.client.mixin import ModbusClientMixin
+
+from micromanip.io.bus_errors import OutputRefused
+from micromanip.sim.device.modbus_register import DeviceRegister
+
+NUMBERS = [kind for kind in REGISTERS if kind not in ("coil", "bits")]
+INTEGERS = [kind for kind in NUMBERS if "int" in kind]
+ORDERS = ("big", "little")
+orders = st.sampled_from(ORDERS)
+
+
+def field(kind, place=0, byte_order="big", word_order="big", cls=Input, name="v", **keys):
+    also = {"cyclic_safe": True} if cls is Output else {}
+    return Field(name, cls(address=0, type=kind, **also, **keys), place, byte_order, word_order)
+
+
+def code_of(draw, kind):
+    if kind in INTEGERS:
+        low, high = code_range(Register(address=0, type=kind))
+        return draw(st.integers(low, high))
+    return draw(st.floats(width=32 if kind == "float32" else 64, allow_nan=False, allow_infinity=False))
+
+
+@pytest.mark.parametrize(
+    ("kind", "byte_order", "word_order", "wire", "value"),
+    [
+        ("int16", "big", "big", "fb2e", -1234),
+        ("int16", "little", "big", "2efb", -1234),
+        ("uint16", "big", "big", "fb2e", 64302),
+        ("int32", "big", "big", "0001e240", 123456),
+        ("int32", "big", "little", "e2400001", 123456),
+        ("int32", "little", "big", "010040e2", 123456),
+        ("int32", "little", "little", "40e20100", 123456),
+        ("uint32", "big", "little", "fffeffff", 4294967294),
+        ("float32", "big", "big", "c0490000", -3.140625),
+        ("float32", "big", "little", "0000c049", -3.140625),
+        ("float32", "little", "big", "49c00000", -3.140625),
+        ("float32", "little", "little", "000049c0", -3.140625),
+        ("float64", "big", "big", "c009200000000000", -3.140625),
+        ("float64", "big", "little", "000000002000c009", -3.140625),
+        ("int64", "little", "little", "0200000000000000", 2),
+    ],
+)
+def test_numbers_worked_out_by_hand(kind, byte_order, word_order, wire, value):
+    one = field(kind, 0, byte_order, word_order)
+    assert ReadPlan([one]).values(bytes.fromhex(wire)) == [value]
+    written = field(kind, 0, byte_order, word_order, Output)
+    assert WritePlan([written], REGISTERS[kind]).data({"v": value}).hex() == wire
+
+
+def test_bits_of_a_register_that_they_share():
+    low = field("bits", 1, cls=Output, name="low", first_bit=0)
+    high = field("bits", 1, cls=Output, name="high", first_bit=4, bit_count=3)
+    word = field("uint16", 0, cls=Output, name="word")
+    assert WritePlan([word, low, high], 2).data({"word": 0xABCD, "low": 1, "high": 5}).hex() == "abcd0051"
+    assert ReadPlan([low, high, word]).codes(bytes.fromhex("abcd0051")) == [1, 5, 0xABCD]
+
+
+def test_coils_are_packed_lowest_first():
+    coils = [field("coil", place, cls=Output, name=str(place)) for place in (0, 3, 9)]
+    assert WritePlan(coils, 10).data({"0": 1, "3": 0, "9": 1}).hex() == "0102"
+    assert CoilPlan(coils).codes(bytes.fromhex("0102")) == [1, 0, 1]
+
+
+@given(st.data())
+def test_as_the_library_reads_them(data):
+    kind, word_order = data.draw(st.sampled_from(NUMBERS)), data.draw(orders)
+    code = code_of(data.draw, kind)
+    kinds = ModbusClientMixin.DATATYPE
+    registers = ModbusClientMixin.convert_to_registers(code, getattr(kinds, kind.upper()), word_order=word_order)
+    wire = struct.pack(f">{len(registers)}H", *registers)
+    assert ReadPlan([field(kind, 0, "big", word_order)]).codes(wire) == [code]
+
+
+@given(st.data())
+def test_as_the_simulated_device_has_them(data):
+    """Any number of registers beside one another, in any order, with scale and offset, there and back."""
+    kinds = data.draw(st.lists(st.sampled_from(NUMBERS), min_size=1, max_size=8))
+    byte_order, word_order = data.draw(orders), data.draw(orders)
+    scale, offset = data.draw(st.sampled_from([(1.0, 0.0), (0.005, 0.0), (-2.0, 17.0)]))
+    fields, device, words, values, place = [], [], [], {}, 0
+    for i, kind in enumerate(kinds):
+        keys = {"scale": scale, "offset": offset}
+        fields.append(field(kind, place, byte_order, word_order, Output, str(i), **keys))
+        device.append(DeviceRegister(str(i), place, kind, byte_order == "big", word_order == "big", scale, offset))
+        limit = {"int16": 30_000, "uint16": 60_000}.get(kind, 1_000_000)
+        code = data.draw(st.integers(0, limit))
+        values[str(i)] = scale * code + offset
+        words += device[-1].words(values[str(i)])
+        place += REGISTERS[kind]
+    wire = struct.pack(f">{place}H", *words)
+    assert WritePlan(fields, place).data(values) == wire
+    assert ReadPlan(fields).values(wire) == pytest.approx(list(values.values()), rel=1e-6, abs=1e-6)
+    for register in device:
+        own = words[register.address : register.address + register.width]
+        assert register.value(own) == pytest.approx(values[register.name], rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("kind", [*NUMBERS, "coil"])
+def test_what_is_no_number_is_refused(kind, bad):
+    with pytest.raises(OutputRefused, match="nothing was sent"):
+        WritePlan([field(kind, cls=Output)], 4).data({"v": bad})
+
+
+@pytest.mark.parametrize("kind", NUMBERS)
+def test_ends_of_the_range_are_sent_and_what_is_beyond_is_refused(kind):
+    low, high = code_range(Register(address=0, type=kind))
+    plan = WritePlan([field(kind, cls=Output)], REGISTERS[kind])
+    for end in (low, high):
+        if abs(end) < 2**53:
+            assert ReadPlan([field(kind)]).codes(plan.data({"v": end})) == [end]
+        if math.isfinite(end):
+            with pytest.raises(OutputRefused):
+                plan.data({"v": end * 1.001 + math.copysign(1, end) if end else -1.0})
+
+
+def test_a_range_of_its_own_is_kept():
+    plan = WritePlan([field("int16", cls=Output, scale=0.01, range=(-20.0, 150.0))], 1)
+    plan.data({"v": 150.0})
+    with pytest.raises(OutputRefused, match="range -20 to 150"):
+        plan.data({"v": 150.01})

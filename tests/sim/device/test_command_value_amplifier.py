@@ -1,0 +1,93 @@
+"""The amplifier with commands such as "set,0,12.300", over a serial line."""
+
+import pytest
+
+from .lines import Bench, write_cell
+
+AMPLIFIER = """\
+    serial: {{device: {device}, baud: 19200{more}}}
+    watchdog: outputs to 0 V
+    ascii:
+      preset: command,value
+      identity: {{request: ver, pattern: "^NV40/3"}}
+      read:
+        monitor: {{command: rk, rate_hz: 50, fields: {{monitor_x: {{item: "0"}}}}}}
+        strains:
+          command: mess
+          rate_hz: 50
+          fields: {{strain_x: {{item: "0"}}, strain_y: {{item: "1", scale: 0.1}}}}
+      write:
+        voltages:
+          command: set
+          rate_hz: 50
+          cyclic_safe: true
+          fields:
+            voltage_x: {{item: "0", range: [-20, 150]}}
+            voltage_y: {{item: "1", range: [-2, 15], scale: 0.1}}
+"""
+
+
+@pytest.fixture
+def make(tmp_path):
+    made = []
+
+    def make(more=""):
+        made.append(
+            Bench(write_cell(tmp_path, AMPLIFIER.format(device=tmp_path / "ttyAmp", more=more)), watchdog_ms=1e9)
+        )
+        made[-1].client = made[-1].open(tmp_path / "ttyAmp")
+        return made[-1]
+
+    yield make
+    for bench in made:
+        bench.close()
+
+
+@pytest.fixture
+def bench(make):
+    return make()
+
+
+TRANSCRIPT = [
+    (b"ver", b"NV40/3CLE 0042 simulated\r\n"),
+    (b"set,0,12.3456", b""),
+    (b"set, 1 , -7", b""),
+    (b"rk,0", b"rk,0,12.3456\r\n"),
+    (b"blah", b"err,1\r\n"),
+    (b"set,2,1", b"err,2\r\n"),
+    (b"rk,1", b"err,2\r\n"),
+    (b"set,0", b"err,2\r\n"),
+    (b"set,0,volt", b"err,3\r\n"),
+    (b"set,0,nan", b"err,3\r\n"),
+    (b"set,0,150.001", b"err,4\r\n"),
+    (b"set,1,-20.1", b"err,4\r\n"),
+]
+
+
+def test_transcript(bench):
+    for line, answer in TRANSCRIPT:
+        bench.client.write(line + b"\r")
+        assert bench.client.silence(0.05) == answer, line
+    assert bench.cell.voltages() == {"voltage_x": pytest.approx(12.3456), "voltage_y": pytest.approx(-0.7)}
+
+
+def test_sensors_are_those_of_the_plant_in_the_devices_numbers(bench):
+    bench.client.write(b"set,0,40\r")
+    bench.client.write(b"set,1,100\r")
+    bench.run(1.0)
+    plant = bench.cell.plant
+    assert float(bench.client.ask(b"mess,0", b"\r").split(b",")[2]) == pytest.approx(plant.value("strain_x"), abs=0.3)
+    number = float(bench.client.ask(b"mess,1", b"\r").split(b",")[2])
+    assert 0.1 * number == pytest.approx(plant.value("strain_y"), abs=0.3)
+    assert plant.value("strain_x") > plant.value("strain_y") > 1.0
+
+
+def test_two_wires_with_an_echo(make):
+    """RS-485: what is sent comes back, before the answer."""
+    bench = make(", rs485: {echo: true}")
+    assert bench.client.ask(b"ver", b"\r") == b"ver\rNV40/3CLE 0042 simulated\r\n"
+
+
+def test_it_may_say_that_it_is_another_one(bench):
+    bench.order(inject="identity")
+    assert bench.client.ask(b"ver", b"\r").startswith(b"NV120/1")

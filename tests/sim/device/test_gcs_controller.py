@@ -1,0 +1,216 @@
+"""The piezo controller that speaks GCS 2.0: golden transcripts, over TCP and over a serial line."""
+
+import re
+
+import pytest
+
+from .lines import Bench, free_port, write_cell
+
+GCS = """\
+    {port}
+    silence_ms: 500
+    watchdog: outputs to 0 V
+    ascii:
+      preset: gcs
+      identity: Physik Instrumente.*E-727
+      read:
+        strains:
+          command: POS?
+          rate_hz: 100
+          fields: {{strain_x: {{item: "1"}}, strain_y: {{item: "2", scale: 0.5, offset: 1.0}}}}
+      write:
+        voltages:
+          command: SVA
+          rate_hz: 100
+          cyclic_safe: true
+          fields:
+            voltage_x: {{item: "1", range: [-20, 120]}}
+            voltage_y: {{item: "2", range: [-20, 120]}}
+"""
+IDENTITY = b"(c)2015 Physik Instrumente (PI) GmbH & Co. KG, E-727, 0119000001, 13.21.00.09\n"
+
+
+@pytest.fixture
+def make(tmp_path):
+    made = []
+
+    def make(port, **options):
+        made.append(Bench(write_cell(tmp_path, GCS.format(port=port)), **options))
+        return made[-1]
+
+    yield make
+    for bench in made:
+        bench.close()
+
+
+@pytest.fixture
+def bench(make):
+    port = free_port()
+    bench = make(f"tcp: {{host: 127.0.0.1, port: {port}}}", watchdog_ms=1e9)
+    bench.port = port
+    bench.client = bench.connect(port)
+    return bench
+
+
+TRANSCRIPT = [
+    (b"*IDN?", IDENTITY),
+    (b"ERR?", b"0\n"),
+    (b"CSV?", b"2.0\n"),
+    (b"SAI?", b"1 \n2\n"),
+    (b"SAI? ALL", b"1 \n2\n"),
+    (b"TPC?", b"2\n"),
+    (b"SVA?", b"1=0.000000e+00 \n2=0.000000e+00\n"),
+    (b"SVA 1 12.5 2 -7.25", None),
+    (b"SVA? 2 1", b"2=-7.250000e+00 \n1=1.250000e+01\n"),
+    (b"VOL? 1", b"1=1.250000e+01\n"),
+    (b"SVR 1 -0.5", None),
+    (b"sva? 1", b"1=1.200000e+01\n"),
+    (b"SVO?", b"1=0 \n2=0\n"),
+    (b"ONT?", b"1=1 \n2=1\n"),
+    (b"VMI? 1", b"1=-2.000000e+01\n"),
+    (b"VMA? 1", b"1=1.200000e+02\n"),
+    (b"SPA? 1 0x07000601", b"1 0x7000601=UM\n"),
+    (b"\x05", b"0\n"),
+    (b"\x07", b"\xb1\n"),
+    (b"ERR?", b"0\n"),
+]
+
+
+def test_transcript(bench):
+    for line, answer in TRANSCRIPT:
+        end = b"" if len(line) == 1 else b"\n"
+        if answer is None:
+            bench.client.write(line + end)
+        else:
+            assert bench.client.ask(line, end, lines=answer.count(b"\n")) == answer, line
+
+
+REFUSED = [
+    (b"XYZ 1 2", 2),
+    (b"MOV 1 5", 5),
+    (b"SVA 3 1", 15),
+    (b"POS? 1 9", 15),
+    (b"SVA 1 121", 17),
+    (b"SVA 1 1 2 -21", 17),
+    (b"SVO 1 2", 17),
+    (b"SVA 1", 24),
+    (b"SVA", 24),
+    (b"SVA 1 1,5", 25),
+    (b"SVA 1 nan", 25),
+    (b"SVA 1 inf", 25),
+    (b"SPA? 1 0x3C", 54),
+    (b"\x18", 10),
+]
+
+
+@pytest.mark.parametrize(("line", "code"), REFUSED)
+def test_what_is_wrong_does_nothing_and_is_told_once(bench, line, code):
+    bench.client.write(b"SVA 1 3 2 4\n")
+    bench.client.write(line if len(line) == 1 else line + b"\n")
+    assert bench.client.silence(0.01) == b""
+    assert bench.cell.voltages() == {"voltage_x": 3.0, "voltage_y": 4.0}
+    assert bench.client.ask(b"ERR?") == b"%d\n" % code
+    assert bench.client.ask(b"ERR?") == b"0\n"
+
+
+def position(answer):
+    return float(re.search(rb"=(\S+)", answer)[1])
+
+
+def test_positions_are_those_of_the_plant(bench):
+    bench.client.write(b"SVA 1 40 2 20\n")
+    bench.run(0.2)
+    plant = bench.cell.plant
+    assert position(bench.client.ask(b"POS? 1")) == pytest.approx(plant.value("strain_x"), abs=0.01)
+    number = position(bench.client.ask(b"TSP? 2"))
+    assert 0.5 * number + 1.0 == pytest.approx(plant.value("strain_y"), abs=0.01)
+    assert plant.value("strain_x") > plant.value("strain_y") > 5.0
+
+
+def test_its_own_servo_reaches_its_target(bench):
+    bench.client.write(b"SVO 1 1\n")
+    bench.client.write(b"MOV 1 25\n")
+    assert bench.client.ask(b"ONT? 1") == b"1=0\n"
+    bench.client.write(b"SVA 1 5\n")
+    assert bench.client.ask(b"ERR?") == b"79\n"
+    bench.run(1.0)
+    assert bench.client.ask(b"ONT? 1") == b"1=1\n"
+    assert position(bench.client.ask(b"POS? 1")) == pytest.approx(25.0, abs=0.1)
+    assert bench.client.ask(b"MOV? 1") == b"1=2.500000e+01\n"
+
+
+def test_help_lists_every_command_that_it_answers(bench):
+    bench.client.write(b"HLP?\n")
+    bench.until(lambda: b"end of help\n" in (bench.client.got, bench.client._gather())[0])
+    lines = bench.client.got.decode().splitlines()
+    bench.client.got = b""
+    assert lines[0].startswith("The following")
+    assert all(line.endswith(" ") for line in lines[:-1])
+    queries = [line.split()[0] for line in lines[1:-1] if line.split()[0].endswith("?")]
+    assert {"*IDN?", "POS?", "VOL?", "SVA?", "TSP?", "ONT?", "ERR?", "HLP?", "SAI?"} <= set(queries)
+    for query in queries:
+        arguments = b" 1 0x07000601" if query == "SPA?" else b""
+        assert bench.client.ask(query.encode() + arguments), query
+
+
+def test_lines_may_end_in_any_way_and_come_in_pieces(bench):
+    for end in (b"\n", b"\r", b"\r\n"):
+        assert bench.client.ask(b"SVA? 1", end) == b"1=0.000000e+00\n"
+        assert bench.client.silence(0.005) == b""
+    for byte in b"CSV?":
+        bench.client.write(bytes([byte]))
+    assert bench.client.ask(b"") == b"2.0\n"
+    bench.client.write(b"\n \n" + b"x" * 5000 + b"\n")
+    assert bench.client.ask(b"ERR?") == b"2\n"
+
+
+def test_two_programs_get_their_own_answers(bench):
+    other = bench.connect(bench.port)
+    other.write(b"SVA")
+    assert bench.client.ask(b"CSV?") == b"2.0\n"
+    assert other.ask(b"? 1") == b"1=0.000000e+00\n"
+    assert bench.client.silence(0.005) == b""
+
+
+def test_over_a_serial_line_an_answer_takes_its_time(make, tmp_path):
+    bench = make(f"serial: {{device: {tmp_path}/ttyGcs, baud: 9600}}")
+    client = bench.open(tmp_path / "ttyGcs")
+    began_ns = bench.loop.time_ns
+    assert client.ask(b"*IDN?") == IDENTITY
+    assert (bench.loop.time_ns - began_ns) * 1e-9 > (6 + len(IDENTITY)) * 10 / 9600
+
+
+def test_faults_that_only_it_has(bench):
+    bench.order(inject="identity", for_s=0.1)
+    assert b"E-709" in bench.client.ask(b"*IDN?")
+    bench.run(0.2)
+    assert bench.client.ask(b"*IDN?") == IDENTITY
+    bench.order(inject="gcs_error", code=17)
+    bench.client.write(b"SVA 1 9\n")
+    assert bench.client.ask(b"ERR?") == b"17\n"
+    assert bench.cell.voltages()["voltage_x"] == 0.0
+    bench.order(device="clear")
+    bench.client.write(b"SVA 1 9\n")
+    assert bench.cell.voltages()["voltage_x"] == 9.0
+
+
+def test_watchdog_comes_while_nobody_talks_and_knows_slow_commands(make, tmp_path):
+    """Commands come 100 times a second: five may be missing, whatever the option says."""
+    bench = make(f"serial: {{device: {tmp_path}/ttyGcs, baud: 115200}}")
+    client = bench.open(tmp_path / "ttyGcs")
+    client.write(b"SVA 1 60\n")
+    bench.run(0.045)
+    assert bench.devices.report()["amplifier_trips"] == 0
+    bench.run(0.3)
+    assert bench.devices.report()["amplifier_trips"] == 1
+    assert bench.cell.voltages()["voltage_x"] == pytest.approx(0.0)
+    assert bench.devices.report()["stalls"]["count"] == 0
+
+
+def test_reboot_forgets_everything(bench):
+    bench.client.write(b"SVO 1 1\n")
+    bench.order(device="reboot", for_s=0.05)
+    bench.client.write(b"CSV?\n")
+    assert bench.client.silence(0.03) == b""
+    bench.run(0.03)
+    assert bench.client.ask(b"SVO? 1") == b"1=0\n"

@@ -37,6 +37,7 @@ class BusWorker:
     def __init__(self, prepared: Prepared, name: str, segments: Segments, offset: int, locks: tuple[int, ...]) -> None:
         """`offset` (bytes) tells where the bus' image is in the contexts' segment."""
         self.name = name
+        self._source = prepared.source
         self._descriptors = (segments.contexts.descriptor, *locks)
         self._orders = _orders(prepared, name, segments.contexts.descriptor, offset)
         self.image = ProcessImage(segments.contexts.bytes()[offset : offset + IMAGE.itemsize].view(IMAGE))
@@ -81,7 +82,8 @@ class BusWorker:
             if process.returncode is not None or self.image.ask(LINK) == LINK_LATCHED or time.monotonic() > end:
                 if process.returncode is not None and self._listening is not None:
                     await self._listening
-                raise DeviceUnavailable(f"driver {self.name}: {self.said or 'its worker process gives no answer'}")
+                why = self.said or "its worker process gives no answer"
+                raise DeviceUnavailable(str(self._source.error(("drivers", self.name), why)))
             await asyncio.sleep(_POLL_S)
 
     async def _listen(self, process: asyncio.subprocess.Process, say: Callable[[str], None]) -> None:
@@ -105,6 +107,8 @@ class BusWorker:
             self.said = ""
             return
         self.said = text
+        if document["event"] in ("latched", "lost") and self.image.ask(EPOCH) == 0:
+            return  # it is said once, where `first_link` gives up
         if document["event"] == "latched":
             say(f"WARNING: driver {self.name}: {text}; not tried again, mend it and restart")
         elif document["event"] == "lost":

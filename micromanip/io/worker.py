@@ -141,9 +141,8 @@ class Worker:
             raise LinkError(f"{_ERRORS} errors in the last {_AMONG} calls; the last: {problem}") from problem
 
     def _hand_over(self) -> None:
-        for sample in self._inbox:
-            self._counts["received"] += 1
-            self._counts["lost"] += sample.lost
+        self._counts["received"] += len(self._inbox)
+        self._counts["lost"] += self._inbox.lost
         self._image.publish(self._inbox)
 
     def _decide(self, now_ns: int) -> None:

@@ -3,6 +3,8 @@
 import json
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -156,3 +158,22 @@ def test_one_line_with_place_and_way_out(folder, name, capsys):
         assert way_out in said.err
         assert said.err.count("\n") == 1
         assert not said.out
+
+
+@pytest.mark.parametrize("example", ["can.yaml", "canopen.yaml"])
+def test_a_missing_interface_is_one_line_too(folder, example):
+    text = (CONFIG / example).read_text()
+    file = folder / example
+    changed = text.replace("interface: micromanip", "interface: socketcan").replace(
+        "channel: can0\n", "channel: can97\n"
+    )
+    file.write_text(changed)
+    line = 1 + changed[: changed.index("  can0:")].count("\n")
+    command = [sys.executable, "-c", "from micromanip.cli.main import main; main()", "run", str(file)]
+    done = subprocess.run([*command, "--socket", str(folder / "s")], capture_output=True, text=True, check=False)
+    assert done.returncode == 69
+    assert done.stderr.startswith(
+        f"micromanip: {file}:{line}: drivers.can0: socketcan-can97: there is no network interface can97; CAN interfaces"
+    )
+    assert done.stderr.count("\n") == 1
+    assert not done.stdout

@@ -75,6 +75,11 @@ class Amplifier:
         for name, value in rest_V.items():
             plant.write(name, value)
 
+    @property
+    def is_commanded(self) -> bool:
+        """Whether a command has come."""
+        return self._commanded_ns is not None
+
     def take(self, values: Mapping[str, float], clock_ns: int) -> None:
         """A command for some outputs, come at `clock_ns`; acts from the plant's next advance on."""
         if not all(map(math.isfinite, values.values())):

@@ -22,6 +22,8 @@ class PlayedCell:
         self.clock = clock
         self.amplifiers: list[Amplifier] = []
         self.faults = SignalFaults()
+        self.wired_on: tuple[str, ...] = ()
+        """Switches of the plant that nobody switches; on from the first command on, when work may begin."""
         self._errors = PathError(plant.inputs)
         self._errors_since_report = PathError(plant.inputs)
 
@@ -34,6 +36,10 @@ class PlayedCell:
         clock_ns = self.clock()
         for amplifier in self.amplifiers:
             amplifier.tick(clock_ns, now_ns)
+        if self.wired_on and any(amplifier.is_commanded for amplifier in self.amplifiers):
+            for name in self.wired_on:
+                self.plant.write(name, 1.0)
+            self.wired_on = ()
         self.plant.advance_to(now_ns)
         if self._errors.due(now_ns):
             for name in self._errors.names:

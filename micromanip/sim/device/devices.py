@@ -52,7 +52,7 @@ class Devices:
         self.loop = EventLoop() if loop is None else loop
         self.cell = PlayedCell(PlantInRealTime(driver), self.loop.now_ns)
         if configuration.switches.amplifier_enable is None and _ENABLE in self.cell.plant.outputs:
-            self.cell.plant.write(_ENABLE, 1.0)  # a line that nobody switches is wired to on
+            self.cell.wired_on = (_ENABLE,)
         self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
         surroundings = Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
         try:

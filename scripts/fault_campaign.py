@@ -29,6 +29,9 @@ What faults of a bus do to the whole controller: daemon, worker and loop as in o
 `config/can.yaml` played by `simulate-device`. One daemon goes through all of them. Written by
 `make fault-campaign`; figures of one run on a shared machine with two processors.
 
+A stepped wall clock, the overflow of a receive queue, and an interface that goes down need a kernel of their own:
+`make test-vm` has them on SocketCAN. The loop and the host are killed in `make soak-kill`.
+
 """
 
 

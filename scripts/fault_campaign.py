@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import re
 import sys
 import tempfile
@@ -18,15 +17,15 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 from hil.bench import Outcome
-from hil.campaign import campaign
-from hil.cases import CASES, Case
+from hil.campaign import BUSES, campaign
+from hil.cases import Case
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "fault-campaign.md"
 HEAD = """# Fault campaign
 
-What faults of a bus do to the whole controller: daemon, worker and loop as in operation, the devices of
-`config/can.yaml` played by `simulate-device`. One daemon goes through all of them. Written by
+What faults of a bus do to the whole controller: daemon, workers and loop as in operation, the devices of an example
+played by `simulate-device`. One daemon goes through all faults of an example. Written by
 `make fault-campaign`; figures of one run on a shared machine with two processors.
 
 A stepped wall clock, the overflow of a receive queue, and an interface that goes down need a kernel of their own:
@@ -45,31 +44,52 @@ def row(case: Case, outcome: Outcome) -> str:
     return f"| {case.name} | {expected} | {outcome.code or 'tracked on'} | {detected} | {span} | {back} | {verdict} |"
 
 
-def main() -> int:
-    """0 where everything was as it must be."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default="", help="cases whose names this regular expression finds")
-    parser.add_argument("--write", action="store_true", help=f"write {PAGE.relative_to(ROOT)} too")
-    parser.add_argument("--json", action="store_true", help="one document with every outcome instead of the table")
-    options = parser.parse_args()
-    cases = tuple(case for case in CASES if re.search(options.only, case.name))
-    outcomes = []
-    with tempfile.TemporaryDirectory(prefix="faults-") as folder:
-        for outcome in campaign(Path(folder), cases, f"faults-{os.getpid()}"):
-            outcomes.append(outcome)
-            good = "ok" if not outcome.wrong else f"WRONG: {'; '.join(outcome.wrong)}"
-            print(f"{len(outcomes):>3} {outcome.name}: {outcome.code or '-'}: {good}", file=sys.stderr, flush=True)
+def table(name: str, cases: tuple[Case, ...], outcomes: list[Outcome]) -> str:
+    """The outcomes on one example; the last is that of its end."""
     *each, end = outcomes
     lines = [
+        f"## config/{name}.yaml",
+        "",
         "| fault, for 0.6 s | must follow | followed | after ms, of | outputs, V | tracks again after s | verdict |",
         "| --- | --- | --- | --- | --- | --- | --- |",
         *(row(case, outcome) for case, outcome in zip(cases, each, strict=True)),
+        "",
+        f"Left behind at the end: {'; '.join(end.wrong) or 'nothing'}.",
     ]
-    table = "\n".join(lines) + f"\n\nLeft behind at the end: {'; '.join(end.wrong) or 'nothing'}.\n"
-    print(json.dumps([outcome.as_dict() for outcome in outcomes], indent=2) if options.json else table)
+    return "\n".join(lines) + "\n"
+
+
+def tried(name: str, cases: tuple[Case, ...]) -> list[Outcome]:
+    """All cases on one example."""
+    outcomes = []
+    with tempfile.TemporaryDirectory(prefix="faults-") as folder:
+        for outcome in campaign(Path(folder), BUSES[name][0](), cases):
+            outcomes.append(outcome)
+            good = "ok" if not outcome.wrong else f"WRONG: {'; '.join(outcome.wrong)}"
+            text = f"{name} {len(outcomes):>3} {outcome.name}: {outcome.code or '-'}: {good}"
+            print(text, file=sys.stderr, flush=True)
+    return outcomes
+
+
+def main() -> int:
+    """0 where everything was as it must be."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bus", choices=BUSES, action="append", help="an example; all of them otherwise")
+    parser.add_argument("--only", default="", help="cases whose names this regular expression finds")
+    parser.add_argument("--write", action="store_true", help=f"write {PAGE.relative_to(ROOT)} too")
+    parser.add_argument("--json", action="store_true", help="one document with every outcome instead of the tables")
+    options = parser.parse_args()
+    found: dict[str, list[Outcome]] = {}
+    tables = []
+    for name in options.bus or BUSES:
+        cases = tuple(case for case in BUSES[name][1] if re.search(options.only, case.name))
+        found[name] = tried(name, cases)
+        tables.append(table(name, cases, found[name]))
+    text = "\n".join(tables)
+    print(json.dumps({k: [o.as_dict() for o in v] for k, v in found.items()}, indent=2) if options.json else text)
     if options.write:
-        PAGE.write_text(HEAD + table, encoding="utf-8")
-    return int(any(outcome.wrong for outcome in outcomes))
+        PAGE.write_text(HEAD + text, encoding="utf-8")
+    return int(any(outcome.wrong for outcomes in found.values() for outcome in outcomes))
 
 
 if __name__ == "__main__":

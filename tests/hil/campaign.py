@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from . import gcs_cases, modbus_cases, serial_cases
 from .bench import Bench, Outcome
-from .cases import Case
+from .cases import CASES, Case
+from .cells import can_cell, gcs_cell, modbus_cell, serial_cell
 
-CONFIG = Path(__file__).parents[2] / "config"
 SHARED = Path("/dev/shm")
+BUSES: dict[str, tuple[Callable[[], str], tuple[Case, ...]]] = {
+    "can": (can_cell, CASES),
+    "modbus": (modbus_cell, modbus_cases.CASES),
+    "serial": (serial_cell, serial_cases.CASES),
+    "gcs": (gcs_cell, gcs_cases.CASES),
+}
+"""Example of config/ and its faults."""
 
 
-def can_cell(channel: str) -> str:
-    """config/can.yaml on a channel of its own, ready and not armed."""
-    text = (CONFIG / "can.yaml").read_text(encoding="utf-8")
-    assert "channel: can0\n" in text
-    text = text.replace("channel: can0\n", f"channel: {channel}\n").replace(" can/", f" {CONFIG}/can/")
-    text = text.replace("arm_on_start: true ", "arm_on_start: false")
-    # off among the limits of a simulation: a stall of the machine would be taken for it too
-    text, watched = re.subn(r"(?m)^(    strain: \{coast_ms.*)$", r"\1\n    disagreement: {ratio: 3.0e+4}", text)
-    assert watched == 1
-    return text
-
-
-def campaign(folder: Path, cases: tuple[Case, ...], channel: str) -> Iterator[Outcome]:
-    """The outcome of each case, then one of the end: processes, descriptors and shared memory that were left."""
+def campaign(folder: Path, text: str, cases: tuple[Case, ...]) -> Iterator[Outcome]:
+    """Try each case on the configuration `text`, then end: processes, descriptors and shared memory that were left."""
     shared = set(SHARED.iterdir())
-    bench = Bench(folder, can_cell(channel))
+    bench = Bench(folder, text)
     code, left = None, []
     try:
         bench.track()

@@ -1,11 +1,10 @@
 """Some of the faults of `make fault-campaign`, of each kind one: all detected, undone, and nothing left behind."""
 
-import os
-
 import pytest
 
 from .campaign import campaign
 from .cases import CASES
+from .cells import can_cell
 
 TRIED = (
     "10 % of all frames dropped",
@@ -22,6 +21,6 @@ TRIED = (
 def test_faults_of_a_bus(tmp_path):
     cases = tuple(case for case in CASES if case.name in TRIED)
     assert len(cases) == len(TRIED)
-    outcomes = list(campaign(tmp_path, cases, f"test-faults-{os.getpid()}"))
+    outcomes = list(campaign(tmp_path, can_cell(), cases))
     assert len(outcomes) == len(cases) + 1
     assert [(outcome.name, outcome.wrong) for outcome in outcomes if outcome.wrong] == []

@@ -8,11 +8,11 @@ from pathlib import Path
 from . import gcs_cases, modbus_cases, serial_cases
 from .bench import Bench, Outcome
 from .cases import CASES, Case
-from .cells import can_cell, gcs_cell, modbus_cell, serial_cell
+from .cells import gcs_cell, modbus_cell, serial_cell, watched_can_cell
 
 SHARED = Path("/dev/shm")
 BUSES: dict[str, tuple[Callable[[], str], tuple[Case, ...]]] = {
-    "can": (can_cell, CASES),
+    "can": (watched_can_cell, CASES),
     "modbus": (modbus_cell, modbus_cases.CASES),
     "serial": (serial_cell, serial_cases.CASES),
     "gcs": (gcs_cell, gcs_cases.CASES),

@@ -17,15 +17,18 @@ def changed(name, *changes):
     return text
 
 
-def can_cell():
-    """CAN FD at 2 kHz, with a watch over the agreement of the sensors."""
-    return changed(
-        "can.yaml",
-        (r"channel: can0\n", f"channel: faults-{os.getpid()}\n"),
-        (r"database: can/", f"database: {CONFIG}/can/"),
-        # off among the limits of a simulation: a stall of the machine would be taken for it too
-        (r"(?m)^(    strain: \{coast_ms.*)$", r"\1\n    disagreement: {ratio: 3.0e+4}"),
-    )
+def can_cell(*changes):
+    """CAN FD at 2 kHz."""
+    channel = (r"channel: can0\n", f"channel: faults-{os.getpid()}\n")
+    return changed("can.yaml", channel, (r"database: can/", f"database: {CONFIG}/can/"), *changes)
+
+
+def watched_can_cell():
+    """The same with a watch over the agreement of the sensors.
+
+    It is off among the limits of a simulation: a stall of the machine would be taken for it too.
+    """
+    return can_cell((r"(?m)^(    strain: \{coast_ms.*)$", r"\1\n    disagreement: {ratio: 3.0e+4}"))
 
 
 def modbus_cell():

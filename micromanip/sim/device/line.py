@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,6 @@ from micromanip.errors import UsageError
 from micromanip.settings.source import Source
 from micromanip.sim.event_loop import EventLoop
 
-from .amplifier import Amplifier
 from .ascii_device import AsciiDevice
 from .ascii_settings import read_interpreter
 from .binary_board import BinaryBoard
@@ -30,9 +28,6 @@ from .stream_settings import read_packet, samples_a_packet
 from .tcp_port import TcpPort
 from .udp_port import UdpPort
 from .wires import wires_of
-
-_MISSED_PERIODS = 5
-"""An amplifier that is commanded slowly has a watchdog to match: it forgives so many commands that don't come."""
 
 
 class PlayedLine:
@@ -59,10 +54,10 @@ class PlayedLine:
         self._device.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
-        self._message(message).counts_from_ns = self._end_ns(for_s)
+        self._message(message).counts_from_ns = self._loop.end_ns(for_s)
 
     def silence(self, message: str, for_s: float | None) -> None:
-        self._message(message).silent_until_ns = self._end_ns(for_s)
+        self._message(message).silent_until_ns = self._loop.end_ns(for_s)
 
     def reboot(self, for_s: float) -> None:
         self._device.reboot(self._loop.now_ns() + round(for_s * 1e9))
@@ -94,9 +89,6 @@ class PlayedLine:
     def _message(self, name: str) -> Due:
         return next(periodic.message for periodic in self._device.periodic if periodic.message.name == name)
 
-    def _end_ns(self, for_s: float | None) -> float:
-        return math.inf if for_s is None else self._loop.now_ns() + for_s * 1e9
-
 
 def play_line(name: str, surroundings: Surroundings) -> PlayedDevice:
     """Line and device of the driver called `name`."""
@@ -105,11 +97,8 @@ def play_line(name: str, surroundings: Surroundings) -> PlayedDevice:
     wires = wires_of(name, surroundings.configuration, source, cell)
     framing = _one_of(source, place, options, ("binary", "ascii", "stream"))
     layout = section(source, place, options, framing)
-    amplifier = None
-    if wires.outputs:
-        watchdog_ms = max(surroundings.watchdog_ms, _MISSED_PERIODS * _slowest_ms(source, place, framing, layout))
-        amplifier = Amplifier(cell.plant, wires.rest_V, watchdog_ms)
-        cell.amplifiers.append(amplifier)
+    period_ms = _slowest_ms(source, place, framing, layout) if wires.outputs else 0.0
+    amplifier = surroundings.amplifier(wires, period_ms)
     behind = Behind(cell, wires, amplifier)
     line = DeviceLine(loop, _port_maker(source, place, options, loop))
     try:

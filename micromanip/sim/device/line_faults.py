@@ -33,10 +33,10 @@ from functools import partial
 from random import Random
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter
 
-from micromanip.errors import UsageError
 from micromanip.sim.event_loop import EventLoop, Timer
+from micromanip.sim.fault_document import validated
 
 from .line_fault import Delay, Drop, Duplicate, Flip, Garbage, Join, LineFault, MessageFault, Reorder, Short, Split
 
@@ -110,12 +110,7 @@ _ANY: TypeAdapter[LineFault] = TypeAdapter(
 
 def parsed(document: object) -> LineFault:
     """The fault that a mapping describes. Raises UsageError with the first thing that is wrong with it."""
-    try:
-        return _ANY.validate_python(document)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = " ".join(str(part) for part in first["loc"])
-        raise UsageError(f"fault{f' {where}' if where else ''}: {first['msg']}") from error
+    return validated(_ANY, document)
 
 
 class LineFaults:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 from micromanip.sim.event_loop import EventLoop
 
 from . import modbus_faults
-from .amplifier import Amplifier
 from .device_line import DeviceLine
 from .line_device import Behind
 from .line_faults import Identity
@@ -24,8 +22,6 @@ from .played import PlayedDevice, Surroundings
 from .wires import wires_of
 
 _GATEWAY_TARGET = 11
-_MISSED_PERIODS = 5
-"""An amplifier that is commanded slowly has a watchdog to match: it forgives so many commands that don't come."""
 _EVERY_NS = 1_000_000
 _SILENCE_NS = 5_000_000
 """On a pseudo terminal the silence between frames is no longer exact; a begun frame is given up after this."""
@@ -61,10 +57,10 @@ class PlayedModbus:
         self._go_on()
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
-        self._unit(message).counts_from_ns = self._end_ns(for_s)
+        self._unit(message).counts_from_ns = self._loop.end_ns(for_s)
 
     def silence(self, message: str, for_s: float | None) -> None:
-        self._unit(message).silent_until_ns = self._end_ns(for_s)
+        self._unit(message).silent_until_ns = self._loop.end_ns(for_s)
 
     def reboot(self, for_s: float) -> None:
         now_ns = self._loop.now_ns()
@@ -135,20 +131,14 @@ class PlayedModbus:
     def _unit(self, name: str) -> ModbusUnit:
         return next(unit for unit in self.units.values() if unit.name == name)
 
-    def _end_ns(self, for_s: float | None) -> float:
-        return math.inf if for_s is None else self._loop.now_ns() + for_s * 1e9
-
 
 def play_modbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     """Port and units of the driver called `name`."""
     source, cell, loop = surroundings.source, surroundings.cell, surroundings.loop
     place, options = ("drivers", name), surroundings.configuration.drivers[name].options
     wires = wires_of(name, surroundings.configuration, source, cell)
-    amplifier = None
-    if wires.outputs:
-        watchdog_ms = max(surroundings.watchdog_ms, _MISSED_PERIODS * slowest_write_ms(source, place, options))
-        amplifier = Amplifier(cell.plant, wires.rest_V, watchdog_ms)
-        cell.amplifiers.append(amplifier)
+    period_ms = slowest_write_ms(source, place, options) if wires.outputs else 0.0
+    amplifier = surroundings.amplifier(wires, period_ms)
     behind = Behind(cell, wires, amplifier)
     units = read_units(source, place, options, behind)
     line = DeviceLine(loop, port_maker(source, place, options, loop))

@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter
 
 from micromanip.errors import UsageError
+from micromanip.sim.fault_document import validated
 
 from . import line_faults
 from .line_fault import LineFault, MessageFault, Parts
@@ -51,8 +52,4 @@ def parsed(document: Mapping[str, Any], *, serial: bool) -> LineFault:
         return line_faults.parsed(document)
     if kind == "transaction" and serial:
         raise UsageError("fault transaction: on a serial line answers have no number")
-    try:
-        return _OWN.validate_python(document)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise UsageError(f"fault {' '.join(map(str, first['loc']))}: {first['msg']}") from error
+    return validated(_OWN, document)

@@ -10,7 +10,12 @@ from micromanip.settings.model import Configuration
 from micromanip.settings.source import Source
 from micromanip.sim.event_loop import EventLoop
 
+from .amplifier import Amplifier
 from .cell import PlayedCell
+from .wires import Wires
+
+_MISSED_PERIODS = 5
+"""An amplifier that is commanded slowly has a watchdog to match: it forgives so many commands that don't come."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +27,15 @@ class Surroundings:
     loop: EventLoop
     cell: PlayedCell
     watchdog_ms: float
+
+    def amplifier(self, wires: Wires, period_ms: float = 0.0) -> Amplifier | None:
+        """The amplifier behind the outputs of a driver, commanded every `period_ms` at least; None without outputs."""
+        if not wires.outputs:
+            return None
+        watchdog_ms = max(self.watchdog_ms, _MISSED_PERIODS * period_ms)
+        amplifier = Amplifier(self.cell.plant, wires.rest_V, watchdog_ms)
+        self.cell.amplifiers.append(amplifier)
+        return amplifier
 
 
 class PlayedDevice(Protocol):

@@ -14,6 +14,7 @@ from micromanip.io.bus_errors import TransientError
 from micromanip.sim.canbus.canopen_node import CanOpenNode
 
 from ..canbus.hub_in_thread import bench
+from ..changed_options import put
 
 CONFIG = Path(__file__).parents[3] / "config"
 EDS = CONFIG / "can"
@@ -53,18 +54,8 @@ def options(**changes):
     """The options above, changed: ``nodes__sensor__node_id=7`` goes down into them, DELETE removes a key."""
     changed = copy.deepcopy(OPTIONS)
     for path, value in changes.items():
-        *way, last = (int(key) if key.isdigit() else key for key in path.split("__"))
-        at = changed
-        for key in way:
-            at = at[key]
-        if value is DELETE:
-            del at[last]
-        else:
-            at[last] = value
+        put(changed, [int(key) if key.isdigit() else key for key in path.split("__")], value)
     return changed
-
-
-DELETE = object()
 
 
 def driver(folder=CONFIG, **changes):

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 
 from micromanip.errors import ConfigError
 
-from .cell import CONFIG, DELETE, EDS, driver, options
+from ..changed_options import DELETE
+from .cell import CONFIG, EDS, driver, options
 
 
 def refused(match, folder=CONFIG, **changes):

@@ -13,7 +13,8 @@ from micromanip.sim.conformance.link import LinkChecks
 
 from ..canbus.device_on_hub import BusPeer, Gate, channel_name, cut, strange, unit
 from ..canbus.hub_in_thread import bench
-from .cell import AMPLIFIER, AXES, CONFIG, DELETE, EDS, SENSOR, options
+from ..changed_options import DELETE
+from .cell import AMPLIFIER, AXES, CONFIG, EDS, SENSOR, options
 
 SYNC, TPDO, RPDO = 0x080, (0x185, 0x285, 0x385), 0x206
 INPUTS = [f"sensor.{quantity}_{axis}" for axis in AXES for quantity in ("strain", "stage")]

@@ -13,6 +13,7 @@ from micromanip_drivers.line.driver import Line
 from micromanip.errors import ConfigError
 from micromanip.settings.single_driver import bus_driver
 
+from ..changed_options import DELETE, put
 from .board import FRAMING
 from .gcs_controller import FRAMING as GCS
 from .sensors import SENSOR, TRACKER
@@ -61,14 +62,7 @@ def test_the_examples_of_the_documentation_work():
 def changed(options, path, value):
     """The options with another value at a path such as "binary.crc.name"; None takes the key away."""
     options = copy.deepcopy(options)
-    *folders, last = path.split(".")
-    place = options
-    for key in folders:
-        place = place[key]
-    if value is None:
-        del place[last]
-    else:
-        place[last] = value
+    put(options, path.split("."), DELETE if value is None else value)
     return options
 
 

@@ -15,6 +15,8 @@ from micromanip.settings.buses import bus_findings
 from micromanip.settings.check import prepare
 from micromanip.settings.single_driver import bus_driver
 
+from ..changed_options import DELETE, put
+
 CONFIG = Path(__file__).parents[3] / "config"
 FILES = ["modbus.yaml", "modbus_rtu.yaml"]
 UNIT = "units.cell.tasks.exchange."
@@ -28,18 +30,8 @@ def changed(path, value):
     """The driver of config/modbus.yaml with one key changed; DELETE takes it away."""
     keys = entry((CONFIG / "modbus.yaml").read_text(encoding="utf-8"))
     keys = copy.deepcopy(keys)
-    *way, last = path.split(".")
-    at = keys
-    for key in way:
-        at = at[key]
-    if value is DELETE:
-        del at[last]
-    else:
-        at[last] = value
+    put(keys, path.split("."), value)
     return keys
-
-
-DELETE = object()
 
 
 def told(tmp_path, keys):

@@ -160,12 +160,13 @@ def test_one_line_with_place_and_way_out(folder, name, capsys):
         assert not said.out
 
 
-@pytest.mark.parametrize("example", ["can.yaml", "canopen.yaml"])
-def test_a_missing_interface_is_one_line_too(folder, example):
+@pytest.mark.parametrize(("example", "interface"), [("can.yaml", "can97"), ("canopen.yaml", "can98")])
+def test_a_missing_interface_is_one_line_too(folder, example, interface):
+    """Each its own: a device belongs to one controller at a time, and tests run side by side."""
     text = (CONFIG / example).read_text()
     file = folder / example
     changed = text.replace("interface: micromanip", "interface: socketcan").replace(
-        "channel: can0\n", "channel: can97\n"
+        "channel: can0\n", f"channel: {interface}\n"
     )
     file.write_text(changed)
     line = 1 + changed[: changed.index("  can0:")].count("\n")
@@ -173,7 +174,8 @@ def test_a_missing_interface_is_one_line_too(folder, example):
     done = subprocess.run([*command, "--socket", str(folder / "s")], capture_output=True, text=True, check=False)
     assert done.returncode == 69
     assert done.stderr.startswith(
-        f"micromanip: {file}:{line}: drivers.can0: socketcan-can97: there is no network interface can97; CAN interfaces"
+        f"micromanip: {file}:{line}: drivers.can0: socketcan-{interface}: "
+        f"there is no network interface {interface}; CAN interfaces"
     )
     assert done.stderr.count("\n") == 1
     assert not done.stdout

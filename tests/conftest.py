@@ -6,6 +6,8 @@ Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the s
 state machine.
 """
 
+from pathlib import Path
+
 import numba
 import pytest
 from hypothesis import HealthCheck, settings
@@ -36,7 +38,15 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1")
 
 
+REAL = ("bus", "cli", "drivers", "hil", "host", "sim/device")
+"""Here are real processes, sockets and pseudo terminals on a machine that others share, which may stall for a while."""
+
+
 def pytest_collection_modifyitems(config, items):
+    """What failed where a stall can be the cause is tried once more, and the summary counts it."""
+    for item in items:
+        if item.path.relative_to(Path(__file__).parent).as_posix().startswith(REAL):
+            item.add_marker(pytest.mark.flaky(reruns=1))
     if JIT:
         return
     skip = pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)")

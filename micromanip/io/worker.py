@@ -9,6 +9,8 @@ import random
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -41,12 +43,13 @@ class Worker:
         output_count: int,
         patience_ns: int = 0,
         look_ns: int = LOOK_NS,
+        while_opening: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         """Errors that come and go are put up with for `patience_ns` before the link counts as lost.
 
-        With nothing to do, it looks after the loop every `look_ns`.
+        With nothing to do, it looks after the loop every `look_ns`; the driver is opened inside of `while_opening`.
         """
-        self._look_ns = look_ns
+        self._look_ns, self._while_opening = look_ns, while_opening
         self._driver, self._image, self._safe = driver, image, safe
         self._values = np.zeros(len(image.wanted()[0]))  # as long as the image's, the driver's outputs first
         self._outputs = output_count
@@ -85,7 +88,8 @@ class Worker:
 
     def _serve(self) -> None:
         """One life of the link: until an error, or the end."""
-        self._driver.open()
+        with self._while_opening():
+            self._driver.open()
         self._failures.clear()
         self._good_ns = time.monotonic_ns()
         self._inbox.clear()

@@ -14,6 +14,8 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from micromanip.errors import ConfigError
@@ -54,25 +56,42 @@ def main() -> int:
     before = last[: len(outputs)] if last_ns else None
     safe = SafeState(outputs, orders["ramp_ns"], orders["dead_ns"], before, last_ns)
     look_ns = max(LOOK_NS, min(orders["dead_ns"], orders["patience_ns"]) // 5)
-    worker = Worker(driver, image, safe, len(outputs), orders["patience_ns"], look_ns)
+    at_ease = take_rights(orders["loop_cpu"], orders["priority"])
+    worker = Worker(driver, image, safe, len(outputs), orders["patience_ns"], look_ns, at_ease)
     signal.signal(signal.SIGTERM, lambda *_: worker.end())
     threading.Thread(target=_listen, args=(worker,), daemon=True).start()
-    _take_rights(orders["loop_cpu"], orders["priority"])
     gc.collect()
     gc.freeze()
     worker.run()
     return 0
 
 
-def _take_rights(loop_cpu: int | None, priority: int) -> None:
-    """Off the loop's CPU, with a priority below the loop's where that is allowed."""
+def take_rights(loop_cpu: int | None, priority: int) -> Callable[[], AbstractContextManager[None]]:
+    """Off the loop's CPU, with a priority below the loop's where that is allowed; what goes back to an ordinary one.
+
+    To open a driver takes long: what else runs on this CPU, other buses among it, must not wait for that.
+    """
     others = os.sched_getaffinity(0) - {loop_cpu}
     if loop_cpu is not None and others:
         os.sched_setaffinity(0, others)
+    urgent = os.sched_param(priority)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        os.sched_setscheduler(0, os.SCHED_FIFO, urgent)
     except PermissionError:
         say({"event": "rights", "text": "no real-time priority for its worker: samples and voltages may come late"})
+        return nullcontext
+
+    @contextmanager
+    def at_ease() -> Iterator[None]:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        try:
+            yield
+        finally:
+            for thread in os.listdir("/proc/self/task"):  # noqa: PTH208 (those that the driver began are as urgent)
+                with suppress(ProcessLookupError):
+                    os.sched_setscheduler(int(thread), os.SCHED_FIFO, urgent)
+
+    return at_ease
 
 
 def _first_line() -> bytes:

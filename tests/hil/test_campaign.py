@@ -18,7 +18,6 @@ TRIED = (
 
 
 @pytest.mark.xdist_group("loop")
-@pytest.mark.flaky(reruns=1)  # a real loop on a shared machine
 def test_faults_of_a_bus(tmp_path):
     cases = tuple(case for case in CASES if case.name in TRIED)
     assert len(cases) == len(TRIED)

@@ -9,14 +9,10 @@ from .cell import Running, command_line, until
 
 
 def pytest_collection_modifyitems(items):
-    """All in one worker: two loops that share a CPU would disturb each other.
-
-    A real loop on a shared machine: what failed is tried once more, and the summary counts it.
-    """
+    """All in one worker: two loops that share a CPU would disturb each other."""
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.xdist_group("loop"))
-            item.add_marker(pytest.mark.flaky(reruns=1))
 
 
 def memory_files():

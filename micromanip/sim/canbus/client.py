@@ -33,6 +33,8 @@ from .frame import (
 _GREETING_S = 0.5
 _GREETING_BYTES = 4096
 _PACKET_BYTES = STAMP.size + FD.size
+_WAITING_BYTES = 16 << 10
+"""Some forty frames: a hub whose process is late finds what was sent meanwhile. The queue proper is the hub's."""
 
 
 class HubBus(can.BusABC):
@@ -77,7 +79,7 @@ class HubBus(can.BusABC):
 
     def _connect(self, bitrate: int | None, data_bitrate: int | None) -> None:
         channel = self.channel
-        self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 0)  # the least there is: the queue is the hub's
+        self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WAITING_BYTES)
         self._sock.settimeout(_GREETING_S)
         try:
             self._sock.connect(address(channel))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import socket
 import struct
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from .frame import FD, STAMP, Frame, pack
 from .port import Port, State, Transmission
 
 _PACKET_BYTES = STAMP.size + FD.size
+_LATE_NS = 200_000
 _CREDENTIALS = struct.Struct("3i")  # struct ucred: process, user, group
 
 
@@ -26,9 +28,9 @@ def address(channel: str) -> str:
 class ClientPort(Port):
     """Takes a client's packets, and gives it those of the others.
 
-    While its queue is full the hub leaves what it sends in the socket, whose buffer is small: the client's next send
-    finds no room, as with SocketCAN. What it doesn't take itself is dropped and counted, and told by an error frame
-    as soon as there is room.
+    While its queue is full the hub leaves what it sends in the socket, whose buffer is small: soon the client's next
+    send finds no room, as with SocketCAN. What it doesn't take itself is dropped and counted, and told by an error
+    frame as soon as there is room.
     """
 
     def __init__(self, sock: socket.socket, loop: EventLoop, queue_frames: int, restart_ns: int | None) -> None:
@@ -80,19 +82,29 @@ class ClientPort(Port):
             self._sock.close()
 
     def _on_readable(self) -> None:
+        """Take a packet; where the loop comes late all that waited, for the bus to give each its own time."""
+        late_ns = self._loop.now_ns() - _LATE_NS
+        while self._take_packet() < late_ns and self._listening:
+            pass
+
+    def _take_packet(self) -> float:
+        """When what came was sent (CLOCK_MONOTONIC, ns)."""
         try:
             packet = self._sock.recv(_PACKET_BYTES)
         except BlockingIOError:
-            return
+            return math.inf
         except OSError:
             packet = b""
+        time_ns = math.inf
         if not packet:
             self._gone()
         elif self.state is not State.BUS_OFF:
             try:
-                self._on_packet(self, STAMP.unpack_from(packet)[0], packet[STAMP.size :])
+                time_ns = STAMP.unpack_from(packet)[0]
+                self._on_packet(self, time_ns, packet[STAMP.size :])
             except (ValueError, struct.error):
                 self._gone()  # it doesn't speak our language: better no peer than a wrong one
+        return time_ns
 
     def _hand_over(self, packed: bytes, time_ns: int) -> None:
         stamp = STAMP.pack(time_ns)

@@ -18,6 +18,7 @@ class LinePeer(Peer):
         self.lock = threading.RLock()
         self.thread = None
         self.inputs = {}
+        self.waking = threading.Event()
         self.power_on()
 
     def power_on(self):
@@ -45,6 +46,11 @@ class LinePeer(Peer):
     def play(self):
         due_s = time.monotonic()
         while self.on:
+            if self.waking.is_set():
+                while self.wire.read(0.0):
+                    pass  # what waits in this machine's own buffers would never reach a device that hangs
+                self.silent = False
+                self.waking.clear()
             data = self.wire.read(max(0.0, min(0.02, due_s - time.monotonic())))
             with self.lock:
                 if data:
@@ -62,10 +68,12 @@ class LinePeer(Peer):
 
     def silence(self, silent):
         with self.lock:
-            if not silent:
-                while self.wire.read(0.0):
-                    pass  # what waits in this machine's own buffers would never reach a device that hangs
-            self.silent = silent
+            self.silent = self.silent or silent
+        if not silent:
+            self.waking.set()  # only the thread that reads can tell what came while it was silent
+            while self.waking.is_set():
+                assert self.thread.is_alive(), "the device is not switched on"
+                time.sleep(0.001)
 
     def set_input(self, channel, value):
         self.inputs[channel] = value

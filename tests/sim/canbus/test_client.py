@@ -4,6 +4,7 @@ import errno
 import select
 import socket
 from pathlib import Path
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -156,6 +157,25 @@ def test_who_sends_faster_than_the_bus_is_refused_and_nothing_that_was_taken_is_
     bus.run(0.01)
     assert [frame.data[0] for frame in received(b)[0] if frame.data] == [*range(taken), *range(more)]
     a.send(message())
+
+
+def test_a_hub_that_comes_late_loses_nothing_and_gives_each_frame_its_own_time(bus, monkeypatch):
+    """The machine had no time for it, for 20 ms: a bus would have carried them, and the nodes would have measured."""
+    client, begin_ns = bus.client(), bus.loop.time_ns
+    seen = []
+    node = SimpleNamespace(on_frame=lambda frame, time_ns: seen.append((time_ns - begin_ns, frame.data[0])))
+    bus.hub.attach(node)
+    for count in range(20):
+        sent_ns = begin_ns + count * 1_000_000
+        monkeypatch.setattr("micromanip.sim.canbus.client.time", SimpleNamespace(monotonic_ns=lambda ns=sent_ns: ns))
+        client.send(message(data=bytes([count])))
+        timer_ns = sent_ns + 500_000
+        bus.loop.call_at(timer_ns, lambda ns=timer_ns: seen.append((ns - begin_ns, "timer")))
+    bus.loop.time_ns += 20_000_000
+    bus.run(0)
+    frame_ns = classic_bits(1) * 1000
+    expected = [((k * 1_000_000 + frame_ns, k), (k * 1_000_000 + 500_000, "timer")) for k in range(20)]
+    assert seen == [each for pair in expected for each in pair]
 
 
 def test_a_send_with_a_time_out_waits_for_room(bus):

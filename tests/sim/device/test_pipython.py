@@ -1,6 +1,7 @@
 """The maker's own client for GCS controllers, PIPython, talks to the simulated one over TCP: both agree."""
 
 import threading
+import time
 
 import pytest
 
@@ -57,7 +58,9 @@ def test_what_it_writes_arrives_and_what_it_reads_is_there(client, devices):
     assert client.qVOL() == {1: 12.5, 2: -3.0}
     assert client.qVOL(1) == {1: 12.5}
     assert devices.cell.voltages() == {"voltage_x": 12.5, "voltage_y": -3.0}
-    assert client.qPOS("1")["1"] == pytest.approx(devices.cell.plant.value("strain_x"), abs=1.0)
+    patience_s = time.monotonic() + 20.0
+    while abs(client.qPOS("1")["1"] - devices.cell.plant.value("strain_x")) >= 1.0:  # it moves between the two looks
+        assert time.monotonic() < patience_s
     assert list(client.qTSP()) == [1, 2]
     assert client.qONT() == {"1": True, "2": True}
     assert client.qSPA("1", 0x07000601) == {"1": {0x07000601: "UM"}}

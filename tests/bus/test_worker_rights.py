@@ -1,0 +1,88 @@
+"""How urgently a worker process runs, and when it does not."""
+
+import os
+import threading
+
+import pytest
+
+from micromanip.io.worker_process import take_rights
+
+PRIORITY = 10
+
+
+@pytest.fixture
+def thread():
+    """Runs a function in a thread of its own, whose rights end with it."""
+
+    def run(function):
+        problems = []
+
+        def caught():
+            try:
+                function()
+            except BaseException as problem:
+                problems.append(problem)
+
+        one = threading.Thread(target=caught)
+        one.start()
+        one.join()
+        if problems:
+            raise problems[0]
+
+    return run
+
+
+def may_be_urgent():
+    before = os.sched_getscheduler(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, before, os.sched_param(0))
+    return True
+
+
+def test_to_open_a_driver_holds_nobody_up_and_what_it_begins_is_urgent(thread, monkeypatch):
+    began, ends = [], threading.Event()
+    waiting = threading.Thread(target=lambda: (began.append(threading.get_native_id()), ends.wait()))
+
+    def worker():
+        if not may_be_urgent():
+            pytest.skip("no right to SCHED_FIFO here")
+        monkeypatch.setattr("os.listdir", lambda _: [str(threading.get_native_id()), *map(str, began), "4194303"])
+        at_ease = take_rights(None, PRIORITY)
+        assert os.sched_getscheduler(0) == os.SCHED_FIFO
+        with at_ease():
+            assert os.sched_getscheduler(0) == os.SCHED_OTHER
+            waiting.start()
+            while not began:
+                pass
+        assert os.sched_getparam(0).sched_priority == PRIORITY
+        assert os.sched_getscheduler(began[0]) == os.SCHED_FIFO
+
+    try:
+        thread(worker)
+    finally:
+        ends.set()
+
+
+def test_without_the_right_it_works_all_the_same_and_says_so(thread, monkeypatch, capfd):
+    def refused(*_):
+        raise PermissionError
+
+    monkeypatch.setattr("os.sched_setscheduler", refused)
+    with take_rights(None, PRIORITY)():
+        pass
+    assert "no real-time priority" in capfd.readouterr().out
+
+
+def test_it_keeps_off_the_cpu_of_the_loop(thread):
+    cpus = os.sched_getaffinity(0)
+    if len(cpus) < 2:
+        pytest.skip("one CPU only")
+
+    def worker():
+        take_rights(min(cpus), PRIORITY)
+        assert os.sched_getaffinity(0) == cpus - {min(cpus)}
+
+    thread(worker)

@@ -10,6 +10,8 @@ import pytest
 
 from micromanip.cli.main import main
 
+pytestmark = pytest.mark.xdist_group("analyse")  # what the tests share is made once, not by each worker
+
 CONFIG = Path(__file__).parents[2] / "config"
 SIMULATED, FACTORY = str(CONFIG / "simulated.yaml"), str(CONFIG / "factory.yaml")
 

@@ -11,6 +11,8 @@ from micromanip.design import paper
 from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import load_with_source
 
+pytestmark = pytest.mark.xdist_group("commission")  # what the tests share is made once, not by each worker
+
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 
 

@@ -9,6 +9,8 @@ from click.testing import CliRunner
 from micromanip.cli.main import cli, main
 from micromanip.design import paper
 
+pytestmark = pytest.mark.xdist_group("evaluate")  # what the tests share is made once, not by each worker
+
 CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
 KEYS = {
     "axis",

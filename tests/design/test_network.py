@@ -19,6 +19,8 @@ from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from micromanip.settings.compile import fill_hysteresis
 from micromanip.settings.hysteresis import PrandtlIshlinskii
 
+pytestmark = pytest.mark.xdist_group("network")  # what the tests share is made once, not by each worker
+
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "yan9a_piezo"
 RATE_HZ = 500.0
 ACTUATOR = PrandtlIshlinskii(

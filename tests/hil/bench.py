@@ -16,6 +16,7 @@ from micromanip.rt.states import NO_FAULT
 
 from .device import Device
 
+WATCHDOG_MS = 100.0
 _STEP_V = 0.01
 """What a frame resolves of a voltage."""
 
@@ -43,12 +44,12 @@ class Outcome:
 class Bench:
     """Device and daemon on one configuration, tracking."""
 
-    def __init__(self, folder, text, module_of_worker="micromanip.io.worker"):
+    def __init__(self, folder, text, watchdog_ms=WATCHDOG_MS, module_of_worker="micromanip.io.worker"):
         """`text` is the configuration, its files named absolutely or in `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
         self.tag = uuid.uuid4().hex
         (folder / "cell.yaml").write_text(text)
-        self.device = Device(folder / "cell.yaml", self.tag)
+        self.device = Device(folder / "cell.yaml", self.tag, watchdog_ms)
         self.running = Running(folder, text)
         self._module = module_of_worker
         try:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from . import gcs_cases, modbus_cases, serial_cases
-from .bench import Bench, Outcome
+from .bench import WATCHDOG_MS, Bench, Outcome
 from .cases import CASES, Case
 from .cells import gcs_cell, modbus_cell, serial_cell, watched_can_cell
 
@@ -20,10 +20,10 @@ BUSES: dict[str, tuple[Callable[[], str], tuple[Case, ...]]] = {
 """Example of config/ and its faults."""
 
 
-def campaign(folder: Path, text: str, cases: tuple[Case, ...]) -> Iterator[Outcome]:
+def campaign(folder: Path, text: str, cases: tuple[Case, ...], watchdog_ms: float = WATCHDOG_MS) -> Iterator[Outcome]:
     """Try each case on the configuration `text`, then end: processes, descriptors and shared memory that were left."""
     shared = set(SHARED.iterdir())
-    bench = Bench(folder, text)
+    bench = Bench(folder, text, watchdog_ms)
     code, left = None, []
     try:
         bench.track()

@@ -23,6 +23,45 @@ def can_cell(*changes):
     return changed("can.yaml", channel, (r"database: can/", f"database: {CONFIG}/can/"), *changes)
 
 
+PATIENT = """\
+schema_version: 1
+loop: {{rate_hz: 500, cpu: null, spin_us: 10, limits: simulation}}
+start: {{lift_s: 0.2, check_s: null, sweep_s: 0.1, settle_s: 0.0, authority_s: 0.2, ramp_s: 0.2}}
+drivers:
+  can0:
+    driver: canbus
+    simulated: true
+    interface: micromanip
+    channel: patient-{number}
+    bitrate: 1000000
+    data_bitrate: 5000000
+    database: {database}
+    receive: {{Sensors: {{rate_hz: 200, counter: Count, status: {{signal: Status}}}}}}
+    send: {{Voltages: {{rate_hz: 200, counter: Count}}}}
+    watchdog: the amplifier ramps to 0 V in 0.2 s when no command comes for 300 ms
+signals:
+  strain_x: {{driver: can0, channel: Sensors.strain_x, max_age_us: 200000, range_um: [-30, 150]}}
+  amplifier_ok_x: {{driver: can0, channel: Sensors.amplifier_ok_x, max_age_us: 1000000}}
+outputs:
+  voltage_x: {{driver: can0, channel: Voltages.voltage_x, range_V: [-20, 150], slew_V_per_ms: 2, park_V: 0}}
+switches: {{amplifier_enable: {{driver: can0, channel: Voltages.amplifier_enable}}}}
+reference: {{source: hold, offset_um: 60}}
+axes:
+  x:
+    mode: strain
+    centre_um: 66
+    setpoint: {{range_um: [2, 128], slew_um_per_ms: 0.5}}
+    inner: {{mode: pid, K_V_per_um: 0.05, Ti_ms: 5.0, Td_ms: 0.0, filter_ms: 1.0}}
+simulation: {{seed: 1, axes: [x], lines: {{}}}}
+"""
+PATIENT_WATCHDOG_MS = 300.0
+
+
+def patient_can_cell():
+    """An axis at rest on a bus of 200 Hz, whose limits a machine that others share keeps."""
+    return PATIENT.format(number=os.getpid(), database=CONFIG / "can" / "manipulator.dbc")
+
+
 def watched_can_cell():
     """The same with a watch over the agreement of the sensors.
 

@@ -12,11 +12,11 @@ from host.cell import MICROMANIP, TAG, until
 class Device:
     """Plays what answers on the buses of a configuration."""
 
-    def __init__(self, config, tag):
+    def __init__(self, config, tag, watchdog_ms):
         self.folder = config.parent
         self._err = (self.folder / "device.err").open("wb")
         self.process = subprocess.Popen(
-            [str(MICROMANIP), "simulate-device", str(config), "--commands"],
+            [str(MICROMANIP), "simulate-device", str(config), "--commands", "--watchdog", str(watchdog_ms)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._err,

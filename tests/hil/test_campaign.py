@@ -1,10 +1,16 @@
-"""Some of the faults of `make fault-campaign`, of each kind one: all detected, undone, and nothing left behind."""
+"""Some of the faults of `make fault-campaign`, of each kind one: all detected, undone, and nothing left behind.
+
+The times that the campaign judges on a machine of its own are not judged here.
+"""
+
+import math
+from dataclasses import replace
 
 import pytest
 
 from .campaign import campaign
 from .cases import CASES
-from .cells import can_cell
+from .cells import PATIENT_WATCHDOG_MS, patient_can_cell
 
 TRIED = (
     "10 % of all frames dropped",
@@ -19,8 +25,8 @@ TRIED = (
 
 @pytest.mark.xdist_group("loop")
 def test_faults_of_a_bus(tmp_path):
-    cases = tuple(case for case in CASES if case.name in TRIED)
+    cases = tuple(replace(case, within_ms=math.inf) for case in CASES if case.name in TRIED)
     assert len(cases) == len(TRIED)
-    outcomes = list(campaign(tmp_path, can_cell(), cases))
+    outcomes = list(campaign(tmp_path, patient_can_cell(), cases, PATIENT_WATCHDOG_MS))
     assert len(outcomes) == len(cases) + 1
     assert [(outcome.name, outcome.wrong) for outcome in outcomes if outcome.wrong] == []

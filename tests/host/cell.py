@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from micromanip.errors import CheckFailed
 from micromanip.host.segments import CONTROL, RING, STATUS, Segment
 from micromanip.rt import words as w
 from micromanip.rt.states import STATE_NAMES
@@ -94,6 +95,21 @@ def until(condition, what, patience_s=PATIENCE_S):
             return found
         assert time.monotonic() < end, f"waited {patience_s:g} s in vain: {what() if callable(what) else what}"
         time.sleep(0.01)
+
+
+def reset(client):
+    """As soon as the black box of the trip is on disk."""
+
+    def accepted():
+        try:
+            client.reset()
+        except CheckFailed as refused:
+            if "try again in a moment" not in str(refused):
+                raise
+            return False
+        return True
+
+    until(accepted, "no reset: the black box is not on disk")
 
 
 def tagged(tag):

@@ -11,7 +11,7 @@ from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 from micromanip.rt import words as w
 from micromanip.rt.states import ARM
 
-from .cell import SLOW, WAITING, Running, calm, until
+from .cell import SLOW, WAITING, Running, calm, reset, until
 
 STATUS = b'{"version": 1, "verb": "status"}'
 
@@ -167,7 +167,7 @@ def test_fault_is_latched_until_reset(run):
         assert fault.startswith("X-102")
         with pytest.raises(CheckFailed, match=r"^arm refused: the state is FAULT: .*; a fault is latched .*; X-102 "):
             client.arm()
-        client.reset()
+        reset(client)
         assert client.status()["faults"] == []
         cell.go_on(20)
         assert cell.state == "READY"

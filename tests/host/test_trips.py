@@ -15,7 +15,7 @@ from micromanip.host.blackbox.shelf import trips
 from micromanip.host.control_socket import remove_stale
 from micromanip.rt.states import RAMPING, TRACKING
 
-from .cell import MICROMANIP, WAITING, calm, until
+from .cell import MICROMANIP, WAITING, calm, reset, until
 
 PERIOD_MS = 0.1
 
@@ -71,7 +71,7 @@ def test_trip_is_on_disk_before_a_reset(run):
             assert cell.state == "FAULT"
             assert trips(folder(cell)) == []
             os.kill(helper, signal.SIGCONT)
-            client.reset()
+            reset(client)
             box = box_of(cell, complete=False)
             assert client.status()["trips"][0]["file"] == str(trips(folder(cell))[0])
     finally:
@@ -183,7 +183,7 @@ def test_no_room_and_a_black_box_that_dies(run, tmp_path):
     until(lambda: "the black box of X-201 can't be written to" in cell.said, cell.last_words)
     with Client(cell.socket) as client:
         assert client.status()["trips"][0]["problem"] == "Not a directory"
-        client.reset()
+        reset(client)
     cell.reach("READY")
     blocked.unlink()
     box = box_of(cell, place=place)

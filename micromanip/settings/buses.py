@@ -22,14 +22,16 @@ def budget(wiring: Wiring) -> dict[str, list[Load]]:
 def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
     """Buses that are overloaded, devices with two drivers, positions that are read from the same channel."""
     for name, loads in budget(wiring).items():
-        for load in loads:
-            if load.share > load.limit:
-                yield (
-                    ("drivers", name),
-                    f"{load.name} would be busy for {100 * load.share:.0f} % of the time ({load.detail}), at most "
-                    f"{100 * load.limit:.0f} % can be relied on; lower a rate, pack signals into fewer messages, or "
-                    "use a faster bus",
-                )
+        full = [load for load in loads if load.share > load.limit]
+        if full:
+            each = (
+                f"{load.name} would be busy for {100 * load.share:.0f} % of the time ({load.detail})" for load in full
+            )
+            yield (
+                ("drivers", name),
+                f"{', '.join(each)}, at most {100 * full[0].limit:.0f} % can be relied on; lower a rate, pack signals "
+                "into fewer messages, or use a faster bus",
+            )
     owners: dict[str, str] = {}
     for name, bridge in wiring.buses.items():
         owner = owners.setdefault(bridge.bus.device, name)

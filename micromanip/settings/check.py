@@ -83,13 +83,13 @@ def revise(running: Prepared, source: Source) -> Prepared:
 
 
 def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Finding]:
-    """What is wrong that shows only with the drivers at hand."""
-    return [
-        *_safety(configuration, wiring),
-        *_stability(configuration),
-        *bus_findings(configuration, wiring),
-        *feedback_findings(configuration, wiring),
-    ]
+    """What is wrong that shows only with the drivers at hand.
+
+    A loop over a bus that can't carry it is not judged as well: that has one cause, and needs one message.
+    """
+    buses = list(bus_findings(configuration, wiring))
+    feedback = [] if buses else feedback_findings(configuration, wiring)
+    return [*_safety(configuration, wiring), *_stability(configuration), *buses, *feedback]
 
 
 def _refuse(source: Source, findings: list[Finding]) -> None:

@@ -8,6 +8,7 @@ import pytest
 from .cell import Running, command_line, until
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for the groups
 def pytest_collection_modifyitems(items):
     """All in one worker: two loops that share a CPU would disturb each other."""
     for item in items:

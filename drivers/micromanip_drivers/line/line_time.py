@@ -73,5 +73,5 @@ class LineTime:
 
 
 def _load(name: str, traffic: Sequence[Traffic]) -> Load:
-    detail = " + ".join(f"{one.rate_hz:g} {one.what} x {one.seconds * 1e6:.3g} us" for one in traffic)
+    detail = " + ".join(f"{one.rate_hz:g} {one.what} x {one.seconds * 1e6:.0f} us" for one in traffic)
     return Load(name, sum(one.rate_hz * one.seconds for one in traffic), detail)

@@ -7,7 +7,7 @@ JOBS   ?= 2
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run test test-laws test-system test-vm lint bench mutation soak-machine soak-kill fault-campaign fuzz-socket robustness docs tune clean
+.PHONY: help run test test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill fault-campaign fuzz-socket robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -33,8 +33,13 @@ test: lint        ## all tests; the laws compiled, bounds-checked and as plain P
 	$(MAKE) --no-print-directory test-laws
 
 test-laws: $(READY)
-	NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n $(JOBS) tests/rt -m 'not compiled_only'
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n $(JOBS) tests/rt -m 'not compiled_only'
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-checked test-laws-plain
+
+test-laws-checked: $(READY)  # optimised little: it is compiled once and runs shortly
+	NUMBA_BOUNDSCHECK=1 NUMBA_OPT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
+
+test-laws-plain: $(READY)
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
 
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root
 	scripts/system-tests/scenarios.sh namespace

@@ -31,7 +31,7 @@ def _own_state_directory(tmp_path_factory):
 
 
 def pytest_addoption(parser):
-    parser.addoption("--garbage", type=int, default=10_000, help="how many inputs the control socket is tried with")
+    parser.addoption("--garbage", type=int, default=5_000, help="how many inputs the control socket is tried with")
 
 
 def pytest_configure(config):

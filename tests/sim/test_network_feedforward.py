@@ -30,11 +30,11 @@ def sigmas_um(prepared, configuration):
 def test_network_in_the_loop():
     factory = prepare(CONFIG / "factory.yaml")
     configuration = factory.configuration
-    excitation = design(configuration, "x", "turns", 40.0, seed=1)
+    excitation = design(configuration, "x", "turns", 24.0, seed=1)
     duration_s = len(excitation.samples) / configuration.loop.rate_hz
     rows = VirtualExperiment(factory)(variant(configuration), duration_s, samples_for(configuration, excitation))
     columns = recording(configuration, excitation, rows)
-    network = fit_network(smoothed(columns["strain_um"]), columns["voltage_V"], starts=4, burn_in=1000)
+    network = fit_network(smoothed(columns["strain_um"]), columns["voltage_V"], starts=2, burn_in=1000)
 
     tuned = prepare(CONFIG / "simulated.yaml")
     model = network.to_settings(tuned.configuration.axes["x"].setpoint.range_um)

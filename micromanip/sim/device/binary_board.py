@@ -11,8 +11,8 @@ from .binary_frame import FrameFormat, FrameLayout, FrameReader
 from .device_line import DeviceLine
 from .line_device import Behind, LineDevice
 from .line_faults import Identity
-from .line_messages import Due
 from .line_port import Peer
+from .messages import Due
 
 _SAYS_WHO_EVERY_NS = 100_000_000
 

@@ -11,37 +11,16 @@ from micromanip.sim.event_loop import EventLoop
 from .amplifier import Amplifier
 from .cell import PlayedCell
 from .dbc_message import DbcMessage
-
-MOST_BEHIND_NS = 50_000_000
-"""A machine that is late makes up for it: frames come late, but each with its own sample and time. Not beyond this."""
+from .messages import Due, MessageFigures, Periodic
 
 
-@dataclass
-class Sent:
+@dataclass(kw_only=True)
+class Sent(Due):
     """A message that the device sends."""
 
     message: DbcMessage
-    period_ns: int
     signals: dict[str, str]
     """Signal of the DBC to signal of the cell."""
-    count: int = 0
-    counts_from_ns: float = 0
-    """Until then its counter stands still."""
-    silent_until_ns: float = 0
-    due_ns: int = 0
-
-
-@dataclass
-class Figures:
-    """Frames, since the start."""
-
-    sent: int = 0
-    received: int = 0
-    not_sent: int = 0
-    """Due while the queue was full, or the machine stalled."""
-    not_understood: int = 0
-    silent: int = 0
-    """Due while it was switched off or silenced."""
 
 
 class CanDevice:
@@ -59,7 +38,7 @@ class CanDevice:
     ) -> None:
         """`outputs` are the plant's outputs by "Message.Signal"; signals that are not among them do nothing."""
         self.sent = sent
-        self.figures = Figures()
+        self.figures = MessageFigures()
         self._loop, self._bus, self._cell, self._amplifier = loop, bus, cell, amplifier
         self._received = {(message.identifier, message.extended): message for message in received}
         self._outputs = {
@@ -71,6 +50,7 @@ class CanDevice:
             for message in received
         }
         self._off_until_ns = 0
+        self._periodic = [Periodic(loop, self.figures, message, cell.advance_to, self._send) for message in sent]
         bus.attach(self)
 
     @property
@@ -80,9 +60,8 @@ class CanDevice:
 
     def start(self, now_ns: int) -> None:
         """Begin to send."""
-        for sent in self.sent:
-            sent.due_ns = now_ns + sent.period_ns
-            self._schedule(sent)
+        for periodic in self._periodic:
+            periodic.start(now_ns)
 
     def on_frame(self, frame: Frame, time_ns: int) -> None:
         """Take a command into force at the end of its frame."""
@@ -105,32 +84,15 @@ class CanDevice:
         self._off_until_ns = now_ns + round(for_s * 1e9)
         if self._amplifier is not None:
             self._amplifier.trip(now_ns)
-        for sent in self.sent:
-            sent.count = 0
+        for periodic in self._periodic:
+            periodic.off_until_ns = self._off_until_ns
+            periodic.message.count = 0
 
-    def _schedule(self, sent: Sent) -> None:
-        self._loop.call_at(sent.due_ns, lambda: self._send(sent))
-
-    def _send(self, sent: Sent) -> None:
-        now_ns = self._loop.now_ns()
-        if now_ns - sent.due_ns > MOST_BEHIND_NS:
-            missed = (now_ns - sent.due_ns) // sent.period_ns
-            self.figures.not_sent += missed
-            sent.due_ns += missed * sent.period_ns
-        self._cell.advance_to(sent.due_ns)
-        if sent.due_ns < max(sent.silent_until_ns, self._off_until_ns):
-            self.figures.silent += 1
-        else:
-            self._send_frame(sent)
-        sent.due_ns += sent.period_ns
-        self._schedule(sent)
-
-    def _send_frame(self, sent: Sent) -> None:
+    def _send(self, due: Due) -> None:
+        assert isinstance(due, Sent)
         read = self._cell.read
-        frame = sent.message.frame({name: read(signal) for name, signal in sent.signals.items()}, sent.count)
-        if self._bus.send(self, frame, sent.due_ns):
+        values = {name: read(signal) for name, signal in due.signals.items()}
+        if self._bus.send(self, due.message.frame(values, due.counted()), due.due_ns):
             self.figures.sent += 1
         else:
             self.figures.not_sent += 1
-        if sent.due_ns >= sent.counts_from_ns:
-            sent.count += 1

@@ -72,7 +72,12 @@ def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     table = MessageTable(place, options, source, fd=settings.data_bitrate is not None)
     wires = wires_of(name, surroundings.configuration, source, cell)
     sent = [
-        Sent(message, round(1e9 / rate_hz), _filling(message.name, message.signals, wires, cell))
+        Sent(
+            name=message.name,
+            period_ns=round(1e9 / rate_hz),
+            message=message,
+            signals=_filling(message.name, message.signals, wires, cell),
+        )
         for message, rate_hz in table.sent
     ]
     bus = CanBus(settings, loop)

@@ -18,8 +18,8 @@ from .binary_settings import hexadecimal, period_ns, read_board
 from .device_line import DeviceLine
 from .line_device import Behind, LineDevice
 from .line_faults import GcsError, Identity, parsed
-from .line_messages import Due
 from .line_port import Hear, LinePort
+from .messages import Due
 from .plain_options import Place, section, value
 from .played import PlayedDevice, Surroundings
 from .pseudo_terminal import PseudoTerminal

@@ -10,8 +10,8 @@ from .amplifier import Amplifier
 from .cell import PlayedCell
 from .device_line import DeviceLine
 from .line_fault import LineFault
-from .line_messages import Due, MessageFigures, Periodic
 from .line_port import Peer
+from .messages import Due, MessageFigures, Periodic
 from .wires import Wires
 
 _TICK_NS = 1_000_000

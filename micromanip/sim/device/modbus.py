@@ -11,8 +11,8 @@ from . import modbus_faults
 from .device_line import DeviceLine
 from .line_device import Behind
 from .line_faults import Identity
-from .line_messages import MessageFigures
 from .line_port import Peer
+from .messages import MessageFigures
 from .modbus_faults import ModbusException
 from .modbus_frames import Frames, Request, RtuFrames, TcpFrames
 from .modbus_server import answer, refused

@@ -11,9 +11,9 @@ from .device_line import DeviceLine
 from .line_checksum import Checksum
 from .line_device import Behind, LineDevice
 from .line_faults import Identity
-from .line_messages import Due
 from .line_number import LineNumber
 from .line_port import Peer
+from .messages import Due
 
 CLOCK_BEGINS_S = 86_400.0
 """What the device's own clock says when it is switched on: nothing that anyone else's clock says."""

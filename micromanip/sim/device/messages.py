@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 from micromanip.sim.event_loop import EventLoop
 
-MOST_BEHIND_NS = 50_000_000
-"""A machine that is late makes up for it: messages come late, but each with its own sample and time. Not beyond."""
+MOST_BEHIND_NS = 5_000_000
+"""A machine that is late makes up for it: messages come late, but each with its own sample and time. Beyond this they
+would be too old to be of use, and keep the machine busy: they are lost, which their counter shows.
+"""
 
 
 @dataclass
@@ -18,7 +20,7 @@ class MessageFigures:
     sent: int = 0
     received: int = 0
     not_sent: int = 0
-    """Due while the machine stalled."""
+    """Due while the machine stalled, or the queue was full."""
     not_understood: int = 0
     silent: int = 0
     """Due while it was switched off or silenced."""
@@ -42,6 +44,12 @@ class Due:
         if self.due_ns >= self.counts_from_ns:
             self.count += 1
         return count
+
+    def leave_out(self, missed: int) -> None:
+        """So many are never sent."""
+        if self.due_ns >= self.counts_from_ns:
+            self.count += missed
+        self.due_ns += missed * self.period_ns
 
 
 class Periodic:
@@ -73,7 +81,7 @@ class Periodic:
         if now_ns - message.due_ns > MOST_BEHIND_NS:
             missed = (now_ns - message.due_ns) // message.period_ns
             self._figures.not_sent += missed
-            message.due_ns += missed * message.period_ns
+            message.leave_out(missed)
         self._advance_to(message.due_ns)
         if message.due_ns < max(message.silent_until_ns, self.off_until_ns):
             self._figures.silent += 1

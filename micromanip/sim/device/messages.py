@@ -45,12 +45,6 @@ class Due:
             self.count += 1
         return count
 
-    def leave_out(self, missed: int) -> None:
-        """So many are never sent."""
-        if self.due_ns >= self.counts_from_ns:
-            self.count += missed
-        self.due_ns += missed * self.period_ns
-
 
 class Periodic:
     """Calls for a message each time when it is due, also late, with the time for which it was due."""
@@ -77,14 +71,14 @@ class Periodic:
         self._loop.call_at(self.message.due_ns, self._is_due)
 
     def _is_due(self) -> None:
-        message, now_ns = self.message, self._loop.now_ns()
-        if now_ns - message.due_ns > MOST_BEHIND_NS:
-            missed = (now_ns - message.due_ns) // message.period_ns
-            self._figures.not_sent += missed
-            message.leave_out(missed)
+        message = self.message
+        late = self._loop.now_ns() - message.due_ns > MOST_BEHIND_NS
         self._advance_to(message.due_ns)
         if message.due_ns < max(message.silent_until_ns, self.off_until_ns):
             self._figures.silent += 1
+        elif late:  # one after the other all the same: commands that came meanwhile act in between
+            message.counted()
+            self._figures.not_sent += 1
         else:
             self._send(message)
         message.due_ns += message.period_ns

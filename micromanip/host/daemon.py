@@ -16,6 +16,7 @@ from pathlib import Path
 from micromanip.answers import Status
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.io.device_lock import DeviceLocks
+from micromanip.io.rights import leave_cpu, lock_memory
 from micromanip.rt import states
 from micromanip.rt import words as w
 from micromanip.settings.check import Prepared
@@ -29,7 +30,7 @@ from .controller import Controller
 from .messages import LOOP_DIED, LOOP_STUCK
 from .notify import ServiceManager
 from .peer import Peer
-from .realtime import leave_cpu, missing_rights
+from .realtime import missing_rights
 from .recording import RecorderProcess
 from .state_directory import state_directory
 from .statistics import SignalStatistics, report
@@ -100,6 +101,7 @@ class Daemon:
             self._service.status("STARTING: compiling, opening the drivers, warming up")
             gc.collect()
             gc.freeze()  # nor must a walk through all that was imported
+            lock_memory(once_touched=True)  # nor code that has to be read from the disk again
             async with self._workers:
                 await self._controller.start()
                 return await self._supervise()

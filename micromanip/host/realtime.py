@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import gc
 import os
 
+from micromanip.io.rights import lock_memory
 from micromanip.rt.words import NO_FIFO, NO_LOCK, NO_PIN
 
-_MCL_CURRENT_AND_FUTURE = 3
 _LATENCY_WANTED = "/dev/cpu_dma_latency"
 
 ADVICE = {
@@ -29,7 +28,7 @@ def enter_real_time(cpu: int | None, priority: int) -> int:
     refused = 0
     gc.collect()
     gc.freeze()
-    if ctypes.CDLL(None, use_errno=True).mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
+    if not lock_memory():
         refused |= NO_LOCK
     if cpu is not None:
         try:
@@ -51,13 +50,6 @@ def _stay_awake() -> None:
     """
     with contextlib.suppress(OSError):
         os.write(os.open(_LATENCY_WANTED, os.O_WRONLY | os.O_CLOEXEC), (0).to_bytes(4, "little"))
-
-
-def leave_cpu(cpu: int | None) -> None:
-    """Keep the calling process off the loop's CPU, where there is another one."""
-    others = os.sched_getaffinity(0) - {cpu}
-    if cpu is not None and others:
-        os.sched_setaffinity(0, others)
 
 
 def missing_rights(bits: int) -> list[str]:

@@ -23,6 +23,7 @@ from micromanip.errors import ConfigError
 from .bus import BusDriver
 from .image import ProcessImage
 from .registry import driver_class
+from .rights import leave_cpu, lock_memory
 from .safe_state import SafeOutput, SafeState
 from .worker import LOOK_NS, Worker, say
 
@@ -67,13 +68,12 @@ def main() -> int:
 
 
 def take_rights(loop_cpu: int | None, priority: int) -> Callable[[], AbstractContextManager[None]]:
-    """Off the loop's CPU, with a priority below the loop's where that is allowed; what goes back to an ordinary one.
+    """Off the loop's CPU, memory locked, urgent but less than the loop, as far as allowed; what is at ease for a while.
 
     To open a driver takes long: what else runs on this CPU, other buses among it, must not wait for that.
     """
-    others = os.sched_getaffinity(0) - {loop_cpu}
-    if loop_cpu is not None and others:
-        os.sched_setaffinity(0, others)
+    leave_cpu(loop_cpu)
+    lock_memory(once_touched=True)
     urgent = os.sched_param(priority)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, urgent)

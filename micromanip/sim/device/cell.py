@@ -34,6 +34,7 @@ class PlayedCell:
     def advance_to(self, now_ns: int) -> None:
         """Let time pass in plant and amplifiers."""
         clock_ns = self.clock()
+        self.plant.stalls.behind(clock_ns - now_ns)
         for amplifier in self.amplifiers:
             amplifier.tick(clock_ns, now_ns)
         if self.wired_on and any(amplifier.is_commanded for amplifier in self.amplifiers):
@@ -65,7 +66,7 @@ class PlayedCell:
             "outputs": self._outputs(lambda amplifier: amplifier.arrived),
             "amplifier_trips": sum(amplifier.trips for amplifier in self.amplifiers),
             "refused_commands": sum(amplifier.refused for amplifier in self.amplifiers),
-            "stalls": vars(self.plant.stalls).copy(),
+            "stalls": self.plant.stalls.report(),
         }
 
     def report_since_last(self) -> dict[str, Any]:

@@ -6,6 +6,8 @@ import contextlib
 import os
 from pathlib import Path
 
+from micromanip.io.rights import leave_cpu, lock_memory
+
 _NICE = -10
 _AUTOGROUP = Path("/proc/self/autogroup")
 
@@ -15,9 +17,8 @@ def take_precedence(loop_cpu: int | None) -> None:
 
     Stays an ordinary process all the same: what has real-time priority on this machine is the controller.
     """
-    others = os.sched_getaffinity(0) - {loop_cpu}
-    if others:
-        os.sched_setaffinity(0, others)
+    leave_cpu(loop_cpu)
+    lock_memory(once_touched=True)
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, _NICE)
     # Where the kernel shares the CPUs out by session, a nice value counts only among the processes of one session.

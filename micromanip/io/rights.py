@@ -1,0 +1,39 @@
+"""What a process asks of the kernel in order to come to its turn in time."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+from pathlib import Path
+
+_MCL_CURRENT_AND_FUTURE, _MCL_ONFAULT = 3, 4
+_CAP_IPC_LOCK = 14
+
+
+def lock_memory(*, once_touched: bool = False) -> bool:
+    """Keep all memory of the calling process, now and later, from being paged out; False where it may not.
+
+    `once_touched` leaves out what was never used. Code counts too: what was not needed for a while is dropped, and read
+    from the disk again when it is. Where there is a limit nothing is locked: the allocation that one day reaches it
+    would fail.
+    """
+    unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    if not (unlimited or _has_capability(_CAP_IPC_LOCK)):
+        return False
+    flags = _MCL_CURRENT_AND_FUTURE | (_MCL_ONFAULT if once_touched else 0)
+    return bool(ctypes.CDLL(None).mlockall(flags) == 0)
+
+
+def leave_cpu(cpu: int | None) -> None:
+    """Keep the calling process off the loop's CPU, where there is another one."""
+    others = os.sched_getaffinity(0) - {cpu}
+    if cpu is not None and others:
+        os.sched_setaffinity(0, others)
+
+
+def _has_capability(number: int) -> bool:
+    """Whether it is in force for this process (capabilities(7))."""
+    status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    in_force = next(line.split()[1] for line in status.splitlines() if line.startswith("CapEff:"))
+    return bool(int(in_force, 16) >> number & 1)

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
-from micromanip.host.realtime import leave_cpu, missing_rights
+from micromanip.host.realtime import missing_rights
 from micromanip.host.statistics import durations
+from micromanip.io.rights import leave_cpu
 from micromanip.rt import words as w
 from micromanip.rt.states import STOP
 from micromanip.settings.check import Prepared, prepare

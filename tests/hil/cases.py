@@ -62,7 +62,7 @@ CASES = (
     Case("all frames delayed by 0.5 ms", inject("delay", delay_s=0.0005)),
     Case("jitter of 0.5 ms", inject("delay", jitter_s=0.0005)),
     Case("30 % of the frames doubled", inject("duplicate", share=0.3), counted=("repeated",)),
-    Case("neighbours swapped", inject("reorder", share=0.3), counted=("out_of_order",)),
+    Case("sensor frames swapped", inject("reorder", share=0.3, identifier=SENSORS), counted=("out_of_order",)),
     Case("frames held for 100 ms, then a burst", inject("burst", hold_s=0.1), (STRAIN, STAGE, AMPLIFIER), 150.0),
     Case("5 % of the frames corrupted, sent again", inject("corrupt", share=0.05)),
     Case("value frozen, counter running", tell("freeze", signal="strain_x", for_s=0.6), ("X-204", DISAGREE), 100.0),

@@ -16,7 +16,7 @@ from pathlib import Path
 from micromanip.answers import Status
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.io.device_lock import DeviceLocks
-from micromanip.io.rights import leave_cpu, lock_memory
+from micromanip.io.rights import go_before_ordinary_work, leave_cpu, lock_memory
 from micromanip.rt import states
 from micromanip.rt import words as w
 from micromanip.settings.check import Prepared
@@ -38,6 +38,8 @@ from .verbs import Verbs
 from .workers import Workers
 
 _HEARTBEAT_S = 0.02
+_NICE = -10
+"""The loop ends when it has no sign of life of this process for a second."""
 _WORKERS, _SWITCH_S = 2, 0.001
 """Threads that check values and write files, and how soon they let the heartbeat have its turn."""
 _LOOK_S = 0.2
@@ -102,6 +104,7 @@ class Daemon:
             gc.collect()
             gc.freeze()  # nor must a walk through all that was imported
             lock_memory(once_touched=True)  # nor code that has to be read from the disk again
+            go_before_ordinary_work(_NICE)
             async with self._workers:
                 await self._controller.start()
                 return await self._supervise()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import resource
@@ -9,6 +10,7 @@ from pathlib import Path
 
 _MCL_CURRENT_AND_FUTURE, _MCL_ONFAULT = 3, 4
 _CAP_IPC_LOCK = 14
+_AUTOGROUP = Path("/proc/self/autogroup")
 
 
 def lock_memory(*, once_touched: bool = False) -> bool:
@@ -30,6 +32,15 @@ def leave_cpu(cpu: int | None) -> None:
     others = os.sched_getaffinity(0) - {cpu}
     if cpu is not None and others:
         os.sched_setaffinity(0, others)
+
+
+def go_before_ordinary_work(nice: int) -> None:
+    """An ordinary process still, but one with the nice value `nice`; where that is permitted."""
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
+    # Where the kernel shares the CPUs out by session, a nice value counts only among the processes of one session.
+    with contextlib.suppress(OSError):
+        _AUTOGROUP.write_text(str(nice))
 
 
 def _has_capability(number: int) -> bool:

@@ -70,7 +70,13 @@ CASES = (
     Case("bus-off of the controller", inject("bus_off"), (LINK,), 100.0, said="bus-off"),
     Case("controller error-passive", inject("error_passive"), counted=("error_passive",)),
     Case("babbling node with identifier 0", inject("babble"), (STRAIN, STAGE, LINK, AMPLIFIER, DISAGREE), 150.0),
-    Case("transmit queue full (ENOBUFS)", inject("enobufs"), (LINK, AMPLIFIER), 150.0, said="transmit buffer full"),
+    Case(
+        "transmit queue full (ENOBUFS)",
+        inject("enobufs"),
+        (LINK, AMPLIFIER, DISAGREE),
+        150.0,
+        said="transmit buffer full",
+    ),
     Case("device restarted", tell("reboot", for_s=0.5), (STRAIN, STAGE, AMPLIFIER), 150.0),
     Case(
         "step of 50 um of the gauge",
@@ -92,6 +98,12 @@ CASES = (
         note="nothing on the cell can tell: the stage goes with it",
     ),
     Case("gauge says NaN", tell("nan", signal="strain_x", for_s=0.6), (STRAIN,), 100.0),
-    Case("worker killed", kill(signal.SIGKILL), (LINK,), 400.0, said="was killed by signal 9; started again"),
-    Case("worker stopped for 0.5 s", kill(signal.SIGSTOP, 0.5), (LINK, STRAIN, STAGE, AMPLIFIER), 400.0),
+    Case(
+        "worker killed",
+        kill(signal.SIGKILL),
+        (LINK, STRAIN, STAGE),
+        400.0,
+        said="was killed by signal 9; started again",
+    ),
+    Case("worker stopped for 0.5 s", kill(signal.SIGSTOP, 0.5), (LINK, STRAIN, STAGE, AMPLIFIER, DISAGREE), 400.0),
 )

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-from pathlib import Path
-
-from micromanip.io.rights import leave_cpu, lock_memory
+from micromanip.io.rights import go_before_ordinary_work, leave_cpu, lock_memory
 
 _NICE = -10
-_AUTOGROUP = Path("/proc/self/autogroup")
 
 
 def take_precedence(loop_cpu: int | None) -> None:
@@ -19,8 +14,4 @@ def take_precedence(loop_cpu: int | None) -> None:
     """
     leave_cpu(loop_cpu)
     lock_memory(once_touched=True)
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, _NICE)
-    # Where the kernel shares the CPUs out by session, a nice value counts only among the processes of one session.
-    with contextlib.suppress(OSError):
-        _AUTOGROUP.write_text(str(_NICE))
+    go_before_ordinary_work(_NICE)

@@ -16,12 +16,12 @@ _AUTOGROUP = Path("/proc/self/autogroup")
 def lock_memory(*, once_touched: bool = False) -> bool:
     """Keep all memory of the calling process, now and later, from being paged out; False where it may not.
 
-    `once_touched` leaves out what was never used. Code counts too: what was not needed for a while is dropped, and read
-    from the disk again when it is. Where there is a limit nothing is locked: the allocation that one day reaches it
-    would fail.
+    Code counts too: what was not needed for a while is dropped, and read from the disk again when it is.
+    `once_touched` is for processes that go on to allocate: it leaves out what was never used; where there is a limit
+    it locks nothing, since the allocation that one day reaches it would fail.
     """
     unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
-    if not (unlimited or _has_capability(_CAP_IPC_LOCK)):
+    if once_touched and not (unlimited or _has_capability(_CAP_IPC_LOCK)):
         return False
     flags = _MCL_CURRENT_AND_FUTURE | (_MCL_ONFAULT if once_touched else 0)
     return bool(ctypes.CDLL(None).mlockall(flags) == 0)

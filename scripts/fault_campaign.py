@@ -26,7 +26,8 @@ HEAD = """# Fault campaign
 
 What faults of a bus do to the whole controller: daemon, workers and loop as in operation, the devices of an example
 played by `simulate-device`. One daemon goes through all faults of an example. Written by
-`make fault-campaign`; figures of one run on a shared machine with two processors.
+`make fault-campaign`; figures of one run on a shared machine with two processors. What must follow goes by what a
+fault does to the cell (no samples, commands that don't arrive, neither); whichever watch notices first is right.
 
 A stepped wall clock, the overflow of a receive queue, and an interface that goes down need a kernel of their own:
 `make test-vm` has them on SocketCAN. The loop and the host are killed in `make soak-kill`.

@@ -13,6 +13,7 @@ from micromanip.rt import words as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
 
+from .ages import Ages
 from .controller import Controller
 from .ring import RingReader
 
@@ -29,7 +30,7 @@ class SignalStatistics:
         self._names = list(controller.prepared.configuration.axes)
         self._fresh: Counter[str] = Counter()
         self._cycles: Counter[str] = Counter()
-        self._ages: dict[str, Counter[int]] = {}
+        self._ages: dict[str, Ages] = {}
         self._late: Counter[str] = Counter()
         self._stale: Counter[str] = Counter()
 
@@ -52,8 +53,7 @@ class SignalStatistics:
                 too_old = ages_us > (np.inf if limit_us is None else limit_us)
                 self._late[name] += int(np.count_nonzero(too_old & fresh[first:]))
                 self._stale[name] += int(np.count_nonzero(too_old))
-                ages, counts = np.unique(ages_us, return_counts=True)
-                self._ages.setdefault(name, Counter()).update(dict(zip(ages.tolist(), counts.tolist(), strict=True)))
+                self._ages.setdefault(name, Ages()).add(ages_us)
 
     def report(self) -> dict[str, SignalFigures]:
         """What was gathered, by the signals' names."""
@@ -64,24 +64,15 @@ class SignalStatistics:
             state = self._controller.status["state"][0]["axis"][self._names.index(axis)][role]
             report[name] = {
                 "rate_hz": round(self._fresh[name] / max(1, self._cycles[name]) / period_s, 1),
-                "age_p50_us": _percentile(ages, 0.5),
-                "age_p99_9_us": _percentile(ages, 0.999),
-                "age_max_us": max(ages) if ages else None,
+                "age_p50_us": ages.percentile(0.5),
+                "age_p99_9_us": ages.percentile(0.999),
+                "age_max_us": ages.maximum,
                 "lost": int(state["lost"]),
                 "samples": self._fresh[name],
                 "late": self._late[name],
                 "stale_cycles": self._stale[name],
             }
         return report
-
-
-def _percentile(ages: Counter[int], share: float) -> int | None:
-    seen, total = 0, ages.total()
-    for age in sorted(ages):
-        seen += ages[age]
-        if seen >= share * total:
-            return age
-    return None
 
 
 def durations(histogram: Any, maximum: int) -> Durations:

@@ -81,7 +81,7 @@ class EventLoop:
     def run(self, until_ns: int | None = None) -> None:
         """Serve until ``stop``, or until `until_ns` has passed; what is ready now is served in any case.
 
-        With more to do than it can it pauses for 2 ms every 20: its process may be more urgent than those that it serves.
+        With more to do than it can it pauses for 2 ms every 20: its process may be more urgent than those it serves.
         """
         _libc.prctl(_PR_SET_TIMERSLACK, _SLACK_NS)  # the kernel's default lets it wake this thread 50 us late
         self._rested_ns = time.monotonic_ns()

@@ -31,6 +31,7 @@ def campaign(folder: Path, text: str, cases: tuple[Case, ...], watchdog_ms: floa
         for case in cases:
             yield bench.try_out(case)
         grown = bench.running.descriptors - before
+        bench.rest()
     finally:
         code, played, left = bench.end()
     end = Outcome("the end")

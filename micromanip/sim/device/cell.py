@@ -70,8 +70,9 @@ class PlayedCell:
         }
 
     def report_since_last(self) -> dict[str, Any]:
-        """Path error and outputs since the last call, the rest since the start."""
+        """Path error, outputs and the latest event since the last call, the rest since the start."""
         report = self.report()
+        self.plant.stalls.latest_ms = 0.0
         report["path_error_um"] = self._errors_since_report.report()
         report["outputs"] = self._outputs(Amplifier.take_report)
         self._errors_since_report = PathError(self.plant.inputs)

@@ -34,20 +34,29 @@ class Stalls:
     _late = False
     count: int = 0
     longest_ms: float = 0.0
+    latest_ms: float = 0.0
+    """How late an event came at most since somebody last set this to 0, also where it was no stall."""
     skipped_ms: float = 0.0
     """Time in which the plant stood still, because making it up would have blocked for too long."""
 
     def behind(self, late_ns: int) -> None:
         """What happens now should have happened `late_ns` ago: a stall, until that is made up."""
-        begins = late_ns >= STALL_PERIODS * PERIOD_NS and not self._late
-        self._late = late_ns >= STALL_PERIODS * PERIOD_NS
-        if begins:
-            self.count += 1
-            self.longest_ms = max(self.longest_ms, late_ns * 1e-6)
+        late_ms = late_ns * 1e-6
+        self.latest_ms = max(self.latest_ms, late_ms)
+        late = late_ns >= STALL_PERIODS * PERIOD_NS
+        self.count += late and not self._late
+        self._late = late
+        if late:
+            self.longest_ms = max(self.longest_ms, late_ms)
 
     def report(self) -> dict[str, float]:
         """For a document."""
-        return {"count": self.count, "longest_ms": self.longest_ms, "skipped_ms": self.skipped_ms}
+        return {
+            "count": self.count,
+            "longest_ms": self.longest_ms,
+            "latest_ms": self.latest_ms,
+            "skipped_ms": self.skipped_ms,
+        }
 
 
 class PlantInRealTime:

@@ -116,3 +116,5 @@ def test_a_stall_beyond_that_leaves_frames_out_and_says_so(controller):
     assert max(np.diff(counts)) == pytest.approx(1000, abs=10), "the controller can't tell that samples are missing"
     assert figures["stalls"]["count"] == 1
     assert figures["stalls"]["longest_ms"] == pytest.approx(500, abs=60)
+    assert figures["stalls"]["latest_ms"] == figures["stalls"]["longest_ms"]
+    assert controller.order('{"report": true}')["stalls"]["latest_ms"] == 0.0

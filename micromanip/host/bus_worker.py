@@ -14,6 +14,7 @@ from typing import Any
 from micromanip.answers import Link
 from micromanip.errors import DeviceUnavailable
 from micromanip.io.backoff import RestartLimit
+from micromanip.io.bus import BusOptions
 from micromanip.io.image import ProcessImage
 from micromanip.rt.image import ALIVE_NS, EPOCH, IMAGE, LINK, LINK_DOWN, LINK_LATCHED, LINK_UP
 from micromanip.settings.check import Prepared
@@ -183,9 +184,11 @@ class BusWorker:
 def _orders(prepared: Prepared, name: str, descriptor: int, offset: int) -> dict[str, Any]:
     configuration, wiring = prepared.configuration, prepared.wiring
     outputs = wiring.safe_outputs(name, configuration)
+    options = wiring.options[name]
+    assert isinstance(options, BusOptions)
     return {
         "driver": configuration.drivers[name].driver,
-        "options": wiring.options[name].model_dump_json(),
+        "options": options.model_dump_json(),
         "folder": str(prepared.source.path.parent),
         "descriptor": descriptor,
         "offset": offset,
@@ -194,5 +197,6 @@ def _orders(prepared: Prepared, name: str, descriptor: int, offset: int) -> dict
         "dead_ns": round(configuration.faults.link.loop_silent_ms * 1e6),
         "patience_ns": round(configuration.faults.link.silent_ms * 1e6),
         "loop_cpu": configuration.loop.cpu,
+        "cpu": options.cpu,
         "priority": max(1, configuration.loop.priority - _BELOW_LOOP),
     }

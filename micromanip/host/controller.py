@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
+from micromanip.io.rights import beginning_on_cpu
 from micromanip.rt import words as w
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, PROMOTE, SHADOWING, STARTING, STATE_NAMES
@@ -58,14 +59,15 @@ class Controller:
         """
         self.beat()
         orders = loop_orders(self.prepared, self.segments.descriptors, self.offsets, self._socket_path)
-        self.process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *("-m", "micromanip.host.loop_process"),
-            stdin=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            pass_fds=(*self.segments.descriptors, *self._locks),
-            start_new_session=True,
-        )
+        with beginning_on_cpu(self.prepared.configuration.loop.cpu):
+            self.process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                *("-m", "micromanip.host.loop_process"),
+                stdin=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.PIPE,
+                pass_fds=(*self.segments.descriptors, *self._locks),
+                start_new_session=True,
+            )
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps(orders).encode())
         self.process.stdin.close()

@@ -6,7 +6,7 @@ import contextlib
 import gc
 import os
 
-from micromanip.io.rights import lock_memory
+from micromanip.io.rights import lock_memory, stay_on_cpu
 from micromanip.rt.words import NO_FIFO, NO_LOCK, NO_PIN
 
 _LATENCY_WANTED = "/dev/cpu_dma_latency"
@@ -30,11 +30,8 @@ def enter_real_time(cpu: int | None, priority: int) -> int:
     gc.freeze()
     if not lock_memory():
         refused |= NO_LOCK
-    if cpu is not None:
-        try:
-            os.sched_setaffinity(0, {cpu})
-        except OSError:
-            refused |= NO_PIN
+    if cpu is not None and not stay_on_cpu(cpu):
+        refused |= NO_PIN
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError:

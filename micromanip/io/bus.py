@@ -35,6 +35,9 @@ class BusOptions(BaseModel):
         strict=True,
         description="What answers is `micromanip simulate-device`, or a bench without actuators: nothing real moves.",
     )
+    cpu: int | None = Field(
+        default=None, strict=True, ge=0, description="CPU its worker process is pinned to; null: any but the loop's."
+    )
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import os
 import resource
+from collections.abc import Iterator
 from pathlib import Path
 
 _MCL_CURRENT_AND_FUTURE, _MCL_ONFAULT = 3, 4
@@ -32,6 +33,27 @@ def leave_cpu(cpu: int | None) -> None:
     others = os.sched_getaffinity(0) - {cpu}
     if cpu is not None and others:
         os.sched_setaffinity(0, others)
+
+
+def stay_on_cpu(cpu: int) -> bool:
+    """Pin the calling process to a CPU; False where there is no such one, or it is not allowed."""
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except OSError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def beginning_on_cpu(cpu: int | None) -> Iterator[None]:
+    """What is started meanwhile begins on that CPU, if it may: it imports and compiles there, not beside the caller."""
+    before = os.sched_getaffinity(0)
+    if cpu is not None:
+        stay_on_cpu(cpu)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 def go_before_ordinary_work(nice: int) -> None:

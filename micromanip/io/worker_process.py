@@ -23,7 +23,7 @@ from micromanip.errors import ConfigError
 from .bus import BusDriver
 from .image import ProcessImage
 from .registry import driver_class
-from .rights import leave_cpu, lock_memory
+from .rights import leave_cpu, lock_memory, stay_on_cpu
 from .safe_state import SafeOutput, SafeState
 from .worker import LOOK_NS, Worker, say
 
@@ -57,7 +57,7 @@ def main() -> int:
     before = last[: len(outputs)] if last_ns else None
     safe = SafeState(outputs, orders["ramp_ns"], orders["dead_ns"], before, last_ns)
     look_ns = max(LOOK_NS, min(orders["dead_ns"], orders["patience_ns"]) // 5)
-    at_ease = take_rights(orders["loop_cpu"], orders["priority"])
+    at_ease = take_rights(orders["cpu"], orders["loop_cpu"], orders["priority"])
     worker = Worker(driver, image, safe, len(outputs), orders["patience_ns"], look_ns, at_ease)
     signal.signal(signal.SIGTERM, lambda *_: worker.end())
     threading.Thread(target=_listen, args=(worker,), daemon=True).start()
@@ -67,12 +67,16 @@ def main() -> int:
     return 0
 
 
-def take_rights(loop_cpu: int | None, priority: int) -> Callable[[], AbstractContextManager[None]]:
-    """Off the loop's CPU, memory locked, urgent but less than the loop, as far as allowed; what is at ease for a while.
+def take_rights(cpu: int | None, loop_cpu: int | None, priority: int) -> Callable[[], AbstractContextManager[None]]:
+    """On its own CPU, or off the loop's, memory locked, urgent but less than the loop; what is at ease for a while.
 
-    To open a driver takes long: what else runs on this CPU, other buses among it, must not wait for that.
+    As far as allowed: what is refused is told. To open a driver takes long: what else runs on this CPU, other buses
+    among it, must not wait for that.
     """
-    leave_cpu(loop_cpu)
+    if cpu is None:
+        leave_cpu(loop_cpu)
+    elif not stay_on_cpu(cpu):
+        say({"event": "rights", "text": f"its worker is not pinned to CPU {cpu}: it does not exist or is not allowed"})
     lock_memory(once_touched=True)
     urgent = os.sched_param(priority)
     try:

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.io.bus import BusOptions
+
 from .buses import bus_findings
 from .compile import compile_cell
 from .feedback import feedback_findings
@@ -89,7 +91,8 @@ def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Findin
     """
     buses = list(bus_findings(configuration, wiring))
     feedback = [] if buses else feedback_findings(configuration, wiring)
-    return [*_safety(configuration, wiring), *_stability(configuration), *buses, *feedback]
+    workers = _workers(configuration, wiring)
+    return [*_safety(configuration, wiring), *_stability(configuration), *workers, *buses, *feedback]
 
 
 def _refuse(source: Source, findings: list[Finding]) -> None:
@@ -197,9 +200,20 @@ def _machine(configuration: Configuration) -> Iterator[Finding]:
     loop = configuration.loop
     if loop.spin_us * 1e3 >= loop.period_ns:
         yield ("loop", "spin_us"), f"must be shorter than the period of {loop.period_ns / 1e3:g} us"
+    yield from _cpu(configuration, ("loop", "cpu"), loop.cpu)
+
+
+def _cpu(configuration: Configuration, place: tuple[str, ...], cpu: int | None) -> Iterator[Finding]:
     count = os.cpu_count() or 1
-    if loop.limits == "hardware" and loop.cpu is not None and loop.cpu >= count:
-        yield ("loop", "cpu"), f"this machine has the CPUs 0 to {count - 1}"
+    if configuration.loop.limits == "hardware" and cpu is not None and cpu >= count:
+        yield place, f"this machine has the CPUs 0 to {count - 1}"
+
+
+def _workers(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
+    for name in wiring.buses:
+        options = wiring.options[name]
+        assert isinstance(options, BusOptions)
+        yield from _cpu(configuration, ("drivers", name, "cpu"), options.cpu)
 
 
 def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:

@@ -50,7 +50,7 @@ def test_to_open_a_driver_holds_nobody_up_and_what_it_begins_is_urgent(thread, m
         if not may_be_urgent():
             pytest.skip("no right to SCHED_FIFO here")
         monkeypatch.setattr("os.listdir", lambda _: [str(threading.get_native_id()), *map(str, began), "4194303"])
-        at_ease = take_rights(None, PRIORITY)
+        at_ease = take_rights(None, None, PRIORITY)
         assert os.sched_getscheduler(0) == os.SCHED_FIFO
         with at_ease():
             assert os.sched_getscheduler(0) == os.SCHED_OTHER
@@ -71,7 +71,7 @@ def test_without_the_right_it_works_all_the_same_and_says_so(thread, monkeypatch
         raise PermissionError
 
     monkeypatch.setattr("os.sched_setscheduler", refused)
-    with take_rights(None, PRIORITY)():
+    with take_rights(None, None, PRIORITY)():
         pass
     assert "no real-time priority" in capfd.readouterr().out
 
@@ -82,7 +82,27 @@ def test_it_keeps_off_the_cpu_of_the_loop(thread):
         pytest.skip("one CPU only")
 
     def worker():
-        take_rights(min(cpus), PRIORITY)
+        take_rights(None, min(cpus), PRIORITY)
         assert os.sched_getaffinity(0) == cpus - {min(cpus)}
 
     thread(worker)
+
+
+def test_it_goes_to_its_own_cpu_where_one_is_given(thread):
+    own = max(os.sched_getaffinity(0))
+
+    def worker():
+        take_rights(own, own, PRIORITY)
+        assert os.sched_getaffinity(0) == {own}
+
+    thread(worker)
+
+
+def test_a_cpu_that_is_not_there_is_told(thread, capfd):
+    def worker():
+        before = os.sched_getaffinity(0)
+        take_rights(1023, None, PRIORITY)
+        assert os.sched_getaffinity(0) == before
+
+    thread(worker)
+    assert "not pinned to CPU 1023" in capfd.readouterr().out

@@ -149,7 +149,7 @@ class Bench:
             fault = int(state["fault"])
             outcome.code = FAULTS[fault].code
             outcome.detected_ms = (self._time_of(int(state["fault_cycle"])) - begin_ns) * 1e-6
-            until(lambda: self.running.state == "FAULT", lambda: f"no FAULT but {self.running.state}")
+            until(lambda: self.running.state == "FAULT", lambda: f"no FAULT; {self.running.last_words()}")
             with self.client() as client:
                 outcome.message = (client.status()["faults"] or [""])[0]
             time.sleep(max(0.0, case.lasts_s - (time.monotonic_ns() - begin_ns) * 1e-9))

@@ -14,7 +14,6 @@ from typing import Any
 from micromanip.answers import Link
 from micromanip.errors import DeviceUnavailable
 from micromanip.io.backoff import RestartLimit
-from micromanip.io.bus import BusOptions
 from micromanip.io.image import ProcessImage
 from micromanip.rt.image import ALIVE_NS, EPOCH, IMAGE, LINK, LINK_DOWN, LINK_LATCHED, LINK_UP
 from micromanip.settings.check import Prepared
@@ -184,8 +183,7 @@ class BusWorker:
 def _orders(prepared: Prepared, name: str, descriptor: int, offset: int) -> dict[str, Any]:
     configuration, wiring = prepared.configuration, prepared.wiring
     outputs = wiring.safe_outputs(name, configuration)
-    options = wiring.options[name]
-    assert isinstance(options, BusOptions)
+    options = wiring.bus_options(name)
     return {
         "driver": configuration.drivers[name].driver,
         "options": options.model_dump_json(),

@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.io.bus import BusOptions
-
 from .buses import bus_findings
 from .compile import compile_cell
 from .feedback import feedback_findings
@@ -211,9 +209,7 @@ def _cpu(configuration: Configuration, place: tuple[str, ...], cpu: int | None) 
 
 def _workers(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
     for name in wiring.buses:
-        options = wiring.options[name]
-        assert isinstance(options, BusOptions)
-        yield from _cpu(configuration, ("drivers", name, "cpu"), options.cpu)
+        yield from _cpu(configuration, ("drivers", name, "cpu"), wiring.bus_options(name).cpu)
 
 
 def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:

@@ -55,6 +55,12 @@ class Wiring:
         """Whether the whole cell can run in virtual time."""
         return all(driver.virtual for driver in self.drivers.values())
 
+    def bus_options(self, name: str) -> BusOptions:
+        """Options of the bus called `name`."""
+        options = self.options[name]
+        assert isinstance(options, BusOptions)
+        return options
+
     def safe_outputs(self, name: str, configuration: Configuration) -> list[SafeOutput]:
         """How each output of the bus called `name` comes to rest, in the order of its driver."""
         bridge, first = self.buses[name], self.first_output[name]

@@ -82,36 +82,27 @@ class Bench:
             return next(iter(client.status()["links"].values()))
 
     def track(self):
-        """Reset, arm and wait for TRACKING; tries again while a sensor or a link is not back yet."""
-        begin = time.monotonic()
-        refused = ""
-        while self.running.state != "TRACKING":
-            assert time.monotonic() - begin < PATIENCE_S, (
-                f"does not track again: {refused}; {self.running.last_words()}"
-            )
-            try:
-                with self.client() as client:
-                    if self.running.state == "FAULT":
-                        client.reset()
-                    if self.running.state == "READY":
-                        client.arm()
-            except MicromanipError as problem:
-                refused = str(problem)
-            time.sleep(0.02)
-        return time.monotonic() - begin
+        """Reset, arm, wait for TRACKING; tries again while a sensor or a link is not back yet. How long it took (s)."""
+        return self._bring_to("TRACKING", FAULT="reset", READY="arm")
 
     def rest(self):
         """Disarm and come to rest; what a machine that stood still brought about meanwhile is reset."""
-        until(self._is_at_rest, self.running.last_words)
+        self._bring_to("READY", FAULT="reset", TRACKING="disarm")
 
-    def _is_at_rest(self):
-        state = self.running.state
-        with suppress(MicromanipError), self.client() as client:
-            if state == "TRACKING":
-                client.disarm()
-            elif state == "FAULT":
-                client.reset()
-        return state == "READY"
+    def _bring_to(self, goal, **verbs):
+        """Wait for a state; until then each state that has a verb gets it, over and over."""
+        begin = time.monotonic()
+        refused = ""
+        while (state := self.running.state) != goal:
+            assert time.monotonic() - begin < PATIENCE_S, f"no {goal}: {refused}; {self.running.last_words()}"
+            if state in verbs:
+                try:
+                    with self.client() as client:
+                        getattr(client, verbs[state])()
+                except MicromanipError as problem:
+                    refused = str(problem)
+            time.sleep(0.02)
+        return time.monotonic() - begin
 
     def try_out(self, case):
         """Bring a fault about, see what follows, undo it; the outcome."""

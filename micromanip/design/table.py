@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.regular_file import require_regular
 
 Array = NDArray[np.float64]
 
@@ -32,8 +33,11 @@ class Table(dict[str, Array]):
 
 def read_table(file: Path) -> Table:
     """All columns of `file`."""
-    if not file.is_file():
-        raise CheckFailed(f"{file}: no such file")
+    try:
+        require_regular(file)
+    except OSError as problem:
+        why = "no such file" if isinstance(problem, FileNotFoundError) else f"can't be read: {problem.strerror}"
+        raise CheckFailed(f"{file}: {why}") from problem
     return _read_hdf5(file) if file.suffix in (".h5", ".hdf5") else _read_text(file)
 
 

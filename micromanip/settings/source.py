@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from micromanip.errors import ConfigError
+from micromanip.regular_file import open_regular
 
 from . import yaml_nodes
 from .place import Path
@@ -17,6 +18,7 @@ from .yaml_text import Problem
 
 _MAX_BYTES = 1_000_000  # a configuration has some 10 kB; whoever names a recording by mistake gets an answer at once
 _MAX_SHOWN = 10
+_LONGEST = 1_000
 
 KeyPath = str | Sequence[str | int]
 
@@ -74,7 +76,7 @@ class Source:
     def errors(self, findings: Iterable[tuple[KeyPath, str]]) -> ConfigError:
         """Several things that are wrong, each at its key path."""
         paths = [(tuple(path.split(".")) if isinstance(path, str) else tuple(path), text) for path, text in findings]
-        return self.report(Problem(self._line(path), path, " ".join(text.split())) for path, text in paths)
+        return self.report(Problem(self._line(path), path, _one_line(text)) for path, text in paths)
 
     def report(self, problems: Iterable[Problem]) -> ConfigError:
         """Problems in the order of the file, a line each."""
@@ -95,6 +97,13 @@ class Source:
         return self.lines.get(path, 1)
 
 
+def _one_line(text: str) -> str:
+    """A message as one line that a terminal can show, whatever it quotes."""
+    line = " ".join(text.split())
+    shown = "".join(character if character.isprintable() else ascii(character)[1:-1] for character in line)
+    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]} ..."
+
+
 def key_text(path: Path) -> str:
     """``axes.x.hysteresis.weights[3]``."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{_shown(part)}" for part in path)
@@ -108,7 +117,7 @@ def _shown(key: str) -> str:
 
 def _read_text(file: pathlib.Path) -> str:
     try:
-        with file.open("rb") as stream:
+        with open_regular(file) as stream:
             content = stream.read(_MAX_BYTES + 1)
     except FileNotFoundError:
         raise ConfigError(f"{file}: no such file; config/ has examples") from None

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.regular_file import open_regular
 from micromanip.rt.records import MAX_AXES
 
 from .model import Configuration
 from .reference import File
 from .source import Source
+
+_MOST_BYTES = 500_000_000
+_MOST_ROWS = 40_000_000
+"""An hour and more at 10 kHz; the samples are kept in memory."""
 
 
 def load_samples(configuration: Configuration, source: Source) -> NDArray[np.float64]:
@@ -22,7 +28,7 @@ def load_samples(configuration: Configuration, source: Source) -> NDArray[np.flo
     path = Path(source.path).parent / reference.path
     key = ("reference", "path")
     try:
-        with path.open(encoding="utf-8") as file:
+        with io.TextIOWrapper(open_regular(path, _MOST_BYTES), encoding="utf-8") as file:
             names = file.readline().strip().split(",")
             rows = [row for row in file if row.partition("#")[0].strip()]
         table = np.loadtxt(rows, delimiter=",", ndmin=2) if rows else np.empty((0, len(names)))
@@ -38,6 +44,12 @@ def load_samples(configuration: Configuration, source: Source) -> NDArray[np.flo
     if len(table) < 2 or not np.isfinite(table).all():
         raise source.error(key, f"{reference.path} needs at least two rows of finite numbers")
     duration_s = (len(table) - 1) / reference.sample_rate_Hz
+    if duration_s * configuration.loop.rate_hz >= _MOST_ROWS:
+        raise source.error(
+            ("reference", "sample_rate_Hz"),
+            f"at {reference.sample_rate_Hz:g} rows a second {reference.path} lasts {duration_s:.6g} s, more than the "
+            f"{_MOST_ROWS / configuration.loop.rate_hz:.6g} s that fit",
+        )
     taken = np.arange(len(table)) / reference.sample_rate_Hz
     wanted = np.arange(round(duration_s * configuration.loop.rate_hz) + 1) / configuration.loop.rate_hz
     samples = np.zeros((len(wanted), MAX_AXES))

@@ -13,9 +13,12 @@ from cantools.database.errors import UnsupportedDatabaseFormatError
 
 from micromanip.errors import ConfigError
 from micromanip.io.can_bits import CLASSIC_LENGTHS, FD_LENGTHS
+from micromanip.regular_file import require_regular
 
 # its warnings are about messages that we refuse in words of our own, where they matter
 logging.getLogger("cantools").addHandler(logging.NullHandler())
+
+_MOST_BYTES = 20_000_000
 
 
 class Database:
@@ -24,6 +27,7 @@ class Database:
     def __init__(self, file: Path) -> None:
         self.name = file.name
         try:
+            require_regular(file, _MOST_BYTES)
             self._database: Any = cantools.database.load_file(file, database_format="dbc")
         except OSError as error:
             raise ConfigError(f"database: {file} can't be read: {error.strerror}") from error

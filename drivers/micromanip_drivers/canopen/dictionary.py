@@ -13,10 +13,12 @@ from pathlib import Path
 from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODArray, ODVariable, import_od
 
 from micromanip.errors import ConfigError
+from micromanip.regular_file import require_regular
 
 logging.getLogger("canopen").addHandler(logging.NullHandler())  # what goes wrong comes as an exception
 
 _NUMBER = re.compile(r"^(?:0x)?([0-9A-Fa-f]{4})(?:sub([0-9A-Fa-f]{1,2}))?$")
+_MOST_BYTES = 20_000_000
 PROCESS_DATA = range(0x2000, 0x10000)
 """Indices that carry process data; below them lies the communication."""
 
@@ -93,6 +95,7 @@ def _parsed(file: Path, node_id: int) -> ObjectDictionary:
     if file.suffix.lower() not in (".eds", ".dcf"):
         raise ConfigError(f"{file}: a file of CANopen objects ends in .eds or .dcf")
     try:
+        require_regular(file, _MOST_BYTES)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # the library's own, where it logs
             objects = import_od(str(file), node_id)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.regular_file import open_regular
 
 FORMAT = 1
 PARTIAL = ".part"
@@ -76,7 +77,7 @@ class Box:
     def load(cls, file: Path) -> Box:
         """Read a file; raises CheckFailed where it is none, or damaged."""
         try:
-            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            with open_regular(file) as stream, np.load(stream, allow_pickle=False) as stored:
                 meta = json.loads(str(stored["meta"]))
                 if meta["format"] != FORMAT:
                     raise CheckFailed(f"{file} has format {meta['format']}; this version reads format {FORMAT}")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.host.messages import ALL, FAULTS, seen
+from micromanip.regular_file import open_regular
 from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
 
 from .box import Box
@@ -132,7 +133,8 @@ def _number(value: Any) -> float | None:
 def _present(file: Path, sha256: str) -> str:
     """What has become of the configuration's file: unchanged, changed or missing."""
     try:
-        text = file.read_text(encoding="utf-8-sig")
+        with open_regular(file) as stream:
+            text = stream.read().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError):
         return "missing"
     return "unchanged" if hashlib.sha256(text.encode()).hexdigest() == sha256 else "changed"

@@ -10,26 +10,36 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError
 
-from .options import config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 
 
-@click.command("analyse", epilog="Example: micromanip analyse config/simulated.yaml --axis x --out out/analyse")
+@click.command(
+    "analyse", cls=StrictCommand, epilog="Example: micromanip analyse config/simulated.yaml --axis x --out out/analyse"
+)
 @config_argument
 @click.option(
     "--out", "folder", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the figures."
 )
 @click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
 @click.option(
-    "--samples", type=click.IntRange(min=0), default=100, show_default=True, help="Plants that are drawn, an axis."
+    "--samples",
+    type=click.IntRange(0, 1_000_000),
+    default=100,
+    show_default=True,
+    help="Plants that are drawn, an axis.",
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the first plant; the next follow."
+    "--seed", type=Quantity("Seed"), default=1, show_default=True, help="Seed of the first plant; the next follow."
 )
 @click.option(
     "--simulate", is_flag=True, help="Also run the whole cell, in virtual time, with every plant (driver simulated)."
 )
 @click.option(
-    "--jobs", type=int, default=-1, show_default="one a CPU", help="Processes that share the plants; 1: this one alone."
+    "--jobs",
+    type=click.IntRange(-1, 1024),
+    default=-1,
+    show_default="one a CPU",
+    help="Processes that share the plants; 1: this one alone.",
 )
 @click.option("--cluster", "address", help="Dask scheduler that takes the plants instead, e.g. tcp://host:8786.")
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")

@@ -8,10 +8,10 @@ import click
 
 from micromanip.client import Client
 
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 
 
-@click.command("arm", epilog="Example: micromanip arm")
+@click.command("arm", cls=StrictCommand, epilog="Example: micromanip arm")
 @socket_option
 @json_option
 def command(socket_path: Path, as_json: bool) -> None:

@@ -8,11 +8,11 @@ import click
 
 from micromanip.client import Client
 
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 from .parameters import brief
 
 
-@click.command("audit", epilog="Example: micromanip audit --last 5")
+@click.command("audit", cls=StrictCommand, epilog="Example: micromanip audit --last 5")
 @click.option("--last", type=click.IntRange(1, 1000), default=20, show_default=True, help="How many entries.")
 @socket_option
 @json_option

@@ -12,15 +12,15 @@ import click
 import micromanip
 from micromanip.errors import DeviceUnavailable
 
-from .options import json_option, print_json
+from .options import Quantity, StrictCommand, json_option, print_json
 
 
-@click.command("bench", epilog="Example: micromanip bench --only cycle --only offline")
+@click.command("bench", cls=StrictCommand, epilog="Example: micromanip bench --only cycle --only offline")
 @click.option("--only", multiple=True, metavar="NAME", help="One of the names below; may be repeated.")
-@click.option("--pairs", type=click.IntRange(min=1), default=15, show_default=True, help="Interleaved pairs.")
+@click.option("--pairs", type=Quantity("Count"), default=15, show_default=True, help="Interleaved pairs.")
 @click.option(
     "--lateness-s",
-    type=click.FloatRange(min=1.0),
+    type=Quantity("Seconds", least=1.0),
     default=2.0,
     show_default=True,
     help="Length of each measurement of lateness, whole seconds.",

@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from .options import config_argument, json_option, print_json
+from .options import StrictCommand, config_argument, json_option, print_json
 
 
-@click.command("check", epilog="Example: micromanip check config/simulated.yaml")
+@click.command("check", cls=StrictCommand, epilog="Example: micromanip check config/simulated.yaml")
 @config_argument
 @json_option
 def command(config: Path, as_json: bool) -> None:

@@ -12,7 +12,7 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError
 
-from .options import config_argument, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
 
 if TYPE_CHECKING:
     from micromanip.design.commission.cell import CommissionedCell
@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 REPORT, TUNED, PREVIOUS = "report.html", "tuned.yaml", "previous.yaml"
 
 
-@click.command("commission", epilog="Example: micromanip commission config/factory.yaml --axis all --out out/cell")
+@click.command(
+    "commission",
+    cls=StrictCommand,
+    epilog="Example: micromanip commission config/factory.yaml --axis all --out out/cell",
+)
 @config_argument
 @click.option("--axis", "only", required=True, help="The axis, or all of them one after the other: all.")
 @click.option(
@@ -31,14 +35,14 @@ REPORT, TUNED, PREVIOUS = "report.html", "tuned.yaml", "previous.yaml"
     help=f"Folder for {TUNED}, {REPORT} and {PREVIOUS}.",
 )  # fmt: skip
 @click.option(
-    "--bandwidth", "bandwidth_Hz", type=click.FloatRange(min=1.0), metavar="HZ",
+    "--bandwidth", "bandwidth_Hz", type=Quantity("Hertz", least=1.0), metavar="HZ",
     help="Crossover of the outer loop  [default: the highest that keeps the margins]",
 )  # fmt: skip
 @click.option(
-    "--noise", "noise_um", type=click.FloatRange(min=1e-4), metavar="UM",
+    "--noise", "noise_um", type=Quantity("Distance", least=1e-4), metavar="UM",
     help="Noise of the capacitive sensor, rms: more makes the outer loop calmer  [default: as measured]",
 )  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the excitations.")
+@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Of the excitations.")
 @click.option("--live", is_flag=True, help="Through the running loop also on a simulation, in real time.")
 @click.option("--yes", is_flag=True, help="Don't ask before a real stage moves.")
 @socket_option

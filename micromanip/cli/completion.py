@@ -5,8 +5,10 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
+from .options import StrictCommand
 
-@click.command("completion", epilog='Example: eval "$(micromanip completion bash)"')
+
+@click.command("completion", cls=StrictCommand, epilog='Example: eval "$(micromanip completion bash)"')
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def command(context: click.Context, shell: str) -> None:

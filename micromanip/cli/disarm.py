@@ -8,10 +8,10 @@ import click
 
 from micromanip.client import Client
 
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 
 
-@click.command("disarm", epilog="Example: micromanip disarm")
+@click.command("disarm", cls=StrictCommand, epilog="Example: micromanip disarm")
 @socket_option
 @json_option
 def command(socket_path: Path, as_json: bool) -> None:

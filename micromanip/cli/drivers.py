@@ -9,13 +9,13 @@ import click
 
 from micromanip.errors import CheckFailed
 
-from .options import json_option, print_json
+from .options import StrictCommand, json_option, print_json
 
 if TYPE_CHECKING:
     from micromanip.io.inspection import Inspected
 
 
-@click.command("drivers", epilog="Example: micromanip drivers")
+@click.command("drivers", cls=StrictCommand, epilog="Example: micromanip drivers")
 @json_option
 def command(as_json: bool) -> None:
     """List the installed drivers: kind, package and version, where each comes from, what is wrong with it.

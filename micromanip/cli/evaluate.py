@@ -9,15 +9,17 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 
 
-@click.command("evaluate", epilog="Example: micromanip evaluate config/simulated.yaml --axis x --out out/evaluate")
+@click.command(
+    "evaluate",
+    cls=StrictCommand,
+    epilog="Example: micromanip evaluate config/simulated.yaml --axis x --out out/evaluate",
+)
 @config_argument
 @click.option("--axis", "only", help="Report and draw this axis only (all are simulated together).")
-@click.option(
-    "--seed", type=click.IntRange(min=0), help="Seed of the simulation's noise, instead of the configuration's."
-)
+@click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
 @click.option(
     "--out",
     "folder",

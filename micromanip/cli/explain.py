@@ -9,13 +9,13 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import json_option, print_json
+from .options import StrictCommand, json_option, print_json
 
 if TYPE_CHECKING:
     from micromanip.host.blackbox.box import Box
 
 
-@click.command("explain", epilog="Example: micromanip explain --plot trip.png")
+@click.command("explain", cls=StrictCommand, epilog="Example: micromanip explain --plot trip.png")
 @click.argument("trip", required=False)
 @click.option("--list", "listed", is_flag=True, help="List all trips instead, the newest last.")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw it into this .png or .svg file.")

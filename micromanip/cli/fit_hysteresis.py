@@ -9,25 +9,25 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import json_option, print_json
+from .options import Quantity, StrictCommand, json_option, print_json
 
 KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 
 
 @click.command(
-    "hysteresis", epilog="Example: micromanip fit hysteresis x.csv --input voltage_V --output strain_um --burn-in 1"
+    "hysteresis",
+    cls=StrictCommand,
+    epilog="Example: micromanip fit hysteresis x.csv --input voltage_V --output strain_um --burn-in 1",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option("--input", "input_name", required=True, help="Column of the voltage.")
 @click.option("--output", "output_name", required=True, help="Column of the displacement, um.")
 @click.option("--time", "time_name", help="Column of the time, s.  [default: the first whose name begins with t]")
-@click.option(
-    "--dt", "step_s", type=click.FloatRange(min=0.0, min_open=True), help="Sampling interval, s, without a time column."
-)
+@click.option("--dt", "step_s", type=Quantity("Seconds"), help="Sampling interval, s, without a time column.")
 @click.option(
     "--burn-in",
     "burn_in_s",
-    type=click.FloatRange(min=0.0),
+    type=Quantity("SecondsOrZero"),
     default=0.0,
     show_default=True,
     help="Seconds at the start that don't count: a record that begins in mid-loop needs a full period.",
@@ -35,7 +35,7 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 @click.option("--model", "kind", type=click.Choice(KINDS), default="best", show_default=True)
 @click.option("--creep/--no-creep", default=False, show_default=True, help="Add creep operators (best tries both).")
 @click.option("--plays", type=click.IntRange(1, 32), default=10, show_default=True, help="Play operators.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the starts.")
+@click.option("--seed", type=Quantity("Seed"), default=0, show_default=True, help="Of the starts.")
 @click.option(
     "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
 )

@@ -9,10 +9,14 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import json_option, print_json
+from .options import Quantity, StrictCommand, json_option, print_json
 
 
-@click.command("linear", epilog="Example: micromanip fit linear x.csv --input setpoint_um --output stage_um --dt 1e-4")
+@click.command(
+    "linear",
+    cls=StrictCommand,
+    epilog="Example: micromanip fit linear x.csv --input setpoint_um --output stage_um --dt 1e-4",
+)
 @click.argument("files", type=click.Path(path_type=Path), metavar="FILE...", nargs=-1, required=True)
 @click.option(
     "--input", "inputs", required=True, metavar="COLUMNS",
@@ -21,12 +25,12 @@ from .options import json_option, print_json
 @click.option("--output", "outputs", required=True, metavar="COLUMNS", help="Columns of the outputs, likewise.")
 @click.option("--time", "time_name", help="Column of the time, s.  [default: the first whose name begins with t]")
 @click.option(
-    "--dt", type=click.FloatRange(min=0.0, min_open=True),
+    "--dt", type=Quantity("Seconds"),
     help="Sampling interval of the model, s: needed without a time column; with one, a whole multiple thins the data.",
 )  # fmt: skip
 @click.option("--order", type=click.IntRange(1, 60), help="States  [default: chosen up to 12 by the held-out error]")
 @click.option(
-    "--split", type=click.FloatRange(0.1, 1.0), default=0.5, show_default=True,
+    "--split", type=Quantity("Positive", least=0.1, most=1.0), default=0.5, show_default=True,
     help="Share of each file, from its start, that is fitted to; the rest is held out. 1 goes with --validate.",
 )  # fmt: skip
 @click.option(

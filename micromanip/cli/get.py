@@ -8,11 +8,11 @@ import click
 
 from micromanip.client import Client
 
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 from .parameters import shown
 
 
-@click.command("get", epilog="Example: micromanip get axes.x.inner start.lift_s")
+@click.command("get", cls=StrictCommand, epilog="Example: micromanip get axes.x.inner start.lift_s")
 @click.argument("keys", nargs=-1, metavar="[KEY...]")
 @socket_option
 @json_option

@@ -9,10 +9,12 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import config_argument, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
 
 
-@click.command("identify", epilog="Example: micromanip identify config/factory.yaml --axis x --out out/identify")
+@click.command(
+    "identify", cls=StrictCommand, epilog="Example: micromanip identify config/factory.yaml --axis x --out out/identify"
+)
 @config_argument
 @click.option("--axis", required=True, help="The axis to move; the others rest at their park voltage.")
 @click.option(
@@ -25,10 +27,12 @@ from .options import config_argument, json_option, print_json, socket_option
     show_default=True,
     help="turns: random turning points, what a network needs; triangle: major loop; step: creep.",
 )
-@click.option("--seconds", type=click.FloatRange(1.0, 600.0), help="Length  [default: 13, 60, 24 and 60 by kind]")
+@click.option(
+    "--seconds", type=Quantity("Seconds", least=1.0, most=600.0), help="Length  [default: 13, 60, 24 and 60 by kind]"
+)
 @click.option(
     "--seed",
-    type=click.IntRange(min=0),
+    type=Quantity("Seed"),
     default=1,
     show_default=True,
     help="Draws the multisine's phases, the turning points.",

@@ -10,10 +10,12 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import json_option, print_json
+from .options import StrictCommand, json_option, print_json
 
 
-@click.command("install-service", epilog="Example: sudo micromanip install-service cell.yaml --dry-run")
+@click.command(
+    "install-service", cls=StrictCommand, epilog="Example: sudo micromanip install-service cell.yaml --dry-run"
+)
 @click.argument("config", type=click.Path(path_type=Path), required=False)
 @click.option("--dry-run", is_flag=True, help="Only show what would be done.")
 @click.option("--yes", is_flag=True, help="Don't ask.")

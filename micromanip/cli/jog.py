@@ -9,17 +9,24 @@ import click
 from micromanip.client import Client
 from micromanip.errors import UsageError
 
-from .options import json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, json_option, print_json, socket_option
 
 
 @click.command(
     "jog",
+    cls=StrictCommand,
     context_settings={"ignore_unknown_options": True},
     epilog="Example: micromanip jog x -2.5     or: micromanip jog x --to 60",
 )
 @click.argument("axis")
-@click.argument("by_um", type=float, required=False, metavar="[BY_UM]")
-@click.option("--to", "to_um", type=float, metavar="UM", help="The new target, instead of a way from the present one.")
+@click.argument("by_um", type=Quantity("Micrometres"), required=False, metavar="[BY_UM]")
+@click.option(
+    "--to",
+    "to_um",
+    type=Quantity("Micrometres"),
+    metavar="UM",
+    help="The new target, instead of a way from the present one.",
+)
 @socket_option
 @json_option
 def command(axis: str, by_um: float | None, to_um: float | None, socket_path: Path, as_json: bool) -> None:

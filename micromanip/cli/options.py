@@ -4,15 +4,64 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 from micromanip.client import default_socket
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+
+class StrictCommand(click.Command):
+    """A command whose options are given once each: of two values nobody knows which was meant."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As click does, which would let the last one win."""
+        if not ctx.resilient_parsing:
+            _, _, order = self.make_parser(ctx).parse_args(args=list(args))
+            for option in order:
+                if (
+                    isinstance(option, click.Option)
+                    and not (option.multiple or option.count)
+                    and order.count(option) > 1
+                ):
+                    raise click.UsageError(f"{'/'.join(option.opts)} is given more than once", ctx)
+        return super().parse_args(ctx, args)
+
+
+class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
+    """A number with the bounds that its unit has in the file (``micromanip.quantities``), or narrower ones."""
+
+    def __init__(self, unit: str, *, least: float | None = None, most: float | None = None) -> None:
+        """`unit` names the type; it is looked up with the first number: most commands are to start quickly."""
+        self.name = "number"
+        self._unit, self._least, self._most = unit, least, most
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number, finite and within the bounds; a default is one already."""
+        if isinstance(value, int | float):
+            return value
+        low, high, whole = self.bounds()
+        try:
+            number = int(value) if whole else float(value)
+        except ValueError:
+            number = math.nan
+        if not low <= number <= high:
+            kind = "whole number" if whole else "number"
+            self.fail(f"{value!r:.40} is not a {kind} from {low:.10g} to {high:.10g}.", param, ctx)
+        return number
+
+    def bounds(self) -> tuple[float, float, bool]:
+        """Lowest and highest value, and whether it is a whole number."""
+        from pydantic import TypeAdapter
+
+        from micromanip import quantities
+
+        schema = TypeAdapter(getattr(quantities, self._unit)).json_schema()
+        low = schema["minimum"] if self._least is None else max(self._least, schema["minimum"])
+        high = schema["maximum"] if self._most is None else min(self._most, schema["maximum"])
+        return low, high, schema["type"] == "integer"
+
 
 config_argument = click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")

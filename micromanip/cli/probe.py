@@ -12,7 +12,7 @@ import click
 
 from micromanip.errors import DeviceUnavailable, UsageError
 
-from .options import config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,11 +20,15 @@ if TYPE_CHECKING:
     from micromanip.io.bus import Answer, BusDriver
 
 
-@click.command("probe", epilog="Example: micromanip probe config/can.yaml can0 --seconds 5")
+@click.command("probe", cls=StrictCommand, epilog="Example: micromanip probe config/can.yaml can0 --seconds 5")
 @config_argument
 @click.argument("driver", metavar="DRIVER")
 @click.option(
-    "--seconds", type=click.FloatRange(min=0.1, max=3600.0), default=2.0, show_default=True, help="How long to look."
+    "--seconds",
+    type=Quantity("Seconds", least=0.1, most=3600.0),
+    default=2.0,
+    show_default=True,
+    help="How long to look.",
 )
 @json_option
 def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:

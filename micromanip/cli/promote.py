@@ -10,10 +10,10 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed
 
 from .candidate import echo_shadow, standing_line
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 
 
-@click.command("promote", epilog="Example: micromanip promote --wait")
+@click.command("promote", cls=StrictCommand, epilog="Example: micromanip promote --wait")
 @click.option("--wait", is_flag=True, help="Wait for the end of the trial; exit code 1 where it is not confirmed.")
 @socket_option
 @json_option

@@ -8,11 +8,11 @@ import click
 
 from micromanip.client import Client
 
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 from .parameters import echo_swap
 
 
-@click.command("reload", epilog="Example: micromanip reload")
+@click.command("reload", cls=StrictCommand, epilog="Example: micromanip reload")
 @socket_option
 @json_option
 def command(socket_path: Path, as_json: bool) -> None:

@@ -9,12 +9,12 @@ import click
 from micromanip.answers import Status
 from micromanip.errors import CheckFailed
 
-from .options import config_argument, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
 
 
-@click.command("run", epilog="Example: micromanip run config/simulated.yaml --duration 10")
+@click.command("run", cls=StrictCommand, epilog="Example: micromanip run config/simulated.yaml --duration 10")
 @config_argument
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop cleanly after so many seconds.")
+@click.option("--duration", "duration_s", type=Quantity("Duration"), help="Stop cleanly after so many seconds.")
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), help="Record every cycle to this HDF5 file.")
 @click.option(
     "--trips",
@@ -22,7 +22,7 @@ from .options import config_argument, json_option, print_json, socket_option
     help="Folder for the black box of each trip.  [default: $STATE_DIRECTORY/trips, or the user's own]",
 )
 @click.option(
-    "--keep-trips", type=click.IntRange(min=1), default=50, show_default=True, help="So many of them, the newest."
+    "--keep-trips", type=Quantity("Count"), default=50, show_default=True, help="So many of them, the newest."
 )
 @socket_option
 @json_option

@@ -8,15 +8,15 @@ import click
 
 from micromanip.errors import DeviceUnavailable
 
-from .options import config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 
 
-@click.command("safe-outputs", epilog="Example: micromanip safe-outputs /etc/micromanip/cell.yaml")
+@click.command("safe-outputs", cls=StrictCommand, epilog="Example: micromanip safe-outputs /etc/micromanip/cell.yaml")
 @config_argument
 @click.option(
     "--wait",
     "wait_s",
-    type=click.FloatRange(min=0.0),
+    type=Quantity("SecondsOrZero"),
     default=0.0,
     metavar="S",
     help="Wait so long for a controller that is still ramping down.",

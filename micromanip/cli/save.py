@@ -8,11 +8,11 @@ import click
 
 from micromanip.client import Client
 
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 from .parameters import echo_changes
 
 
-@click.command("save", epilog="Example: micromanip save")
+@click.command("save", cls=StrictCommand, epilog="Example: micromanip save")
 @click.option("--force", is_flag=True, help="Also where the file was edited since it was loaded.")
 @socket_option
 @json_option

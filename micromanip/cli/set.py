@@ -8,11 +8,13 @@ import click
 
 from micromanip.client import Client
 
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 from .parameters import echo_swap
 
 
-@click.command("set", epilog="Example: micromanip set axes.x.inner.K_V_per_um=0.5 axes.x.inner.Ti_ms=0.6")
+@click.command(
+    "set", cls=StrictCommand, epilog="Example: micromanip set axes.x.inner.K_V_per_um=0.5 axes.x.inner.Ti_ms=0.6"
+)
 @click.argument("assignments", nargs=-1, required=True, metavar="KEY=VALUE...")
 @socket_option
 @json_option

@@ -9,10 +9,10 @@ import click
 from micromanip.client import Client
 
 from .candidate import echo_shadow
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 
 
-@click.command("shadow", epilog="Example: micromanip shadow axes.x.outer.effort=12")
+@click.command("shadow", cls=StrictCommand, epilog="Example: micromanip shadow axes.x.outer.effort=12")
 @click.argument("assignments", nargs=-1, metavar="[KEY=VALUE...]")
 @socket_option
 @json_option

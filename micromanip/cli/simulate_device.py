@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 
 if TYPE_CHECKING:
     from micromanip.sim.device.devices import Devices
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 _LINE_EVERY_NS = 500_000_000
 
 
-@click.command("simulate-device", epilog="Example: micromanip simulate-device config/can.yaml")
+@click.command("simulate-device", cls=StrictCommand, epilog="Example: micromanip simulate-device config/can.yaml")
 @config_argument
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="End after so many seconds.")
-@click.option("--seed", type=click.IntRange(min=0), help="In place of the seed in the section simulation.")
+@click.option("--duration", "duration_s", type=Quantity("Duration"), help="End after so many seconds.")
+@click.option("--seed", type=Quantity("Seed"), help="In place of the seed in the section simulation.")
 @click.option(
     "--watchdog",
     "watchdog_ms",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Quantity("Milliseconds"),
     default=100.0,
     show_default=True,
     metavar="MS",

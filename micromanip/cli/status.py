@@ -12,15 +12,15 @@ import click
 from micromanip.client import Client
 from micromanip.errors import UsageError
 
-from .options import json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, json_option, print_json, socket_option
 
 _REFRESH_S = 0.2
 
 
-@click.command("status", epilog="Example: micromanip status --watch")
+@click.command("status", cls=StrictCommand, epilog="Example: micromanip status --watch")
 @click.option("--watch", is_flag=True, help="Go on until Ctrl-C: a live view on a terminal, a line a time elsewhere.")
 @click.option(
-    "--every", "every_s", type=click.FloatRange(min=0.1), default=2.0, show_default=True, help="Seconds a line."
+    "--every", "every_s", type=Quantity("Seconds", least=0.1), default=2.0, show_default=True, help="Seconds a line."
 )
 @socket_option
 @json_option

@@ -9,10 +9,10 @@ import click
 from micromanip.client import Client
 
 from .candidate import echo_shadow
-from .options import json_option, print_json, socket_option
+from .options import StrictCommand, json_option, print_json, socket_option
 
 
-@click.command("withdraw", epilog="Example: micromanip withdraw")
+@click.command("withdraw", cls=StrictCommand, epilog="Example: micromanip withdraw")
 @socket_option
 @json_option
 def command(socket_path: Path, as_json: bool) -> None:

@@ -1,0 +1,86 @@
+"""What holds for the options of every command: given once, numbers within the bounds of their unit."""
+
+import importlib
+
+import click
+import pytest
+
+from micromanip import quantities
+from micromanip.cli.main import COMMANDS, main
+from micromanip.cli.options import Quantity, StrictCommand
+
+
+def commands():
+    """Every command that takes options itself, with the words that call it."""
+    for name in COMMANDS:
+        command = importlib.import_module(f"micromanip.cli.{name.replace('-', '_')}").command
+        if isinstance(command, click.Group):
+            yield from ((f"{name} {below}", each) for below, each in command.commands.items())
+        else:
+            yield name, command
+
+
+ALL = dict(commands())
+ONCE = [
+    (name, option) for name, command in ALL.items() for option in command.params
+    if isinstance(option, click.Option) and not option.multiple
+]  # fmt: skip
+NUMBERS = [(name, each) for name, command in ALL.items() for each in command.params if isinstance(each.type, Quantity)]
+
+
+def refusal(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert ended.value.code == 64
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_command_takes_each_option_once(name):
+    assert isinstance(ALL[name], StrictCommand)
+
+
+@pytest.mark.parametrize(("name", "option"), ONCE, ids=lambda each: getattr(each, "name", each))
+def test_an_option_given_twice_is_named(name, option, capsys):
+    text = [option.opts[0]] if option.is_flag else [option.opts[0], "1"]
+    message = refusal(capsys, *name.split(), *text, *text)
+    assert f"{option.opts[0]} is given more than once" in message or f"/{option.opts[0]} is given" in message
+
+
+def test_an_axis_given_twice_moves_none(tmp_path, capsys):
+    message = refusal(capsys, "identify", "none.yaml", "--axis", "x", "--axis", "y", "--out", str(tmp_path / "out"))
+    assert "--axis is given more than once" in message
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_number_has_bounds(name):
+    for each in ALL[name].params:
+        assert not isinstance(each.type, click.types.FloatParamType), each.name  # of a range also: it takes NaN
+        if isinstance(each.type, click.types.IntParamType):
+            assert None not in (getattr(each.type, "min", None), getattr(each.type, "max", None)), each.name
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "-1e300", "1e300", "1" * 400, "fast", ""])
+@pytest.mark.parametrize(("name", "number"), NUMBERS, ids=lambda each: getattr(each, "name", each))
+def test_no_number_that_none_could_mean(name, number, text, capsys):
+    given = [f"{number.opts[0]}={text}"] if isinstance(number, click.Option) else ["--", "x", text]
+    needed = [each for each in ALL[name].params if isinstance(each, click.Argument) and each.required]
+    before = [] if given[0] == "--" else ["x"] * len(needed)
+    message = refusal(capsys, *name.split(), *given, *before)
+    assert " number from " in message
+
+
+def test_bounds_are_those_of_the_file():
+    for _, number in NUMBERS:
+        low, high, _ = number.type.bounds()
+        unit = quantities.__dict__[number.type._unit].__metadata__[0].metadata
+        limits = {type(each).__name__: each for each in unit}
+        assert limits["Ge"].ge <= low < high <= limits["Le"].le
+
+
+def test_defaults_are_within_the_bounds():
+    for _, number in NUMBERS:
+        low, high, _ = number.type.bounds()
+        if isinstance(number.default, float | int):
+            assert low <= number.default <= high

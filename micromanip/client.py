@@ -71,9 +71,15 @@ class Client:
 
     def request(self, verb: str, **fields: Any) -> Any:
         """Result of `verb`; raises what the controller answered where it refused."""
+        try:
+            asked = json.dumps({"version": 1, "verb": verb, **fields}, allow_nan=False).encode() + b"\n"
+        except ValueError:
+            raise UsageError(
+                f"{verb}: expected finite numbers, not NaN or infinity; where no limit is meant, null says so"
+            ) from None
         line = b""
         with contextlib.suppress(ConnectionError):
-            self._socket.sendall(json.dumps({"version": 1, "verb": verb, **fields}).encode() + b"\n")
+            self._socket.sendall(asked)
             line = self._lines.readline()
         if not line:
             raise DeviceUnavailable(f"the controller on {self.path} went away")

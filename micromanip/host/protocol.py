@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +57,7 @@ Verb = Callable[[Request], Awaitable[Any]]
 def parsed(line: bytes, peer: Peer) -> Request:
     """The request in `line`; UsageError where there is none."""
     try:
-        document = json.loads(line, parse_constant=_no_number)
+        document = json.loads(line, parse_constant=_no_number, parse_float=_finite)
     except (ValueError, RecursionError) as problem:  # not only JSONDecodeError: a number may be too long
         raise UsageError(f"not a line of JSON: {problem}") from problem
     if line.count(b"[") + line.count(b"{") > _DEPTH and _is_deeper(document, _DEPTH):
@@ -81,7 +82,12 @@ def _entries(part: dict[str, Any] | list[Any]) -> Iterable[Any]:
 
 
 def _no_number(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number of JSON")
+    raise UsageError(f"expected finite numbers, not {name:.20}; where no limit is meant, null says so")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    return number if math.isfinite(number) else _no_number(text)
 
 
 def _verb(name: Any) -> str:

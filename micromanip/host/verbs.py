@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
 from micromanip.answers import Audit, Change, Jogged, Saved, Status, Swap
+from micromanip.quantities import Micrometres
 from micromanip.rt import states
-from micromanip.settings.base import Count, Flag, Real, Settings
+from micromanip.settings.base import Flag, Settings
 from micromanip.settings.source import Source
 
 from .audit import AuditTrail
@@ -43,8 +44,8 @@ class JogTo(Settings):
     """Fields of `jog`."""
 
     axis: str = Field(description="Name of the axis.")
-    by_um: Real | None = Field(default=None, description="From its present target.")
-    to_um: Real | None = Field(default=None, description="Its new target.")
+    by_um: Micrometres | None = Field(default=None, description="From its present target.")
+    to_um: Micrometres | None = Field(default=None, description="Its new target.")
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:
@@ -56,7 +57,7 @@ class JogTo(Settings):
 class Last(Settings):
     """Fields of `audit`."""
 
-    last: Count = Field(default=20, le=1000, description="How many entries.")
+    last: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(default=20, description="How many entries.")
 
 
 class Verbs:

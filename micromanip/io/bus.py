@@ -36,7 +36,11 @@ class BusOptions(BaseModel):
         description="What answers is `micromanip simulate-device`, or a bench without actuators: nothing real moves.",
     )
     cpu: int | None = Field(
-        default=None, strict=True, ge=0, description="CPU its worker process is pinned to; null: any but the loop's."
+        default=None,
+        strict=True,
+        ge=0,
+        le=65_535,
+        description="CPU its worker process is pinned to; null: any but the loop's.",
     )
 
 

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from micromanip.quantities import (
+    Distance,
+    Hertz,
+    Micrometres,
+    Milliseconds,
+    MillisecondsOrZero,
+    Percent,
+    Positive,
+    RangeUm,
+    Real,
+    Speed,
+)
 from micromanip.rt.records import MAX_STATES
 
-from .base import NotNegative, Positive, Real, Settings
+from .base import Settings
 from .commissioned import Commissioned
 from .faults import AxisFaults
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
@@ -19,18 +31,12 @@ Row = tuple[Real, ...]
 class SetPoint(Settings):
     """Limits of the actuator set-point."""
 
-    range_um: tuple[Real, Real] = Field(description="Attainable range on the strain gauge.")
-    slew_um_per_ms: Positive = Field(
+    range_um: RangeUm = Field(description="Attainable range on the strain gauge.")
+    slew_um_per_ms: Speed = Field(
         default=20.0,
         description="Fastest change. Well below what the output's slew limit gives (V/ms times um/V): a set-point that "
         "the actuator cannot follow makes the outer loop swing.",
     )
-
-    @model_validator(mode="after")
-    def _range_rises(self) -> Self:
-        if self.range_um[0] >= self.range_um[1]:
-            raise ValueError(f"range_um must rise, e.g. [5, 125], not {list(self.range_um)}")
-        return self
 
 
 class Inner(Settings):
@@ -40,10 +46,10 @@ class Inner(Settings):
         default="pid+feedforward", description="What makes the voltage: the PID, the inverse hysteresis model, or both."
     )
     K_V_per_um: Positive = Field(description="Proportional gain.")
-    Ti_ms: Positive = Field(description="Integral time.")
-    Td_ms: NotNegative = Field(description="Derivative time; 0 leaves the derivative out.")
-    filter_ms: NotNegative = Field(description="Time constant of the derivative's filter.")
-    tracking_ms: Positive = Field(default=1.0, description="Time constant of the anti-windup.")
+    Ti_ms: Milliseconds = Field(description="Integral time.")
+    Td_ms: MillisecondsOrZero = Field(description="Derivative time; 0 leaves the derivative out.")
+    filter_ms: MillisecondsOrZero = Field(description="Time constant of the derivative's filter.")
+    tracking_ms: Milliseconds = Field(default=1.0, description="Time constant of the anti-windup.")
 
 
 class LinearModel(Settings):
@@ -75,13 +81,13 @@ class Outer(Settings):
     effort: Positive = Field(
         default=10.0, description="LQR weight of the set-point; smaller is faster and less robust."
     )
-    input_noise_um: Positive = Field(default=0.1, description="White noise on the set-point, rms a cycle.")
-    disturbance_um: Positive = Field(
+    input_noise_um: Distance = Field(default=0.1, description="White noise on the set-point, rms a cycle.")
+    disturbance_um: Distance = Field(
         default=0.1, description="Random walk of the input disturbance, rms a cycle: integral action."
     )
-    oscillation_Hz: Positive | None = Field(default=200.0, description="Tooth-passing frequency to cancel; null: none.")
-    oscillation_um: Positive = Field(default=1e-3, description="Noise of that oscillator, rms a cycle.")
-    sensor_noise_um: Positive = Field(default=0.012, description="Noise of the capacitive sensor, rms.")
+    oscillation_Hz: Hertz | None = Field(default=200.0, description="Tooth-passing frequency to cancel; null: none.")
+    oscillation_um: Distance = Field(default=1e-3, description="Noise of that oscillator, rms a cycle.")
+    sensor_noise_um: Distance = Field(default=0.012, description="Noise of the capacitive sensor, rms.")
     sample_cycles: int = Field(default=1, strict=True, ge=1, le=64, description="Loop cycles between sensor samples.")
 
 
@@ -91,7 +97,7 @@ class Axis(Settings):
     mode: Literal["voltage", "strain", "stage"] = Field(
         default="stage", description="What the reference is: a voltage (open loop), an actuator or a stage position."
     )
-    centre_um: Real = Field(description="Working point on the strain gauge, where the stage's zero is.")
+    centre_um: Micrometres = Field(description="Working point on the strain gauge, where the stage's zero is.")
     setpoint: SetPoint
     hysteresis: Hysteresis = Field(default=NoModel(model="none"), description="Its inverse is the feedforward.")
     hysteresis_affine: PrandtlIshlinskii | None = Field(
@@ -99,9 +105,7 @@ class Axis(Settings):
     )
     inner: Inner
     outer: Outer | None = Field(default=None, description="Needed for mode stage.")
-    authority_percent: Annotated[float, Field(gt=0, le=100)] = Field(
-        default=100.0, description="Share of the reference signal that is followed."
-    )
+    authority_percent: Percent = Field(default=100.0, description="Share of the reference signal that is followed.")
     faults: AxisFaults = Field(
         default=AxisFaults(), description="This axis' own limits; what is left out stands in faults.axis."
     )

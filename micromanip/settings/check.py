@@ -19,7 +19,7 @@ from .frame import PREFIX, frame_findings, frame_of
 from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from .load import validate_document
 from .model import Configuration
-from .outer import dc_gain, outer_gains
+from .outer import dc_gain, outer_gains, tracker_gain
 from .plant import build_plant
 from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from .source import Source
@@ -31,6 +31,7 @@ ROLES = (
     *("amplifier_ok", "temperature_ok"),
 )
 LINES = ("enable", "interlock", "retracted")
+_NO_SOLUTION = (np.linalg.LinAlgError, ValueError, FloatingPointError)
 Finding = tuple[tuple[str | int, ...], str]
 
 
@@ -50,7 +51,11 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
 
     `seed` replaces that of the simulated drivers.
     """
-    source = Source.read(file)
+    return prepared(Source.read(file), seed)
+
+
+def prepared(source: Source, seed: int | None = None) -> Prepared:
+    """The same of what was read already."""
     configuration = validate(source)
     wiring = wire(configuration, source, seed)
     _refuse(source, _wired_findings(configuration, wiring))
@@ -109,6 +114,9 @@ def _names(configuration: Configuration) -> Iterator[Finding]:
                 ("signals", name),
                 f"no axis takes a signal of this name{hint} (names are <role>_<axis>, {', '.join(LINES)})",
             )
+    for name, signal in configuration.signals.items():
+        if signal.range_um is not None and not name.startswith(("strain_", "stage_")):
+            yield ("signals", name, "range_um"), "only strain and stage signals have a range: nobody would look at it"
     for name in configuration.outputs:
         if name not in {f"voltage_{axis}" for axis in configuration.axes}:
             yield (
@@ -234,14 +242,20 @@ def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
 
 def _stability(configuration: Configuration) -> Iterator[Finding]:
     tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
+    if tracker is not None:
+        try:
+            tracker_gain(tracker)
+        except _NO_SOLUTION as problem:
+            yield ("reference",), f"no predictor exists for these rates and noises ({problem})"
+            return
     for name, axis in configuration.axes.items():
-        if axis.outer is None or axis.mode != "stage":
+        if axis.outer is None:
             continue
         try:
             gains = outer_gains(axis.outer, tracker, configuration.loop.period_ns * 1e-9)
-        except (np.linalg.LinAlgError, ValueError) as problem:
+        except _NO_SOLUTION as problem:
             yield ("axes", name, "outer"), f"no stabilising gains exist for this model and these knobs ({problem})"
             continue
         radius = float(np.abs(gains.closed_loop_poles).max())
-        if not radius < 1.0:
+        if axis.mode == "stage" and not radius < 1.0:
             yield ("axes", name, "outer"), f"the closed loop would be unstable: a pole at radius {radius:.6f}"

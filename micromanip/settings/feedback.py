@@ -35,6 +35,8 @@ LEAST_DEG, RESERVE_DEG = 20.0, 30.0
 """A strain loop with less phase margin is refused; told of below the second."""
 _LOOP_CYCLES = 2
 _COURSE = 40
+_LEAST_RISE_V = 1e-6
+"""A model whose voltage hardly moves is as steep as this makes it: no loop around it has a margin."""
 _GRID = 2000
 _PROPOSED = np.geomspace(1.0, 1e-4, 400)
 
@@ -62,15 +64,20 @@ def strain_loops(configuration: Configuration, wiring: Wiring) -> list[StrainLoo
     ]
 
 
-def strain_loop(configuration: Configuration, wiring: Wiring, name: str, inner: Inner | None = None) -> StrainLoop:
-    """The loop of the axis called `name`, with `inner` in place of its own PID where that is given."""
+def strain_loop(
+    configuration: Configuration, wiring: Wiring, name: str, inner: Inner | None = None, slope: float | None = None
+) -> StrainLoop:
+    """The loop of the axis called `name`, with `inner` in place of its own PID where that is given.
+
+    `slope` is its `mean_slope`, where that is known already.
+    """
     axis, period_s = configuration.axes[name], configuration.loop.period_ns * 1e-9
     strain = sensor_timing(configuration, wiring, "strain", name)
     voltage = output_timing(configuration, wiring, f"voltage_{name}")
     sample_s, write_s = 1.0 / strain.rate_hz, 1.0 / voltage.rate_hz
     ways_s = strain.latency_s + voltage.latency_s + _LOOP_CYCLES * period_s
     wait_s = write_s if write_s > 1.5 * period_s else 0.0
-    slope = mean_slope(configuration, name)
+    slope = mean_slope(configuration, name) if slope is None else slope
     found = _margins(inner or axis.inner, slope, sample_s, 0.5 * sample_s + ways_s + wait_s)
     return StrainLoop(name, f"{_shown(strain)} + {_shown(voltage)}", sample_s + ways_s + write_s, *found)
 
@@ -88,7 +95,8 @@ def mean_slope(configuration: Configuration, name: str) -> float:
     ends = []
     for first, last in ((low_um, high_um), (high_um, low_um), (low_um, high_um)):
         ends.append([float(feedforward_voltage(p, s, y)) for y in np.linspace(first, last, _COURSE)][-1])
-    return (high_um - low_um) / (ends[2] - ends[1])
+    rise_V = ends[2] - ends[1]
+    return (high_um - low_um) / rise_V if abs(rise_V) > _LEAST_RISE_V else (high_um - low_um) / _LEAST_RISE_V
 
 
 def feedback_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
@@ -142,10 +150,10 @@ def feedback_warnings(configuration: Configuration, wiring: Wiring) -> list[str]
 
 def fitting_gain(configuration: Configuration, wiring: Wiring, name: str) -> float:
     """The largest K_V_per_um, up to that of the axis, with the whole reserve."""
-    inner = configuration.axes[name].inner
+    inner, slope = configuration.axes[name].inner, mean_slope(configuration, name)
     for share in _PROPOSED:
         gain = float(f"{share * inner.K_V_per_um:.2g}")
-        tried = strain_loop(configuration, wiring, name, inner.model_copy(update={"K_V_per_um": gain}))
+        tried = strain_loop(configuration, wiring, name, inner.model_copy(update={"K_V_per_um": gain}), slope)
         if tried.phase_deg >= RESERVE_DEG:
             return gain
     return float(_PROPOSED[-1] * inner.K_V_per_um)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from micromanip.quantities import Micrometres, Real
 from micromanip.rt.records import MAX_FRAME
 
-from .base import Real, Settings
+from .base import Settings
 
 if TYPE_CHECKING:
     from .model import Configuration
@@ -28,7 +29,7 @@ class Frame(Settings):
     matrix: tuple[tuple[Real, ...], ...] = Field(
         min_length=1, description="A row an axis, in the order of the section axes; a column a signal. um per unit."
     )
-    offset_um: tuple[Real, ...] | None = Field(default=None, description="Added, a number an axis; null: none.")
+    offset_um: tuple[Micrometres, ...] | None = Field(default=None, description="Added, a number an axis; null: none.")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -7,23 +7,18 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from micromanip.quantities import Distance, MillisecondsOrZero, Positive, RangeUm, Real, Seconds, Volts
 from micromanip.rt.records import MAX_CREEP, MAX_NEURONS, MAX_PLAYS, MAX_TABLE
 
-from .base import NotNegative, Positive, Real, Settings, is_rising
+from .base import Settings, is_rising
 
-Range = tuple[Real, Real]
+Range = tuple[float, float]
 
 
 class _Ranged(Settings):
-    range_um: Range = Field(
+    range_um: RangeUm = Field(
         description="Displacements the model is good for; the set-point is clipped to it before the inverse."
     )
-
-    @model_validator(mode="after")
-    def _range_rises(self) -> Self:
-        if self.range_um[0] >= self.range_um[1]:
-            raise ValueError(f"range_um must rise, e.g. [0, 130], not {list(self.range_um)}")
-        return self
 
 
 class PrandtlIshlinskii(_Ranged):
@@ -34,18 +29,18 @@ class PrandtlIshlinskii(_Ranged):
     coefficients: tuple[Real, ...] = Field(
         default=(), description="affine: c1, c2 of (15); tanh: c3, c4, c5, c6 of (16); otherwise empty."
     )
-    table_V: tuple[Real, ...] = Field(default=(), max_length=MAX_TABLE, description="table: rising voltages.")
+    table_V: tuple[Volts, ...] = Field(default=(), max_length=MAX_TABLE, description="table: rising voltages.")
     table_um: tuple[Real, ...] = Field(default=(), max_length=MAX_TABLE, description="table: rising values of phi.")
     alpha: Positive = Field(default=1.0, description="Weight of the memoryless part.")
-    thresholds_um: tuple[Positive, ...] = Field(
+    thresholds_um: tuple[Distance, ...] = Field(
         max_length=MAX_PLAYS, description="Thresholds r_i of the play operators, rising, on phi(v)."
     )
     weights: tuple[Real, ...] = Field(max_length=MAX_PLAYS, description="Weights rho_i, one a threshold.")
-    rate_ms: NotNegative = Field(
+    rate_ms: MillisecondsOrZero = Field(
         default=0.0,
         description="Rate dependence: every threshold grows by this times the speed of phi(v), in um per ms.",
     )
-    creep_s: tuple[Positive, ...] = Field(
+    creep_s: tuple[Seconds, ...] = Field(
         default=(), max_length=MAX_CREEP, description="Creep: time constants of first-order lags of phi(v)."
     )
     creep_gains: tuple[Real, ...] = Field(default=(), max_length=MAX_CREEP, description="Their weights, one each.")
@@ -61,7 +56,7 @@ class PrandtlIshlinskii(_Ranged):
             raise ValueError("coefficients: the slope c1 of the affine shaping must be positive")
         if self.shaping == "tanh" and self.coefficients[0] * self.coefficients[1] <= 0:
             raise ValueError("coefficients: c3 and c4 of the tanh shaping must have the same sign (phi must rise)")
-        if self.shaping == "table" and not (len(self.table_V) == len(self.table_um) >= 2):
+        if len(self.table_V) != len(self.table_um) or (self.shaping == "table" and len(self.table_V) < 2):
             raise ValueError("table_V and table_um need the same number of points, at least 2")
         if not (is_rising(self.table_V) and is_rising(self.table_um)):
             raise ValueError("table_V and table_um must rise from point to point")
@@ -98,7 +93,7 @@ class Network(_Ranged):
     """Recurrent-network inverse (10)-(12), displacement (um) to voltage (V)."""
 
     model: Literal["network"]
-    reversal_um: Positive = Field(
+    reversal_um: Distance = Field(
         description="The memory moves to the last turning point once the set-point has come back by more than this."
     )
     input_weights: tuple[Weights3, ...] = Field(

@@ -10,10 +10,27 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
+from micromanip.quantities import (
+    Count,
+    Distance,
+    DistanceOrZero,
+    Microseconds,
+    MicrosecondsOrZero,
+    Milliseconds,
+    Positive,
+    RampSeconds,
+    RangeUm,
+    RangeV,
+    Seconds,
+    SecondsOrZero,
+    Speed,
+    Volts,
+    VoltsAboveZero,
+)
 from micromanip.rt.records import MAX_AXES, MAX_DRIVERS, MAX_OUTPUTS, MAX_SIGNALS
 
 from .axis import Axis
-from .base import Count, Flag, NotNegative, Positive, Real, Settings
+from .base import Flag, Settings
 from .faults import Faults
 from .reference import Reference
 
@@ -25,10 +42,10 @@ class Loop(Settings):
 
     rate_hz: int = Field(default=10_000, strict=True, ge=100, le=20_000, description="Cycles a second.")
     cpu: int | None = Field(
-        default=None, strict=True, ge=0, description="CPU the loop is pinned to; null leaves it free."
+        default=None, strict=True, ge=0, le=65_535, description="CPU the loop is pinned to; null leaves it free."
     )
     priority: int = Field(default=80, strict=True, ge=1, le=98, description="SCHED_FIFO priority.")
-    spin_us: NotNegative = Field(
+    spin_us: MicrosecondsOrZero = Field(
         default=60.0, description="The loop sleeps to this long before a deadline and spins the rest."
     )
     limits: Literal["hardware", "simulation"] = Field(
@@ -58,28 +75,30 @@ class Control(Settings):
 class Start(Settings):
     """Soft start and stop, and what is checked on the way."""
 
-    enable_s: NotNegative = Field(default=0.1, description="Time the amplifier gets to come on, if it is switched.")
-    check_s: Positive | None = Field(
+    enable_s: SecondsOrZero = Field(default=0.1, description="Time the amplifier gets to come on, if it is switched.")
+    check_s: Seconds | None = Field(
         default=0.2,
         description="Polarity and scale check of an axis, before the loops are closed for the first time after a "
         "start: on each axis in turn, once for the gauge and once for the stage. null leaves it out; simulation only.",
     )
-    check_V: Positive = Field(default=5.0, description="Voltage step of the check.")
-    check_um: Positive = Field(default=2.0, description="Set-point step of the check.")
-    check_factor: Annotated[float, Field(gt=1)] = Field(
+    check_V: VoltsAboveZero = Field(default=5.0, description="Voltage step of the check.")
+    check_um: Distance = Field(default=2.0, description="Set-point step of the check.")
+    check_factor: Annotated[float, Field(strict=True, gt=1, le=1_000)] = Field(
         default=3.0, description="The answer may be so many times larger or smaller than expected."
     )
-    lift_s: Positive = Field(default=0.5, description="Time from the park voltage to the working point.")
-    sweep_s: NotNegative = Field(
+    lift_s: RampSeconds = Field(default=0.5, description="Time from the park voltage to the working point.")
+    sweep_s: SecondsOrZero = Field(
         default=1.0, description="Time of the decaying sweep that wipes the hysteresis memory; 0 leaves it out."
     )
-    sweep_turns: Positive = Field(default=5.0, description="Turns of the sweep.")
-    sweep_um: Positive | None = Field(
+    sweep_turns: Annotated[float, Field(strict=True, ge=0.1, le=1_000)] = Field(
+        default=5.0, description="Turns of the sweep."
+    )
+    sweep_um: Distance | None = Field(
         default=None, description="Its amplitude at the start; null: as the hysteresis model's memory needs."
     )
-    settle_s: NotNegative = Field(default=0.2, description="Rest at the working point, while the estimators settle.")
-    authority_s: Positive = Field(default=0.5, description="Time in which the correction is faded in.")
-    ramp_s: Positive = Field(default=0.5, description="Time from any voltage to the park voltage.")
+    settle_s: SecondsOrZero = Field(default=0.2, description="Rest at the working point, while the estimators settle.")
+    authority_s: RampSeconds = Field(default=0.5, description="Time in which the correction is faded in.")
+    ramp_s: RampSeconds = Field(default=0.5, description="Time from any voltage to the park voltage.")
 
 
 class Driver(Settings):
@@ -120,10 +139,10 @@ class Signal(Settings):
     channel: str | None = Field(
         default=None, description="The driver's name for it; the signal's own name if left out."
     )
-    max_age_us: Positive | None = Field(
+    max_age_us: Microseconds | None = Field(
         default=300.0, description="Older than this it counts as invalid; null means no limit."
     )
-    range_um: tuple[Real, Real] | None = Field(
+    range_um: RangeUm | None = Field(
         default=None, description="Strain and stage samples outside are invalid; null: +-1000 um."
     )
 
@@ -135,9 +154,9 @@ class Output(Settings):
     channel: str | None = Field(
         default=None, description="The driver's name for it; the output's own name if left out."
     )
-    range_V: tuple[Real, Real] = Field(description="No voltage outside this range is ever written.")
-    slew_V_per_ms: Positive = Field(description="No voltage changes faster than this.")
-    park_V: Real = Field(default=0.0, description="Voltage at rest and after a fault.")
+    range_V: RangeV = Field(description="No voltage outside this range is ever written.")
+    slew_V_per_ms: Speed = Field(description="No voltage changes faster than this.")
+    park_V: Volts = Field(default=0.0, description="Voltage at rest and after a fault.")
     capacitance_uF: Positive | None = Field(default=None, description="Capacitance of the stack; with current_mA.")
     current_mA: Positive | None = Field(
         default=None, description="Current of the amplifier: an excitation's slew stays below current / capacitance."
@@ -146,8 +165,6 @@ class Output(Settings):
     @model_validator(mode="after")
     def _park_is_inside(self) -> Self:
         low, high = self.range_V
-        if low >= high:
-            raise ValueError(f"range_V must rise, e.g. [-20, 150], not {[low, high]}")
         if not low <= self.park_V <= high:
             raise ValueError(f"park_V {self.park_V:g} V is outside range_V {low:g}..{high:g} V")
         if (self.capacitance_uF is None) != (self.current_mA is None):
@@ -166,12 +183,12 @@ class Output(Settings):
 class Trial(Settings):
     """A candidate tuning that was promoted is on trial, and taken back if it is worse than the one before."""
 
-    trial_s: Positive = Field(default=5.0, description="Length of the trial.")
-    window_s: Positive = Field(default=0.2, description="Time over which the error on trial is averaged.")
-    error_factor: Annotated[float, Field(ge=1)] = Field(
+    trial_s: Seconds = Field(default=5.0, description="Length of the trial.")
+    window_s: Seconds = Field(default=0.2, description="Time over which the error on trial is averaged.")
+    error_factor: Annotated[float, Field(strict=True, ge=1, le=1_000_000)] = Field(
         default=2.0, description="The rms error may become so many times that of the last second before."
     )
-    error_floor_um: NotNegative = Field(default=0.1, description="So much more is always allowed.")
+    error_floor_um: DistanceOrZero = Field(default=0.1, description="So much more is always allowed.")
 
 
 class Switch(Settings):
@@ -186,7 +203,7 @@ class Switch(Settings):
 class Heartbeat(Switch):
     """A digital output that toggles while the loop turns: for a watchdog on the amplifier's side."""
 
-    period_ms: Positive = Field(default=20.0, description="Time of one full turn, on and off.")
+    period_ms: Milliseconds = Field(default=20.0, description="Time of one full turn, on and off.")
 
 
 class Switches(Settings):

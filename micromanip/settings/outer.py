@@ -125,7 +125,15 @@ def regulate(
 
 
 def outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> OuterGains:
-    """All gains of one axis; `reference` tells the oscillation to be followed, if any."""
+    """All gains of one axis; `reference` tells the oscillation to be followed, if any.
+
+    Raises LinAlgError, ValueError or FloatingPointError where there are none.
+    """
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        return _outer_gains(outer, reference, period_s)
+
+
+def _outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> OuterGains:
     A, B, C, controllable = augment(outer, period_s)
     omega = 2 * np.pi * (reference.oscillation_Hz if reference else 1.0)
     S = reference_transition(omega, period_s)
@@ -160,7 +168,12 @@ def dc_gain(axis: Axis) -> float:
 
 
 def tracker_gain(reference: Tracker) -> Matrix:
-    """Stationary Kalman gain (5,) of the reference's predictor at the signal's own rate."""
+    """Stationary Kalman gain (5,) of the reference's predictor at the signal's own rate; raises as `outer_gains`."""
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        return _tracker_gain(reference)
+
+
+def _tracker_gain(reference: Tracker) -> Matrix:
     h = 1.0 / reference.sample_rate_Hz
     omega = 2 * np.pi * reference.oscillation_Hz
     F = reference_transition(omega, h)

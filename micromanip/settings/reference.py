@@ -6,15 +6,26 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from micromanip.quantities import (
+    Degrees,
+    Distance,
+    Hertz,
+    Micrometres,
+    Milliseconds,
+    Positive,
+    RangeUm,
+    SecondsOrZero,
+    Speed,
+)
 from micromanip.rt.records import MAX_SINES
 
-from .base import Flag, NotNegative, Positive, Real, Settings
+from .base import Flag, Settings
 from .frame import Frame
 
 
 class _Own(Settings):
-    offset_um: Real = Field(description="Constant part; V where the axis' mode is voltage.")
-    start_s: NotNegative = Field(default=0.0, description="When the movement begins, after tracking has begun.")
+    offset_um: Micrometres = Field(description="Constant part; V where the axis' mode is voltage.")
+    start_s: SecondsOrZero = Field(default=0.0, description="When the movement begins, after tracking has begun.")
 
 
 class Hold(_Own):
@@ -27,15 +38,15 @@ class Step(_Own):
     """A step."""
 
     source: Literal["step"]
-    step_um: Real = Field(description="Height of the step.")
+    step_um: Micrometres = Field(description="Height of the step.")
 
 
 class Sine(Settings):
     """One sinusoid."""
 
-    amplitude_um: Real = Field(description="Half of peak to peak.")
-    frequency_Hz: Positive
-    phase_deg: Real = Field(default=0.0, description="Phase at start_s.")
+    amplitude_um: Micrometres = Field(description="Half of peak to peak.")
+    frequency_Hz: Hertz
+    phase_deg: Degrees = Field(default=0.0, description="Phase at start_s.")
 
 
 class Sines(_Own):
@@ -50,7 +61,7 @@ class File(Settings):
 
     source: Literal["file"]
     path: str = Field(description="CSV file, relative to the configuration.")
-    sample_rate_Hz: Positive = Field(default=10_000.0, description="Rows a second; interpolated to the loop's rate.")
+    sample_rate_Hz: Hertz = Field(default=10_000.0, description="Rows a second; interpolated to the loop's rate.")
 
 
 class Tracker(Settings):
@@ -60,16 +71,16 @@ class Tracker(Settings):
     predict: Flag = Field(
         default=True, description="Extrapolate to now by a Kalman filter; false holds the last sample."
     )
-    sample_rate_Hz: Positive = Field(default=1000.0, description="Rate of the signal.")
-    oscillation_Hz: Positive = Field(default=8.0, description="Frequency at which the robot's joints oscillate.")
-    oscillation_um_per_s: Positive = Field(default=60.0, description="How fast that oscillation changes.")
+    sample_rate_Hz: Hertz = Field(default=1000.0, description="Rate of the signal.")
+    oscillation_Hz: Hertz = Field(default=8.0, description="Frequency at which the robot's joints oscillate.")
+    oscillation_um_per_s: Speed = Field(default=60.0, description="How fast that oscillation changes.")
     jerk_um_per_s3: Positive = Field(
         default=20000.0, description="How rough the rest of the path is (rms jerk, 1/sqrt(Hz))."
     )
-    noise_um: Positive = Field(default=0.5, description="Noise of the signal, rms.")
-    horizon_ms: Positive = Field(default=20.0, description="Without a sample for longer the last position is held.")
-    range_um: tuple[Real, Real] = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")
-    jump_um: Positive | None = Field(
+    noise_um: Distance = Field(default=0.5, description="Noise of the signal, rms.")
+    horizon_ms: Milliseconds = Field(default=20.0, description="Without a sample for longer the last position is held.")
+    range_um: RangeUm = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")
+    jump_um: Distance | None = Field(
         default=50.0, description="A sample that is further from where it is expected is rejected; null: none is."
     )
     frame: Frame | None = Field(
@@ -82,9 +93,9 @@ class Jog(_Own):
     """A position that is moved by hand: `micromanip jog`."""
 
     source: Literal["jog"]
-    range_um: tuple[Real, Real] = Field(description="How far it may be jogged.")
-    speed_um_per_s: Positive = Field(default=50.0, description="How fast it moves.")
-    target_um: dict[str, Real] = Field(default={}, description="Where each axis goes; offset_um if left out.")
+    range_um: RangeUm = Field(description="How far it may be jogged.")
+    speed_um_per_s: Speed = Field(default=50.0, description="How fast it moves.")
+    target_um: dict[str, Micrometres] = Field(default={}, description="Where each axis goes; offset_um if left out.")
 
     @model_validator(mode="after")
     def _is_inside(self) -> Self:

@@ -90,7 +90,10 @@ REFUSED = {
     "wrong version": (b'{"version": 2, "verb": "here"}', "version 2 of the protocol is not supported; supported is 1"),
     "version as text": (b'{"version": "1", "verb": "here"}', "version '1' of the protocol is not supported"),
     "version true": (b'{"version": true, "verb": "here"}', "version True of the protocol is not supported"),
-    "not a number": (b'{"version": 1, "verb": "here", "x": NaN}', "not a line of JSON: NaN is no number of JSON"),
+    "not a number": (
+        b'{"version": 1, "verb": "here", "x": NaN}',
+        "expected finite numbers, not NaN; where no limit is meant",
+    ),
     "unknown verb": (
         b'{"version": 1, "verb": "explode"}',
         "unknown verb 'explode'; known are broken, here, long, refused",

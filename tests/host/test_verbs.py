@@ -100,15 +100,15 @@ def test_a_section_as_a_whole(cell):
 
 WRONG = {
     "no such key": ({"axes.x.inner.Ti_s": 1}, r"axes.x.inner.Ti_s: unknown key Ti_s: did you mean Ti_ms \(.*\)\?"),
-    "type": ({K: "fast"}, f"{K}: expected a number greater than 0, not the text 'fast'"),
-    "range": ({K: -1}, f"{K}: expected a number greater than 0, not -1"),
+    "type": ({K: "fast"}, f"{K}: expected a number from 1e-09 to 1000000000, not the text 'fast'"),
+    "range": ({K: -1}, f"{K}: expected a number from 1e-09 to 1000000000, not -1"),
     "rule": (
         {"axes.x.inner.mode": "pid", "axes.x.setpoint.range_um": [9, 3]},
         "axes.x.setpoint.range_um: range_um must rise.*",
     ),
     "unstable": ({"axes.x.outer.model.C": [0] * 6}, "axes.x.outer.model: its steady gain is 0; .*"),
     "two": ({K: -1, TI: 0}, f"{K}: expected a number .*\n{TI}: expected a number .*"),
-    "beside a good one": ({K: 0.5, TI: -1}, f"{TI}: expected a number greater than 0, not -1"),
+    "beside a good one": ({K: 0.5, TI: -1}, f"{TI}: expected a number from 0.001 to 3600000, not -1"),
 }
 
 

@@ -60,7 +60,7 @@ KEYS = {
     ),
     "missing": (
         ("      Ti_ms: 0.571\n", ""),
-        "38: axes.x.inner.Ti_ms: missing, it takes a number greater than 0 (milliseconds): Integral time",
+        "38: axes.x.inner.Ti_ms: missing, it takes a number from 0.001 to 3600000 (milliseconds): Integral time",
     ),
     "missing tag of a union": (
         ("      model: pi\n", ""),
@@ -75,17 +75,18 @@ KEYS = {
 VALUES = {
     "the key's own unit in the value": (
         ("Ti_ms: 0.571", 'Ti_ms: "0.571 ms"'),
-        "41: axes.x.inner.Ti_ms: expected a number greater than 0, not the text '0.571 ms': "
+        "41: axes.x.inner.Ti_ms: expected a number from 0.001 to 3600000, not the text '0.571 ms': "
         "the key names the unit, write Ti_ms: 0.571",
     ),
     "another unit in the value": (
         ("Ti_ms: 0.571", "Ti_ms: 571 us"),
-        "41: axes.x.inner.Ti_ms: expected a number greater than 0, not the text '571 us': "
+        "41: axes.x.inner.Ti_ms: expected a number from 0.001 to 3600000, not the text '571 us': "
         "the key names the unit, write the number in milliseconds",
     ),
     "a unit in a list": (
         ("[-20, 150]", "[-20 V, 150]"),
-        "16: outputs.voltage_x.range_V[0]: expected a number, not the text '-20 V': the key names the unit, write -20",
+        "16: outputs.voltage_x.range_V[0]: expected a number from -10000 to 10000, not the text '-20 V': "
+        "the key names the unit, write -20",
     ),
     "a unit where there is none": (
         ("rate_hz: 10000", "rate_hz: 10000\n  priority: 80 %"),
@@ -94,7 +95,7 @@ VALUES = {
     ),
     "decimal comma": (
         ("Td_ms: 0.167", "Td_ms: 0,167"),
-        "42: axes.x.inner.Td_ms: expected a number at least 0, not the text '0,167': write Td_ms: 0.167",
+        "42: axes.x.inner.Td_ms: expected a number from 0 to 3600000, not the text '0,167': write Td_ms: 0.167",
     ),
     "not whole": (
         ("rate_hz: 10000", "rate_hz: 1e4"),
@@ -110,15 +111,15 @@ VALUES = {
     ),
     "true is no number": (
         ("centre_um: 65", "centre_um: true"),
-        "28: axes.x.centre_um: expected a number, not true",
+        "28: axes.x.centre_um: expected a number from -10000 to 10000, not true",
     ),
     "empty": (
         ("centre_um: 65", "centre_um:"),
-        "28: axes.x.centre_um: expected a number, not an empty value",
+        "28: axes.x.centre_um: expected a number from -10000 to 10000, not an empty value",
     ),
     "none is not null": (
         ("max_age_us: null", "max_age_us: none"),
-        "12: signals.deviation_x.max_age_us: expected a number greater than 0 or null, not the text 'none': "
+        "12: signals.deviation_x.max_age_us: expected a number from 1 to 3600000000 or null, not the text 'none': "
         "write max_age_us: null",
     ),
     "number for a name": (
@@ -141,16 +142,16 @@ VALUES = {
     ),
     "entry of a list": (
         ("[0.1, 0.08, 0.05]", "[0.1, 0.08, high]"),
-        "37: axes.x.hysteresis.weights[2]: expected a number, not the text 'high'",
+        "37: axes.x.hysteresis.weights[2]: expected a number from -1000000000 to 1000000000, not the text 'high'",
     ),
     "half a pair": (
         ("[-20, 150]", "[150]"),
-        "16: outputs.voltage_x.range_V: expected a list of 2 numbers, not a list of 1",
+        "16: outputs.voltage_x.range_V: expected a list of 2 numbers, each from -10000 to 10000, not a list of 1",
     ),
     "a list without brackets": (
         ("[-20, 150]", "-20, 150"),
-        "16: outputs.voltage_x.range_V: expected a list of 2 numbers, not the text '-20, 150': "
-        "write range_V: [-20, 150]",
+        "16: outputs.voltage_x.range_V: expected a list of 2 numbers, each from -10000 to 10000, not the text "
+        "'-20, 150': write range_V: [-20, 150]",
     ),
     "infinite": (
         ("[-20, 150]", "[-20, .inf]"),

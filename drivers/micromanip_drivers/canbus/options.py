@@ -6,11 +6,11 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from micromanip.quantities import Latency, SampleRate
+
 from .link_options import LinkOptions
 
-Rate = Annotated[float, Field(strict=True, gt=0, le=20_000)]
 Milliseconds = Annotated[int, Field(strict=True, ge=10, le=60_000)]
-Latency = Annotated[float, Field(strict=True, ge=0, le=1e6)]
 
 
 class _Section(BaseModel):
@@ -29,7 +29,7 @@ class Status(_Section):
 class Received(_Section):
     """A message that a device sends."""
 
-    rate_hz: Rate = Field(description="How often the device sends it.")
+    rate_hz: SampleRate = Field(description="How often the device sends it.")
     counter: str | None = Field(
         default=None,
         description="Signal that the device increments with each frame: gaps are counted, a repeated one is not fresh.",
@@ -44,7 +44,7 @@ class Received(_Section):
 class Sent(_Section):
     """A message that is sent to a device, at a fixed rate and with the latest values."""
 
-    rate_hz: Rate = Field(description="How often it is sent.")
+    rate_hz: SampleRate = Field(description="How often it is sent.")
     counter: str | None = Field(default=None, description="Signal that is incremented with each frame.")
     latency_us: Latency | None = Field(
         default=None, description="From being sent to being in force; the frame's own longest time if not known."

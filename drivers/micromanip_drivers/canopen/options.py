@@ -41,10 +41,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from micromanip.quantities import Latency, Real, SampleRate, Scale
+
 from ..canbus.link_options import LinkOptions
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 NodeId = Annotated[int, Field(strict=True, ge=1, le=127)]
 Number = Annotated[int, Field(ge=1, le=512)]
 Milliseconds = Annotated[int, Field(strict=True, ge=1, le=65535)]
@@ -65,8 +65,8 @@ class InputSignal(_Keys):
         description='Object that carries it: its name in the EDS or its number as there, "8130sub1"; the signal\'s own '
         "name if left out.",
     )
-    scale: Finite = Field(description="Physical unit per count; value = scale x raw + offset.")
-    offset: Finite = Field(default=0.0, description="Value at a raw 0.")
+    scale: Scale = Field(description="Physical unit per count; value = scale x raw + offset.")
+    offset: Real = Field(default=0.0, description="Value at a raw 0.")
 
     @model_validator(mode="after")
     def _scale_is_not_zero(self) -> InputSignal:
@@ -78,11 +78,11 @@ class InputSignal(_Keys):
 class OutputSignal(InputSignal):
     """An object that an RPDO carries."""
 
-    safe: Finite = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
+    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
 
 
 class _Pdo(_Keys):
-    rate_hz: Positive = Field(description="How often it is sent, for the bus's budget and the loop's.")
+    rate_hz: SampleRate = Field(description="How often it is sent, for the bus's budget and the loop's.")
     transmission: Transmission | None = Field(
         default=None,
         description="sync: at each SYNC; a number n: at each n-th SYNC; event: by the sender's own clock. Written to "
@@ -100,7 +100,7 @@ class _Pdo(_Keys):
 class Tpdo(_Pdo):
     """A PDO that the node transmits."""
 
-    latency_us: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+    latency_us: Latency = Field(
         default=0.0, description="Age of a value inside the device when it is sampled for the bus: filters, conversion."
     )
     signals: dict[Name, InputSignal] = Field(min_length=1, description="Signals by name; objects left out are ignored.")
@@ -109,9 +109,7 @@ class Tpdo(_Pdo):
 class Rpdo(_Pdo):
     """A PDO that the node receives."""
 
-    latency_us: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
-        default=0.0, description="From its reception until the output is in force."
-    )
+    latency_us: Latency = Field(default=0.0, description="From its reception until the output is in force.")
     signals: dict[Name, OutputSignal] = Field(
         min_length=1, description="Signals by name; each object that the PDO carries must be among them."
     )
@@ -131,9 +129,7 @@ class NodeOptions(_Keys):
 
     node_id: NodeId = Field(description="Its number on the bus.")
     eds: str = Field(min_length=1, description="Its EDS file, seen from the folder of the configuration.")
-    heartbeat_ms: Milliseconds = Field(
-        ge=10,
-        le=1500,
+    heartbeat_ms: Annotated[int, Field(strict=True, ge=10, le=1500)] = Field(
         description="Silent for so long, it is lost. The node is told to send its heartbeat three times as often.",
     )
     identity: Identity = Field(default=Identity(), description="Checked when it is opened; what is left out is not.")
@@ -167,7 +163,7 @@ class NodeOptions(_Keys):
 class CanOpenOptions(LinkOptions):
     """The bus and its nodes."""
 
-    sync_hz: Positive | None = Field(default=None, description="How often we send SYNC; null: we do not.")
+    sync_hz: SampleRate | None = Field(default=None, description="How often we send SYNC; null: we do not.")
     own_node_id: NodeId = Field(default=127, description="Our own number on the bus: our heartbeat carries it.")
     own_heartbeat_ms: Milliseconds | None = Field(
         default=None,

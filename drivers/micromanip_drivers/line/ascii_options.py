@@ -60,7 +60,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from .section import Latency, Name, Rate, Section
+from micromanip.quantities import Latency, Range, Real, SampleRate, Scale
+
+from .section import Name, Section
 
 
 def _printable(text: str) -> str:
@@ -107,8 +109,8 @@ class AsciiInput(Section):
         pattern=r"^[\w.+-]*$",
         description="Axis or channel as the device calls it; for a preset's templates.",
     )
-    scale: float = Field(default=1.0, strict=True, description="value = scale x number + offset.")
-    offset: float = Field(default=0.0, strict=True, description="Value at a number of 0.")
+    scale: Scale = Field(default=1.0, description="value = scale x number + offset.")
+    offset: Real = Field(default=0.0, description="Value at a number of 0.")
 
     @model_validator(mode="after")
     def _scale_is_not_zero(self) -> Self:
@@ -121,12 +123,10 @@ class AsciiOutput(AsciiInput):
     """A value that the device is given."""
 
     decimals: Annotated[int, Field(strict=True, ge=0, le=12)] = Field(default=4, description="Digits behind the point.")
-    range: tuple[float, float] = Field(
+    range: Range = Field(
         default=(-1e6, 1e6), description="Lowest and highest value that may be sent: text holds any number."
     )
-    safe: float = Field(
-        default=0.0, strict=True, description="What it is kept at where the configuration uses no such output."
-    )
+    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
 
     @model_validator(mode="after")
     def _safe_is_in_range(self) -> Self:
@@ -136,7 +136,7 @@ class AsciiOutput(AsciiInput):
 
 
 class _Exchange(Section):
-    rate_hz: Rate = Field(description="How often it is done.")
+    rate_hz: SampleRate = Field(description="How often it is done.")
     command: Text | None = Field(default=None, description="Command of the preset's templates: POS?, SVA, set.")
     request: Text | None = Field(default=None, description="Template of the line that is sent, in place of a command.")
     reply: tuple[Text, ...] = Field(default=(), description="Templates of the lines that answer a request.")

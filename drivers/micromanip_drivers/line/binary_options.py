@@ -47,16 +47,18 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from micromanip.quantities import Latency, SampleRate
+
 from .field_options import InputField, Known, OutputField, Status, WholeNumber
 from .framing_options import Counter, Crc, Length
-from .section import Count, HexBytes, Latency, Name, Rate, Section
+from .section import Count, HexBytes, Name, Section
 
 Kind = Annotated[int, Field(strict=True, ge=0)]
 
 
 class _Message(Section):
     kind: Kind | None = Field(default=None, description="By which it is told from others; goes with binary.kind.")
-    rate_hz: Rate = Field(description="How often it comes, or is sent.")
+    rate_hz: SampleRate = Field(description="How often it comes, or is sent.")
     bytes: Count | None = Field(
         default=None, description="Length of the whole frame, with its CRC; null: to the end of its last part and CRC."
     )

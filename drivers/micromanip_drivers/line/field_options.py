@@ -16,6 +16,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from micromanip.quantities import Range, Real, Scale
+
 from .section import Place, Section, Whole
 
 SIZES = {
@@ -100,8 +102,8 @@ class Known(Number):
 class InputField(Number):
     """A value that the device measures."""
 
-    scale: float = Field(default=1.0, strict=True, description="Physical unit per count.")
-    offset: float = Field(default=0.0, strict=True, description="Value at a number of 0.")
+    scale: Scale = Field(default=1.0, description="Physical unit per count.")
+    offset: Real = Field(default=0.0, description="Value at a number of 0.")
 
     @model_validator(mode="after")
     def _scale_is_not_zero(self) -> InputField:
@@ -113,12 +115,10 @@ class InputField(Number):
 class OutputField(InputField):
     """A value that the device is given."""
 
-    range: tuple[float, float] | None = Field(
+    range: Range | None = Field(
         default=None, description="Lowest and highest value that may be sent; null: what the type holds."
     )
-    safe: float = Field(
-        default=0.0, strict=True, description="What it is kept at where the configuration uses no such output."
-    )
+    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
 
     @model_validator(mode="after")
     def _safe_is_in_range(self) -> OutputField:

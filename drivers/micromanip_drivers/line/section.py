@@ -24,8 +24,6 @@ def _hexadecimal(text: str) -> str:
 HexBytes = Annotated[str, AfterValidator(_hexadecimal)]
 """Bytes as hexadecimal text, blanks between them or not."""
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
-Rate = Annotated[float, Field(strict=True, gt=0, le=20_000)]
-Latency = Annotated[float, Field(strict=True, ge=0, le=1e6)]
 Place = Annotated[int, Field(strict=True, ge=0, le=65_535)]
 Count = Annotated[int, Field(strict=True, ge=1, le=65_535)]
-Whole = Annotated[int, Field(strict=True)]
+Whole = Annotated[int, Field(strict=True, ge=-(2**63), le=2**64 - 1)]

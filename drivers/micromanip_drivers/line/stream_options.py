@@ -48,9 +48,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from micromanip.quantities import Latency, SampleRate
+
 from .field_options import InputField, Known, Number, Status, WholeNumber
 from .framing_options import Counter, Crc
-from .section import Count, HexBytes, Latency, Name, Rate, Section
+from .section import Count, HexBytes, Name, Section
 
 
 class Blocks(WholeNumber):
@@ -83,7 +85,7 @@ class Stream(Section):
         default=1, description="Blocks in a packet: a number, or where the header says how many."
     )
     fields: dict[Name, InputField] = Field(min_length=1, description="The inputs by name; places are in the block.")
-    rate_hz: Rate = Field(description="Samples a second, of each field.")
+    rate_hz: SampleRate = Field(description="Samples a second, of each field.")
     counter: StreamCounter | None = Field(default=None, description="null: what is lost can't be seen.")
     status: Status | None = Field(default=None, description="How the device says that its values are bad.")
     time: DeviceTime | None = Field(

@@ -7,7 +7,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..line.section import Latency, Name, Rate, Section
+from micromanip.quantities import Latency, Range, Real, SampleRate, Scale
+
+from ..line.section import Name, Section
 
 READS = {1: "coils", 2: "discrete inputs", 3: "holding registers", 4: "input registers", 23: "holding registers"}
 WRITES = {5: "coils", 6: "holding registers", 15: "coils", 16: "holding registers", 23: "holding registers"}
@@ -64,8 +66,8 @@ class Register(Section):
 class Input(Register):
     """A value that is read."""
 
-    scale: Annotated[float, Field(strict=True)] = Field(default=1.0, description="Physical unit per count.")
-    offset: Annotated[float, Field(strict=True)] = Field(default=0.0, description="Value at a number of 0.")
+    scale: Scale = Field(default=1.0, description="Physical unit per count.")
+    offset: Real = Field(default=0.0, description="Value at a number of 0.")
     latency_us: Latency = Field(
         default=0.0,
         description="Age of a reading in the device when it is asked for; of an output, until it is in force.",
@@ -87,12 +89,10 @@ class Output(Input):
         description="The manual says that this register may be written for ever. Many are kept in flash memory, which "
         "is worn out after some 10,000 writes: seconds.",
     )
-    range: tuple[float, float] | None = Field(
+    range: Range | None = Field(
         default=None, description="Lowest and highest value that may be sent; null: what the type holds."
     )
-    safe: Annotated[float, Field(strict=True)] = Field(
-        default=0.0, description="What it is kept at where the configuration uses no such output."
-    )
+    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
 
     @model_validator(mode="after")
     def _may_be_written(self) -> Output:
@@ -130,7 +130,7 @@ class Task(Section):
         description="1 and 2 read coils and discrete inputs, 3 and 4 holding and input registers; 5 and 15 write "
         "coils, 6 and 16 registers, one by one or all at once; 23 writes and reads in one transaction."
     )
-    rate_hz: Rate = Field(description="How often.")
+    rate_hz: SampleRate = Field(description="How often.")
     read: dict[Name, Input] = Field(default={}, description="What is read, by name.")
     write: dict[Name, Output] = Field(default={}, description="What is written, by name.")
     status: Status | None = Field(default=None, description="Read with the others: are they good?")

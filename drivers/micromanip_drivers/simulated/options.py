@@ -6,10 +6,28 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from .records import EXCHANGE, MAX_FAULTS
+from micromanip.quantities import (
+    Distance,
+    DistanceOrZero,
+    Hertz,
+    Micrometres,
+    MicrosecondsOrZero,
+    Milliseconds,
+    MillisecondsOrZero,
+    NotNegative,
+    Positive,
+    RangeV,
+    Real,
+    SampleRate,
+    Seconds,
+    SecondsOrZero,
+    Seed,
+    Speed,
+    Volts,
+    VoltsAboveZero,
+)
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+from .records import EXCHANGE, MAX_FAULTS
 
 
 class _Options(BaseModel):
@@ -21,21 +39,21 @@ class Plant(_Options):
 
     preisach_c_um_per_V2: Positive = Field(default=9.5e-3, description="Density of the Preisach operator.")
     preisach_d_per_V: Positive = Field(default=0.016, description="Decay of the density with the loop's half width.")
-    preisach_k1: float = Field(default=0.30, description="Slope of the density over the loop's middle.")
-    preisach_k2: float = Field(default=-0.45, description="Curvature of the density over the loop's middle.")
-    reversible_um: tuple[float, float, float] = Field(
+    preisach_k1: Real = Field(default=0.30, description="Slope of the density over the loop's middle.")
+    preisach_k2: Real = Field(default=-0.45, description="Curvature of the density over the loop's middle.")
+    reversible_um: tuple[Real, Real, Real] = Field(
         default=(0.72, -2e-4, -2e-6), description="Reversible part: um per V, V^2, V^3."
     )
-    saturation_V: float = Field(default=-20.0, description="Negative saturation.")
+    saturation_V: Volts = Field(default=-20.0, description="Negative saturation.")
     creep_per_operator: NotNegative = Field(
         default=0.005, description="Share of the displacement that each of the 13 creep operators delays."
     )
-    amplifier_range_V: tuple[float, float] = Field(default=(-20.0, 150.0), description="Range of the amplifier.")
-    amplifier_Hz: Positive = Field(default=900.0, description="Bandwidth of the amplifier.")
-    amplifier_slew_V_per_ms: Positive = Field(default=40.0, description="Slew rate of the amplifier.")
+    amplifier_range_V: RangeV = Field(default=(-20.0, 150.0), description="Range of the amplifier.")
+    amplifier_Hz: Hertz = Field(default=900.0, description="Bandwidth of the amplifier.")
+    amplifier_slew_V_per_ms: Speed = Field(default=40.0, description="Slew rate of the amplifier.")
     amplifier_noise_mV: NotNegative = Field(default=2.0, description="Noise of the amplifier, rms.")
     dac_bits: int = Field(default=16, ge=8, le=32, description="Resolution of the output over dac_span_V.")
-    dac_span_V: Positive = Field(default=300.0, description="Span of the output converter.")
+    dac_span_V: VoltsAboveZero = Field(default=300.0, description="Span of the output converter.")
     piezo_N_per_um: Positive = Field(default=400.0, description="Stiffness of the stack.")
     actuator_kg: Positive = Field(default=2.0, description="Mass that moves with the stack.")
     lever: Positive = Field(default=5.31, description="Lever ratio of the flexure.")
@@ -45,39 +63,43 @@ class Plant(_Options):
     damping: NotNegative = Field(default=0.04, description="Damping ratio of both modes.")
     strain_noise_nm: NotNegative = Field(default=55.0, description="White noise of the strain gauge, rms.")
     strain_hum_nm: NotNegative = Field(default=10.0, description="50 Hz hum of the strain gauge, amplitude.")
-    strain_Hz: Positive = Field(default=2500.0, description="Bandwidth of the strain gauge.")
-    strain_range_um: Positive = Field(default=180.0, description="The strain gauge reads +- this, in 16 bits.")
+    strain_Hz: Hertz = Field(default=2500.0, description="Bandwidth of the strain gauge.")
+    strain_range_um: Distance = Field(default=180.0, description="The strain gauge reads +- this, in 16 bits.")
     stage_noise_nm: NotNegative = Field(default=12.0, description="Noise of the capacitive sensor, rms.")
-    stage_range_um: Positive = Field(default=300.0, description="The capacitive sensor reads +- this.")
-    stage_zero_um: float = Field(default=329.9, description="Stage position at which the capacitive sensor reads 0.")
+    stage_range_um: Distance = Field(default=300.0, description="The capacitive sensor reads +- this.")
+    stage_zero_um: Micrometres = Field(
+        default=329.9, description="Stage position at which the capacitive sensor reads 0."
+    )
     acceleration_noise: NotNegative = Field(default=0.02, description="Noise of the accelerometer, m/s^2 rms.")
-    drift_um_per_K: float = Field(default=0.5, description="Thermal drift of the stage.")
-    drift_time_constant_s: Positive = Field(default=600.0, description="Time constant of the drift.")
-    ambient_step_K: float = Field(default=2.0, description="How far the cell is from its thermal balance at the start.")
+    drift_um_per_K: Real = Field(default=0.5, description="Thermal drift of the stage.")
+    drift_time_constant_s: Seconds = Field(default=600.0, description="Time constant of the drift.")
+    ambient_step_K: Real = Field(default=2.0, description="How far the cell is from its thermal balance at the start.")
 
 
 class Force(_Options):
     """Machining force on each axis."""
 
-    start_s: NotNegative = Field(
+    start_s: SecondsOrZero = Field(
         default=3.0,
         description="When the tool engages, after the loop's start; with lines, after the amplifier's first start.",
     )
-    static_N: float = Field(default=80.0, description="Steady part.")
-    rise_ms: Positive = Field(default=20.0, description="Time constant of the steady part.")
-    tooth_N: float = Field(default=40.0, description="Amplitude at tooth passing.")
-    tooth_Hz: Positive = Field(default=200.0, description="Tooth-passing frequency.")
+    static_N: Real = Field(default=80.0, description="Steady part.")
+    rise_ms: Milliseconds = Field(default=20.0, description="Time constant of the steady part.")
+    tooth_N: Real = Field(default=40.0, description="Amplitude at tooth passing.")
+    tooth_Hz: Hertz = Field(default=200.0, description="Tooth-passing frequency.")
     noise_N: NotNegative = Field(default=5.0, description="Coloured noise, rms.")
-    noise_Hz: Positive = Field(default=30.0, description="Bandwidth of the coloured noise.")
+    noise_Hz: Hertz = Field(default=30.0, description="Bandwidth of the coloured noise.")
 
 
 class Deviation(_Options):
     """Path deviation of the robot: slow path error plus oscillation of the joints."""
 
-    amplitudes_um: tuple[float, float, float] = Field(default=(130.0, 60.0, 30.0), description="Path error.")
-    frequencies_Hz: tuple[Positive, Positive, Positive] = Field(default=(0.11, 0.29, 0.83), description="Path error.")
-    joint_um: NotNegative = Field(default=30.0, description="Amplitude of the joint oscillation.")
-    joint_Hz: Positive = Field(
+    amplitudes_um: tuple[Micrometres, Micrometres, Micrometres] = Field(
+        default=(130.0, 60.0, 30.0), description="Path error."
+    )
+    frequencies_Hz: tuple[Hertz, Hertz, Hertz] = Field(default=(0.11, 0.29, 0.83), description="Path error.")
+    joint_um: DistanceOrZero = Field(default=30.0, description="Amplitude of the joint oscillation.")
+    joint_Hz: Hertz = Field(
         default=8.0, description="Its frequency on the first axis; 3 % lower and higher on the others."
     )
 
@@ -85,10 +107,10 @@ class Deviation(_Options):
 class TrackerOptions(_Options):
     """Laser tracker that sees the deviation."""
 
-    rate_Hz: Positive = Field(default=1000.0, description="Samples a second.")
-    latency_ms: NotNegative = Field(default=1.0, description="Age of a sample when it arrives.")
-    noise_um: NotNegative = Field(default=0.5, description="Noise, rms.")
-    coordinates: tuple[tuple[float, ...], ...] | None = Field(
+    rate_Hz: SampleRate = Field(default=1000.0, description="Samples a second.")
+    latency_ms: MillisecondsOrZero = Field(default=1.0, description="Age of a sample when it arrives.")
+    noise_um: DistanceOrZero = Field(default=0.5, description="Noise, rms.")
+    coordinates: tuple[tuple[Real, ...], ...] | None = Field(
         default=None,
         description="What the channels deviation_<axis> read: a row of factors on the deviations of all axes each; "
         "null: each its own axis.",
@@ -100,11 +122,11 @@ class Lines(_Options):
     temperature_ok_<axis>; outputs amplifier_enable, feed_hold and heartbeat.
     """
 
-    retract_s: Positive = Field(default=0.5, description="From feed-hold until the tool is out of the cut.")
-    amplifier_bleed_ms: Positive = Field(
+    retract_s: Seconds = Field(default=0.5, description="From feed-hold until the tool is out of the cut.")
+    amplifier_bleed_ms: Milliseconds = Field(
         default=20.0, description="Time constant with which a disabled amplifier discharges the stack."
     )
-    heartbeat_ms: Positive | None = Field(
+    heartbeat_ms: Milliseconds | None = Field(
         default=None,
         description="The enabled amplifier switches itself off when the heartbeat has not changed for this long; "
         "null: it does not watch.",
@@ -114,10 +136,10 @@ class Lines(_Options):
 class Bus(_Options):
     """A bus between loop and cell. What only a simulation knows, and the tracker, do not go by it."""
 
-    input_rate_Hz: Positive = Field(description="Samples a second of gauges, capacitive sensors and lines.")
-    input_latency_us: NotNegative = Field(default=0.0, description="From being measured to being received.")
-    output_rate_Hz: Positive = Field(description="Writes a second of voltages and switches; the latest value wins.")
-    output_latency_us: NotNegative = Field(default=0.0, description="From being sent to being in force.")
+    input_rate_Hz: SampleRate = Field(description="Samples a second of gauges, capacitive sensors and lines.")
+    input_latency_us: MicrosecondsOrZero = Field(default=0.0, description="From being measured to being received.")
+    output_rate_Hz: SampleRate = Field(description="Writes a second of voltages and switches; the latest value wins.")
+    output_latency_us: MicrosecondsOrZero = Field(default=0.0, description="From being sent to being in force.")
 
 
 class Fault(_Options):
@@ -128,9 +150,9 @@ class Fault(_Options):
         description="value replaces the reading, offset adds to it, freeze repeats the last one, nan is not a number, "
         "status flags it as bad, drop lets no sample come, spike adds to one sample, error fails the whole exchange."
     )
-    value: float = Field(default=0.0, description="What is put in or added; the code with which an exchange fails.")
-    at_s: NotNegative = Field(description="When it begins, after the loop's start.")
-    for_s: Positive | None = Field(default=None, description="How long it lasts; null: for ever.")
+    value: Real = Field(default=0.0, description="What is put in or added; the code with which an exchange fails.")
+    at_s: SecondsOrZero = Field(description="When it begins, after the loop's start.")
+    for_s: Seconds | None = Field(default=None, description="How long it lasts; null: for ever.")
 
     @model_validator(mode="after")
     def _error_is_of_the_exchange(self) -> Fault:
@@ -150,7 +172,7 @@ class Options(_Options):
     device: str | None = Field(
         default=None, description="Pretended hardware that only one controller may use at a time; null: none."
     )
-    seed: int = Field(default=1, ge=0, description="Seed of all noise.")
+    seed: Seed = Field(default=1, description="Seed of all noise.")
     axes: tuple[str, ...] = Field(default=("x", "y", "z"), min_length=1, max_length=3, description="Names of the axes.")
     plant: Plant = Plant()
     variation: dict[str, Plant] = Field(default={}, description="An axis' own plant, where it differs.")

@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from micromanip.errors import ConfigError
-from micromanip.settings.base import Positive, Real, Settings
+from micromanip.quantities import Positive, Real
+from micromanip.settings.base import Settings
 from micromanip.settings.load import validate_section
 from micromanip.settings.source import Source
 

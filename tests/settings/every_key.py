@@ -1,0 +1,135 @@
+"""Configurations that together have every key of the file, and the places of their values."""
+
+import copy
+import functools
+from pathlib import Path
+
+from micromanip.settings.check import prepared
+from micromanip.settings.source import Source
+
+CONFIG = Path(__file__).parents[2] / "config"
+
+
+def _read(name):
+    return Source.read(CONFIG / f"{name}.yaml").data
+
+
+def _one_axis(document):
+    """Axis x alone: a third of the time."""
+    for section in ("signals", "outputs"):
+        document[section] = {key: entry for key, entry in document[section].items() if not key.endswith(("_y", "_z"))}
+    document["axes"] = {"x": document["axes"]["x"]}
+    return document
+
+
+def _simulated(**sections):
+    document = _one_axis(_read("simulated"))
+    document["arm_on_start"] = False
+    document.update(copy.deepcopy(sections))
+    return document
+
+
+_NETWORK = {
+    "model": "network",
+    "range_um": [0.0, 130.0],
+    "reversal_um": 1.0,
+    "input_weights": [[0.01, 0.01, 0.01], [0.02, -0.01, 0.01]],
+    "input_biases": [0.1, -0.1],
+    "output_weights": [10.0, 20.0],
+    "output_bias": 5.0,
+}
+_SOFT = {"K_V_per_um": 0.05, "Ti_ms": 5.0, "Td_ms": 0.0, "filter_ms": 0.3}
+_FRAME = {"signals": ["tracker_a"], "matrix": [[1.0]], "offset_um": [0.5]}
+
+
+def _framed():
+    document = _simulated()
+    document["signals"]["tracker_a"] = document["signals"].pop("deviation_x") | {"channel": "deviation_x"}
+    document["reference"]["frame"] = _FRAME
+    return document
+
+
+def _in_strain(reference, **axis):
+    document = _simulated(reference=reference)
+    document["axes"]["x"] |= {"mode": "strain", "outer": None, **copy.deepcopy(axis)}  # its gains take a long time
+    document["signals"].pop("deviation_x")
+    return document
+
+
+def _with_lines():
+    """Digital lines and switches, every optional section of the simulated cell, and all that is null by default."""
+    document = _in_strain({"source": "hold", "offset_um": 60.0})
+    document.update(
+        switches={
+            "amplifier_enable": {"driver": "cell", "channel": "amplifier_enable"},
+            "feed_hold": {"driver": "cell", "channel": "feed_hold"},
+            "heartbeat": {"driver": "cell", "channel": "heartbeat", "period_ms": 20.0},
+        },
+        start={"sweep_um": 20.0, "check_s": 0.2},
+        control={"socket_mode": "0600", "group": "root"},
+        simulation={"driver": "simulated", "lines": {"heartbeat_ms": 50.0}},
+    )
+    cell = document["drivers"]["cell"]
+    cell |= {
+        "device": "bench",
+        "lines": {"retract_s": 0.5, "heartbeat_ms": 50.0},
+        "bus": {"input_rate_Hz": 10_000.0, "output_rate_Hz": 10_000.0},
+        "faults": [{"channel": "strain_x", "kind": "offset", "value": 1.0, "at_s": 1.0, "for_s": 2.0}],
+        "variation": {"x": {"damping": 0.05}},
+        "tracker": {"coordinates": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]},
+    }
+    for line in ("enable", "interlock", "retracted", "amplifier_ok_x", "temperature_ok_x"):
+        document["signals"][line] = {"driver": "cell"}
+    document["outputs"]["voltage_x"] |= {"capacitance_uF": 10.0, "current_mA": 500.0}
+    return document
+
+
+def _on_bus(name):
+    document = _one_axis(_read(name))
+    document["axes"]["x"] |= {"mode": "strain", "outer": None}
+    document["reference"] = {"source": "hold", "offset_um": 60.0}
+    return document
+
+
+_MAKERS = {
+    "lines": _with_lines,
+    "jog": lambda: _in_strain(
+        {"source": "jog", "offset_um": 60.0, "range_um": [40.0, 80.0], "speed_um_per_s": 50.0, "target_um": {"x": 65.0}}
+    ),
+    "sines": lambda: _in_strain(
+        {"source": "sine", "offset_um": 60.0, "sines": [{"amplitude_um": 20.0, "frequency_Hz": 5.0, "phase_deg": 30.0}]}
+    ),
+    "step": lambda: _in_strain({"source": "step", "offset_um": 60.0, "step_um": 5.0, "start_s": 1.0}),
+    "network": lambda: _in_strain({"source": "hold", "offset_um": 60.0}, hysteresis=_NETWORK, inner=_SOFT),
+    "voltage": lambda: _in_strain({"source": "hold", "offset_um": 60.0}, mode="voltage"),
+    "tracker": _simulated,
+    "frame": _framed,
+    **{bus: functools.partial(_on_bus, bus) for bus in ("can", "canopen", "gcs", "modbus", "modbus_rtu", "serial")},
+}
+NAMES = tuple(_MAKERS)
+
+
+@functools.cache
+def _document(name):
+    return _MAKERS[name]()
+
+
+def document(name):
+    """A copy of the configuration of that name, with all defaults left out."""
+    return copy.deepcopy(_document(name))
+
+
+@functools.cache
+def running(name):
+    """It, ready to run."""
+    return prepared(source(document(name)))
+
+
+def source(document):
+    """It as it comes from a command, with no file of its own; files that it names stand beside the examples."""
+    return Source.of(document, CONFIG / "every_key.yaml")
+
+
+def spelt_out(name):
+    """The document with every default."""
+    return running(name).configuration.model_dump(mode="json")

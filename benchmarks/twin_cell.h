@@ -108,7 +108,7 @@ static void decay_hold(const struct cell_parameters *p, struct cell_state *s)
     double passed = (double)(s->cycle - s->entered_cycle);
 
     for (int i = 0; i < p->axes; i++)
-        s->axis[i].hold_scale = decays ? 1.0 - smooth(passed / (double)p->decay_cycles) : 1.0;
+        s->axis[i].hold_scale = decays ? 1.0 - smooth(passed / (double)p->axis[i].watch.decay_cycles) : 1.0;
 }
 
 static bool asks_feed_hold(const struct cell_state *s) { return s->state == HOLDING || s->fault != NO_FAULT; }

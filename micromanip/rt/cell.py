@@ -69,7 +69,7 @@ def decay_hold(p: Record, s: Record) -> None:
     decays = s["state"] == HOLDING and s["fault"] == REFERENCE_LOST
     passed = float(s["cycle"] - s["entered_cycle"])
     for i in range(p["axes"]):
-        s["axis"][i]["hold_scale"] = 1.0 - smooth(passed / p["decay_cycles"]) if decays else 1.0
+        s["axis"][i]["hold_scale"] = 1.0 - smooth(passed / p["axis"][i]["watch"]["decay_cycles"]) if decays else 1.0
 
 
 @compiled

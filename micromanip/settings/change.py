@@ -22,9 +22,9 @@ RULES: tuple[tuple[str, str], ...] = (
     ("signals.**", RESTART),
     ("outputs.*.range_V", DISARM),
     ("outputs.*.slew_V_per_ms", DISARM),
-    ("outputs.*.capacitance_uF", DISARM),
-    ("outputs.*.current_mA", DISARM),
-    ("outputs.**", RESTART),  # also park_V: an output at rest would move to another one without being armed
+    # also park_V: an output at rest would move to another one without being armed; `identify` reads the current in the
+    # file that it is given
+    ("outputs.**", RESTART),
     ("switches.**", RESTART),
     ("faults.**", LIVE),
     ("shadow.**", LIVE),
@@ -37,14 +37,14 @@ RULES: tuple[tuple[str, str], ...] = (
     ("axes.*.setpoint.range_um", DISARM),
     ("axes.*.setpoint.slew_um_per_ms", LIVE),
     ("axes.*.hysteresis.**", LIVE),
-    ("axes.*.hysteresis_affine.**", LIVE),  # `run` does not use it
+    ("axes.*.hysteresis_affine.**", LIVE),  # kept for `evaluate`, which reads the file; nothing that runs uses it
     ("axes.*.inner.**", LIVE),
     ("axes.*.outer.**", LIVE),
     ("axes.*.faults.**", LIVE),
     ("axes.*.authority_percent", LIVE),
     ("axes.*.commissioned.**", LIVE),
-    ("arm_on_start", LIVE),  # asked for at the next start
-    ("simulation.**", LIVE),  # `run` does not use it
+    ("arm_on_start", RESTART),
+    ("simulation.**", RESTART),  # of `simulate-device`, which does not hear of what is set here
 )
 """The first rule that fits counts; ``*`` is one name, ``**`` any number of parts, also none."""
 

@@ -35,7 +35,6 @@ def fill_cell_limits(p: Any, faults: Faults, rate_hz: int) -> None:
     p["overrun_level"] = math.inf if deadline.share_percent is None else max(1.0, p["overrun_share"] * rate_hz)
     p["heartbeat_ns"] = round(faults.host.silent_ms * 1e6)
     p["hold_cycles"] = max(1, round(faults.hold.timeout_s * rate_hz))
-    p["decay_cycles"] = max(1, round(faults.axis.reference.decay_ms * 1e-3 * rate_hz))
     for code, section in (
         (states.OVERRUNS, deadline),
         (states.HOST_DEAD, faults.host),
@@ -73,6 +72,7 @@ def fill_axis_limits(
         stale = faults.reference.stale_periods
         w["stale_cycles"] = NEVER if stale is None else cycles(stale * period_ms)
     w["lost_cycles"] = cycles(faults.reference.time_ms)
+    w["decay_cycles"] = cycles(faults.reference.decay_ms)
     w["derate"] = faults.over_temperature.derate_percent / 100.0
     w["hot_cycles"] = cycles(faults.over_temperature.time_s * 1e3)
     for code, reaction in (

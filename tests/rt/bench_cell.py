@@ -37,11 +37,12 @@ def parameters(lift=40, settle=10, authority=40, ramp=60):
     p["lift_cycles"], p["settle_cycles"], p["authority_cycles"], p["ramp_cycles"] = lift, settle, authority, ramp
     p["score_cycles"] = 20
     p["check_cycles"] = p["sweep_cycles"] = 0
-    p["hold_cycles"], p["decay_cycles"] = 50, 40
+    p["hold_cycles"] = 50
     for axis in p["axis"]:
         axis["path_error"] = axis["uncompensated"] = -1
         axis["strain_range_um"], axis["stage_range_um"] = (-1000.0, 1000.0), (-1000.0, 1000.0)
         axis["authority_step"] = 1.0 / authority
+        axis["watch"]["decay_cycles"] = 40
         forgive(axis)
     for i, offset in ((Y, 60.0), (Z, 50.0)):
         r = p["axis"][i]["reference"]

@@ -17,10 +17,16 @@ SHORT = {
     "authority_cycles": 100,
     "ramp_cycles": 150,
     "hold_cycles": 200,
-    "decay_cycles": 80,
     "score_cycles": 50,
 }
-SENSITIVE = {"coast_cycles": 20, "degraded_cycles": 40, "stale_cycles": 30, "lost_cycles": 100, "hot_cycles": 120}
+SENSITIVE = {
+    "decay_cycles": 80,
+    "coast_cycles": 20,
+    "degraded_cycles": 40,
+    "stale_cycles": 30,
+    "lost_cycles": 100,
+    "hot_cycles": 120,
+}
 SWITCHES = ("amplifier_enable", "feed_hold", "heartbeat")
 
 

@@ -1,0 +1,133 @@
+"""A key that may be changed while the controller runs reaches whoever uses it.
+
+Every key of the configurations of `every_key` is changed as `set` does it, unless it needs a restart.
+Whatever is taken must show in what is handed over then: the parameters that the loop swaps to, what a worker is told,
+or another reader that is named here, with the reason.
+"""
+
+import re
+
+import every_key
+import pytest
+
+from micromanip.errors import ConfigError, UsageError
+from micromanip.host import bus_worker
+from micromanip.settings.change import RESTART, leaves, needed, needs
+from micromanip.settings.check import revise, validate
+from micromanip.settings.commissioned import changes_since
+from micromanip.settings.keys import assigned
+from micromanip.settings.model import Configuration
+from micromanip.settings.shape import Shape
+from micromanip.settings.source import Source, key_text
+
+_DESCRIPTOR, _OFFSET = 0, 0
+
+
+def loop(result):
+    """The parameters that the loop swaps to."""
+    return result.parameters.tobytes()
+
+
+def workers(result):
+    """What the worker of each bus goes by, those of the configuration that it is told anew when it is swapped."""
+    return [bus_worker._orders(result, name, _DESCRIPTOR, _OFFSET) for name in result.wiring.buses]
+
+
+def warnings(result):
+    """What `set` answers beside the changes: which axis is not as it was commissioned."""
+    return changes_since(result.configuration.axes)
+
+
+READERS = (loop, workers, warnings)
+
+USED_BY_NOBODY_THAT_RUNS = {
+    r"axes\.\*\.hysteresis_affine\b.*": "kept for `evaluate`, which reads the file",
+    r"signals\.(true_strain|true_stage|path_error|uncompensated|acceleration)\.max_age_us": "shown, never judged",
+}
+
+
+def other_values(path, value):
+    """Values that may be right in place of `value`."""
+    if isinstance(value, bool):
+        return [not value]
+    if isinstance(value, float | int):
+        return [value * 1.01, value * 0.99, value + 1, value - 1, value * 2, value * 0.5]
+    if isinstance(value, list):
+        varied = []
+        for factor in (1.01, 0.99, 1.1, 0.9):
+            varied += [_scaled(value, factor, only) for only in (None, 0, len(value) - 1)]
+        return varied
+    if value is None:
+        return [1.0, 10.0, 100.0, 2, 5_000.0, [-200.0, 300.0]]
+    return _choices(path)
+
+
+def _scaled(value, factor, only):
+    if isinstance(value, list):
+        return [_scaled(each, factor, None) if only in (None, i) else each for i, each in enumerate(value)]
+    return value * factor if isinstance(value, float | int) else value
+
+
+def _choices(path):
+    shape = Shape.of(Configuration)
+    for part in path:
+        found = shape.child(part)
+        if not found.schema and shape.variants:
+            found = next((v.child(part) for v in shape.variants if v.child(part).schema), found)
+        shape = found
+    return shape.choices
+
+
+def swapped(name, path, value):
+    """What would be in force after `set`; None where it is refused, RESTART where that is why."""
+    running = every_key.running(name)
+    try:
+        document = assigned(every_key.document(name), every_key.spelt_out(name), {key_text(path): value})
+        source = Source.of(document, running.source.path)
+        configuration = validate(source)
+        wanted = set(needs(running.configuration, configuration).values())
+        if not wanted:
+            return None
+        return RESTART if RESTART in wanted else revise(running, source)
+    except (ConfigError, UsageError):
+        return None
+
+
+def effect(name, path, value):
+    """Who takes the first value that is accepted at `path`; None where none is, or a restart is needed."""
+    running = every_key.running(name)
+    for other in other_values(path, value):
+        result = swapped(name, path, other)
+        if result == RESTART:
+            return None
+        if result is not None:
+            taken = [reader.__name__ for reader in READERS if reader(result) != reader(running)]
+            return ", ".join(taken) or "nobody"
+    return None
+
+
+def generic(path):
+    """The key with names of one's own left out, as the reference has it."""
+    if path[0] == "signals":  # what looks at one is another one for each role
+        path = ("signals", path[1].rsplit("_", 1)[0], *path[2:])
+    named = {"outputs", "axes", "target_um"}
+    return ".".join("*" if i and path[i - 1] in named else part for i, part in enumerate(map(str, path)))
+
+
+@pytest.fixture(scope="module")
+def effects():
+    """By key: who takes a change of it in the first configuration where anybody does."""
+    found = {}
+    for name in every_key.NAMES:
+        for path, value in leaves(every_key.spelt_out(name)).items():
+            key = generic(path)
+            if needed(path) != RESTART and found.get(key) in (None, "nobody"):
+                found[key] = effect(name, path, value) or found.get(key)
+    return found
+
+
+def test_every_key_that_is_taken_reaches_somebody(effects):
+    """Each key in at least one configuration: the gains of a loop that is open are used by nobody there."""
+    unused = {key for key in effects if any(re.fullmatch(pattern, key) for pattern in USED_BY_NOBODY_THAT_RUNS)}
+    assert {key for key, who in effects.items() if who == "nobody"} - unused == set()
+    assert len(effects) > 120

@@ -38,6 +38,17 @@ _NETWORK = {
     "output_weights": [10.0, 20.0],
     "output_bias": 5.0,
 }
+_TABLE = {
+    "model": "pi",
+    "range_um": [0.0, 130.0],
+    "shaping": "table",
+    "table_V": [-20.0, 60.0, 150.0],
+    "table_um": [-16.0, 48.0, 120.0],
+    "thresholds_um": [5.0, 10.0],
+    "weights": [0.1, 0.08],
+    "creep_s": [0.5],
+    "creep_gains": [0.02],
+}
 _SOFT = {"K_V_per_um": 0.05, "Ti_ms": 5.0, "Td_ms": 0.0, "filter_ms": 0.3}
 _FRAME = {"signals": ["tracker_a"], "matrix": [[1.0]], "offset_um": [0.5]}
 
@@ -101,6 +112,7 @@ _MAKERS = {
     ),
     "step": lambda: _in_strain({"source": "step", "offset_um": 60.0, "step_um": 5.0, "start_s": 1.0}),
     "network": lambda: _in_strain({"source": "hold", "offset_um": 60.0}, hysteresis=_NETWORK, inner=_SOFT),
+    "table": lambda: _in_strain({"source": "hold", "offset_um": 60.0}, hysteresis=_TABLE, inner=_SOFT),
     "voltage": lambda: _in_strain({"source": "hold", "offset_um": 60.0}, mode="voltage"),
     "tracker": _simulated,
     "frame": _framed,

@@ -1,0 +1,177 @@
+"""What a device was given last, by the names of its outputs: a small file that outlives every process.
+
+A worker, or ``safe-outputs``, that takes over after everything was killed goes on from there where the device can't be
+asked. The file lies beside the device's lock and is written by whoever holds that lock. The folder is gone after a
+power cycle; a file of an earlier start of the machine counts as none.
+
+It is written through a mapping, so that a write costs no system call. Two slots are written in turn, each between
+two copies of a number that grows: a writer that is killed leaves the slot before.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import mmap
+import os
+import re
+import stat
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Self
+
+from micromanip.errors import PermissionDenied
+
+from . import device_lock
+
+_HEADER_BYTES = 16384
+"""The header, a line of JSON, is padded with blanks to so many bytes: names of outputs, and the machine's start."""
+_TURN = struct.Struct("<q")
+_START = Path("/proc/sys/kernel/random/boot_id")
+
+
+class LastGiven:
+    """The file of one device, open."""
+
+    def __init__(self, memory: mmap.mmap, count: int) -> None:
+        """`memory` is the whole file, `count` the number of outputs; use `open`."""
+        self._memory, self._count = memory, count
+        self._values = struct.Struct(f"<{count}d")
+        self._turn = max((turn for turn, _ in self._slots()), default=0)
+
+    @classmethod
+    def open(cls, device: str, names: Sequence[str], folder: Path | None = None) -> Self:
+        """The file of `device`, made where there is none; values of outputs that it knew are kept.
+
+        Raises PermissionDenied where it can't be made, or belongs to somebody else and can't be replaced.
+        """
+        path = path_of(device, folder)
+        known = _known(path, device)
+        if known is None or list(known) != list(names):
+            _make(path, device, names, known or {})
+        try:
+            descriptor = _opened(path, os.O_RDWR)
+            try:
+                return cls(mmap.mmap(descriptor, _size(len(names))), len(names))
+            finally:
+                os.close(descriptor)
+        except (OSError, ValueError) as problem:
+            raise _denied(path, device, problem) from problem
+
+    def write(self, values: Sequence[float]) -> None:
+        """Remember what the device was given; NaN for an output that it was not given yet."""
+        self._turn += 1
+        at = self._place(self._turn % 2)
+        _TURN.pack_into(self._memory, at, self._turn)
+        self._values.pack_into(self._memory, at + _TURN.size, *values)
+        _TURN.pack_into(self._memory, at + _TURN.size + self._values.size, self._turn)
+
+    def read(self) -> list[float | None] | None:
+        """What each output was given last, None for one that never was; None where nothing ever was given."""
+        _, values = max(self._slots(), key=lambda slot: slot[0], default=(0, ()))
+        found = [value if math.isfinite(value) else None for value in values]
+        return found if any(value is not None for value in found) else None
+
+    def close(self) -> None:
+        """Let go of it; what was written stays."""
+        self._memory.close()
+
+    def _place(self, slot: int) -> int:
+        return _HEADER_BYTES + slot * (2 * _TURN.size + self._values.size)
+
+    def _slots(self) -> list[tuple[int, tuple[float, ...]]]:
+        """Number and values of the slots that were written to their end."""
+        found = []
+        for slot in (0, 1):
+            at = self._place(slot)
+            (begun,) = _TURN.unpack_from(self._memory, at)
+            values = self._values.unpack_from(self._memory, at + _TURN.size)
+            (ended,) = _TURN.unpack_from(self._memory, at + _TURN.size + self._values.size)
+            if begun == ended > 0:
+                found.append((begun, values))
+        return found
+
+
+def path_of(device: str, folder: Path | None = None) -> Path:
+    """Where the file of `device` lies: beside its lock."""
+    return (device_lock.FOLDER if folder is None else folder) / (re.sub(r"[^A-Za-z0-9.-]", "_", device) + ".given")
+
+
+def _size(count: int) -> int:
+    return _HEADER_BYTES + 2 * (2 * _TURN.size + 8 * count)
+
+
+def _start_of_machine() -> str:
+    with contextlib.suppress(OSError):
+        return _START.read_text(encoding="ascii").strip()
+    return ""
+
+
+def _opened(path: Path, flags: int) -> int:
+    """A descriptor on the file if it is one, and belongs to somebody who may say what the device was given.
+
+    That is this user and root; where the folder is a group's, everyone who may write there. Raises OSError.
+    """
+    descriptor = os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+    found, shared = os.fstat(descriptor), path.parent.stat().st_mode & stat.S_IWOTH
+    ours = found.st_uid in (0, os.geteuid()) or not shared
+    if ours and stat.S_ISREG(found.st_mode) and found.st_nlink == 1:
+        return descriptor
+    os.close(descriptor)
+    raise PermissionError(f"it belongs to user {found.st_uid}, or is no plain file")
+
+
+def _known(path: Path, device: str) -> Mapping[str, float] | None:
+    """Values (NaN: never given) by the outputs' names, of a whole file of `device` and this start of the machine."""
+    try:
+        descriptor = _opened(path, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        header = json.loads(os.pread(descriptor, _HEADER_BYTES, 0))
+        names, count = list(header["names"]), len(header["names"])
+        if (header["device"], header["start"]) != (device, _start_of_machine()):
+            return None
+        if os.fstat(descriptor).st_size != _size(count):
+            return None
+        with mmap.mmap(descriptor, _size(count), prot=mmap.PROT_READ) as memory:
+            values = LastGiven(memory, count).read() or [None] * count
+        pairs = zip(names, values, strict=True)
+        return {str(name): math.nan if value is None else value for name, value in pairs}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    finally:
+        os.close(descriptor)
+
+
+def _make(path: Path, device: str, names: Sequence[str], known: Mapping[str, float]) -> None:
+    """A new file in place of the one that may be there, never a part of one."""
+    header = json.dumps({"device": device, "start": _start_of_machine(), "names": list(names)}).encode()
+    if len(header) >= _HEADER_BYTES:
+        raise PermissionDenied(f"device {device} has too many outputs for {path}")
+    own = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        own.unlink(missing_ok=True)
+        descriptor = os.open(own, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        try:
+            os.fchmod(descriptor, 0o660 if path.parent.stat().st_mode & stat.S_ISGID else 0o600)
+            os.ftruncate(descriptor, _size(len(names)))
+            os.pwrite(descriptor, header.ljust(_HEADER_BYTES), 0)
+            with mmap.mmap(descriptor, _size(len(names))) as memory:
+                fresh = LastGiven(memory, len(names))
+                fresh.write([known.get(name, math.nan) for name in names])
+            own.rename(path)
+        except BaseException:
+            own.unlink(missing_ok=True)
+            raise
+        finally:
+            os.close(descriptor)
+    except OSError as problem:
+        raise _denied(path, device, problem) from problem
+
+
+def _denied(path: Path, device: str, problem: Exception) -> PermissionDenied:
+    why = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
+    return PermissionDenied(f"what device {device} is given can't be remembered in {path}: {why}; see docs/service.md")

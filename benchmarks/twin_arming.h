@@ -45,6 +45,8 @@ static bool refuse(const struct cell_parameters *p, struct cell_state *s)
         s->refused |= INTERLOCK_MISSING;
     if (s->link_down)
         s->refused |= LINK_MISSING;
+    if (s->outputs_taken)
+        s->refused |= OUTPUTS_MISSING;
     refused = s->refused != 0;
     for (int i = 0; i < p->axes; i++) {
         s->axis[i].refused = refuse_axis(&p->axis[i], &s->axis[i], resuming);

@@ -47,11 +47,11 @@ def fault_message(
 ) -> str:
     """One line for people: code, where, what, likely causes, next step.
 
-    Of a lost link `value` is the number of its driver among `drivers`.
+    Of a lost link, and of outputs that were taken away, `value` is the number of its driver among `drivers`.
     """
     text = FAULTS[fault]
     where = f"axis {axis}" if axis else None
-    if fault == states.LINK_LOST and drivers:
+    if fault in (states.LINK_LOST, states.OUTPUTS_TAKEN) and drivers:
         where = f"driver {drivers[int(value)]}"
     return f"{seen(text, value, limit, where)}. {advice(text)}"
 

@@ -9,6 +9,8 @@ _CELL = {
     states.LATCHED: "a fault is latched or the cell is stopping: `micromanip reset` once the cause is gone",
     states.ENABLE_MISSING: "the signal enable is not 1: is the emergency stop released?",
     states.LINK_MISSING: "the link to a bus is down: see `micromanip status`, it comes back by itself when it can",
+    states.OUTPUTS_MISSING: "the outputs of a bus are not in the loop's hand yet, they are on their way to rest: see "
+    "`micromanip status`",
     states.INTERLOCK_MISSING: "the signal interlock is not 1: is the guard closed?",
 }
 _AXIS = {

@@ -26,6 +26,7 @@ from .states import (
     NO_FAULT,
     NOT_READY,
     NOT_RESUMABLE,
+    OUTPUTS_MISSING,
     READY,
     REFERENCE_MISSING,
     STRAIN_MISSING,
@@ -49,6 +50,8 @@ def refuse(p: Record, s: Record) -> bool:
         reasons |= INTERLOCK_MISSING
     if s["link_down"] != 0:
         reasons |= LINK_MISSING
+    if s["outputs_taken"] != 0:
+        reasons |= OUTPUTS_MISSING
     s["refused"] = reasons
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]

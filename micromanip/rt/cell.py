@@ -13,6 +13,7 @@ from .axis import axis_cycle, sample
 from .checks import arming_step, judge_checks
 from .commands import apply_command
 from .course import smooth
+from .exchange import FIRST_TAKEN
 from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
@@ -29,6 +30,7 @@ from .states import (
     LINK_LOST,
     NO_COMMAND,
     NOT_FINITE,
+    OUTPUTS_TAKEN,
     RAMPING,
     REFERENCE_LOST,
     TRACKING,
@@ -57,10 +59,20 @@ def watch_cell(p: Record, s: Record) -> None:
 
 @compiled
 def watch_drivers(p: Record, s: Record, code: int) -> None:
-    """Judge what the exchange of this cycle returned: a failure is a fault in any state, a link that is down in use."""
-    s["link_down"] = 1 if code < 0 else 0
+    """Judge what the exchange of this cycle returned.
+
+    A failure is a fault in any state, a link that is down in use. Outputs that do not follow the loop are one while the
+    axes are moved by it: not before the first voltage of arming, and not on a ramp, which goes where they go too.
+    """
+    taken = code <= FIRST_TAKEN
+    s["link_down"] = 1 if FIRST_TAKEN < code < 0 else 0
+    s["outputs_taken"] = 1 if taken else 0
+    state = s["state"]
+    parks = (state == RAMPING and s["soft"] == 0) or (state == ARMED and s["phase"] == PARKED)
+    moves = is_enabled(s) and not parks
     cell_fault(p, s, DRIVER_ERROR, code > 0, float(code), 0.0)
-    cell_fault(p, s, LINK_LOST, code < 0 and is_enabled(s), float(-1 - code), 0.0)
+    cell_fault(p, s, LINK_LOST, s["link_down"] != 0 and is_enabled(s), float(-1 - code), 0.0)
+    cell_fault(p, s, OUTPUTS_TAKEN, taken and moves, float(FIRST_TAKEN - code), 0.0)
 
 
 @compiled

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
+from .image import TAKEN
 from .intrinsics import call_exchange
 from .jit import compiled
-from .records import SIGNAL
+from .records import MAX_DRIVERS, SIGNAL
 
 _SIGNAL_BYTES = SIGNAL.itemsize
 _OUTPUT_BYTES = 8
+FIRST_TAKEN = -1 - MAX_DRIVERS
+"""What ``exchange_all`` returns where the first driver's outputs do not follow the loop; one less for the second."""
 
 
 @compiled
 def exchange_all(drivers: Any, count: int, outputs: Any, signals: Any, now_ns: int, periods: int) -> int:
     """Write `outputs`, read `signals` through every driver.
 
-    0; else the code of the first that failed; else, where a link is down, -1 less the number of that driver.
+    0; else the code of the first that failed; else, where a link is down, -1 less the number of that driver; else,
+    where outputs do not follow the loop, `FIRST_TAKEN` less the number of that driver.
     """
-    failed = 0
+    failed, down, taken = 0, 0, 0
     for i in range(count):
         code = call_exchange(
             drivers[i]["exchange"],
@@ -28,8 +32,12 @@ def exchange_all(drivers: Any, count: int, outputs: Any, signals: Any, now_ns: i
             now_ns,
             periods,
         )
-        if code > 0 and failed <= 0:
+        if code > 0 and failed == 0:
             failed = code
-        elif code < 0 and failed == 0:
-            failed = -1 - i
-    return failed
+        elif code == TAKEN and taken == 0:
+            taken = FIRST_TAKEN - i
+        elif code < 0 and code != TAKEN and down == 0:
+            down = -1 - i
+    if failed != 0:
+        return failed
+    return down if down != 0 else taken

@@ -11,8 +11,8 @@ one tries again, a bounded number of times, and otherwise keeps what it had.
     LINK           worker       where the link stands, see LINK_NAMES
     EPOCH          worker       grows by one each time the link has come up: what was before is over
     ALIVE_NS       worker       its sign of life
-    SENT_TURN      worker       turn of the values last sent to the device
-    SENT_NS        worker       when those were sent
+    SENT_TURN      worker       turn of the values that the device was given last
+    SENT_NS        worker       when it was given those
     OUTPUT_STATE   worker       whether the outputs follow the loop, see OUTPUT_NAMES
     EPOCH_SEEN     loop         newest epoch that the loop has met
 """
@@ -36,12 +36,13 @@ LINK_DOWN, LINK_UP, LINK_LATCHED = range(3)
 LINK_NAMES = ("down", "up", "latched")
 """Not reached, in use, or given up until somebody has looked at it."""
 
-RESTING, FOLLOWING, SAFE_RAMP = range(3)
-OUTPUT_NAMES = ("at rest", "following", "ramping to rest")
-"""The outputs are at their safe value, as the loop decides, or on the way to their safe value."""
+RESTING, FOLLOWING, SAFE_RAMP, UNKNOWN = range(4)
+OUTPUT_NAMES = ("at rest", "following", "ramping to rest", "unknown")
+"""The device was given the safe values, is given what the loop decides, is on the way to the safe values, or can't be
+reached: then nobody knows."""
 
-DOWN = -1
-"""What ``exchange_image`` returns while the link can't be used."""
+DOWN, TAKEN = -1, -2
+"""What ``exchange_image`` returns while the link can't be used, and while the outputs do not follow the loop."""
 _TRIES = 4
 
 IMAGE = np.dtype(
@@ -59,7 +60,7 @@ IMAGE = np.dtype(
     align=True,
 )
 """``inputs`` and ``outputs`` are how many there are; a worker silent for longer than ``silent_ns`` is lost. ``value``
-is what the loop wants, ``sent`` what the device was given last."""
+is what the loop wants, ``sent`` what the device was given last; NaN where it was not given anything yet."""
 
 IMAGES = types.Array(numba.from_dtype(IMAGE), 1, "C")
 VALUES = types.float64[::1]
@@ -119,10 +120,13 @@ def link_is_up(c: Record, now_ns: int) -> bool:
 
 @compiled
 def exchange_image(c: Record, outputs: Any, inputs: Any, now_ns: int) -> int:
-    """One exchange of the loop with a bus; 0, or DOWN."""
+    """One exchange of the loop with a bus; 0, DOWN, or TAKEN."""
     leave_outputs(c, outputs, now_ns)
     take_inputs(c, inputs, now_ns)
-    return 0 if link_is_up(c, now_ns) else DOWN
+    if not link_is_up(c, now_ns):
+        return DOWN
+    follows = c["outputs"] == 0 or load_acquire(c["words"], OUTPUT_STATE) == FOLLOWING
+    return 0 if follows else TAKEN
 
 
 @compiled
@@ -167,7 +171,7 @@ def take_outputs(image: Any, values: Any) -> int:
 
 @compiled.entry(types.void(IMAGES, VALUES, types.int64))
 def remember_sent(image: Any, values: Any, now_ns: int) -> None:
-    """The worker notes what it sent: it is where a worker that takes its place begins."""
+    """The worker notes what the device was given: it is where a worker that takes its place begins."""
     c = image[0]
     begin_turn(c["words"], SENT_TURN)
     for i in range(c["outputs"]):

@@ -366,6 +366,7 @@ CELL_STATE = _record(
     ("event", EVENT, (EVENTS,)),
     ("refused", "i8"),
     ("link_down", "i8"),
+    ("outputs_taken", "i8"),
     ("enable", SENSOR_STATE),
     ("interlock", SENSOR_STATE),
     ("retracted", SENSOR_STATE),

@@ -38,8 +38,9 @@ REACTION_NAMES = ("warn", "hold", "ramp", "off")
     STRAIN_CHECK,
     STAGE_CHECK,
     LINK_LOST,
-) = range(21)
-FAULTS = 21
+    OUTPUTS_TAKEN,
+) = range(22)
+FAULTS = 22
 """Faults: each has a reaction of its own, and the first that is more than a warning stays latched."""
 
 (
@@ -55,7 +56,7 @@ FAULTS = 21
 
 EVENT_CODES = FAULTS + 7
 
-NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING, LINK_MISSING = 1, 2, 4, 8, 16
+NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING, LINK_MISSING, OUTPUTS_MISSING = 1, 2, 4, 8, 16, 32
 """Why arming was refused, the cell's bits."""
 STRAIN_MISSING, REFERENCE_MISSING, AMPLIFIER_MISSING, TEMPERATURE_MISSING, NOT_RESUMABLE = 1, 2, 4, 8, 16
 """Why arming was refused, an axis' bits."""

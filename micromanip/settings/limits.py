@@ -40,6 +40,7 @@ def fill_cell_limits(p: Any, faults: Faults, rate_hz: int) -> None:
         (states.HOST_DEAD, faults.host),
         (states.DRIVER_ERROR, faults.driver),
         (states.LINK_LOST, faults.link),
+        (states.OUTPUTS_TAKEN, faults.link),
         (states.ENABLE_LOST, faults.enable),
         (states.INTERLOCK_OPEN, faults.interlock),
     ):

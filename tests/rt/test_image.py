@@ -21,6 +21,7 @@ def up(image, now_ns=0):
     im.tell(image, im.EPOCH, im.ask(image, im.EPOCH) + 1)
     im.tell(image, im.ALIVE_NS, now_ns)
     im.tell(image, im.LINK, im.LINK_UP)
+    im.tell(image, im.OUTPUT_STATE, im.FOLLOWING)
 
 
 def exchange(image, now_ns=0, outputs=None, signals=None):
@@ -91,6 +92,23 @@ def test_the_link_is_down_until_it_has_held_a_cycle():
     up(image, 100)
     assert exchange(image, 200)[0] == im.DOWN  # it has just come up: what was before is over
     assert exchange(image, 300)[0] == 0
+
+
+@pytest.mark.parametrize("state", [im.RESTING, im.SAFE_RAMP, im.UNKNOWN])
+def test_outputs_that_do_not_follow_are_seen_in_the_very_next_cycle(state):
+    image = new()
+    up(image, 100)
+    exchange(image, 200)
+    assert exchange(image, 300)[0] == 0
+    im.tell(image, im.OUTPUT_STATE, state)
+    assert exchange(image, 400)[0] == im.TAKEN
+    im.tell(image, im.LINK, im.LINK_DOWN)
+    assert exchange(image, 500)[0] == im.DOWN  # the graver news
+    bus_without_outputs = new(outputs=0)
+    up(bus_without_outputs, 100)
+    im.tell(bus_without_outputs, im.OUTPUT_STATE, state)
+    exchange(bus_without_outputs, 200)
+    assert exchange(bus_without_outputs, 300)[0] == 0
 
 
 def test_a_silent_worker_is_a_lost_link():

@@ -1,0 +1,100 @@
+"""Outputs of a bus that do not follow the loop: seen in the cycle in which it begins, no arming before they do."""
+
+import pytest
+
+from micromanip.rt.cell import watch_drivers
+from micromanip.rt.exchange import FIRST_TAKEN
+from micromanip.rt.states import (
+    ARM,
+    ARMED,
+    DISARM,
+    FAULT,
+    HOLD,
+    HOLDING,
+    LINK_LOST,
+    NO_FAULT,
+    OUTPUTS_MISSING,
+    OUTPUTS_TAKEN,
+    RAMPING,
+    RAMPS,
+    READY,
+    RESET,
+    TRACKING,
+)
+
+from .bench_cell import BenchCell, parameters
+
+TAKEN_FROM_SECOND = FIRST_TAKEN - 1
+
+
+class OnABus(BenchCell):
+    """A cell whose drivers' exchange returns `code`."""
+
+    def __init__(self):
+        record = parameters()
+        record[0]["reaction"][OUTPUTS_TAKEN] = record[0]["reaction"][LINK_LOST] = RAMPS
+        self.code = 0
+        super().__init__(record)
+
+    def step(self, *args, **kwargs):
+        watch_drivers(self.p, self.s, self.code)
+        return super().step(*args, **kwargs)
+
+
+@pytest.fixture
+def cell():
+    return OnABus()
+
+
+def test_tracking_ends_in_the_cycle_in_which_they_are_taken(cell):
+    cell.arm()
+    assert cell.s["state"] == TRACKING
+    cell.code = TAKEN_FROM_SECOND
+    cell.step()
+    assert (cell.s["state"], cell.s["fault"], cell.s["fault_value"]) == (RAMPING, OUTPUTS_TAKEN, 1.0)
+
+
+@pytest.mark.parametrize("command", [HOLD, DISARM])
+def test_so_does_a_hold_and_the_fading_out_before_a_ramp(cell, command):
+    cell.arm()
+    cell.step(command=command)
+    assert cell.s["state"] == (HOLDING if command == HOLD else RAMPING)
+    cell.code = FIRST_TAKEN
+    cell.step()
+    assert (cell.s["state"], cell.s["soft"], cell.s["fault"]) == (RAMPING, 0, OUTPUTS_TAKEN)
+
+
+def test_on_the_ramp_and_at_rest_it_is_no_fault(cell):
+    cell.arm()
+    cell.step(command=DISARM)
+    while cell.s["soft"] != 0:
+        cell.step()
+    cell.code = FIRST_TAKEN
+    while cell.s["state"] == RAMPING:
+        cell.step()
+    assert (cell.s["state"], cell.s["fault"]) == (READY, NO_FAULT)
+
+
+def test_arming_waits_for_outputs_in_the_loops_hand(cell):
+    cell.code = FIRST_TAKEN
+    cell.run(5)
+    assert not cell.step(command=ARM)
+    assert (cell.s["state"], cell.s["refused"]) == (READY, OUTPUTS_MISSING)
+    cell.code = 0
+    assert cell.step(command=ARM)
+    assert cell.s["state"] == ARMED
+
+
+def test_it_is_not_taken_for_a_lost_link_nor_a_lost_link_for_it(cell):
+    cell.arm()
+    cell.code = -2
+    cell.step()
+    assert (cell.s["fault"], cell.s["fault_value"], cell.s["link_down"]) == (LINK_LOST, 1.0, 1)
+    cell.code = FIRST_TAKEN
+    cell.step()
+    assert (cell.s["fault"], cell.s["link_down"], cell.s["outputs_taken"]) == (LINK_LOST, 0, 1)
+    while cell.s["state"] == RAMPING:
+        cell.step()
+    assert cell.s["state"] == FAULT
+    assert cell.step(command=RESET)
+    assert cell.s["state"] == READY

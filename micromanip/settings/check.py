@@ -32,6 +32,8 @@ ROLES = (
 )
 LINES = ("enable", "interlock", "retracted")
 _NO_SOLUTION = (np.linalg.LinAlgError, ValueError, FloatingPointError)
+_LATE_PERIODS = 5
+"""A loop may be late by so many periods without losing its outputs."""
 Finding = tuple[tuple[str | int, ...], str]
 
 
@@ -94,7 +96,7 @@ def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Findin
     """
     buses = list(bus_findings(configuration, wiring))
     feedback = [] if buses else feedback_findings(configuration, wiring)
-    workers = _workers(configuration, wiring)
+    workers = [*_workers(configuration, wiring), *_silence(configuration, wiring)]
     return [*_safety(configuration, wiring), *_stability(configuration), *workers, *buses, *feedback]
 
 
@@ -218,6 +220,21 @@ def _cpu(configuration: Configuration, place: tuple[str, ...], cpu: int | None) 
 def _workers(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
     for name in wiring.buses:
         yield from _cpu(configuration, ("drivers", name, "cpu"), wiring.bus_options(name).cpu)
+
+
+def _silence(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
+    """A loop that is only late must keep its outputs: after a stall that it answers by a hold it has to move them."""
+    period_ms = configuration.loop.period_ns * 1e-6
+    in_a_row = configuration.faults.deadline.in_a_row or 0
+    periods = max(_LATE_PERIODS, in_a_row + 2)
+    given_ms = configuration.faults.link.loop_silent_ms
+    if given_ms < periods * period_ms and any(bridge.outputs for bridge in wiring.buses.values()):
+        yield (
+            ("faults", "link", "loop_silent_ms"),
+            f"{given_ms:g} ms are {given_ms / period_ms:.3g} periods of the loop: the worker would take the outputs "
+            f"from one that is only late; give it {periods * period_ms:g} ms or more ({periods} periods"
+            + (f", as faults.deadline.in_a_row is {in_a_row})" if in_a_row + 2 == periods else ")"),
+        )
 
 
 def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:

@@ -128,12 +128,17 @@ class Trip(TypedDict):
 
 
 class Link(TypedDict):
-    """A bus: `link` is down, up or latched; `outputs` at rest, following, or ramping to rest; `links` how often it came
-    up, `starts` how often its worker process was started; `message` what is wrong with it; `counts` its counters.
+    """A bus: `link` is down, up or latched; `outputs` at rest, following, ramping to rest, or unknown; `given` what its
+    device was given last, by the outputs' names (V, or 0 and 1), and so many seconds ago, None where nobody knows.
+
+    `links` is how often the link came up, `starts` how often its worker process was started; `message` what is wrong
+    with it; `counts` its counters.
     """
 
     link: str
     outputs: str
+    given: dict[str, float | None]
+    given_s_ago: float | None
     links: int
     starts: int
     message: str | None

@@ -13,9 +13,23 @@ from typing import Any
 
 from micromanip.answers import Link
 from micromanip.errors import DeviceUnavailable
+from micromanip.io import device_lock
 from micromanip.io.backoff import RestartLimit
 from micromanip.io.image import ProcessImage
-from micromanip.rt.image import ALIVE_NS, EPOCH, IMAGE, LINK, LINK_DOWN, LINK_LATCHED, LINK_UP
+from micromanip.rt.image import (
+    ALIVE_NS,
+    EPOCH,
+    FOLLOWING,
+    IMAGE,
+    LINK,
+    LINK_DOWN,
+    LINK_LATCHED,
+    LINK_UP,
+    OUTPUT_STATE,
+    RESTING,
+    SENT_NS,
+    UNKNOWN,
+)
 from micromanip.settings.check import Prepared
 
 from .segments import Segments
@@ -26,6 +40,7 @@ _FIRST_LINK_S, _TRIED_S = 10.0, 2.0
 """Time for the first link: for a process that has begun, and after the first try failed."""
 _STUCK_S = 2.0
 _END_S = 5.0
+"""A worker that is to end is waited for as long as its device takes values, and so much longer."""
 _POLL_S = 0.02
 _BELOW_LOOP = 10
 """Priority of a worker below that of the loop."""
@@ -40,6 +55,8 @@ class BusWorker:
         self._source = prepared.source
         self._descriptors = (segments.contexts.descriptor, *locks)
         self._orders = _orders(prepared, name, segments.contexts.descriptor, offset)
+        self._places = _places(prepared, name)
+        self._voltages = [output for output in self._places if output in prepared.configuration.outputs]
         self.image = ProcessImage(segments.contexts.bytes()[offset : offset + IMAGE.itemsize].view(IMAGE))
         self._process: asyncio.subprocess.Process | None = None
         self._listening: asyncio.Task[None] | None = None
@@ -106,6 +123,9 @@ class BusWorker:
                 say(f"driver {self.name}: link up; its outputs stay at rest until the axes are armed again")
             self.said = ""
             return
+        if document["event"] == "outputs":
+            say(f"driver {self.name}: {text}")
+            return
         self.said = text
         if document["event"] in ("latched", "lost") and self.image.ask(EPOCH) == 0:
             return  # it is said once, where `first_link` gives up
@@ -133,6 +153,7 @@ class BusWorker:
             if self._listening is not None:
                 await self._listening
             self.image.tell(LINK, LINK_DOWN)
+            self.image.tell(OUTPUT_STATE, UNKNOWN)
             code = process.returncode
             how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}: {self.said}"
             if not self._restarts.allows(time.monotonic()):
@@ -150,8 +171,19 @@ class BusWorker:
             return time.monotonic() - self._started > _START_S
         return time.monotonic() - max(self.image.ask(ALIVE_NS) * 1e-9, self._started + _FIRST_LINK_S) > _STUCK_S
 
+    def adopt(self, prepared: Prepared) -> None:
+        """Go by the limits and times of another configuration of the same outputs, from now on."""
+        rules = _rules(prepared, self.name)
+        if rules == self._orders["rules"]:
+            return
+        self._orders["rules"] = rules
+        self.image.count_as_lost_after(rules["patience_ns"])
+        process = self._process
+        if process is not None and process.stdin is not None and not process.stdin.is_closing():
+            process.stdin.write(json.dumps({"rules": rules}).encode() + b"\n")
+
     async def end(self) -> None:
-        """Let the outputs come to rest and the process end; it is killed where it does not."""
+        """Let the outputs come to rest and the process end; killed where it never had a link, or has no success."""
         self._ending = True
         process = self._process
         if process is None:
@@ -159,19 +191,50 @@ class BusWorker:
         if process.returncode is None:
             assert process.stdin is not None
             process.stdin.close()
-            try:
-                await asyncio.wait_for(process.wait(), _END_S)
-            except TimeoutError:
-                process.kill()
-                await process.wait()
+            begin = time.monotonic()
+            while process.returncode is None:
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(process.wait(), _STUCK_S / 4)
+                if time.monotonic() - max(begin, self.image.ask(SENT_NS) * 1e-9) > _END_S:
+                    with contextlib.suppress(ProcessLookupError):
+                        process.kill()
+                    await process.wait()
+        if self.image.ask(OUTPUT_STATE) != RESTING:
+            self.image.tell(OUTPUT_STATE, UNKNOWN)
         if self._listening is not None:
             await self._listening
 
+    @property
+    def is_followed(self) -> bool:
+        """Whether the outputs are in the loop's hand; a bus without any is."""
+        return not self._places or self.image.ask(OUTPUT_STATE) == FOLLOWING
+
+    @property
+    def rests(self) -> bool:
+        """Whether the device has said to have its safe values; one that was never reached was given none."""
+        return not self._places or self.image.ask(EPOCH) == 0 or self.image.ask(OUTPUT_STATE) == RESTING
+
+    @property
+    def outputs_told(self) -> str:
+        """What people are told of the outputs with the loop dead."""
+        if self.rests:
+            return "outputs at their safe value"
+        given = self._given()
+        lasts = {name: "never given" if given[name] is None else f"last {given[name]:g} V" for name in self._voltages}
+        return ", ".join(f"{name} unknown, {last}" for name, last in lasts.items()) or "outputs unknown"
+
+    def _given(self) -> dict[str, float | None]:
+        known = self.image.known(len(self._orders["rules"]["outputs"]))
+        return {name: None if known is None else known[place] for name, place in self._places.items()}
+
     def report(self) -> Link:
         """Where the link stands."""
+        sent_ns = self.image.ask(SENT_NS)
         return {
             "link": self.image.link,
             "outputs": self.image.output_state,
+            "given": self._given(),
+            "given_s_ago": round(time.monotonic() - sent_ns * 1e-9, 3) if sent_ns else None,
             "links": self.image.ask(EPOCH),
             "starts": self.starts,
             "message": self.said or None,
@@ -181,20 +244,36 @@ class BusWorker:
 
 
 def _orders(prepared: Prepared, name: str, descriptor: int, offset: int) -> dict[str, Any]:
-    configuration, wiring = prepared.configuration, prepared.wiring
-    outputs = wiring.safe_outputs(name, configuration)
-    options = wiring.bus_options(name)
+    configuration = prepared.configuration
+    options = prepared.wiring.bus_options(name)
     return {
         "driver": configuration.drivers[name].driver,
         "options": options.model_dump_json(),
         "folder": str(prepared.source.path.parent),
+        "memory": str(device_lock.FOLDER),
         "descriptor": descriptor,
         "offset": offset,
-        "outputs": [asdict(output) for output in outputs],
-        "ramp_ns": round(configuration.start.ramp_s * 1e9),
-        "dead_ns": round(configuration.faults.link.loop_silent_ms * 1e6),
-        "patience_ns": round(configuration.faults.link.silent_ms * 1e6),
+        "rules": _rules(prepared, name),
         "loop_cpu": configuration.loop.cpu,
         "cpu": options.cpu,
         "priority": max(1, configuration.loop.priority - _BELOW_LOOP),
     }
+
+
+def _rules(prepared: Prepared, name: str) -> dict[str, Any]:
+    """What the worker goes by that can be changed while it runs (``io.worker.Rules``)."""
+    configuration = prepared.configuration
+    return {
+        "outputs": [asdict(output) for output in prepared.wiring.safe_outputs(name, configuration)],
+        "ramp_s": configuration.start.ramp_s,
+        "dead_ns": round(configuration.faults.link.loop_silent_ms * 1e6),
+        "patience_ns": round(configuration.faults.link.silent_ms * 1e6),
+    }
+
+
+def _places(prepared: Prepared, name: str) -> dict[str, int]:
+    """Places of the outputs and switches of the configuration that are on this bus, among those of its driver."""
+    wiring = prepared.wiring
+    first, count = wiring.first_output[name], len(wiring.buses[name].outputs)
+    indices = {**wiring.outputs, **wiring.switches}
+    return {output: index - first for output, index in indices.items() if 0 <= index - first < count}

@@ -34,7 +34,9 @@ class Controller:
 
     def __init__(self, prepared: Prepared, socket_path: Path, locks: tuple[int, ...] = ()) -> None:
         """`locks` are descriptors that the loop process holds too, as long as it lives."""
-        self.prepared = prepared
+        self._prepared = prepared
+        self.adopted: Callable[[Prepared], None] = lambda _: None
+        """Hears of each configuration that comes into force."""
         self._socket_path, self._locks = socket_path, locks
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
         self._drivers = dict(prepared.wiring.drivers)
@@ -51,6 +53,16 @@ class Controller:
         self.slots = ParameterSlots(self.control, self.words, prepared.parameters[0])
         self.process: asyncio.subprocess.Process | None = None
         self._commands = asyncio.Lock()
+
+    @property
+    def prepared(self) -> Prepared:
+        """The configuration in force."""
+        return self._prepared
+
+    @prepared.setter
+    def prepared(self, prepared: Prepared) -> None:
+        self._prepared = prepared
+        self.adopted(prepared)
 
     async def start(self) -> None:
         """Start the loop process; returns when it has run for so long that every sensor has said something.
@@ -190,16 +202,11 @@ class Controller:
         value, limit = float(state["fault_value"]), float(state["fault_limit"])
         return fault_message(int(state["fault"]), axis, value, limit, list(configuration.drivers))
 
-    def make_safe(self) -> list[str]:
-        """Bring the outputs to their safe value with the loop dead; one line a driver."""
-        done = []
+    def make_safe(self) -> dict[str, int]:
+        """Bring the outputs to their safe value with the loop dead; by driver 0, or a code where that failed."""
         base = self.segments.contexts.bytes().ctypes.data
-        for (name, safe), offset in zip(self._safe.items(), self.offsets, strict=True):
-            code = call_context(safe, base + offset)
-            done.append(
-                f"driver {name}: " + ("outputs at their safe value" if code == 0 else f"safe failed, code {code}")
-            )
-        return done
+        pairs = zip(self._safe.items(), self.offsets, strict=True)
+        return {name: call_context(safe, base + offset) for (name, safe), offset in pairs}
 
     def kill(self) -> None:
         """End the loop process at once; `make_safe` is then the host's to call."""

@@ -76,6 +76,7 @@ class Daemon:
         self._say, self._show = say, show
         self._controller = Controller(prepared, options.socket, locks)
         self._workers = Workers(prepared, self._controller.segments, self._controller.offsets, locks, say)
+        self._controller.adopted = self._workers.adopt
         self._signals = SignalStatistics(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         trail = AuditTrail(state_directory(), say)
@@ -107,6 +108,7 @@ class Daemon:
             go_before_ordinary_work(_NICE)
             async with self._workers:
                 await self._controller.start()
+                await self._workers.in_hand(self._controller.beat)
                 return await self._supervise()
         finally:
             control_socket.close()
@@ -171,11 +173,18 @@ class Daemon:
         if self._controller.words[w.FINISHED]:
             return
         how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}"
-        for line in self._controller.make_safe():
-            self._say(line)
+        await self._make_safe()
         message = f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=how)}. {LOOP_DIED.next_step}"
         await self._boxes.stop(died=message)
         raise CheckFailed(message + self._boxes.where(LOOP_DEATH))
+
+    async def _make_safe(self) -> None:
+        """Bring the outputs to their safe value, and say of each driver what is known of them."""
+        codes = await asyncio.to_thread(self._controller.make_safe)  # the workers are looked after meanwhile
+        told = self._workers.outputs_told()
+        for name, code in codes.items():
+            done = "outputs at their safe value" if code == 0 else f"safe failed, code {code}"
+            self._say(f"driver {name}: {told.get(name, done)}")
 
     async def _beat(self) -> None:
         while True:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
+from types import TracebackType
 from typing import Self
 
 from micromanip.answers import Link
+from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
 
 from .bus_worker import BusWorker
 from .segments import Segments
+
+_IN_HAND_S, _POLL_S = 5.0, 0.01
+"""A device that begins away from rest is brought there first; READY waits for that as long as this."""
 
 
 class Workers:
@@ -41,18 +47,41 @@ class Workers:
                 await worker.start(self._say)
             for worker in self._workers:
                 await worker.first_link()
-        except BaseException:
-            await self.__aexit__()
+        except BaseException as problem:
+            await self.__aexit__(type(problem), problem, None)
             raise
         self._supervising = [asyncio.create_task(worker.supervise(self._say)) for worker in self._workers]
         return self
 
-    async def __aexit__(self, *_: object) -> None:
-        """End all, with their outputs at rest."""
+    async def __aexit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End all, with their outputs at rest; raises CheckFailed where a device may have kept a voltage."""
         await asyncio.gather(*(worker.end() for worker in self._workers))
         for task in self._supervising:
             task.cancel()
+        left = [f"driver {worker.name}: {worker.outputs_told}" for worker in self._workers if not worker.rests]
+        if left and value is None:
+            raise CheckFailed(f"{'; '.join(left)}. See what its device puts out; then `micromanip safe-outputs`")
+        for text in left:
+            self._say(f"WARNING: {text}")
+
+    async def in_hand(self, beat: Callable[[], None]) -> None:
+        """Wait until all outputs follow the loop, giving a sign of life; what takes too long is told when arming."""
+        end = time.monotonic() + _IN_HAND_S
+        while time.monotonic() < end and not all(worker.is_followed for worker in self._workers):
+            beat()
+            await asyncio.sleep(_POLL_S)
+
+    def adopt(self, prepared: Prepared) -> None:
+        """Go by the limits and times of another configuration from now on."""
+        for worker in self._workers:
+            worker.adopt(prepared)
 
     def report(self) -> dict[str, Link]:
         """Where each link stands, by the driver's name."""
         return {worker.name: worker.report() for worker in self._workers}
+
+    def outputs_told(self) -> dict[str, str]:
+        """What people are told of the outputs of each driver with the loop dead."""
+        return {worker.name: worker.outputs_told for worker in self._workers}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.rt.image import IMAGE
+from micromanip.rt.image import IMAGE, OUTPUT_STATE, UNKNOWN
 
 from .bus import BusDriver, BusOptions, Channel
 from .contract import CyclicDriver, Functions
@@ -61,6 +61,7 @@ class BusBridge(CyclicDriver):
         image = np.zeros(1, IMAGE)
         image["inputs"], image["outputs"] = len(self.bus.inputs), len(self.bus.outputs)
         image["silent_ns"] = self._silent_ns
+        image["words"][0][OUTPUT_STATE] = UNKNOWN
         return image.view(np.uint8)
 
     def functions(self) -> Functions:

@@ -9,7 +9,7 @@ from numba import types
 
 from micromanip.rt.clock import now_ns as clock_ns
 from micromanip.rt.clock import sleep_until
-from micromanip.rt.image import ALIVE_NS, IMAGE, OUTPUT_STATE, RESTING, exchange_image
+from micromanip.rt.image import IMAGE, OUTPUT_STATE, RESTING, SENT_NS, exchange_image
 from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, load_acquire
 from micromanip.rt.jit import Compiler
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
@@ -18,7 +18,7 @@ compiled = Compiler(__file__)
 
 UNSAFE = 1
 """What ``safe`` returns where the worker did not bring its outputs to rest in time."""
-_PATIENCE_NS, _STEP_NS, _DEAD_NS = 2_000_000_000, 2_000_000, 500_000_000
+PATIENCE_NS, _STEP_NS = 5_000_000_000, 2_000_000
 
 _POINTER = types.CPointer(numba.from_dtype(IMAGE))
 _CONTEXT_FUNCTION = CONTEXT_SIGNATURE.return_type(_POINTER)
@@ -37,12 +37,15 @@ def exchange_c(context: Any, outputs: Any, inputs: Any, now_ns: Any, periods: An
 
 @compiled.c_function(_CONTEXT_FUNCTION)
 def safe_c(context: Any) -> Any:
-    """Wait until the worker, which has noticed by itself that the loop is dead, has brought its outputs to rest."""
+    """Wait until the worker, which has noticed by itself that the loop is dead, has brought its outputs to rest.
+
+    Given up when for a while the device has taken nothing: a worker that died is started anew meanwhile.
+    """
     image = numba.carray(context, 1)[0]
-    end = clock_ns(image["timespec"]) + _PATIENCE_NS
+    begin = clock_ns(image["timespec"])
     while load_acquire(image["words"], OUTPUT_STATE) != RESTING:
         now = clock_ns(image["timespec"])
-        if now > end or now - load_acquire(image["words"], ALIVE_NS) > _DEAD_NS:
+        if now - max(begin, load_acquire(image["words"], SENT_NS)) > PATIENCE_NS:
             return UNSAFE
         sleep_until(image["timespec"], now + _STEP_NS)
     return 0

@@ -4,7 +4,7 @@ A bus driver runs in a worker process of its own (``worker.py``), which owns all
 memory, the schedule, the safe state, reconnection, statistics. So a driver is a Python object that is called by one
 thread, may block for a few milliseconds, and says what happened by raising one of the errors of ``bus_errors.py``.
 
-    open      once for each try to reach the device
+    open      once for each try to reach the device; read_outputs after it
     perform   at the rate of each task: send a frame, ask for registers, write outputs
     receive   between the tasks: take what comes by itself
     close     after every open, also one that failed
@@ -18,6 +18,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -93,6 +94,15 @@ class Sample:
     """Samples that are known to be missing before it (a gap in the device's counter)."""
 
 
+class Outcome(Enum):
+    """What became of the outputs of a task, where ``perform`` can't say that the device has them."""
+
+    HELD = "held"
+    """Nothing was sent: the line was busy, an answer of before is missing."""
+    SENT = "sent"
+    """Sent, and still to be answered: ``Inbox.confirm`` is called with the task when the answer has come."""
+
+
 Readings = tuple[int, Sequence[float], int, int, int]
 """What was read at one moment: index of the first input, values of it and its neighbours, time_ns, status, lost."""
 
@@ -102,7 +112,12 @@ class Inbox:
 
     def __init__(self) -> None:
         self._readings: list[Readings] = []
+        self._confirmed: list[int] = []
         self._samples = 0
+
+    def confirm(self, task: int) -> None:
+        """The device has said that it took the outputs of that task, as they were sent last."""
+        self._confirmed.append(task)
 
     def put(self, channel: int, value: float, time_ns: int, status: int = 0, lost: int = 0) -> None:
         """Add a fresh sample of the input with index `channel`; the newest of several wins, none is counted lost."""
@@ -123,6 +138,11 @@ class Inbox:
         return self._readings
 
     @property
+    def confirmed(self) -> Sequence[int]:
+        """Tasks whose outputs the device has confirmed."""
+        return self._confirmed
+
+    @property
     def lost(self) -> int:
         """Samples that are known to be missing, of all inputs together."""
         return sum(lost * len(values) for _, values, _, _, lost in self._readings)
@@ -138,6 +158,7 @@ class Inbox:
     def clear(self) -> None:
         """Forget what was taken over."""
         self._readings.clear()
+        self._confirmed.clear()
         self._samples = 0
 
 
@@ -204,9 +225,19 @@ class BusDriver(ABC):
         Must not move anything: the first outputs come by ``perform``.
         """
 
+    def read_outputs(self) -> Sequence[float | None]:
+        """What the device has on each output, asked right after ``open``; None for what it can't be asked.
+
+        It is what the outputs are led to rest from. Must not move anything; at most half a second; raises as ``open``.
+        """
+        return [None] * len(self.outputs)
+
     @abstractmethod
-    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
         """Do task number `task` with `values`, one for each output of the driver.
+
+        None says that the device has them, as far as the protocol can tell; else the outcome says what is known of
+        them. After an error other than OutputRefused nothing is known.
 
         Latest value wins: nothing is queued. Raises OutputRefused, with nothing sent, for a value that is not
         finite or that the wire can't carry; TransientError; LinkError; DeviceFault.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
+import time
 from typing import Any, Self
 
 import numpy as np
@@ -38,8 +40,14 @@ class ProcessImage:
 
     @property
     def output_state(self) -> str:
-        """What the outputs do: at rest, following, ramping to rest."""
-        return rt.OUTPUT_NAMES[self.ask(rt.OUTPUT_STATE)]
+        """What the outputs do: at rest, following, ramping to rest; unknown without a link or a live worker."""
+        silent_ns = time.monotonic_ns() - self.ask(rt.ALIVE_NS)
+        reached = self.ask(rt.LINK) == rt.LINK_UP and silent_ns <= self._record[0]["silent_ns"]
+        return rt.OUTPUT_NAMES[self.ask(rt.OUTPUT_STATE) if reached else rt.UNKNOWN]
+
+    def count_as_lost_after(self, silent_ns: int) -> None:
+        """Let the loop take a worker that has been silent for so long for dead."""
+        self._record[0]["silent_ns"] = silent_ns
 
     def ask(self, word: int) -> int:
         """One of the words."""
@@ -71,9 +79,11 @@ class ProcessImage:
             self._written_ns = written_ns
         return self._values, self._written_ns
 
-    def sent(self) -> tuple[NDArray[np.float64], int]:
-        """What the device was given last (MAX_OUTPUTS,), and when (ns, 0 if never)."""
-        return self._record[0]["sent"].copy(), self.ask(rt.SENT_NS)
+    def known(self, count: int) -> list[float | None] | None:
+        """What each of `count` outputs was given last, None for one of which nobody knows; None if nothing ever was."""
+        if not self.ask(rt.SENT_NS):
+            return None
+        return [value if math.isfinite(value) else None for value in self._record[0]["sent"][:count].tolist()]
 
     def remember_sent(self, values: NDArray[np.float64], now_ns: int) -> None:
         """Note what the device was given."""

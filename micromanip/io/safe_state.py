@@ -1,13 +1,14 @@
-"""The safe state of a bus' outputs: when they leave the loop's hand, how they come to rest, when they are let go again.
+"""The safe state of a bus' outputs, and the gate that every value passes on its way to the device.
 
     FOLLOWING   the device is given what the loop decides
     SAFE_RAMP   smoothly to the safe values, from what the device was given last
-    RESTING     at the safe values, until the loop itself asks for just these: then nothing jumps
+    RESTING     the device was given the safe values; until the loop itself asks for just these: then nothing jumps
 
-A loop that is silent, a link that was lost and a worker that was restarted all lead to the ramp. It runs by the clock
-and not by what could be sent: when a link comes back after the ramp's time, the first value sent is the safe one. The
-loop has noticed the same fault, ramps by itself, and can't move again before it has been armed anew; that it asks for
-the safe values is how the worker knows (``docs/decisions/0017-bus-workers.md``).
+In every state a voltage stays in its range, and differs from the last one by at most its slew limit times the period
+of the task that writes it, however long the break was. Nothing here goes by the clock but the question whether the
+loop is alive: the ramp advances with values that the device was given, by one period each, and rest is reached when
+it was given them. Where it is not known whether a value arrived, the next one is near enough to all that the device
+may have (``docs/decisions/0017-bus-workers.md``).
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from micromanip.rt.image import FOLLOWING, RESTING, SAFE_RAMP
 
-Values = NDArray[np.float64]
+Values = Sequence[float]
+"""One for each output of the bus' driver."""
+Known = Sequence[float | None]
+"""The same; None for an output of which nothing is known."""
 
 VOLTAGE, SWITCH, LAST_SWITCH, UNUSED = "voltage", "switch", "last switch", "unused"
-"""Kinds of output: goes on the ramp; to its safe value at once; at the end of the ramp; always there."""
+"""Kinds of output: goes on the ramp; to its safe value at once; when all voltages are at rest; always there."""
 _EQUAL_V = 1e-9
 
 
@@ -36,76 +37,156 @@ class SafeOutput:
     safe: float
     low: float = -math.inf
     high: float = math.inf
+    slew_V_per_s: float = math.inf
 
 
 class SafeState:
     """Decides what the device is given."""
 
-    def __init__(
-        self, outputs: Sequence[SafeOutput], ramp_ns: int, dead_ns: int, last: Values | None = None, last_ns: int = 0
-    ) -> None:
-        """`last` is what the device was given at `last_ns`, by another worker; None if nothing ever was.
+    def __init__(self, outputs: Sequence[SafeOutput], periods_s: Sequence[float], ramp_s: float, dead_ns: int) -> None:
+        """`periods_s` are those of the tasks that write the outputs, one for each output.
 
-        A loop that has written nothing for `dead_ns` is dead.
+        A loop that has written nothing for `dead_ns` is dead. As long as nothing is known of what the device has, an
+        output begins at its safe value.
         """
-        self._outputs = outputs
-        self._safe = np.array([output.safe for output in outputs])
-        self._ramp_ns, self._dead_ns = ramp_ns, dead_ns
-        self._last = self._safe.copy() if last is None else last.copy()
-        self._start, self._start_ns = self._last.copy(), last_ns
-        self.state = RESTING if last is None else SAFE_RAMP
+        self._periods_s = periods_s
+        self._last = [output.safe for output in outputs]
+        self._lowest, self._highest = list(self._last), list(self._last)  # what the device may have
+        self._start, self._share = list(self._last), [0.0] * len(outputs)
+        self._known, self._given = [False] * len(outputs), [False] * len(outputs)  # ever, and since it was left
+        self.state = SAFE_RAMP
         self.refused = 0
         """Values of the loop that were not finite or out of range; the one before was kept."""
+        self.adopt(outputs, ramp_s, dead_ns)
 
-    def leave(self, now_ns: int) -> None:
-        """The device is not in the loop's hand any more."""
-        if self.state == FOLLOWING:
-            self.state, self._start, self._start_ns = SAFE_RAMP, self._last.copy(), now_ns
+    def adopt(self, outputs: Sequence[SafeOutput], ramp_s: float, dead_ns: int) -> None:
+        """From now on by these limits, of the same outputs."""
+        self._outputs, self._ramp_s, self._dead_ns = tuple(outputs), ramp_s, dead_ns
+        self._steps = [output.slew_V_per_s * period for output, period in zip(outputs, self._periods_s, strict=True)]
+
+    def remember(self, values: Known) -> None:
+        """What the device was given last, as another worker noted it; None for nothing at all.
+
+        That one may have sent one value more before it died: it differs by a step at most, so the same again is right.
+        """
+        for i, value in enumerate(values):
+            if value is not None:
+                self._begin_at(i, value)
+                if self._outputs[i].kind == VOLTAGE:
+                    self._lowest[i] -= self._steps[i]
+                    self._highest[i] += self._steps[i]
+
+    def read_back(self, values: Known) -> None:
+        """What the device says that it has; one that lies outside of its range begins at the nearest bound.
+
+        Where it is what was expected, a ramp under way goes on.
+        """
+        for i, value in enumerate(values):
+            if value is None:
+                continue
+            step = self._steps[i]
+            if self._lowest[i] - step <= value <= self._highest[i] + step:
+                self._last[i] = self._lowest[i] = self._highest[i] = value
+                self._known[i] = True
+            else:
+                self._begin_at(i, value)
+
+    def _begin_at(self, i: int, value: float) -> None:
+        output = self._outputs[i]
+        self._known[i] = True
+        self._last[i] = min(max(value, output.low), output.high)
+        self._start[i] = self._lowest[i] = self._highest[i] = self._last[i]
+        self._share[i] = 0.0
+
+    def leave(self) -> None:
+        """The device is not in the loop's hand any more, and what it has is not known to be at rest."""
+        if self.state != SAFE_RAMP:
+            self.state, self._start = SAFE_RAMP, list(self._last)
+            self._share = [0.0] * len(self._share)
+        self._given = [False] * len(self._given)
 
     def is_dead(self, written_ns: int, now_ns: int) -> bool:
         """Whether the loop, which wrote last at `written_ns`, has been silent for too long."""
         return now_ns - written_ns > self._dead_ns
 
-    def values(self, wanted: Values, written_ns: int, now_ns: int) -> Values:
-        """What the device is to be given now (n,), where the loop wanted `wanted` at `written_ns`."""
+    def values(self, wanted: Values, written_ns: int, now_ns: int) -> list[float]:
+        """What the device is to be given next, where the loop wanted `wanted` at `written_ns`.
+
+        Tell what came of it: `given`, `attempted`, or neither where it was held back.
+        """
         dead = self.is_dead(written_ns, now_ns)
-        if dead:
-            self.leave(now_ns)
-        share = (now_ns - self._start_ns) / self._ramp_ns
-        if self.state == SAFE_RAMP and share >= 1.0:
-            self.state = RESTING
+        if dead and self.state == FOLLOWING:
+            self.leave()
         if self.state == RESTING and not dead and self._asks_for_rest(wanted):
             self.state = FOLLOWING
-        if self.state == FOLLOWING:
-            self._last = self._checked(wanted)
-        elif self.state == SAFE_RAMP:
-            self._last = self._on_the_way(share)
-        else:
-            self._last = self._safe.copy()
-        return self._last
+        values = self._wanted(wanted) if self.state == FOLLOWING else self._on_the_way()
+        for i, output in enumerate(self._outputs):
+            if output.kind == VOLTAGE:
+                values[i] = self._gated(i, values[i])
+        return values
+
+    def given(self, indices: Sequence[int], values: Values) -> None:
+        """The device has taken `values` of these outputs, as far as its protocol can tell."""
+        for i in indices:
+            self._last[i] = self._lowest[i] = self._highest[i] = values[i]
+            self._known[i] = self._given[i] = True
+            if self.state == SAFE_RAMP:
+                self._share[i] = min(1.0, self._share[i] + self._periods_s[i] / self._ramp_s)
+        if self.state == SAFE_RAMP and all(self._rests(i) for i in range(len(self._outputs))):
+            self.state = RESTING
+
+    def attempted(self, indices: Sequence[int], values: Values) -> None:
+        """It is not known whether the device has taken `values` of these outputs."""
+        for i in indices:
+            self._lowest[i], self._highest[i] = min(self._lowest[i], values[i]), max(self._highest[i], values[i])
+
+    @property
+    def last(self) -> list[float]:
+        """What the device was given last; NaN where nobody knows."""
+        return [last if known else math.nan for last, known in zip(self._last, self._known, strict=True)]
+
+    def outside(self, values: Known) -> list[int]:
+        """Which of these values no device may have: they are outside of the outputs' ranges."""
+        pairs = enumerate(zip(values, self._outputs, strict=True))
+        return [i for i, (value, output) in pairs if value is not None and not output.low <= value <= output.high]
+
+    def _gated(self, i: int, value: float) -> float:
+        """`value`, or what comes nearest to it in range and within a step of all that the device may have."""
+        output, step = self._outputs[i], self._steps[i]
+        near = min(max(value, self._highest[i] - step), self._lowest[i] + step)
+        return min(max(near, output.low), output.high)
+
+    def _rests(self, i: int) -> bool:
+        """Whether the device was given the safe value since it left the loop's hand, and nothing else after that."""
+        output = self._outputs[i]
+        furthest = max(abs(self._lowest[i] - output.safe), abs(self._highest[i] - output.safe))
+        return output.kind == UNUSED or (self._given[i] and furthest <= _EQUAL_V)
 
     def _asks_for_rest(self, wanted: Values) -> bool:
         return all(
             abs(wanted[i] - output.safe) <= _EQUAL_V for i, output in enumerate(self._outputs) if output.kind == VOLTAGE
         )
 
-    def _checked(self, wanted: Values) -> Values:
-        values = self._last.copy()
+    def _wanted(self, wanted: Values) -> list[float]:
+        values = list(self._last)
         for i, output in enumerate(self._outputs):
             if output.kind == UNUSED:
-                continue
-            if math.isfinite(wanted[i]) and output.low <= wanted[i] <= output.high:
+                values[i] = output.safe
+            elif math.isfinite(wanted[i]) and output.low <= wanted[i] <= output.high:
                 values[i] = wanted[i]
             else:
                 self.refused += 1
         return values
 
-    def _on_the_way(self, share: float) -> Values:
-        rest = share * share * share * (10.0 + share * (6.0 * share - 15.0))  # no jump in speed at either end
-        values = self._safe.copy()
+    def _on_the_way(self) -> list[float]:
+        """The next values of the ramp, a period further than those that the device was given last."""
+        moving = any(output.kind == VOLTAGE and not self._rests(i) for i, output in enumerate(self._outputs))
+        values = list(self._last)
         for i, output in enumerate(self._outputs):
             if output.kind == VOLTAGE:
-                values[i] = self._start[i] + rest * (self._safe[i] - self._start[i])
-            elif output.kind == LAST_SWITCH:
-                values[i] = self._start[i]
+                share = min(1.0, self._share[i] + self._periods_s[i] / self._ramp_s)
+                rest = share * share * share * (10.0 + share * (6.0 * share - 15.0))  # no jump in speed at either end
+                values[i] = self._start[i] + rest * (output.safe - self._start[i])
+            elif output.kind != LAST_SWITCH or not moving:
+                values[i] = output.safe
         return values

@@ -9,19 +9,21 @@ import random
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from micromanip.rt.image import ALIVE_NS, EPOCH, LINK, LINK_DOWN, LINK_LATCHED, LINK_UP, OUTPUT_STATE, RESTING
+from micromanip.rt.image import ALIVE_NS, EPOCH, LINK, LINK_DOWN, LINK_LATCHED, LINK_UP, OUTPUT_STATE, RESTING, UNKNOWN
 
 from .backoff import BackOff
-from .bus import BusDriver, Inbox
+from .bus import BusDriver, Inbox, Outcome
 from .bus_errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
 from .image import ProcessImage
-from .safe_state import SafeState
+from .last_given import LastGiven
+from .safe_state import SafeOutput, SafeState, Values
 from .schedule import Schedule
 
 LOOK_NS = 1_000_000
@@ -29,7 +31,26 @@ LOOK_NS = 1_000_000
 _REPORT_NS = 500_000_000
 _ERRORS, _AMONG = 10, 40
 """So many errors among the last calls are a lost link."""
-_COUNTERS = ("received", "lost", "performed", "errors", "refused", "links", "skipped")
+_COUNTERS = ("received", "lost", "performed", "held", "errors", "refused", "links", "skipped")
+_UNREACHED_S = 30.0
+"""With nobody left, a device that can't be reached is given up after so long."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What may be changed while the worker runs."""
+
+    outputs: Sequence[SafeOutput]
+    ramp_s: float
+    dead_ns: int
+    """A loop that is silent for longer is dead."""
+    patience_ns: int
+    """Errors that come and go are put up with for so long before the link counts as lost."""
+
+    @property
+    def look_ns(self) -> int:
+        """With nothing to do, the worker looks after the loop so often."""
+        return max(LOOK_NS, min(self.dead_ns, self.patience_ns) // 5)
 
 
 class Worker:
@@ -39,25 +60,31 @@ class Worker:
         self,
         driver: BusDriver,
         image: ProcessImage,
-        safe: SafeState,
-        output_count: int,
-        patience_ns: int = 0,
-        look_ns: int = LOOK_NS,
+        rules: Rules,
+        memory: LastGiven | None = None,
         while_opening: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
-        """Errors that come and go are put up with for `patience_ns` before the link counts as lost.
-
-        With nothing to do, it looks after the loop every `look_ns`; the driver is opened inside of `while_opening`.
-        """
-        self._look_ns, self._while_opening = look_ns, while_opening
-        self._driver, self._image, self._safe = driver, image, safe
-        self._values = np.zeros(len(image.wanted()[0]))  # as long as the image's, the driver's outputs first
-        self._outputs = output_count
+        """What the device was given is noted in `memory` too; the driver is opened inside of `while_opening`."""
+        self._driver, self._image, self._memory, self._while_opening = driver, image, memory, while_opening
+        tasks = driver.tasks
+        periods_s = {i: 1.0 / task.rate_hz for task in tasks for i in task.outputs}
+        count = len(rules.outputs)
+        self._rules, self._next_rules = rules, rules
+        self.safe = SafeState(rules.outputs, [periods_s[i] for i in range(count)], rules.ramp_s, rules.dead_ns)
+        known = memory.read() if memory is not None else image.known(len(rules.outputs))
+        self._is_known = known is not None
+        if known is not None:
+            self.safe.remember(known)
+        self._values = [output.safe for output in rules.outputs]
+        self._given = np.full(len(image.wanted()[0]), math.nan)  # as long as the image's, the driver's outputs first
+        self._sent: dict[int, Values] = {}
+        """Values of each task that the device has not confirmed yet."""
         self._decided_ns = 0
         self._inbox = Inbox()
         self._schedule = Schedule((), 0)
         self._failures: deque[bool] = deque(maxlen=_AMONG)
-        self._patience_ns, self._good_ns = patience_ns, 0
+        self._good_ns = 0
+        self._down_ns = time.monotonic_ns()
         self._counts = dict.fromkeys(_COUNTERS, 0)
         self._reported_ns = 0
         self._ends = threading.Event()
@@ -65,6 +92,10 @@ class Worker:
     def end(self) -> None:
         """Come to an end: as soon as the loop is silent and the outputs are at rest."""
         self._ends.set()
+
+    def adopt(self, rules: Rules) -> None:
+        """Go by these rules from the next turn on; may be called from another thread."""
+        self._next_rules = rules
 
     def run(self) -> None:
         """Keep the link up; returns when it is to end, raises what is a bug."""
@@ -90,6 +121,8 @@ class Worker:
         """One life of the link: until an error, or the end."""
         with self._while_opening():
             self._driver.open()
+            self._read_back()
+        self._sent.clear()
         self._failures.clear()
         self._good_ns = time.monotonic_ns()
         self._inbox.clear()
@@ -97,35 +130,46 @@ class Worker:
         self._schedule = Schedule(self._driver.tasks, time.monotonic_ns())
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         self._image.tell(EPOCH, self._image.ask(EPOCH) + 1)
+        self._image.tell(OUTPUT_STATE, self.safe.state)
         self._image.tell(LINK, LINK_UP)
         self._tell("up", self._driver.device)
         while not self._may_leave():
             self._turn()
         self._part()
 
+    def _read_back(self) -> None:
+        """Begin where the device says that its outputs are; say so where nobody knows."""
+        values, names = self._driver.read_outputs(), [channel.name for channel in self._driver.outputs]
+        for i in self.safe.outside(values):
+            self._tell("outputs", f"{names[i]} reads {values[i]:g}, which is outside of its range")
+        self.safe.read_back(values)
+        if not self._is_known and any(value is None for value in values):
+            self._tell("outputs", "nobody knows what its outputs were given last: they begin at their safe values")
+        self._is_known = True
+
     def _part(self) -> None:
-        """Leave the device with the safe values."""
+        """Leave the device with the safe values: every task is tried, each failure is told."""
         self._decide(time.monotonic_ns())
         for number, task in enumerate(self._driver.tasks):
             if task.outputs:
-                self._driver.perform(number, self._values[: self._outputs].tolist(), self._inbox)
+                try:
+                    self._perform(number)
+                except BusError as problem:
+                    self._tell("unsafe", f"{task.name} was not given its safe values once more: {problem}")
 
     def _turn(self) -> None:
         """Do what is due, or listen for a moment; hand over what came."""
         now_ns = time.monotonic_ns()
         task = self._schedule.take(now_ns)
-        if task is not None or now_ns - self._decided_ns >= self._look_ns:
+        if task is not None or now_ns - self._decided_ns >= self._rules.look_ns:
             self._decide(now_ns)
         failed = False
         try:
             if task is not None:
-                self._driver.perform(task, self._values[: self._outputs].tolist(), self._inbox)
-                self._counts["performed"] += 1
-                if self._driver.tasks[task].outputs:
-                    self._image.remember_sent(self._values, now_ns)
+                self._perform(task)
             else:
                 due_ns = self._schedule.next_ns()
-                look_ns = now_ns + self._look_ns
+                look_ns = now_ns + self._rules.look_ns
                 self._driver.receive(self._inbox, look_ns if due_ns is None else min(due_ns, look_ns))
         except (TransientError, OutputRefused) as problem:
             failed = True
@@ -139,51 +183,101 @@ class Worker:
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         self._report(now_ns)
 
+    def _perform(self, number: int) -> None:
+        """Do a task with what was decided, and note what became of its outputs. Raises what the driver does."""
+        outputs, values = self._driver.tasks[number].outputs, self._values
+        try:
+            outcome = self._driver.perform(number, values, self._inbox)
+        except BaseException as problem:
+            self._take_confirmed()
+            if not isinstance(problem, OutputRefused):
+                self._note_sent(number, values)
+            raise
+        self._take_confirmed()
+        self._counts["held" if outcome is Outcome.HELD else "performed"] += 1
+        if not outputs or outcome is Outcome.HELD:
+            return
+        if outcome is Outcome.SENT:
+            self._note_sent(number, values)
+        else:
+            self._note_given(number, values)
+
+    def _note_sent(self, number: int, values: Values) -> None:
+        self.safe.attempted(self._driver.tasks[number].outputs, values)
+        self._sent[number] = values
+
+    def _take_confirmed(self) -> None:
+        """What the device has said to have taken, as it was sent before."""
+        for number in self._inbox.confirmed:
+            if (values := self._sent.pop(number, None)) is not None:
+                self._note_given(number, values)
+
+    def _note_given(self, number: int, values: Values) -> None:
+        was = self.safe.state
+        self.safe.given(self._driver.tasks[number].outputs, values)
+        last = self.safe.last
+        self._given[: len(last)] = last
+        self._image.remember_sent(self._given, time.monotonic_ns())
+        if self._memory is not None:
+            self._memory.write(last)
+        if self.safe.state != was:
+            self._image.tell(OUTPUT_STATE, self.safe.state)
+
     def _judge(self, problem: BusError) -> None:
-        impatient = time.monotonic_ns() - self._good_ns >= self._patience_ns
+        impatient = time.monotonic_ns() - self._good_ns >= self._rules.patience_ns
         if impatient and sum(self._failures) >= _ERRORS - 1:
             raise LinkError(f"{_ERRORS} errors in the last {_AMONG} calls; the last: {problem}") from problem
 
     def _hand_over(self) -> None:
+        self._take_confirmed()
         self._counts["received"] += len(self._inbox)
         self._counts["lost"] += self._inbox.lost
         self._image.publish(self._inbox)
 
     def _decide(self, now_ns: int) -> None:
-        """What the device is to be given now."""
+        """What the device is to be given next, by the rules that are in force now."""
+        if self._next_rules is not self._rules:
+            self._rules = self._next_rules
+            self.safe.adopt(self._rules.outputs, self._rules.ramp_s, self._rules.dead_ns)
         wanted, written_ns = self._image.wanted()
-        was = self._safe.state
-        self._values[: self._outputs] = self._safe.values(wanted[: self._outputs], written_ns, now_ns)
+        was = self.safe.state
+        self._values = self.safe.values(wanted[: len(self._values)].tolist(), written_ns, now_ns)
         self._decided_ns = now_ns
-        if self._safe.state != was:
-            self._image.tell(OUTPUT_STATE, self._safe.state)
+        if self.safe.state != was:
+            self._image.tell(OUTPUT_STATE, self.safe.state)
 
     def _lose(self, link: int) -> None:
+        self._down_ns = time.monotonic_ns()
         self._image.tell(LINK, link)
-        self._safe.leave(time.monotonic_ns())
-        self._image.tell(OUTPUT_STATE, self._safe.state)
+        self.safe.leave()
+        self._image.tell(OUTPUT_STATE, UNKNOWN)
 
     def _wait(self, seconds: float) -> None:
-        """Let time pass without a link; the safe state goes on by the clock."""
+        """Let time pass without a link."""
         end = time.monotonic() + seconds
         while time.monotonic() < end and not self._may_leave():
             now_ns = time.monotonic_ns()
-            self._decide(now_ns)
             self._image.tell(ALIVE_NS, now_ns)
             self._report(now_ns)
             time.sleep(min(0.005, max(0.0, end - time.monotonic())))
 
     def _may_leave(self) -> bool:
+        """Whether it is to end, the loop is silent, and the outputs are at rest, or were never or long not reached."""
         if not self._ends.is_set():
             return False
         _, written_ns = self._image.wanted()
-        return self._safe.state == RESTING and self._safe.is_dead(written_ns, time.monotonic_ns())
+        now_ns = time.monotonic_ns()
+        if not self.safe.is_dead(written_ns, now_ns):
+            return False
+        if self.safe.state == RESTING or not self._counts["links"]:
+            return True
+        return self._image.ask(LINK) != LINK_UP and now_ns - self._down_ns > _UNREACHED_S * 1e9
 
     def _report(self, now_ns: int) -> None:
         if now_ns - self._reported_ns < _REPORT_NS:
             return
         self._reported_ns = now_ns
-        self._counts["refused"], self._counts["skipped"] = self._safe.refused, self._schedule.skipped
+        self._counts["refused"], self._counts["skipped"] = self.safe.refused, self._schedule.skipped
         counts = {**self._counts, **self._driver.statistics()}
         say({"event": "statistics", "counts": counts, "cpu_s": round(time.process_time(), 3)})
 

@@ -1,8 +1,9 @@
 """The worker process of one bus.
 
 Started by the host as ``python -m micromanip.io.worker_process`` in a session of its own. Its orders are the first line
-on standard input, a JSON document; when standard input ends, the host is gone or wants it to end: it then goes on until
-the loop is silent and the outputs are at rest. What happens it tells on standard output, a JSON document a line.
+on standard input, a JSON document; each further line has new rules. When standard input ends, the host is gone or
+wants it to end: it then goes on until the loop is silent and the outputs are at rest, however long a hold lasts. What
+happens it tells on standard output, a JSON document a line.
 """
 
 from __future__ import annotations
@@ -17,32 +18,57 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
+from typing import Any
 
-from micromanip.errors import ConfigError
+from micromanip.errors import ConfigError, PermissionDenied
+from micromanip.rt.image import ALIVE_NS
 
 from .bus import BusDriver
 from .image import ProcessImage
+from .last_given import LastGiven
 from .registry import driver_class
 from .rights import leave_cpu, lock_memory, stay_on_cpu
-from .safe_state import SafeOutput, SafeState
-from .worker import LOOK_NS, Worker, say
+from .safe_state import SafeOutput
+from .worker import Rules, Worker, say
 
-_LEFT_ALONE_S = 30.0
+_STUCK_S, _LOOK_S = 30.0, 1.0
+"""With the host gone, a driver that does not come back from its bus for so long is ended."""
 
 
-def _listen(worker: Worker) -> None:
-    """End with the host; and if the driver does not come back from its bus, end all the same."""
-    os.read(0, 1)
+def _listen(worker: Worker, image: ProcessImage, lines: Iterator[bytes]) -> None:
+    """Take new rules; end with the host, and if the driver does not come back from its bus, end all the same."""
+    for line in lines:
+        worker.adopt(_rules(json.loads(line)["rules"]))
     worker.end()
-    time.sleep(_LEFT_ALONE_S)
+    while time.monotonic() - image.ask(ALIVE_NS) * 1e-9 < _STUCK_S:
+        time.sleep(_LOOK_S)
     os._exit(70)
+
+
+def _rules(document: dict[str, Any]) -> Rules:
+    return Rules(**{**document, "outputs": [SafeOutput(**output) for output in document["outputs"]]})
+
+
+def _memory(driver: BusDriver, folder: Path) -> LastGiven | None:
+    """What outlives all processes; None, which is told, where there can't be any."""
+    names = [channel.name for channel in driver.outputs]
+    if not names:
+        return None
+    try:
+        return LastGiven.open(driver.device, names, folder)
+    except PermissionDenied as problem:
+        say({"event": "rights", "text": str(problem)})
+        return None
 
 
 def main() -> int:
     """Serve until the end; the exit code is 0, 78 for options that the driver refuses, 1 after a bug."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.set_blocking(1, False)
-    orders = json.loads(_first_line())
+    lines = _lines()
+    if (first := next(lines, None)) is None:
+        return 0  # the host is gone already
+    orders = json.loads(first)
     kind = driver_class(orders["driver"])
     assert issubclass(kind, BusDriver)
     try:
@@ -52,15 +78,11 @@ def main() -> int:
         return problem.exit_code
     image = ProcessImage.attach(orders["descriptor"], orders["offset"])
     image.take_over()
-    outputs = [SafeOutput(**output) for output in orders["outputs"]]
-    last, last_ns = image.sent()
-    before = last[: len(outputs)] if last_ns else None
-    safe = SafeState(outputs, orders["ramp_ns"], orders["dead_ns"], before, last_ns)
-    look_ns = max(LOOK_NS, min(orders["dead_ns"], orders["patience_ns"]) // 5)
+    memory = _memory(driver, Path(orders["memory"]))
     at_ease = take_rights(orders["cpu"], orders["loop_cpu"], orders["priority"])
-    worker = Worker(driver, image, safe, len(outputs), orders["patience_ns"], look_ns, at_ease)
+    worker = Worker(driver, image, _rules(orders["rules"]), memory, at_ease)
     signal.signal(signal.SIGTERM, lambda *_: worker.end())
-    threading.Thread(target=_listen, args=(worker,), daemon=True).start()
+    threading.Thread(target=_listen, args=(worker, image, lines), daemon=True).start()
     gc.collect()
     gc.freeze()
     worker.run()
@@ -98,11 +120,12 @@ def take_rights(cpu: int | None, loop_cpu: int | None, priority: int) -> Callabl
     return at_ease
 
 
-def _first_line() -> bytes:
-    line = b""
-    while not line.endswith(b"\n"):
-        line += os.read(0, 1 << 16)
-    return line
+def _lines() -> Iterator[bytes]:
+    """Whole lines of standard input, until it ends."""
+    rest = b""
+    while data := os.read(0, 1 << 16):
+        *lines, rest = (rest + data).split(b"\n")
+        yield from lines
 
 
 if __name__ == "__main__":

@@ -68,7 +68,8 @@ class Wiring:
         for output, index in self.outputs.items():
             if 0 <= index - first < len(result):
                 settings = configuration.outputs[output]
-                result[index - first] = SafeOutput(VOLTAGE, settings.park_V, *settings.range_V)
+                slew_V_per_s = 1e3 * settings.slew_V_per_ms
+                result[index - first] = SafeOutput(VOLTAGE, settings.park_V, *settings.range_V, slew_V_per_s)
         for switch, index in self.switches.items():
             if 0 <= index - first < len(result):
                 result[index - first] = _SAFE_SWITCHES[switch]

@@ -1,6 +1,8 @@
-"""The safe state: outputs leave the loop's hand smoothly, and go back to it only where nothing jumps."""
+"""The safe state: every value in range and within a step of the last one, a ramp to rest, and rest only when given."""
 
-import numpy as np
+import itertools
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,110 +11,343 @@ from micromanip.io.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeO
 from micromanip.rt.image import FOLLOWING, RESTING, SAFE_RAMP
 
 MS = 1_000_000
-RAMP_NS, DEAD_NS = 500 * MS, 5 * MS
+PERIOD_S, RAMP_S, DEAD_NS = 0.01, 0.5, 5 * MS
+SLEW_V_PER_S = 1000.0
+STEP_V = SLEW_V_PER_S * PERIOD_S
+TURNS = round(RAMP_S / PERIOD_S)
+VOLT, ENABLE, FEED_HOLD, SPARE = ALL = range(4)
 OUTPUTS = (
-    SafeOutput(VOLTAGE, 0.0, -20.0, 150.0),
+    SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, SLEW_V_PER_S),
     SafeOutput(LAST_SWITCH, 0.0, 0.0, 1.0),
     SafeOutput(SWITCH, 1.0, 0.0, 1.0),
     SafeOutput(UNUSED, 0.25),
 )
 
 
-def values(*given):
-    return np.array(given, float)
+class Device:
+    """What is given to a device that takes, or does not take, what it is sent; the loop is alive unless told so."""
+
+    def __init__(self, outputs=OUTPUTS, ramp_s=RAMP_S, period_s=PERIOD_S):
+        self.state = SafeState(outputs, [period_s] * len(outputs), ramp_s, DEAD_NS)
+        self.has = []
+
+    def turn(self, wanted=77.0, alive=True, takes=True):
+        """One task; what was sent."""
+        values = self.state.values([wanted, 1.0, 0.0, 9.0][: len(self.state.last)], 0, 0 if alive else DEAD_NS + 1)
+        if takes:
+            self.state.given(range(len(values)), values)
+            self.has.append(values)
+        return values
+
+    def volts(self, *args, **kwargs):
+        return self.turn(*args, **kwargs)[VOLT]
+
+    def follow(self, wanted):
+        """Up to `wanted`, in the loop's hand."""
+        for _ in range(100):
+            voltage = self.volts(wanted if self.state.state == FOLLOWING else 0.0)
+            if self.state.state == FOLLOWING and voltage == wanted:
+                return self
+        raise AssertionError("it does not follow")
+
+    @property
+    def steps(self):
+        return [abs(later[VOLT] - earlier[VOLT]) for earlier, later in itertools.pairwise(self.has)]
 
 
 @pytest.fixture
-def state():
-    state = SafeState(OUTPUTS, RAMP_NS, DEAD_NS)
-    state.values(values(0, 0, 0, 9), 0, 0)
-    return state
+def device():
+    return Device()
 
 
-def test_at_rest_until_the_loop_asks_for_rest():
-    state = SafeState(OUTPUTS, RAMP_NS, DEAD_NS)
-    assert state.values(values(40, 1, 0, 0), 0, MS).tolist() == [0, 0, 1, 0.25]
+def test_at_rest_until_the_loop_asks_for_rest(device):
+    assert device.state.state == SAFE_RAMP  # the device was given nothing yet
+    assert device.turn(40.0) == [0, 0, 1, 0.25]
+    assert device.state.state == RESTING
+    assert device.turn(40.0) == [0, 0, 1, 0.25]
+    assert device.turn(0.0) == [0, 1, 0, 0.25]
+    assert device.state.state == FOLLOWING
+    assert device.turn(10.0) == [10, 1, 0, 0.25]
+
+
+def test_rest_is_what_the_device_was_given_not_what_was_decided(device):
+    for _ in range(5):
+        device.turn(0.0, takes=False)
+    assert device.state.state == SAFE_RAMP
+    device.follow(40.0)
+    device.state.leave()
+    for _ in range(10 * TURNS):
+        device.turn(takes=False)
+    assert device.state.state == SAFE_RAMP
+    assert device.state.last[VOLT] == 40.0
+
+
+def test_each_output_must_have_been_given(device):
+    values = device.state.values([0.0, 1.0, 0.0, 0.0], 0, 0)
+    device.state.given([VOLT, FEED_HOLD], values)
+    assert device.state.state == SAFE_RAMP
+    device.state.given([ENABLE], values)
+    assert device.state.state == RESTING
+
+
+def test_a_loop_that_has_never_written_is_not_followed(device):
+    for _ in range(5):
+        assert device.turn(0.0, alive=False)[ENABLE] == 0
+    assert device.state.state == RESTING
+
+
+def test_a_dead_loop_is_a_ramp_to_rest_amplifier_last(device):
+    device.follow(80.0)
+    first = device.turn(80.0, alive=False)
+    assert first[VOLT] == pytest.approx(80.0, abs=0.01)
+    assert first[ENABLE:] == [1, 1, 0.25]  # the machine stops feeding at once
+    assert device.state.state == SAFE_RAMP
+    for _ in range(TURNS // 2 - 1):
+        value = device.turn(80.0, alive=False)
+    assert value[VOLT] == pytest.approx(40.0)
+    for _ in range(TURNS // 2):
+        value = device.turn(80.0, alive=False)
+    assert value == [0, 1, 1, 0.25]
+    assert device.turn(80.0, alive=False) == [0, 0, 1, 0.25]  # then the amplifier goes off
+    assert device.state.state == RESTING
+
+
+def test_a_loop_is_dead_after_its_time_and_not_before(device):
+    assert not device.state.is_dead(7, 7 + DEAD_NS)
+    assert device.state.is_dead(7, 8 + DEAD_NS)
+
+
+def test_it_is_not_followed_again_before_it_asks_for_rest(device):
+    device.follow(80.0)
+    device.state.leave()
+    for _ in range(TURNS + 5):
+        device.turn(1e-6)
+    assert device.state.state == RESTING
+    assert device.volts(80.0) == 0.0
+    assert device.turn(0.0)[ENABLE] == 1
+    assert device.state.state == FOLLOWING
+
+
+def test_after_a_break_of_any_length_the_ramp_begins_where_the_device_was_left(device):
+    device.follow(80.0)
+    device.state.leave()
+    for _ in range(1000):
+        assert device.volts(takes=False) == pytest.approx(80.0, abs=0.01)
+    device.volts()
+    assert max(device.steps) <= STEP_V + 1e-9
+
+
+def test_a_break_in_the_middle_of_the_ramp_costs_nothing(device):
+    device.follow(80.0)
+    device.state.leave()
+    for _ in range(TURNS // 2):
+        device.turn()
+    device.state.leave()
+    for _ in range(TURNS // 2 + 2):
+        device.turn()
+    assert device.state.state == RESTING
+
+
+def test_a_device_that_was_at_rest_and_out_of_reach_is_given_its_safe_values_again(device):
+    device.turn()
+    device.turn()
+    assert device.state.state == RESTING
+    device.state.leave()
+    assert device.state.state == SAFE_RAMP
+    device.turn()
+    device.turn()
+    assert device.state.state == RESTING
+
+
+def test_the_loop_is_followed_no_faster_than_the_slew_limit(device):
+    device.follow(0.0)
+    assert [device.volts(35.0) for _ in range(5)] == [10, 20, 30, 35, 35]
+    assert [device.volts(0.0) for _ in range(4)] == [25, 15, 5, 0]
+
+
+def test_a_ramp_that_is_too_short_for_the_slew_limit_takes_longer():
+    device = Device(ramp_s=1e-10).follow(45.0)
+    device.state.leave()
+    assert [device.volts() for _ in range(6)] == [35, 25, 15, 5, 0, 0]
+
+
+def test_where_a_value_may_have_arrived_or_not_the_next_is_near_to_both(device):
+    device.follow(40.0)
+    sent = device.turn(50.0, takes=False)
+    device.state.attempted(ALL, sent)
+    assert device.volts(90.0, takes=False) == 50.0
+    assert device.volts(0.0, takes=False) == 40.0
+    assert device.volts(43.0) == 43.0
+    assert device.volts(90.0) == 53.0
+
+
+def test_a_value_that_may_have_arrived_is_no_rest(device):
+    device.follow(5.0)
+    device.state.leave()
+    for _ in range(TURNS - 1):
+        device.turn()
+    device.state.attempted(ALL, [2.0, 0.0, 1.0, 0.25])
+    device.state.given([ENABLE, FEED_HOLD], [0.0, 0.0, 1.0, 0.25])
+    assert device.state.state == SAFE_RAMP
+    device.turn()
+    device.turn()
+    assert device.state.state == RESTING
+
+
+@pytest.mark.parametrize("arrived", [50.0, 70.0])
+def test_who_takes_over_sends_the_last_value_again(device, arrived):
+    """The one before may have sent one value more before it was killed: 10 V more or less."""
+    device.state.remember([60.0, 1.0, 0.0, None])
+    device.has.append([arrived])
+    assert device.turn(60.0) == [pytest.approx(60.0), 1.0, 1.0, 0.25]
+    for _ in range(TURNS):
+        device.turn(60.0)
+    assert max(device.steps) <= STEP_V + 1e-9
+    assert device.turn(60.0) == [0.0, 0.0, 1.0, 0.25]
+    assert device.state.state == RESTING
+
+
+def test_what_was_remembered_is_known_and_what_was_not_is_not(device):
+    assert all(map(math.isnan, device.state.last))
+    device.state.remember([60.0, None, 0.0, None])
+    assert device.state.last[VOLT] == 60.0
+    assert math.isnan(device.state.last[ENABLE])
+    device.turn()
+    assert not any(map(math.isnan, device.state.last))
+
+
+def test_what_is_read_back_counts_more_than_what_was_remembered(device):
+    device.state.remember([60.0, None, None, None])
+    device.state.read_back([30.0, None, None, None])
+    assert device.state.last[VOLT] == 30.0
+    assert device.volts() == pytest.approx(30.0, abs=0.01)
+
+
+def test_what_is_read_back_as_expected_lets_a_ramp_go_on(device):
+    device.follow(80.0)
+    device.state.leave()
+    for _ in range(TURNS // 2):
+        device.turn()
+    device.state.leave()
+    device.state.read_back([device.state.last[VOLT] + 0.01, None, None, None])
+    for _ in range(TURNS // 2 + 2):
+        device.turn()
+    assert device.state.state == RESTING
+
+
+def test_a_device_that_went_to_rest_by_itself_is_not_moved_again(device):
+    device.follow(80.0)
+    device.state.leave()
+    device.state.read_back([0.0, 0.0, 0.0, None])
+    for _ in range(5):
+        assert device.volts(80.0) == pytest.approx(0.0, abs=1e-12)
+    assert device.state.state == RESTING
+
+
+@pytest.mark.parametrize(("found", "bound"), [(200.0, 150.0), (-70.0, -20.0)])
+def test_a_voltage_beyond_the_range_begins_at_the_nearest_bound(device, found, bound):
+    assert device.state.outside([found, None, 1.0, None]) == [VOLT]
+    device.state.read_back([found, None, None, None])
+    assert device.volts() == pytest.approx(bound, abs=0.02)
+    again = Device()
+    again.state.remember([found, None, None, None])
+    assert again.volts() == pytest.approx(bound, abs=0.02)
+
+
+@pytest.mark.parametrize("end", [-20.0, 150.0])
+def test_the_ends_of_the_range_belong_to_it(device, end):
+    assert device.state.outside([end, None, None, None]) == []
+    device.follow(end)
+    assert device.state.refused == 0
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 150.1, -20.1])
+def test_a_value_that_may_not_be_sent_keeps_the_one_before(device, wrong):
+    device.follow(80.0)
+    assert device.turn(wrong) == [80, 1, 0, 0.25]
+    assert device.state.refused == 1
+
+
+def test_new_limits_hold_from_the_next_value_on(device):
+    device.follow(30.0)
+    device.state.adopt((SafeOutput(VOLTAGE, 0.0, -20.0, 60.0, 200.0), *OUTPUTS[1:]), 2 * RAMP_S, 2 * DEAD_NS)
+    assert device.volts(59.0) == 32.0
+    assert device.volts(61.0) == 32.0
+    assert not device.state.is_dead(0, 2 * DEAD_NS)
+    assert device.state.is_dead(0, 2 * DEAD_NS + 1)
+    device.state.leave()
+    turns = 0
+    while device.state.state == SAFE_RAMP:
+        device.turn()
+        turns += 1
+    assert turns == 2 * TURNS + 1
+
+
+def test_a_bus_without_voltages_rests_as_soon_as_it_was_given_its_values():
+    device = Device((SafeOutput(SWITCH, 1.0, 0.0, 1.0), SafeOutput(LAST_SWITCH, 0.0, 0.0, 1.0)))
+    assert device.turn() == [1.0, 0.0]
+    assert device.state.state == RESTING
+
+
+def test_voltages_of_tasks_of_their_own_ramp_each_at_its_rate():
+    outputs = [SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, SLEW_V_PER_S)] * 2
+    state = SafeState(outputs, [PERIOD_S, 2 * PERIOD_S], RAMP_S, DEAD_NS)
+    state.read_back([80.0, 80.0])
+    for turn in range(TURNS):
+        values = state.values([0.0, 0.0], 0, 0)
+        state.given([0] if turn % 2 else [0, 1], values)
+    assert values == [0.0, pytest.approx(0.0, abs=0.1)]
     assert state.state == RESTING
-    assert state.values(values(0, 1, 0, 0), MS, MS).tolist() == [0, 1, 0, 0.25]
-    assert state.state == FOLLOWING
-    assert state.values(values(40, 1, 0, 0), 2 * MS, 2 * MS).tolist() == [40, 1, 0, 0.25]
 
 
-def test_a_loop_that_has_never_written_is_not_followed():
-    state = SafeState(OUTPUTS, RAMP_NS, DEAD_NS)
-    assert state.values(values(0, 1, 0, 0), 0, DEAD_NS + 1).tolist() == [0, 0, 1, 0.25]
-
-
-def test_a_dead_loop_is_a_ramp_to_rest(state):
-    state.values(values(80, 1, 0, 0), MS, MS)
-    wanted, at = values(80, 1, 0, 0), MS
-    assert state.values(wanted, at, at + DEAD_NS)[0] == 80
-    begin = at + DEAD_NS + 1
-    assert state.values(wanted, at, begin).tolist() == [80, 1, 1, 0.25]  # the machine stops feeding at once
-    assert state.state == SAFE_RAMP
-    assert state.values(wanted, at, begin + RAMP_NS // 2).tolist() == [pytest.approx(40), 1, 1, 0.25]
-    assert state.values(wanted, at, begin + RAMP_NS).tolist() == [0, 0, 1, 0.25]  # then the amplifier goes off
-    assert state.state == RESTING
-
-
-def test_it_is_not_followed_again_before_it_asks_for_rest(state):
-    state.values(values(80, 1, 0, 0), MS, MS)
-    state.leave(2 * MS)
-    later = 2 * MS + 2 * RAMP_NS
-    for wanted in (80.0, 1e-6):
-        assert state.values(values(wanted, 1, 0, 0), later, later)[0] == 0
-        assert state.state == RESTING
-    state.values(values(0, 1, 0, 0), later, later)
-    assert state.state == FOLLOWING
-
-
-def test_the_ramp_runs_by_the_clock(state):
-    """A link that is down for longer than the ramp: the first value that can be sent is the safe one."""
-    state.values(values(80, 1, 0, 0), MS, MS)
-    state.leave(2 * MS)
-    assert state.values(values(80, 1, 0, 0), 900 * MS, 900 * MS)[0] == 0
-
-
-def test_a_worker_that_takes_over_goes_on_from_what_was_sent():
-    last, died = values(60, 1, 0, 0.25), 1000 * MS
-    state = SafeState(OUTPUTS, RAMP_NS, DEAD_NS, last, died)
-    assert state.values(values(60, 1, 0, 0), died, died)[0] == 60
-    assert state.values(values(60, 1, 0, 0), died + RAMP_NS // 2, died + RAMP_NS // 2)[0] == pytest.approx(30)
-    fresh = SafeState(OUTPUTS, RAMP_NS, DEAD_NS, last, died)
-    assert fresh.values(values(60, 1, 0, 0), died + RAMP_NS, died + RAMP_NS)[0] == 0
-
-
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 150.1, -20.1])
-def test_a_value_that_may_not_be_sent_keeps_the_one_before(state, wrong):
-    state.values(values(80, 1, 0, 0), MS, MS)
-    assert state.values(values(wrong, 1, 0, 0), 2 * MS, 2 * MS).tolist() == [80, 1, 0, 0.25]
-    assert state.refused == 1
-
-
-STEPS = st.lists(
-    st.tuples(st.integers(0, 400), st.floats(allow_nan=True, allow_infinity=True), st.booleans(), st.booleans()),
+ACTS = st.lists(
+    st.tuples(
+        st.sampled_from(["given", "given", "lost, arrived", "lost", "held", "dead", "cut", "killed", "silent"]),
+        st.one_of(st.floats(allow_nan=True, allow_infinity=True), st.floats(-30, 160)),
+    ),
     min_size=1,
-    max_size=60,
+    max_size=80,
 )
 
 
-@given(STEPS)
-def test_whatever_happens_the_voltage_is_in_range_and_slow_on_its_own(steps):
-    """Random waits, requests, deaths of the loop and of the link: what the state does by itself is never a jump."""
-    state, now, written, last = SafeState(OUTPUTS, RAMP_NS, DEAD_NS), 0, 0, 0.0
-    for wait_ms, wanted, alive, lost in steps:
-        now += wait_ms * MS
-        if alive:
-            written = now
-        if lost:
-            state.leave(now)
-        before = state.state
-        voltage = state.values(values(wanted, 1, 0, 0), written, now)[0]
-        assert -20.0 <= voltage <= 150.0
-        if before == RESTING or state.state == RESTING:
-            assert voltage == 0.0 or state.state == FOLLOWING
-        if state.state == SAFE_RAMP:  # towards rest, at most as fast as the ramp is
-            assert abs(voltage) <= abs(last) + 1e-9
-        if before == RESTING and state.state == FOLLOWING:
-            assert abs(voltage) <= 1e-9
-        last = voltage
+@given(ACTS, st.floats(-20, 150))
+def test_whatever_happens_the_device_sees_no_step_and_no_value_out_of_range(acts, begins_at):
+    """Answers missing, values held back, deaths of loop and worker, breaks of any length: each step that arrives."""
+    has, remembered, state = begins_at, begins_at, None
+    for what, wanted in acts:
+        if what == "killed" or state is None:
+            state = SafeState(OUTPUTS, [PERIOD_S] * 4, RAMP_S, DEAD_NS)
+            state.remember([remembered, 1.0, 0.0, 0.25])
+        if what in ("cut", "silent"):
+            state.leave()
+        if what == "cut":
+            state.read_back([has, None, None, None])
+        values = state.values([wanted, 1.0, 0.0, 0.0], 0, DEAD_NS + 1 if what == "dead" else 0)
+        assert -20.0 <= values[VOLT] <= 150.0
+        if what == "held":
+            continue
+        if what not in ("lost", "silent"):
+            assert abs(values[VOLT] - has) <= STEP_V + 1e-9
+            has = values[VOLT]
+        if what in ("lost", "lost, arrived", "silent", "killed"):
+            state.attempted(ALL, values)
+        else:
+            state.given(ALL, values)
+            remembered = values[VOLT]
+        if state.state == RESTING:
+            assert abs(has) <= 1e-9
+        else:
+            assert state.state in (FOLLOWING, SAFE_RAMP)
+
+
+@given(st.floats(-20, 150), st.lists(st.booleans(), max_size=200))
+def test_the_ramp_goes_towards_rest_and_arrives(begin, taken):
+    device = Device()
+    device.state.read_back([begin, 1.0, 0.0, None])
+    before = begin
+    for takes in [*taken, *[True] * (TURNS + 20)]:
+        voltage = device.volts(alive=False, takes=takes)
+        assert abs(voltage) <= abs(before) + 1e-9
+        assert abs(voltage - before) <= STEP_V + 1e-9
+        before = voltage if takes else before
+    assert device.state.state == RESTING

@@ -3,21 +3,27 @@
 import itertools
 import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
-from micromanip.io.bus import BusDriver, BusOptions, Channel, Load, Task
+from micromanip.io.bus import BusDriver, BusOptions, Channel, Load, Outcome, Task
 from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
 from micromanip.io.image import ProcessImage
-from micromanip.io.safe_state import SWITCH, VOLTAGE, SafeOutput, SafeState
-from micromanip.io.worker import Worker
-from micromanip.rt.image import FOLLOWING, IMAGE, RESTING, exchange_image
+from micromanip.io.last_given import LastGiven
+from micromanip.io.safe_state import SWITCH, VOLTAGE, SafeOutput
+from micromanip.io.worker import Rules, Worker
+from micromanip.rt.image import FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN, exchange_image
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
 MS = 1_000_000
-RAMP_NS, DEAD_NS = 100 * MS, 300 * MS  # a loaded machine may hold a thread up for tens of ms
+RAMP_S, DEAD_NS = 0.1, 300 * MS  # a loaded machine may hold a thread up for tens of ms
 PATIENCE_S = 20.0
+SLEW_V_PER_S = 5000.0
+STEP_V = SLEW_V_PER_S / 500.0
+OUTPUTS = (SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, SLEW_V_PER_S), SafeOutput(SWITCH, 1.0, 0.0, 1.0))
+RULES = Rules(OUTPUTS, RAMP_S, DEAD_NS, 0)
 
 
 class ScriptedDriver(BusDriver):
@@ -31,7 +37,8 @@ class ScriptedDriver(BusDriver):
 
     def __init__(self):
         self.errors, self.open_errors, self.given, self.opened, self.closed = [], [], [], 0, 0
-        self.sequence = 0
+        self.sequence, self.outcome, self.confirms = 0, None, False
+        self.has = [None, None]
 
     def loads(self):
         return (Load("scripted", 0.1, "nothing"),)
@@ -41,15 +48,22 @@ class ScriptedDriver(BusDriver):
         if self.open_errors:
             raise self.open_errors.pop(0)
 
+    def read_outputs(self):
+        return self.has
+
     def perform(self, task, values, inbox):
         if self.errors:
             raise self.errors.pop(0)
-        self.given.append(tuple(values))
+        if self.outcome is not Outcome.HELD:
+            self.given.append(tuple(values))
+        return self.outcome
 
     def receive(self, inbox, until_ns):
         super().receive(inbox, until_ns)
         self.sequence += 1
         inbox.put(0, float(self.sequence), time.monotonic_ns())
+        if self.confirms:
+            inbox.confirm(0)
 
     def close(self):
         self.closed += 1
@@ -58,15 +72,14 @@ class ScriptedDriver(BusDriver):
 class Bench:
     """A worker in a thread, and the loop's side of its image."""
 
-    def __init__(self, driver=None):
+    def __init__(self, driver=None, memory=None, record=None):
         self.driver = driver or ScriptedDriver()
-        self.record = np.zeros(1, IMAGE)
+        self.record = np.zeros(1, IMAGE) if record is None else record
         self.record["inputs"], self.record["outputs"], self.record["silent_ns"] = 1, 2, 10**12
         self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
         self.image = ProcessImage(self.record)
-        outputs = [SafeOutput(VOLTAGE, 0.0, -20.0, 150.0), SafeOutput(SWITCH, 1.0, 0.0, 1.0)]
-        self.safe = SafeState(outputs, RAMP_NS, DEAD_NS)
-        self.worker = Worker(self.driver, self.image, self.safe, 2)
+        self.worker = Worker(self.driver, self.image, RULES, memory)
+        self.safe = self.worker.safe
         self.bug = None
         self.thread = threading.Thread(target=self._run)
 
@@ -95,21 +108,39 @@ class Bench:
 
 
 @pytest.fixture
-def bench(monkeypatch):
+def said(monkeypatch):
     said = []
     monkeypatch.setattr("micromanip.io.worker.say", said.append)
-    bench = Bench()
-    bench.said = said
+    return said
+
+
+@contextmanager
+def running(bench):
     bench.thread.start()
-    yield bench
-    bench.worker.end()
-    bench.thread.join(PATIENCE_S)
+    try:
+        yield bench
+    finally:
+        bench.worker.end()
+        bench.thread.join(PATIENCE_S)
     assert not bench.thread.is_alive()
     assert bench.driver.closed == bench.driver.opened
 
 
+@pytest.fixture
+def bench(said):
+    bench = Bench()
+    bench.said = said
+    with running(bench):
+        yield bench
+
+
 def events(bench):
-    return [document["event"] for document in bench.said if document["event"] != "statistics"]
+    return [document["event"] for document in bench.said if document["event"] not in ("statistics", "outputs")]
+
+
+def largest_step(driver, begins_at=0.0):
+    voltages = [begins_at, *(given[0] for given in driver.given)]
+    return max(abs(later - earlier) for earlier, later in itertools.pairwise(voltages))
 
 
 def test_what_the_loop_decides_arrives_and_what_is_measured_comes_back(bench):
@@ -155,14 +186,17 @@ def test_errors_now_and_then_are_counted_many_are_a_lost_link(bench):
     assert lost["text"].startswith("10 errors in the last 40 calls; the last: late")
 
 
-def test_a_device_that_is_not_the_right_one_is_not_tried_again(bench):
+def test_a_device_that_is_not_the_right_one_is_not_tried_again(bench, monkeypatch):
+    monkeypatch.setattr("micromanip.io.worker._UNREACHED_S", 0.2)  # nobody waits for it to come back
     bench.follow(10.0)
     bench.driver.open_errors = [IdentityMismatch("it says E-727, not E-709")]
     bench.driver.errors.append(LinkError("unplugged"))
     bench.until(lambda: bench.image.link == "latched", 10.0)
     opened = bench.driver.opened
-    bench.until(lambda: bench.safe.state == RESTING, 10.0)
+    bench.until(lambda: len(bench.driver.given) > 0, 10.0)
+    time.sleep(0.1)
     assert bench.driver.opened == opened
+    assert bench.image.output_state == "unknown"
     assert events(bench) == ["up", "lost", "latched"]
 
 
@@ -193,8 +227,141 @@ def test_it_ends_only_when_the_outputs_are_at_rest(bench):
     assert bench.driver.given[-1] == (0.0, 1.0)
 
 
-def test_what_was_sent_is_there_for_the_next_worker():
+def test_every_step_is_within_the_slew_limit_whatever_the_loop_wants(bench):
+    bench.follow(80.0)
+    bench.follow(-20.0)
+    bench.driver.errors.append(LinkError("unplugged"))
+    bench.until(lambda: bench.safe.state == RESTING, 140.0)
+    assert largest_step(bench.driver) <= STEP_V + 1e-9
+
+
+def test_the_loop_is_told_in_the_cycle_in_which_its_outputs_are_taken_away(bench):
+    bench.follow(80.0)
+    bench.until(lambda: bench.cycle(80.0) == 0, 80.0)
+    bench.until(lambda: bench.safe.state == SAFE_RAMP)  # the loop stood still
+    assert bench.cycle(80.0) == TAKEN
+    bench.until(lambda: bench.safe.state == RESTING, 80.0)
+    assert bench.cycle(80.0) == TAKEN
+    bench.until(lambda: bench.cycle(0.0) == 0, 0.0)
+
+
+def test_while_the_link_is_down_nobody_knows_and_afterwards_it_goes_on_from_the_last_value(bench):
+    bench.follow(80.0)
+    bench.driver.open_errors = [LinkError("unplugged")] * 4  # for longer than the ramp
+    bench.driver.errors.append(LinkError("unplugged"))
+    bench.until(lambda: bench.driver.opened == 5, 80.0)
+    assert bench.image.output_state == "unknown"
+    assert bench.image.known(2) == [80.0, 0.0]
+    seen = len(bench.driver.given)
+    bench.until(lambda: bench.image.output_state == "at rest", 80.0)
+    assert abs(bench.driver.given[seen][0] - 80.0) < 1.0
+    assert largest_step(bench.driver) <= STEP_V + 1e-9
+
+
+def test_a_value_that_is_held_back_was_not_given(bench):
+    bench.follow(80.0)
+    bench.driver.outcome = Outcome.HELD
+    bench.until(lambda: bench.safe.state == SAFE_RAMP)  # no loop any more
+    time.sleep(3 * RAMP_S)
+    assert bench.image.output_state == "ramping to rest"
+    assert bench.image.known(2) == [80.0, 0.0]
+    bench.driver.outcome = None
+    bench.until(lambda: bench.image.output_state == "at rest")
+    assert bench.image.known(2) == [0.0, 1.0]
+    assert largest_step(bench.driver) <= STEP_V + 1e-9
+
+
+def test_a_value_that_was_not_confirmed_was_not_given(bench):
+    bench.follow(80.0)
+    bench.driver.outcome = Outcome.SENT
+    bench.until(lambda: bench.safe.state == SAFE_RAMP)
+    time.sleep(3 * RAMP_S)
+    assert bench.image.output_state == "ramping to rest"
+    assert bench.image.known(2) == [80.0, 0.0]
+    assert min(given[0] for given in bench.driver.given[-10:]) >= 80.0 - STEP_V
+    bench.driver.confirms = True
+    bench.until(lambda: bench.image.output_state == "at rest")
+    assert bench.image.known(2) == [0.0, 1.0]
+    assert largest_step(bench.driver) <= STEP_V + 1e-9
+
+
+def test_what_the_device_says_is_where_the_ramp_begins(said):
     bench = Bench()
-    bench.image.remember_sent(np.array([80.0, 0.0] + [0.0] * (MAX_OUTPUTS - 2)), 5)
-    last, last_ns = bench.image.sent()
-    assert (last[0], last_ns) == (80.0, 5)
+    bench.driver.has = [120.0, 1.0]
+    with running(bench):
+        bench.until(lambda: bench.safe.state == RESTING)
+        assert bench.driver.given[0][0] == pytest.approx(120.0, abs=0.1)
+        assert largest_step(bench.driver, 120.0) <= STEP_V + 1e-9
+    assert "outputs" not in [document["event"] for document in said]
+
+
+def test_where_nobody_knows_it_is_said(said):
+    with running(Bench()) as bench:
+        bench.until(lambda: bench.safe.state == RESTING)
+    told = [document["text"] for document in said if document["event"] == "outputs"]
+    assert told == ["nobody knows what its outputs were given last: they begin at their safe values"]
+
+
+def test_a_voltage_out_of_range_is_told(said):
+    bench = Bench()
+    bench.driver.has = [200.0, 1.0]
+    with running(bench):
+        bench.until(lambda: bench.safe.state == RESTING)
+        assert bench.driver.given[0][0] == pytest.approx(150.0, abs=0.1)
+    told = [document["text"] for document in said if document["event"] == "outputs"]
+    assert told == ["voltage reads 200, which is outside of its range"]
+
+
+def test_new_rules_are_taken_while_it_runs(bench):
+    bench.follow(80.0)
+    slow = (SafeOutput(VOLTAGE, 0.0, -20.0, 100.0, SLEW_V_PER_S / 100), OUTPUTS[1])
+    bench.worker.adopt(Rules(slow, RAMP_S, DEAD_NS, 0))
+    bench.until(lambda: bench.safe.refused > 0, 101.0)
+    seen = len(bench.driver.given)
+    bench.until(lambda: len(bench.driver.given) > seen + 10, 90.0)
+    voltages = [given[0] for given in bench.driver.given[seen:]]
+    assert max(later - earlier for earlier, later in itertools.pairwise(voltages)) <= STEP_V / 100 + 1e-9
+
+
+def test_at_the_end_every_task_is_tried_and_each_failure_is_told(said):
+    class TwoTasks(ScriptedDriver):
+        tasks = (Task("voltages", 500.0, (0,)), Task("lines", 500.0, (1,)))
+        parting, tried = False, ()
+
+        def perform(self, task, values, inbox):
+            if self.parting:
+                self.tried += (task,)
+                raise TransientError(f"task {task} is late")
+            return super().perform(task, values, inbox)
+
+    bench = Bench(TwoTasks())
+    with running(bench):
+        bench.until(lambda: bench.safe.state == RESTING)
+        bench.worker._may_leave = lambda: True
+        bench.driver.parting = True
+    assert bench.driver.tried[-2:] == (0, 1)
+    told = [document["text"] for document in said if document["event"] == "unsafe"]
+    assert told == [
+        f"{name} was not given its safe values once more: task {k} is late"
+        for k, name in enumerate(("voltages", "lines"))
+    ]
+
+
+@pytest.mark.parametrize("on_disk", [True, False])
+def test_the_next_worker_goes_on_from_what_the_device_was_given(said, tmp_path, on_disk):
+    """From the image, which the host keeps; from the file, when all processes were killed."""
+
+    def memory():
+        return LastGiven.open("scripted", ("voltage", "feed_hold"), tmp_path) if on_disk else None
+
+    one = Bench(memory=memory())
+    one.driver.errors = []
+    with running(one):
+        one.follow(80.0)
+        one.driver.errors.append(ZeroDivisionError("killed"))
+        one.until(lambda: one.bug is not None, 80.0)
+    other = Bench(memory=memory(), record=None if on_disk else one.record)
+    with running(other):
+        other.until(lambda: other.safe.state == RESTING)
+    assert other.driver.given[0][0] == 80.0
+    assert largest_step(other.driver, 80.0) <= STEP_V + 1e-9

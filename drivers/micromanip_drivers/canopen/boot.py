@@ -39,12 +39,13 @@ def boot(
     nodes: Sequence[NodePlan],
     watches: Mapping[str, Watch],
     deadline_ns: int,
-) -> None:
-    """Set up the nodes and start them, until `deadline_ns`.
+) -> dict[str, float]:
+    """Set up the nodes and start them, until `deadline_ns`; what they had on their outputs before, as far as they tell.
 
     Raises LinkError for a node that does not answer or start, IdentityMismatch for one that is not what the
     configuration says, DeviceFault for one that reports an error.
     """
+    found: dict[str, float] = {}
     for plan in nodes:
         _command(link, _ENTER_PRE_OPERATIONAL, plan)
     for plan in nodes:
@@ -55,12 +56,25 @@ def boot(
         for pdo in plan.pdos:
             _configure(sdo, plan, pdo)
             _compare(sdo, plan, pdo)
+        for pdo in plan.rpdos:
+            found |= _outputs(sdo, pdo)
         _set_watch(sdo, plan, options.own_node_id)
         sdo.write(0x1017, 0, plan.heartbeat_period_ms)
     for plan in nodes:
         watches[plan.name].begin(time.monotonic_ns())
         _command(link, _START, plan)
     _started(link, nodes, watches, deadline_ns)
+    return found
+
+
+def _outputs(sdo: Sdo, pdo: PdoPlan) -> dict[str, float]:
+    """Values of the objects that the RPDO carries, by the signals' names; without those that can't be read."""
+    found: dict[str, float] = {}
+    for wire, mapped in zip(pdo.wires, pdo.carried, strict=True):
+        variable = mapped.variable
+        if variable.readable and (raw := sdo.read_if_told(variable.index, variable.subindex)) is not None:
+            found[wire.name] = wire.value((raw & wire.mask) << wire.shift)
+    return found
 
 
 def _command(link: CanLink, command: int, plan: NodePlan) -> None:

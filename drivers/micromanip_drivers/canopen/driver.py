@@ -49,6 +49,8 @@ class CanOpen(BusDriver):
         self._outputs: list[Channel] = []
         self._tasks: list[Task] = []
         self._performed: list[Performed] = []
+        self._found: dict[str, float] = {}
+        """What the nodes had on their outputs when they were opened."""
         self._add_tasks()
 
     @property
@@ -90,13 +92,17 @@ class CanOpen(BusDriver):
         try:
             self._link.open()
             self._receiver.clear()
-            boot(self._link, self._options, self._nodes, self._receiver.watches, time.monotonic_ns() + _OPEN_NS)
+            deadline_ns = time.monotonic_ns() + _OPEN_NS
+            self._found = boot(self._link, self._options, self._nodes, self._receiver.watches, deadline_ns)
         except TransientError as problem:  # there is no second try here: that is the worker's
             self._link.close()
             raise LinkError(str(problem)) from problem
         except BusError:
             self._link.close()
             raise
+
+    def read_outputs(self) -> Sequence[float | None]:
+        return [self._found.get(channel.name) for channel in self._outputs]
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
         self._performed[task](values)

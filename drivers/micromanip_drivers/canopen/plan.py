@@ -29,6 +29,8 @@ class PdoPlan:
     wires: tuple[Wire, ...]
     safe: tuple[float, ...]
     """Of each wire of an RPDO: what it is kept at if it is not used."""
+    carried: tuple[Mapped, ...]
+    """The object of each wire."""
 
     @property
     def key(self) -> str:
@@ -115,6 +117,7 @@ def _pdo(node: str, dictionary: Dictionary, direction: Direction, pdo: int, opti
         options,
         tuple(wire(f"{node}.{name}", carried[name], signal) for name, signal in signals.items()),
         tuple(signal.safe if isinstance(signal, OutputSignal) else 0.0 for signal in signals.values()),
+        tuple(carried[name] for name in signals),
     )
 
 

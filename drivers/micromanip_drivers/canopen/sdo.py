@@ -55,6 +55,13 @@ class Sdo(SdoClient):
         except SdoCommunicationError as problem:
             raise LinkError(f"{self._who} does not answer when asked to {what}") from problem
 
+    def read_if_told(self, index: int, subindex: int) -> int | None:
+        """The same, None where the node refuses. Raises LinkError without an answer."""
+        try:
+            return self.read(index, subindex)
+        except IdentityMismatch:
+            return None
+
     def write(self, index: int, subindex: int, value: int) -> None:
         """Set an integer object. Raises as ``read`` does."""
         what = f"set {number(index, subindex)} to 0x{value:X}"

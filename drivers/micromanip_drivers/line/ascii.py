@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.io.bus import Answer, Channel, Inbox, Load, Task
-from micromanip.io.bus_errors import TransientError
+from micromanip.io.bus import Answer, Channel, Inbox, Load, Outcome, Task
+from micromanip.io.bus_errors import DeviceFault, TransientError
 
 from .ascii_conversation import Conversation
-from .ascii_exchange import Exchange
+from .ascii_exchange import Exchange, Step
 from .ascii_options import Ascii
 from .framing import Framing
 from .line_time import LineTime, Traffic
@@ -17,6 +17,7 @@ from .port import Port
 from .silence import Silence
 
 _PAUSE_S = 0.05
+_FORGIVE_NS = 300_000_000
 
 
 class AsciiFraming(Framing):
@@ -45,17 +46,31 @@ class AsciiFraming(Framing):
     def begin(self, deadline_ns: int) -> None:
         self._conversation.begin(deadline_ns)
 
-    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
         exchange = self._exchanges[task]
         texts = [step.request.text(values) for step in exchange.steps] if exchange.writes else []
         if self._conversation.is_held():
-            return
+            return Outcome.HELD
         if exchange.writes:
             for step, text in zip(exchange.steps, texts, strict=True):
                 self._conversation.tell(text, exchange.title, step.replies)
-            return
+            return None
         for name, value, time_ns in self._asked(exchange):
             inbox.put(exchange.indices[name], value, time_ns - round(exchange.latency_s * 1e9))
+        return None
+
+    def read_outputs(self) -> Sequence[float | None]:
+        """What is written is asked for where the preset knows how; a device may not, and complain of it."""
+        found: list[float | None] = [None] * len(self.outputs)
+        for exchange in self._exchanges:
+            if exchange.read_back is None:
+                continue
+            try:
+                for name, value, _ in self._asked(exchange, [exchange.read_back]):
+                    found[exchange.indices[name]] = value
+            except (TransientError, DeviceFault):
+                self._conversation.forgive(time.monotonic_ns() + _FORGIVE_NS)
+        return found
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:  # noqa: ARG002 (nothing of it is a sample)
         self._conversation.listen(until_ns)
@@ -81,9 +96,9 @@ class AsciiFraming(Framing):
     def counters(self) -> Mapping[str, int]:
         return self._conversation.counters
 
-    def _asked(self, exchange: Exchange) -> Iterator[tuple[str, float, int]]:
+    def _asked(self, exchange: Exchange, steps: Sequence[Step] | None = None) -> Iterator[tuple[str, float, int]]:
         """Name, value and time of reception of what is read, step by step."""
-        for step in exchange.steps:
+        for step in exchange.steps if steps is None else steps:
             for numbers, time_ns in self._conversation.ask(step.request.text(()), step.replies, exchange.title):
                 for name, number in numbers.items():
                     scale, offset = exchange.scales[name]

@@ -118,6 +118,17 @@ class Conversation:
         numbers = self.ask(text + request.encode() + self._end.encode(), [*replies, reply], what)
         self._judge(numbers[-1][0]["code"], f"after {what}")
 
+    def forgive(self, until_ns: int) -> None:
+        """Put the line in order after a question that the device may not know, and forget the error of it.
+
+        Raises DeviceFault, LinkError, TransientError.
+        """
+        while self.is_held() and time.monotonic_ns() < until_ns:
+            self.listen(min(until_ns, time.monotonic_ns() + 1_000_000))
+        self._look_for_errors = False
+        if self.error_exchange is not None:
+            self._error_code()
+
     def listen(self, until_ns: int) -> None:
         """Take what comes without being asked for, soon after the first. Raises DeviceFault, LinkError."""
         for line, time_ns in self._come(until_ns):

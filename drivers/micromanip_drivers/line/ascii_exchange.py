@@ -50,6 +50,9 @@ class Exchange:
             Step(Request(request, outputs, end), [Reply(line) for line in replies])
             for request, replies in ascii_presets.steps(options, key, exchange)
         ]
+        asking = ascii_presets.read_back(options, exchange) if isinstance(exchange, Write) else None
+        self.read_back = Step(Request(asking[0], {}, end), [Reply(line) for line in asking[1]]) if asking else None
+        """What asks for the values that are written; None where nothing is known that does."""
         self.seconds, sent_s, told_s = self._times(options, line_time)
         known_s = None if exchange.latency_us is None else exchange.latency_us * 1e-6
         self.latency_s = known_s if known_s is not None else sent_s if self.writes else told_s

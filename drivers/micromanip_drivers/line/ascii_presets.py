@@ -71,6 +71,14 @@ def steps(options: Ascii, key: str, exchange: Read | Write) -> list[Step]:
     return [_command_value(command, name, field, isinstance(exchange, Write)) for name, field in fields.items()]
 
 
+def read_back(options: Ascii, write: Write) -> Step | None:
+    """What asks for the values that `write` sends: in GCS the command with a question mark, `SVA? 1 2` for `SVA`."""
+    if options.preset != "gcs" or write.command is None:
+        return None
+    items = {name: field.item for name, field in write.fields.items()}
+    return " ".join([f"{write.command}?", *items.values()]), [f"{item}={{{name}}}" for name, item in items.items()]
+
+
 def _gcs(key: str, command: str, fields: Mapping[str, AsciiInput] | Mapping[str, AsciiOutput], writes: bool) -> Step:
     for name, field in fields.items():
         if not field.item:

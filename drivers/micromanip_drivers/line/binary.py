@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 
 from micromanip.errors import ConfigError
-from micromanip.io.bus import Answer, Channel, Inbox, Load, Task
+from micromanip.io.bus import Answer, Channel, Inbox, Load, Outcome, Task
 from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
 
 from .binary_kinds import FrameKinds
@@ -68,21 +68,22 @@ class BinaryFraming(Framing):
         if self._by_itself:
             self._silence.heard(time.monotonic_ns(), more=True)
 
-    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
         sent, answer = self._sent[task], self._answers[task]
         frame = sent.frame(values)
         if answer is None:
             self._port.send(frame)
             sent.was_sent()
-            return
+            return None
         self._take(0, inbox)
         if self._is_held():
             self._counters["held_back"] += 1
             self._silence.check(time.monotonic_ns())
-            return
+            return Outcome.HELD
         self._port.send(frame)
         sent.was_sent()
         self._await(sent, answer, inbox)
+        return None
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         newest_ns = self._take(until_ns, inbox)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from micromanip.errors import ConfigError
-from micromanip.io.bus import Answer, BusDriver, Channel, Inbox, Load, Task
+from micromanip.io.bus import Answer, BusDriver, Channel, Inbox, Load, Outcome, Task
 from micromanip.io.bus_errors import BusError, LinkError, TransientError
 
 from .ascii import AsciiFraming
@@ -83,8 +83,11 @@ class Line(BusDriver):
             self._port.close()
             raise
 
-    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
-        self._framing.perform(task, values, inbox)
+    def read_outputs(self) -> Sequence[float | None]:
+        return self._framing.read_outputs()
+
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
+        return self._framing.perform(task, values, inbox)
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         self._framing.receive(inbox, until_ns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.io.bus import Answer, Channel, Inbox, Load, Task
+from micromanip.io.bus import Answer, Channel, Inbox, Load, Outcome, Task
 
 
 class Framing(ABC):
@@ -26,8 +26,12 @@ class Framing(ABC):
         """
 
     @abstractmethod
-    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
         """As ``BusDriver.perform``."""
+
+    def read_outputs(self) -> Sequence[float | None]:
+        """As ``BusDriver.read_outputs``."""
+        return [None] * len(self.outputs)
 
     @abstractmethod
     def receive(self, inbox: Inbox, until_ns: int) -> None:

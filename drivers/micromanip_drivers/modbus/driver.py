@@ -13,18 +13,19 @@ from pathlib import Path
 from typing import ClassVar
 
 from micromanip.io.bus import Answer as Found
-from micromanip.io.bus import BusDriver, Channel, Inbox, Load, Task
+from micromanip.io.bus import BusDriver, Channel, Inbox, Load, Outcome, Task
 from micromanip.io.bus_errors import BusError, TransientError
 
 from .answers import Answers
-from .client import Client
+from .client import Answer, Client
 from .hello import greet
 from .options import ModbusOptions
 from .plan import TaskPlan, plan_tasks
 from .probe import probe
+from .read_back import read_back
 from .timing import Timing
 
-_OPEN_NS = 900_000_000
+_OPEN_NS, _READ_BACK_NS = 900_000_000, 400_000_000
 
 
 class Modbus(BusDriver):
@@ -41,6 +42,8 @@ class Modbus(BusDriver):
         self._outputs = [channel for plan in self._plans for channel in self._outputs_of(plan)]
         self._names = [channel.name for channel in self._outputs]
         self._client = Client(options, self._timing)
+        self._unanswered: dict[int, set[int]] = {}
+        """Transactions of the newest turn of each task that the device has not answered yet."""
 
     @property
     def device(self) -> str:
@@ -76,8 +79,13 @@ class Modbus(BusDriver):
         except BusError:
             self._client.close()
             raise
+        self._unanswered.clear()
 
-    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:
+    def read_outputs(self) -> Sequence[float | None]:
+        found = read_back(self._client, self._plans, time.monotonic_ns() + _READ_BACK_NS)
+        return [found.get(name) for name in self._names]
+
+    def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
         """Send the requests of a task; it waits for the answer of the one before, until that is late.
 
         All values are looked at before the first request goes. A time-out of the one before is raised, and the newest
@@ -87,6 +95,11 @@ class Modbus(BusDriver):
         named = dict(zip(self._names, values, strict=True))
         requests = [exchange.request(named) for exchange in plan.exchanges]
         failure: TransientError | None = None
+        try:
+            self._finish(inbox)
+        except TransientError as problem:
+            failure = problem
+        self._unanswered[task] = {id(exchange) for exchange in plan.exchanges}
         for exchange, request in zip(plan.exchanges, requests, strict=True):
             try:
                 self._finish(inbox)
@@ -98,11 +111,21 @@ class Modbus(BusDriver):
                 raise failure or problem from problem
         if failure is not None:
             raise failure
+        return Outcome.SENT
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         answer = self._client.answer(until_ns)
         if answer is not None:
-            self._answers.take(answer, inbox)
+            self._take(answer, inbox)
+
+    def _take(self, answer: Answer, inbox: Inbox) -> None:
+        """Samples, and the word that a task's outputs have arrived: when all its requests are answered."""
+        self._answers.take(answer, inbox)
+        for task, unanswered in self._unanswered.items():
+            if id(answer.exchange) in unanswered:
+                unanswered.remove(id(answer.exchange))
+                if not unanswered:
+                    inbox.confirm(task)
 
     def close(self) -> None:
         self._client.close()
@@ -118,7 +141,7 @@ class Modbus(BusDriver):
         while self._client.waits:
             answer = self._client.answer(time.monotonic_ns() + 1_000_000_000)  # its own time-out comes first
             if answer is not None:
-                self._answers.take(answer, inbox)
+                self._take(answer, inbox)
 
     def _outputs_of(self, plan: TaskPlan) -> Iterator[Channel]:
         latency_s = self._timing.output_latency_s(plan)

@@ -52,6 +52,7 @@ class Exchange:
     def __init__(self, unit_id: int, title: str, function: int, read: Block | None, write: Block | None) -> None:
         """`title` names it to people."""
         self.unit_id, self.title, self.function = unit_id, title, function
+        self.written = write
         self.inputs = [field.name for field in read.fields] if read else []
         self._coils = function in (1, 2)
         self._reads = (CoilPlan if self._coils else ReadPlan)(read.fields) if read else None

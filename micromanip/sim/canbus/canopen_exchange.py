@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from canopen.objectdictionary import datatypes
+
 from micromanip.sim.event_loop import EventLoop, Timer
 
-from .canopen_objects import Objects, Pdo, packed, unpacked
+from .canopen_objects import Entry, Objects, Pdo, packed, unpacked
 from .frame import Frame
 from .watchdog import Watchdog
 
@@ -72,7 +74,7 @@ class Exchange:
         for pdo in self._rpdos.values():
             for entry in pdo.entries:
                 if entry.variable.index >= _DUMMIES:
-                    self._write(entry.variable.name, self._error_value(entry.variable.subindex, entry.variable.factor))
+                    self._take(entry, self._error_value(entry.variable.subindex, entry.variable.factor))
 
     def on_sync(self) -> None:
         """A SYNC came."""
@@ -120,7 +122,14 @@ class Exchange:
         frame = int.from_bytes(data, "little")
         for entry in pdo.entries:
             if entry.variable.index >= _DUMMIES:
-                self._write(entry.variable.name, unpacked(entry, frame))
+                self._take(entry, unpacked(entry, frame))
+
+    def _take(self, entry: Entry, value: float) -> None:
+        """An output gets another value, which its object has from now on."""
+        variable, raw = entry.variable, value / entry.variable.factor
+        is_real = variable.data_type in datatypes.FLOAT_TYPES
+        self._objects.put(variable.index, variable.subindex, raw if is_real else round(raw))
+        self._write(variable.name, value)
 
     def _error_value(self, subindex: int, factor: float) -> float:
         objects = self._objects

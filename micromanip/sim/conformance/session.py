@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-from micromanip.io.bus import BusDriver, Inbox, Sample
+from micromanip.io.bus import BusDriver, Inbox, Outcome, Sample
 from micromanip.io.bus_errors import BusError, LinkError
 
 _SLICE_NS = 5_000_000
@@ -42,6 +42,10 @@ class Session:
         self.driver = driver
         self.arrivals: list[Arrival] = []
         self.errors: list[BusError] = []
+        self.confirmed: list[int] = []
+        """Tasks whose outputs the device has confirmed."""
+        self.outcome: Outcome | None = None
+        """Of the newest write."""
         self.inputs = [channel.name for channel in driver.inputs]
         self.values: list[float] = [channel.safe for channel in driver.outputs]
         self._inbox = Inbox()
@@ -64,7 +68,14 @@ class Session:
     def perform(self, task: int, values: Sequence[float] | None = None) -> BusError | None:
         """Do one task with `values`, or those of the session."""
         chosen = self.values if values is None else list(values)
-        return self._note(guarded(lambda: self.driver.perform(task, chosen, self._inbox), f"perform of task {task}"))
+
+        def perform() -> None:
+            self.outcome = self.driver.perform(task, chosen, self._inbox)
+
+        error = self._note(guarded(perform, f"perform of task {task}"))
+        known = self.outcome is None or isinstance(self.outcome, Outcome)
+        assert known, f"perform of task {task} returned {self.outcome!r}, which is neither None nor an Outcome"
+        return error
 
     def perform_all(self, values: Sequence[float] | None = None) -> list[BusError]:
         """Do every task once; what they raised."""
@@ -129,6 +140,7 @@ class Session:
     def _note(self, error: BusError | None) -> BusError | None:
         now_ns = time.monotonic_ns()
         self.arrivals += [Arrival(sample, now_ns) for sample in self._inbox]
+        self.confirmed += self._inbox.confirmed
         self._inbox.clear()
         if error is not None:
             self.errors.append(error)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
+from micromanip.io.bus import Outcome
 from micromanip.io.bus_errors import LinkError, OutputRefused
 
 from .hooks import Hooks, described, settle
@@ -15,6 +16,7 @@ from .peer import Golden, Peer
 from .session import Session
 
 _STORM, _STORM_S = 1000, 2.0
+_ON_THE_WAY_S = 0.02
 
 
 class WritingChecks(Hooks):
@@ -32,6 +34,35 @@ class WritingChecks(Hooks):
         with self.running() as (peer, session):
             for values in (*patterns, *patterns):
                 self.arrives(peer, session, values)
+
+    def test_what_is_said_of_a_write_is_true(self) -> None:
+        patterns = self.patterns()
+        with self.running() as (peer, session):
+            for values in (*patterns, *patterns):
+                for task, description in enumerate(session.driver.tasks):
+                    if description.outputs:
+                        self.said_truly(peer, session, task, values)
+
+    def test_what_is_read_back_is_what_was_written(self) -> None:
+        old, new = self.patterns()
+        with self.running() as (peer, session):
+            for values in (old, new):
+                self.arrives(peer, session, values)
+                session.drain()
+                session.driver.close()
+                peer.writes()
+                session.open()
+                found = session.driver.read_outputs()
+                assert not peer.writes(), "read_outputs wrote something: it must not move anything"
+                assert len(found) == len(self.ordered(values)), (
+                    f"read_outputs tells {len(found)} values, there are {len(self.ordered(values))} outputs"
+                )
+                wrong = [
+                    f"{channel.name} reads {told:g}"
+                    for channel, told, given in zip(session.driver.outputs, found, self.ordered(values), strict=True)
+                    if told is not None and not self.equal(told, given)
+                ]
+                assert not wrong, f"{dict(values)} was written; {', '.join(wrong)}"
 
     def test_value_that_is_no_number_is_refused(self) -> None:
         self.refused([math.nan, math.inf, -math.inf])
@@ -92,6 +123,21 @@ class WritingChecks(Hooks):
         assert settle(lambda: self.reached(peer, state, values)), (
             f"{dict(values)} was written; {state or 'nothing'} arrived"
         )
+
+    def said_truly(self, peer: Peer, session: Session, task: int, values: Mapping[str, float]) -> None:
+        """A task's outputs: what is held back does not arrive, what was sent is confirmed when the device has it."""
+        session.drain()
+        session.confirmed.clear()
+        peer.writes()
+        raised = session.perform(task, self.ordered(values))
+        assert raised is None, f"{dict(values)} raised {raised}"
+        if session.outcome is Outcome.HELD:
+            time.sleep(_ON_THE_WAY_S)
+            assert not peer.writes(), f"task {task} said that {dict(values)} was held back, but something was sent"
+        elif session.outcome is Outcome.SENT:
+            settle(lambda: session.receive(_ON_THE_WAY_S) is not None or task in session.confirmed)
+            assert task in session.confirmed, f"{dict(values)} was sent by task {task}, and never confirmed"
+            assert settle(lambda: bool(peer.writes())), f"{dict(values)} was confirmed by task {task}; nothing arrived"
 
     def refused(self, bad: Sequence[float]) -> None:
         """Each of the values `bad`, on each output: OutputRefused, and nothing arrives."""

@@ -4,6 +4,7 @@ import math
 import struct
 import time
 
+from micromanip.io.bus import Outcome
 from micromanip.io.bus_errors import OutputRefused
 
 from ..example import UdpPeer, UdpStage, WatchedDevice, wire
@@ -36,6 +37,71 @@ class SendsOnce(UdpStage):
         if not self.sent:
             super().perform(task, values, inbox)
             self.sent = all(math.isfinite(value) for value in values)
+
+
+@broken("test_what_is_said_of_a_write_is_true")
+class SaysHeld(UdpStage):
+    """Sends, and says that it did not."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, values, inbox)
+        return Outcome.HELD
+
+
+@broken("test_what_is_said_of_a_write_is_true")
+class NeverConfirms(UdpStage):
+    """Leaves it open for ever whether the device has it."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, values, inbox)
+        return Outcome.SENT
+
+
+@broken("test_what_is_said_of_a_write_is_true")
+class ConfirmsByItself(UdpStage):
+    """Holds the outputs back, and confirms them all the same."""
+
+    def perform(self, task, values, inbox):
+        return Outcome.SENT
+
+    def receive(self, inbox, until_ns):
+        super().receive(inbox, until_ns)
+        inbox.confirm(0)
+
+
+@broken("test_what_is_written_arrives")
+class SaysTrue(UdpStage):
+    """Returns what is no outcome."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, values, inbox)
+        return True
+
+
+@broken("test_what_is_read_back_is_what_was_written")
+class ReadsBackSteps(UdpStage):
+    """Forgets the scale of what it reads back."""
+
+    def read_outputs(self):
+        return [60.0 / wire.V_PER_STEP, None]
+
+
+@broken("test_what_is_read_back_is_what_was_written")
+class ReadsBackOne(UdpStage):
+    """Reads back fewer than there are."""
+
+    def read_outputs(self):
+        return [None]
+
+
+@broken("test_what_is_read_back_is_what_was_written")
+class MovesToReadBack(UdpStage):
+    """Asks by writing."""
+
+    def read_outputs(self):
+        self.perform(0, [0.0, 0.0], None)
+        time.sleep(0.05)
+        return [None, None]
 
 
 @broken("test_value_that_is_no_number_is_refused")

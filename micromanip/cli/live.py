@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from micromanip.answers import Status
+from micromanip.answers import Link, Status
 from micromanip.host import journal
 
 _PLAIN_EVERY_S = 2.0
@@ -123,12 +123,20 @@ def links(report: Status) -> Table:
         table.add_row(
             name,
             Text(link["link"], style="green" if link["link"] == "up" else "bold red"),
-            link["outputs"],
+            outputs_told(link),
             str(link["links"]),
             *counts,
             link["message"] or "",
         )
     return table
+
+
+def outputs_told(link: Link) -> str:
+    """What the outputs do; where nobody knows, the values that the device was given last."""
+    if link["outputs"] != "unknown":
+        return link["outputs"]
+    lasts = [f"{name} {value:g}" for name, value in link["given"].items() if value is not None]
+    return f"unknown, last {', '.join(lasts)}" if lasts else "unknown, never given"
 
 
 def watched(report: Status) -> Group:

@@ -58,6 +58,7 @@ class SafeState:
         self.refused = 0
         """Values of the loop that were not finite or out of range; the one before was kept."""
         self.adopt(outputs, ramp_s, dead_ns)
+        self._rest_if_given()
 
     def adopt(self, outputs: Sequence[SafeOutput], ramp_s: float, dead_ns: int) -> None:
         """From now on by these limits, of the same outputs."""
@@ -104,6 +105,7 @@ class SafeState:
             self.state, self._start = SAFE_RAMP, list(self._last)
             self._share = [0.0] * len(self._share)
         self._given = [False] * len(self._given)
+        self._rest_if_given()
 
     def is_dead(self, written_ns: int, now_ns: int) -> bool:
         """Whether the loop, which wrote last at `written_ns`, has been silent for too long."""
@@ -132,8 +134,7 @@ class SafeState:
             self._known[i] = self._given[i] = True
             if self.state == SAFE_RAMP:
                 self._share[i] = min(1.0, self._share[i] + self._periods_s[i] / self._ramp_s)
-        if self.state == SAFE_RAMP and all(self._rests(i) for i in range(len(self._outputs))):
-            self.state = RESTING
+        self._rest_if_given()
 
     def attempted(self, indices: Sequence[int], values: Values) -> None:
         """It is not known whether the device has taken `values` of these outputs."""
@@ -155,6 +156,10 @@ class SafeState:
         output, step = self._outputs[i], self._steps[i]
         near = min(max(value, self._highest[i] - step), self._lowest[i] + step)
         return min(max(near, output.low), output.high)
+
+    def _rest_if_given(self) -> None:
+        if self.state == SAFE_RAMP and all(self._rests(i) for i in range(len(self._outputs))):
+            self.state = RESTING
 
     def _rests(self, i: int) -> bool:
         """Whether the device was given the safe value since it left the loop's hand, and nothing else after that."""

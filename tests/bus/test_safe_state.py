@@ -289,6 +289,15 @@ def test_a_bus_without_voltages_rests_as_soon_as_it_was_given_its_values():
     assert device.state.state == RESTING
 
 
+def test_a_bus_with_nothing_to_bring_to_rest_rests():
+    for outputs in ((), (SafeOutput(UNUSED, 0.25),)):
+        state = SafeState(outputs, [PERIOD_S] * len(outputs), RAMP_S, DEAD_NS)
+        assert state.state == RESTING
+        state.values([9.0] * len(outputs), 0, 0)
+        state.leave()
+        assert state.state == RESTING
+
+
 def test_voltages_of_tasks_of_their_own_ramp_each_at_its_rate():
     outputs = [SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, SLEW_V_PER_S)] * 2
     state = SafeState(outputs, [PERIOD_S, 2 * PERIOD_S], RAMP_S, DEAD_NS)

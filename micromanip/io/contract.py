@@ -60,7 +60,7 @@ class CyclicDriver(ABC):
 
     @property
     def device(self) -> str | None:
-        """The hardware that it owns, e.g. "can0" or "/dev/comedi0": a second controller on the same one is refused.
+        """The hardware that it owns, e.g. "/dev/comedi0" (forms as of ``BusDriver.device``): a second owner is refused.
 
         None where there is none. A driver that does not say counts as the owner of one device of its kind.
         """

@@ -4,7 +4,8 @@
 inherits it, so it is held until the last of the two has ended, in whatever way, ``kill -9`` included. Then the
 kernel lets go of it; the empty file stays and means nothing.
 
-The files lie in one folder for the whole machine (``docs/decisions/0013-one-lock-folder.md``).
+The files lie in one folder for the whole machine, which must be root's or this user's, and a device has a lock for each
+name that it goes by (``docs/decisions/0013-one-lock-folder.md``).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import contextlib
 import fcntl
 import os
 import re
+import stat
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -20,6 +22,8 @@ from types import TracebackType
 from typing import Self
 
 from micromanip.errors import DeviceUnavailable, PermissionDenied
+
+from .device_identity import identities
 
 FOLDER = Path("/run/lock/micromanip")
 _POLL_S = 0.05
@@ -31,20 +35,25 @@ class DeviceLocks:
     def __init__(self, devices: Iterable[str], folder: Path | None = None, wait_s: float = 0.0) -> None:
         """Take them, for those in use waiting up to `wait_s`.
 
-        Raises DeviceUnavailable where one stays in use, PermissionDenied where the folder is not for this user.
+        Raises DeviceUnavailable where one stays in use, PermissionDenied where the folder is not for this user, or is
+        somebody else's, who could give the same device to two.
         """
         self._folder = FOLDER if folder is None else folder
         self.descriptors: tuple[int, ...] = ()
         """To pass to a process that can move the outputs too."""
         end = time.monotonic() + wait_s
+        names = {name: device for device in set(devices) for name in identities(device)}
+        if not names:
+            return
+        at = self._open_folder(min(names.values()))
         try:
-            for device in sorted(set(devices)):  # in order: two that want the same ones can't wait for each other
-                descriptor = self._open(device)
-                self.descriptors += (descriptor,)
-                self._lock(descriptor, device, end)
+            for name, device in sorted(names.items()):  # in order: two that want the same can't wait for each other
+                self.descriptors += (self._take(at, name, device, end),)
         except BaseException:
             self.release()
             raise
+        finally:
+            os.close(at)
 
     def __enter__(self) -> Self:
         return self
@@ -60,23 +69,62 @@ class DeviceLocks:
             os.close(descriptor)
         self.descriptors = ()
 
-    def _open(self, device: str) -> int:
-        path = self._folder / (re.sub(r"[^A-Za-z0-9.-]", "_", device) + ".lock")
+    def _open_folder(self, device: str) -> int:
+        """A descriptor of the folder, made where there is none."""
         try:
-            if not self._folder.is_dir():
+            with contextlib.suppress(FileExistsError):
                 self._folder.mkdir()
                 self._folder.chmod(0o1777)  # everybody's, as the folder around it, until the service is installed
-            with contextlib.suppress(FileNotFoundError):  # without O_CREAT: a sticky folder denies it for others' files
-                return os.open(path, os.O_RDWR | os.O_CLOEXEC)
-            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_CREAT, 0o660)
-            with contextlib.suppress(PermissionError):  # somebody else made it just now
-                os.fchmod(descriptor, 0o660 if self._folder.stat().st_mode & 0o2000 else 0o666)
+            descriptor = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
         except OSError as problem:
+            raise self._denied(device, f"{problem.strerror}: {self._folder}") from problem
+        if why := _not_to_be_trusted(os.fstat(descriptor)):
+            os.close(descriptor)
             raise PermissionDenied(
-                f"device {device} can't be locked ({problem.strerror}: {path}); your user must be in the group of "
-                f"{self._folder}, and that folder must be there: see docs/service.md"
-            ) from problem
+                f"device {device} can't be locked: {self._folder} {why}: another controller could be given the same "
+                f"device; let root have it (sudo chown root {self._folder} && sudo chmod 1777 {self._folder}), or "
+                "install the service, see docs/service.md"
+            )
         return descriptor
+
+    def _take(self, at: int, name: str, device: str, end: float) -> int:
+        """The lock `name` of `device`, in the folder `at`."""
+        file = re.sub(r"[^A-Za-z0-9.-]", "_", name) + ".lock"
+        while True:
+            descriptor = self._open(at, file, device)
+            try:
+                self._lock(descriptor, device, end)
+                if _is_still(at, file, descriptor):
+                    return descriptor
+            except BaseException:
+                os.close(descriptor)
+                raise
+            os.close(descriptor)  # of a file that was taken away meanwhile: the next one who comes locks another
+
+    def _open(self, at: int, file: str, device: str) -> int:
+        flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+        try:
+            try:  # without O_CREAT: a sticky folder denies it for others' files
+                descriptor = os.open(file, flags, dir_fd=at)
+            except FileNotFoundError:
+                descriptor = os.open(file, flags | os.O_CREAT, 0o660, dir_fd=at)
+                with contextlib.suppress(PermissionError):  # somebody else made it just now
+                    os.fchmod(descriptor, 0o660 if os.fstat(at).st_mode & stat.S_ISGID else 0o666)
+        except OSError as problem:
+            raise self._denied(device, f"{problem.strerror}: {self._folder / file}") from problem
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+            os.close(descriptor)
+            raise PermissionDenied(
+                f"device {device} can't be locked: {self._folder / file} is no plain file; remove it"
+            )
+        return descriptor
+
+    def _denied(self, device: str, why: str) -> PermissionDenied:
+        return PermissionDenied(
+            f"device {device} can't be locked ({why}); your user must be in the group of {self._folder}, and that "
+            "folder must be there: see docs/service.md"
+        )
 
     def _lock(self, descriptor: int, device: str, end: float) -> None:
         while True:
@@ -95,3 +143,21 @@ class DeviceLocks:
                 os.ftruncate(descriptor, 0)
                 os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
             return
+
+
+def _not_to_be_trusted(folder: os.stat_result) -> str | None:
+    """Why whoever else may change the folder could take a lock away from under its holder; None where nobody can."""
+    if folder.st_uid not in (0, os.geteuid()):
+        return f"belongs to user {folder.st_uid}, neither root nor you"
+    if folder.st_mode & stat.S_IWOTH and not folder.st_mode & stat.S_ISVTX:
+        return "can be changed by everybody and is not sticky"
+    if folder.st_mode & stat.S_IWGRP and folder.st_uid != 0 and not folder.st_mode & stat.S_ISVTX:
+        return f"can be changed by the group {folder.st_gid} and is not sticky"
+    return None
+
+
+def _is_still(at: int, file: str, descriptor: int) -> bool:
+    """Whether the file of that name is the one that is open."""
+    with contextlib.suppress(FileNotFoundError):
+        return os.path.samestat(os.stat(file, dir_fd=at, follow_symlinks=False), os.fstat(descriptor))
+    return False

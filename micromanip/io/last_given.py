@@ -25,6 +25,7 @@ from typing import Self
 from micromanip.errors import PermissionDenied
 
 from . import device_lock
+from .device_identity import identity
 
 _HEADER_BYTES = 16384
 """The header, a line of JSON, is padded with blanks to so many bytes: names of outputs, and the machine's start."""
@@ -47,7 +48,7 @@ class LastGiven:
 
         Raises PermissionDenied where it can't be made, or belongs to somebody else and can't be replaced.
         """
-        path = path_of(device, folder)
+        path, device = path_of(device, folder), identity(device)
         known = _known(path, device)
         if known is None or list(known) != list(names):
             _make(path, device, names, known or {})
@@ -96,7 +97,9 @@ class LastGiven:
 
 def path_of(device: str, folder: Path | None = None) -> Path:
     """Where the file of `device` lies: beside its lock."""
-    return (device_lock.FOLDER if folder is None else folder) / (re.sub(r"[^A-Za-z0-9.-]", "_", device) + ".given")
+    return (device_lock.FOLDER if folder is None else folder) / (
+        re.sub(r"[^A-Za-z0-9.-]", "_", identity(device)) + ".given"
+    )
 
 
 def _size(count: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from micromanip.io.bus import Load
+from micromanip.io.device_identity import identities
 
 from .model import Configuration
 from .wiring import Wiring
@@ -32,11 +33,7 @@ def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Findi
                 f"{', '.join(each)}, at most {100 * full[0].limit:.0f} % can be relied on; lower a rate, pack signals "
                 "into fewer messages, or use a faster bus",
             )
-    owners: dict[str, str] = {}
-    for name, bridge in wiring.buses.items():
-        owner = owners.setdefault(bridge.bus.device, name)
-        if owner != name:
-            yield ("drivers", name), f"driver {owner} owns {bridge.bus.device} already; one driver has a device alone"
+    yield from _shared_devices(wiring)
     sources: dict[int, str] = {}
     for name in configuration.signals:
         if not name.startswith(_POSITIONS) or configuration.signals[name].driver not in wiring.buses:
@@ -44,3 +41,17 @@ def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Findi
         first = sources.setdefault(wiring.signal(name), name)
         if first != name:
             yield ("signals", name), f"it reads the same channel as {first}"
+
+
+def _shared_devices(wiring: Wiring) -> Iterator[Finding]:
+    owners: dict[str, tuple[str, str]] = {}
+    for name, driver in wiring.drivers.items():
+        if driver.device is None:
+            continue
+        known = identities(driver.device)
+        others = [owners[identity] for identity in known if identity in owners]
+        if others:
+            owner, called = min(others)
+            here = "" if called == driver.device else f", here called {driver.device}"
+            yield ("drivers", name), f"driver {owner} owns {called} already{here}; one driver has a device alone"
+        owners |= {identity: (name, driver.device) for identity in known if identity not in owners}

@@ -70,6 +70,46 @@ BROKEN = {
         "drivers.can0.interface: python-can has no interface socketcna",
         "did you mean socketcan?",
     ),
+    "CAN, a real interface that is called simulated": (
+        (
+            "can.yaml",
+            "    interface: micromanip         # the test bus that simulate-device keeps\n    channel: can0",
+            "    interface: socketcan\n    channel: lo",
+        ),
+        "    simulated: true ",
+        "drivers.can0.simulated: lo is no virtual interface: it may move a real stage",
+        "take simulated away",
+    ),
+    "CANopen, an adapter that is called simulated": (
+        ("canopen.yaml", "interface: micromanip", "interface: pcan"),
+        "    simulated: true ",
+        "drivers.can0.simulated: python-can's interface pcan leads out of this machine",
+        "take simulated away",
+    ),
+    "serial line, a real port that is called simulated": (
+        ("serial.yaml", "/tmp/micromanip-board", "/dev/ttyUSB0"),
+        "    simulated: true ",
+        "drivers.board.simulated: /dev/ttyUSB0 is not there, so it is not seen to be a pseudo terminal",
+        "set loop.limits: hardware",
+    ),
+    "GCS, another machine that is called simulated": (
+        ("gcs.yaml", "tcp: {host: 127.0.0.1", "tcp: {host: 192.0.2.1"),
+        "    simulated: true               #",
+        "drivers.piezo.simulated: 192.0.2.1 is not this machine: it may move a real stage",
+        "take simulated away",
+    ),
+    "Modbus, another machine that is called simulated": (
+        ("modbus.yaml", "tcp: {host: 127.0.0.1", "tcp: {host: no-such-host.invalid"),
+        "    simulated: true ",
+        "drivers.modbus.simulated: no-such-host.invalid can't be looked up",
+        "take simulated away",
+    ),
+    "two drivers of one device under two names": (
+        ("mixed.yaml", "tcp: {host: 127.0.0.1, port: 10001}", "tcp: {host: localhost, port: 50001}"),
+        "  amplifier:\n",
+        "drivers.amplifier: driver gap owns tcp localhost:50001 already, here called tcp 127.0.0.1:50001",
+        "one driver has a device alone",
+    ),
     "CANopen, overfull": (
         ("canopen.yaml", "bitrate: 1000000", "bitrate: 500000"),
         "  can0:",

@@ -1,7 +1,10 @@
 """One controller a device: the lock lives as long as any process that can move the outputs, and no longer."""
 
+import contextlib
 import os
+import re
 import signal
+import socket
 import stat
 import subprocess
 import sys
@@ -71,7 +74,7 @@ def test_names_of_devices_stay_in_the_folder(tmp_path):
 
 def test_a_folder_of_the_group_has_files_for_the_group_only(tmp_path):
     (tmp_path / "group").mkdir()
-    (tmp_path / "group").chmod(0o2770)
+    (tmp_path / "group").chmod(0o3770)
     DeviceLocks(["can0"], tmp_path / "group").release()
     DeviceLocks(["can0"], tmp_path / "anybody").release()
     modes = [stat.S_IMODE((tmp_path / name / "can0.lock").stat().st_mode) for name in ("group", "anybody")]
@@ -83,6 +86,96 @@ def test_no_folder_no_lock_and_no_start(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(PermissionDenied, match=r"device can0 can't be locked .*docs/service.md"):
         DeviceLocks(["can0"], tmp_path / "file" / "locks")
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("tcp localhost:50000", "tcp 127.0.0.1:50000"),
+        ("tcp 127.0.0.1:50000", "tcp [::1]:50000"),
+        ("udp 0:5500", "udp 127.0.0.1:5500"),
+        ("socketcan-lo", "socketcan-other_name_of_lo"),
+        ("NODE", "BY-ID"),
+    ],
+)
+def test_a_device_is_locked_by_what_it_is(tmp_path, monkeypatch, first, second):
+    (tmp_path / "NODE").touch()
+    (tmp_path / "BY-ID").symlink_to("NODE")
+    ask = socket.if_nametoindex
+    monkeypatch.setattr(socket, "if_nametoindex", lambda name: ask("lo" if name == "other_name_of_lo" else name))
+    first, second = (str(tmp_path / name) if name.isupper() or name == "BY-ID" else name for name in (first, second))
+    locks = tmp_path / "locks"
+    with DeviceLocks([first], locks), pytest.raises(DeviceUnavailable, match=f"device {re.escape(second)} is in use"):
+        DeviceLocks([second], locks)
+    with DeviceLocks([first, second], locks):  # the same one twice is no contradiction
+        pass
+
+
+def test_it_stays_locked_where_it_was_plugged_in_anew_under_another_number(tmp_path):
+    (tmp_path / "tty0").touch()
+    (tmp_path / "by-id").symlink_to("tty0")
+    with DeviceLocks([str(tmp_path / "by-id")], tmp_path / "locks"):
+        (tmp_path / "by-id").unlink()
+        (tmp_path / "by-id").symlink_to("tty1")
+        with pytest.raises(DeviceUnavailable):
+            DeviceLocks([str(tmp_path / "by-id")], tmp_path / "locks")
+
+
+def test_different_devices_have_different_locks(tmp_path):
+    names = ["tcp 127.0.0.1:1", "tcp 127.0.0.1:2", "udp 127.0.0.1:1", "tcp 192.0.2.1:1", "socketcan-can0", "vector-0"]
+    with contextlib.ExitStack() as stack:
+        for name in names:
+            stack.enter_context(DeviceLocks([name], tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("mode", "owner", "said"),
+    [
+        (0o1777, 4711, "belongs to user 4711, neither root nor you"),
+        (0o700, 4711, "belongs to user 4711"),
+        (0o777, 0, "can be changed by everybody and is not sticky"),
+    ],
+)
+def test_a_folder_of_somebody_else_locks_nothing(tmp_path, mode, owner, said):
+    folder = tmp_path / "locks"
+    folder.mkdir()
+    folder.chmod(mode)
+    os.chown(folder, owner, owner)
+    with pytest.raises(PermissionDenied, match=said):
+        DeviceLocks(["can0"], folder)
+    assert list(folder.iterdir()) == []
+
+
+def test_a_link_in_place_of_the_folder_is_not_followed(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "locks").symlink_to("elsewhere")
+    with pytest.raises(PermissionDenied, match="can't be locked"):
+        DeviceLocks(["can0"], tmp_path / "locks")
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+@pytest.mark.parametrize("plant", [os.symlink, os.link, lambda _, path: os.mkfifo(path)])
+def test_what_was_planted_in_place_of_a_lock_is_not_touched(tmp_path, plant):
+    (tmp_path / "victim").write_text("precious")
+    (tmp_path / "locks").mkdir(mode=0o755)
+    plant(tmp_path / "victim", tmp_path / "locks" / "can0.lock")
+    with pytest.raises(PermissionDenied, match="can0 can't be locked"):
+        DeviceLocks(["can0"], tmp_path / "locks")
+    assert (tmp_path / "victim").read_text() == "precious"
+
+
+def test_a_lock_that_was_taken_away_while_it_was_waited_for_is_taken_anew(tmp_path):
+    first = DeviceLocks(["can0"], tmp_path)
+
+    def let_go():
+        (tmp_path / "can0.lock").unlink()
+        first.release()
+
+    timer = threading.Timer(0.2, let_go)
+    timer.start()
+    with DeviceLocks(["can0"], tmp_path, wait_s=60.0), pytest.raises(DeviceUnavailable):
+        DeviceLocks(["can0"], tmp_path)
+    timer.join()
 
 
 class Card(CyclicDriver):

@@ -1,0 +1,106 @@
+"""Which device a name leads to: two names of one piece of hardware are one device.
+
+A driver calls its device by a path, "tcp HOST:PORT", "udp HOST:PORT", "socketcan-INTERFACE", or by any other text, of
+which nothing more is known.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import socket
+from pathlib import Path
+
+from .link_kind import VIRTUAL_KINDS, kind_of_link
+
+_PTS = Path("/dev/pts")
+_INTERFACES = Path("/sys/class/net")
+_CAN = "socketcan-"
+_ARPHRD_CAN = "280"
+
+Address = ipaddress.IPv4Address | ipaddress.IPv6Address
+
+
+def identities(device: str) -> frozenset[str]:
+    """The name as it is, and what it leads to at this moment: two devices that share one of them are the same.
+
+    The name stays among them: an adapter that is replugged while it is in use gets another path, and keeps its name.
+    A host that has a name is looked up, which takes as long as the network needs.
+    """
+    return frozenset((device, *_leads_to(device)))
+
+
+def identity(device: str) -> str:
+    """The one of its identities that has least to do with how it was called, for what is remembered of it."""
+    return device if device.startswith(_CAN) else min(_leads_to(device), default=device)
+
+
+def real_because(device: str) -> str | None:
+    """Why what stands behind the name may move something real; None where it is emulated, or nothing is known (yet)."""
+    if device.startswith("/"):
+        return _real_path(Path(device))
+    if host := _host(device):
+        found = _addresses(host[1])
+        if not found:
+            return f"{host[1]} can't be looked up, so it is not seen to be this machine"
+        return None if all(map(_is_loopback, found)) else f"{host[1]} is not this machine"
+    return _real_interface(device.removeprefix(_CAN)) if device.startswith(_CAN) else None
+
+
+def _leads_to(device: str) -> set[str]:
+    if device.startswith("/"):
+        return {os.path.realpath(device)}
+    if host := _host(device):
+        protocol, name, port = host
+        found = _addresses(name)
+        return {f"{protocol} {'loopback' if _is_loopback(address) else address}:{port}" for address in found}
+    if device.startswith(_CAN):
+        try:
+            return {f"interface {socket.if_nametoindex(device.removeprefix(_CAN))}"}
+        except OSError:
+            return set()
+    return set()
+
+
+def _host(device: str) -> tuple[str, str, str] | None:
+    """Protocol, host and port of "tcp HOST:PORT"; None for another kind of name."""
+    protocol, _, rest = device.partition(" ")
+    host, _, port = rest.rpartition(":")
+    return (protocol, host.strip("[]"), port) if protocol in ("tcp", "udp") and host else None
+
+
+def _addresses(host: str) -> set[Address]:
+    """All addresses of a host, none where it is unknown."""
+    try:
+        found = {str(entry[4][0]) for entry in socket.getaddrinfo(host, None)}
+        addresses = [ipaddress.ip_address(text) for text in found]
+    except (OSError, UnicodeError, ValueError):
+        return set()
+    return {getattr(address, "ipv4_mapped", None) or address for address in addresses}
+
+
+def _is_loopback(address: Address) -> bool:
+    return address.is_loopback or address.is_unspecified  # the kernel takes "any" for itself
+
+
+def _real_path(path: Path) -> str | None:
+    real = Path(os.path.realpath(path))
+    name = str(path) if real == path else f"{path} ({real})"
+    if real.is_relative_to(_PTS):
+        return None
+    if real.is_char_device() or real.is_block_device():
+        return f"{name} is no pseudo terminal"
+    # a link that simulate-device has not made yet leads nowhere
+    return f"{name} is not there, so it is not seen to be a pseudo terminal" if real.is_relative_to("/dev") else None
+
+
+def _real_interface(name: str) -> str | None:
+    folder = _INTERFACES / name
+    if not folder.is_dir():
+        return None
+    kind = kind_of_link(name)
+    if kind is not None:
+        return None if kind in VIRTUAL_KINDS else f"{name} is no virtual interface"
+    # a service may not ask the kernel for it: hardware has a device, with the exception of slcan
+    is_can = (folder / "type").read_text(encoding="ascii").strip() == _ARPHRD_CAN
+    return None if is_can and not (folder / "device").exists() else f"{name} is no virtual interface"

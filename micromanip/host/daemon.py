@@ -19,7 +19,7 @@ from micromanip.io.device_lock import DeviceLocks
 from micromanip.io.rights import go_before_ordinary_work, leave_cpu, lock_memory
 from micromanip.rt import states
 from micromanip.rt import words as w
-from micromanip.settings.check import Prepared
+from micromanip.settings.check import Prepared, refuse_real
 from micromanip.settings.commissioned import changes_since
 
 from .audit import AuditTrail
@@ -107,6 +107,7 @@ class Daemon:
             lock_memory(once_touched=True)  # nor code that has to be read from the disk again
             go_before_ordinary_work(_NICE)
             async with self._workers:
+                refuse_real(self._prepared)
                 await self._controller.start()
                 await self._workers.in_hand(self._controller.beat)
                 return await self._supervise()

@@ -24,6 +24,8 @@ from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from .device_identity import real_because
+
 
 class BusOptions(BaseModel):
     """Keys that every bus driver has; a driver's own model derives from it. Unknown keys are refused."""
@@ -34,7 +36,8 @@ class BusOptions(BaseModel):
     simulated: bool = Field(
         default=False,
         strict=True,
-        description="What answers is `micromanip simulate-device`, or a bench without actuators: nothing real moves.",
+        description="What answers is `micromanip simulate-device`: nothing real moves. Refused for a real serial port, "
+        "a CAN interface that is not virtual, another machine.",
     )
     cpu: int | None = Field(
         default=None,
@@ -192,7 +195,16 @@ class BusDriver(ABC):
     @property
     @abstractmethod
     def device(self) -> str:
-        """The hardware that it owns, e.g. "can0" or "/dev/ttyUSB0": a second owner of the same one is refused."""
+        """The hardware that it owns: a second owner of the same one is refused.
+
+        A path ("/dev/ttyUSB0"), "tcp HOST:PORT", "udp HOST:PORT" and "socketcan-INTERFACE" are followed to what they
+        lead to, however it was called (``device_identity.py``); any other text stands for itself.
+        """
+
+    @property
+    def real_because(self) -> str | None:
+        """Why the device may be a real one, though the configuration may call it simulated; None as far as is seen."""
+        return real_because(self.device)
 
     @property
     @abstractmethod

@@ -22,6 +22,7 @@ from .model import Configuration
 from .outer import dc_gain, outer_gains, tracker_gain
 from .plant import build_plant
 from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from .simulated import simulated_findings
 from .source import Source
 from .waveform import load_samples
 from .wiring import Wiring, wire
@@ -67,6 +68,11 @@ def prepared(source: Source, seed: int | None = None) -> Prepared:
     return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), samples)
 
 
+def refuse_real(prepared: Prepared) -> None:
+    """Raise ConfigError for a device that is called simulated and, now that it is there, is seen to be real."""
+    _refuse(prepared.source, list(simulated_findings(prepared.wiring)))
+
+
 def validate(source: Source) -> Configuration:
     """The configuration of a file or a document, as far as it can be judged without its drivers; else ConfigError."""
     configuration = validate_document(source)
@@ -97,7 +103,8 @@ def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Findin
     buses = list(bus_findings(configuration, wiring))
     feedback = [] if buses else feedback_findings(configuration, wiring)
     workers = [*_workers(configuration, wiring), *_silence(configuration, wiring)]
-    return [*_safety(configuration, wiring), *_stability(configuration), *workers, *buses, *feedback]
+    simulated = simulated_findings(wiring)
+    return [*_safety(configuration, wiring), *simulated, *_stability(configuration), *workers, *buses, *feedback]
 
 
 def _refuse(source: Source, findings: list[Finding]) -> None:

@@ -15,7 +15,7 @@ from micromanip.io import registry
 from micromanip.io.contract import CyclicDriver
 from micromanip.io.registry import driver_class, installed
 from micromanip.settings import wiring
-from micromanip.settings.check import prepare
+from micromanip.settings.check import prepare, refuse_real
 from micromanip.settings.hysteresis import PrandtlIshlinskii, attainable_um
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -352,3 +352,17 @@ def test_a_range_that_the_tanh_cannot_reach(tmp_path):
     assert said.startswith(
         f"{line}: axes.x.hysteresis.range_um: [2.0, 128.0] um is more than the tanh shaping can reach: "
     )
+
+
+def test_what_was_not_there_yet_is_judged_once_it_is(tmp_path):
+    board = tmp_path / "board"
+    file = tmp_path / "cell.yaml"
+    text = (CONFIG.parent / "serial.yaml").read_text(encoding="utf-8")
+    file.write_text(text.replace("/tmp/micromanip-board", str(board)), encoding="utf-8")
+    prepared = prepare(file)
+    refuse_real(prepared)
+    board.symlink_to("/dev/null")
+    with pytest.raises(
+        ConfigError, match=rf"cell.yaml:\d+: drivers.board.simulated: {board} \(/dev/null\) is no pseudo"
+    ):
+        refuse_real(prepared)

@@ -62,6 +62,10 @@ class CanBus(BusDriver):
         return self.options.device
 
     @property
+    def real_because(self) -> str | None:
+        return self.options.real_because
+
+    @property
     def watchdog(self) -> str | None:
         return self.options.watchdog
 

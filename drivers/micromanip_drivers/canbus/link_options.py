@@ -9,7 +9,9 @@ import can
 from pydantic import Field, field_validator, model_validator
 
 from micromanip.io.bus import BusOptions
+from micromanip.io.device_identity import real_because
 
+_WITHIN_THIS_MACHINE = ("micromanip", "virtual")
 _OWN_KEYS = {"interface", "channel", "bitrate", "data_bitrate", "fd", "can_filters"}
 
 Bitrate = Annotated[int, Field(strict=True, ge=5_000, le=20_000_000)]
@@ -62,5 +64,15 @@ class LinkOptions(BusOptions):
 
     @property
     def device(self) -> str:
-        """The bus by name, e.g. "socketcan-can0"."""
-        return f"{self.interface}-{self.channel}"
+        """The bus by name, e.g. "socketcan-can0"; the port of an adapter that is one, e.g. "/dev/ttyACM0"."""
+        channel = str(self.channel)
+        return channel.partition("@")[0] if channel.startswith("/") else f"{self.interface}-{channel}"
+
+    @property
+    def real_because(self) -> str | None:
+        """As of ``BusDriver``."""
+        if self.interface in _WITHIN_THIS_MACHINE:
+            return None
+        if self.interface == "socketcan" or self.device.startswith("/"):
+            return real_because(self.device)
+        return f"python-can's interface {self.interface} leads out of this machine"

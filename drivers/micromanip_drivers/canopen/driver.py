@@ -58,6 +58,10 @@ class CanOpen(BusDriver):
         return self._options.device
 
     @property
+    def real_because(self) -> str | None:
+        return self._options.real_because
+
+    @property
     def watchdog(self) -> str | None:
         """Of all nodes with outputs, or none: a single output that nothing makes safe is an output at large."""
         watched: list[str] = []

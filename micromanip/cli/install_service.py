@@ -42,7 +42,13 @@ def command(
     if uninstall and config is not None:
         raise UsageError("--uninstall takes no CONFIG")
     machine = layout.this_machine()
-    steps = plan.uninstall(machine, root, purge=purge) if uninstall else plan.install(machine, config, root)
+    warnings: list[str] = []
+    if uninstall:
+        steps = plan.uninstall(machine, root, purge=purge)
+    else:
+        steps = plan.install(machine, config, root, warnings.append)
+    for warning in warnings:
+        click.echo(f"WARNING: {warning}", err=True)
     described = [{"step": step.sentence, "diff": list(step.diff)} for step in steps]
     if not as_json:
         _show(described)
@@ -53,7 +59,7 @@ def command(
         if not as_json:
             click.echo("removed" if uninstall else f"installed; `systemctl restart {layout.UNIT}` puts it in force")
     if as_json:
-        print_json({"steps": described, "done": bool(steps) and not dry_run})
+        print_json({"steps": described, "done": bool(steps) and not dry_run, "warnings": warnings})
 
 
 def _ask() -> None:

@@ -10,7 +10,10 @@ from micromanip.errors import CheckFailed, DeviceUnavailable
 from micromanip.host.service import layout, plan
 from micromanip.host.service.steps import Run
 
-from .cell import SLOW, changed
+from .cell import SLOW as ARMING
+from .cell import changed
+
+SLOW = changed(ARMING, ("arm_on_start: true", "arm_on_start: false"))
 
 
 @pytest.fixture
@@ -95,7 +98,7 @@ def test_it_is_done_once_and_a_change_is_shown_as_a_difference(typed, root, conf
         "-start: {lift_s: 0.1, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.2}",
         "+start: {lift_s: 0.1, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.3}",
     ]
-    assert typed("--json", "--dry-run")[1] == '{\n  "steps": [],\n  "done": false\n}\n'
+    assert typed("--json", "--dry-run")[1] == '{\n  "steps": [],\n  "done": false,\n  "warnings": []\n}\n'
 
 
 def test_without_an_answer_nothing_is_done(typed, root, config):
@@ -137,6 +140,28 @@ def test_a_wrong_configuration_is_not_installed(typed, root, config):
     assert code == 78
     assert "name the CONFIG" in err
     assert files(root) == []
+
+
+def test_a_service_does_not_arm_by_itself(typed, root, config):
+    config.write_text(ARMING)
+    code, _, err = typed(config, "--yes")
+    assert code == 78
+    line = 1 + ARMING[: ARMING.index("arm_on_start")].count("\n")
+    assert err.startswith(f"micromanip: {config}:{line}: arm_on_start: a service starts with the machine")
+    assert files(root) == []
+    config.write_text(SLOW)
+    typed(config, "--yes")
+    (root / "etc/micromanip/cell.yaml").write_text(ARMING)  # edited where it is
+    assert typed("--yes")[0] == 78
+
+
+def test_the_limits_of_a_simulation_are_said_aloud(typed, config):
+    config.write_text(changed(SLOW, ("limits: hardware", "limits: simulation")))
+    said = f"{config}: loop.limits: simulation, whose fault limits are too wide for anything that really moves"
+    code, out, err = typed(config, "--dry-run", "--json")
+    assert (code, err) == (0, f"WARNING: {said}\n")
+    assert json.loads(out)["warnings"] == [said]
+    assert f"WARNING: {said}\n" in typed(config, "--yes")[2]
 
 
 def test_samples_beside_the_configuration_would_be_lost(typed, root, config):

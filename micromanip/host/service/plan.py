@@ -8,6 +8,7 @@ from pathlib import Path
 
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, PermissionDenied
 from micromanip.settings.check import prepare
+from micromanip.settings.model import Configuration
 from micromanip.settings.reference import File
 
 from .layout import CONFIG, STATE, UNIT, USER, Machine
@@ -17,14 +18,14 @@ _UDEV = Path("/run/udev/control")
 _MANAGER = Path("/run/systemd/system")
 
 
-def install(machine: Machine, config: Path | None, root: Path) -> list[Step]:
+def install(machine: Machine, config: Path | None, root: Path, warn: Callable[[str], None]) -> list[Step]:
     """Steps that are needed to install the service with this configuration; none where all is as it should be.
 
-    `config` None keeps the one that is installed. Files go below `root`, "/" for this machine.
-    Raises ConfigError for a configuration that can't run.
+    `config` None keeps the one that is installed. Files go below `root`, "/" for this machine. What a person should
+    know of the configuration goes to `warn`. Raises ConfigError for a configuration that can't run, or arms by itself.
     """
     files = [WriteFile(_below(root, path), text) for path, text in machine.files().items()]
-    files += _configuration(config, _below(root, CONFIG))
+    files += _configuration(config, _below(root, CONFIG), warn)
     enabled = _below(root, Path("/etc/systemd/system/multi-user.target.wants") / UNIT)
     steps: list[Step] = [
         *files,
@@ -66,19 +67,34 @@ def carry_out(steps: Iterable[Step], root: Path, say: Callable[[str], None]) -> 
         say(f"done: {sentence}")
 
 
-def _configuration(config: Path | None, target: Path) -> list[WriteFile]:
+def _configuration(config: Path | None, target: Path, warn: Callable[[str], None]) -> list[WriteFile]:
     if config is None:
         if not target.is_file():
             raise ConfigError(f"there is no {target} yet: name the CONFIG that the service is to run")
-        prepare(target)
+        _fit_for_a_service(target, warn)
         return []
-    reference = prepare(config).configuration.reference
+    reference = _fit_for_a_service(config, warn).reference
     if isinstance(reference, File) and not Path(reference.path).is_absolute() and config.resolve() != target:
         raise CheckFailed(
             f"{config}: reference.path {reference.path} is relative; make it absolute, or copy both files to "
             f"{target.parent} and install from there"
         )
     return [WriteFile(target, config.read_text(encoding="utf-8"))]
+
+
+def _fit_for_a_service(file: Path, warn: Callable[[str], None]) -> Configuration:
+    """A configuration that nobody is surprised by when the machine is switched on; raises ConfigError."""
+    prepared = prepare(file)
+    configuration = prepared.configuration
+    if configuration.arm_on_start:
+        raise prepared.source.error(
+            ("arm_on_start",),
+            "a service starts with the machine, and again after a crash, when nobody looks: it must wait for "
+            "`micromanip arm`; say false",
+        )
+    if configuration.loop.limits == "simulation":
+        warn(f"{file}: loop.limits: simulation, whose fault limits are too wide for anything that really moves")
+    return configuration
 
 
 def _told_systemd(root: Path) -> list[Step]:

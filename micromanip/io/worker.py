@@ -23,6 +23,7 @@ from .bus import BusDriver, Inbox, Outcome
 from .bus_errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
 from .image import ProcessImage
 from .last_given import LastGiven
+from .output_writer import OutputWriter
 from .safe_state import SafeOutput, SafeState, Values
 from .schedule import Schedule
 
@@ -77,7 +78,7 @@ class Worker:
             self.safe.remember(known)
         self._values = [output.safe for output in rules.outputs]
         self._given = np.full(len(image.wanted()[0]), math.nan)  # as long as the image's, the driver's outputs first
-        self._sent: dict[int, Values] = {}
+        self._writer = OutputWriter(driver, self.safe, self._note_given)
         """Values of each task that the device has not confirmed yet."""
         self._decided_ns = 0
         self._inbox = Inbox()
@@ -122,7 +123,7 @@ class Worker:
         with self._while_opening():
             self._driver.open()
             self._read_back()
-        self._sent.clear()
+        self._writer.forget()
         self._failures.clear()
         self._good_ns = time.monotonic_ns()
         self._inbox.clear()
@@ -184,43 +185,17 @@ class Worker:
         self._report(now_ns)
 
     def _perform(self, number: int) -> None:
-        """Do a task with what was decided, and note what became of its outputs. Raises what the driver does."""
-        outputs, values = self._driver.tasks[number].outputs, self._values
-        try:
-            outcome = self._driver.perform(number, values, self._inbox)
-        except BaseException as problem:
-            self._take_confirmed()
-            if not isinstance(problem, OutputRefused):
-                self._note_sent(number, values)
-            raise
-        self._take_confirmed()
+        """Do a task with what was decided. Raises what the driver does."""
+        outcome = self._writer.perform(number, self._values, self._inbox)
         self._counts["held" if outcome is Outcome.HELD else "performed"] += 1
-        if not outputs or outcome is Outcome.HELD:
-            return
-        if outcome is Outcome.SENT:
-            self._note_sent(number, values)
-        else:
-            self._note_given(number, values)
 
-    def _note_sent(self, number: int, values: Values) -> None:
-        self.safe.attempted(self._driver.tasks[number].outputs, values)
-        self._sent[number] = values
-
-    def _take_confirmed(self) -> None:
-        """What the device has said to have taken, as it was sent before."""
-        for number in self._inbox.confirmed:
-            if (values := self._sent.pop(number, None)) is not None:
-                self._note_given(number, values)
-
-    def _note_given(self, number: int, values: Values) -> None:
-        was = self.safe.state
-        self.safe.given(self._driver.tasks[number].outputs, values)
-        last = self.safe.last
+    def _note_given(self, last: Values) -> None:
+        """The device has taken something: `last` is what its outputs were given."""
         self._given[: len(last)] = last
         self._image.remember_sent(self._given, time.monotonic_ns())
         if self._memory is not None:
             self._memory.write(last)
-        if self.safe.state != was:
+        if self.safe.state != self._image.ask(OUTPUT_STATE):
             self._image.tell(OUTPUT_STATE, self.safe.state)
 
     def _judge(self, problem: BusError) -> None:
@@ -229,7 +204,7 @@ class Worker:
             raise LinkError(f"{_ERRORS} errors in the last {_AMONG} calls; the last: {problem}") from problem
 
     def _hand_over(self) -> None:
-        self._take_confirmed()
+        self._writer.take_confirmed(self._inbox)
         self._counts["received"] += len(self._inbox)
         self._counts["lost"] += self._inbox.lost
         self._image.publish(self._inbox)

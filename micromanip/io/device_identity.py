@@ -6,6 +6,7 @@ which nothing more is known.
 
 from __future__ import annotations
 
+import functools
 import ipaddress
 import os
 import socket
@@ -69,14 +70,15 @@ def _host(device: str) -> tuple[str, str, str] | None:
     return (protocol, host.strip("[]"), port) if protocol in ("tcp", "udp") and host else None
 
 
-def _addresses(host: str) -> set[Address]:
-    """All addresses of a host, none where it is unknown."""
+@functools.lru_cache(maxsize=64)
+def _addresses(host: str) -> frozenset[Address]:
+    """All addresses of a host, none where it is unknown; asked once, for a network may take seconds to answer."""
     try:
         found = {str(entry[4][0]) for entry in socket.getaddrinfo(host, None)}
         addresses = [ipaddress.ip_address(text) for text in found]
     except (OSError, UnicodeError, ValueError):
-        return set()
-    return {getattr(address, "ipv4_mapped", None) or address for address in addresses}
+        return frozenset()
+    return frozenset(getattr(address, "ipv4_mapped", None) or address for address in addresses)
 
 
 def _is_loopback(address: Address) -> bool:

@@ -102,3 +102,15 @@ def test_what_somebody_else_wrote_counts_only_in_a_folder_of_a_group(tmp_path, m
 def test_a_folder_that_is_not_there_is_one_clear_refusal(tmp_path):
     with pytest.raises(PermissionDenied, match=r"what device udp .* can't be remembered in .*No such file"):
         LastGiven.open(DEVICE, NAMES, tmp_path / "nowhere")
+
+
+def test_it_is_the_device_s_and_not_the_name_s(tmp_path):
+    (tmp_path / "by-id").symlink_to("tty0")
+    for first, second in (
+        ("tcp localhost:502", "tcp 127.0.0.1:502"),
+        (str(tmp_path / "by-id"), str(tmp_path / "tty0")),
+    ):
+        memory = LastGiven.open(first, ["x"], tmp_path)
+        memory.write([80.0])
+        memory.close()
+        assert LastGiven.open(second, ["x"], tmp_path).read() == [80.0]

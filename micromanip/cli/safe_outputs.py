@@ -21,21 +21,40 @@ from .options import Quantity, StrictCommand, config_argument, json_option, prin
     metavar="S",
     help="Wait so long for a controller that is still ramping down.",
 )
+@click.option("--from-file", is_flag=True, help="Go by CONFIG as it is now, not by what last ran with it.")
 @json_option
-def command(config: Path, wait_s: float, as_json: bool) -> None:
+def command(config: Path, wait_s: float, from_file: bool, as_json: bool) -> None:
     """Bring every output of CONFIG's drivers to its safe value; does no harm where they are.
+
+    What is safe is what was in force when CONFIG last ran; CONFIG itself where it never ran here, if it is valid. With
+    neither, nothing is touched (exit code 78).
+
+    Voltages ramp within range and slew limit from where they are. What a device has not taken is told (exit code 69).
 
     Refused (exit code 1) while a controller has one of the devices: use `micromanip disarm`, or stop it.
     """
-    from micromanip.host.safe_outputs import drivers_of, make_safe
+    from micromanip.host.safe_outputs import make_safe
+    from micromanip.host.safe_plan import plan_of
 
-    drivers = drivers_of(config)
-    problems = make_safe(drivers, wait_s)
+    plan = plan_of(config, from_file=from_file)
+    for warning in plan.warnings:
+        click.echo(f"WARNING: {warning}", err=True)
+    report = make_safe(plan, wait_s)
+    for note in report.notes:
+        click.echo(f"WARNING: {note}", err=True)
     if as_json:
         print_json(
-            {"drivers": {name: {"device": driver.device} for name, driver in drivers.items()}, "failed": problems}
+            {
+                "drivers": {name: {"device": driver.device} for name, driver in plan.wiring.drivers.items()},
+                "failed": report.failed,
+                "safe": report.safe,
+                "source": {"file": str(plan.file), "taken": plan.taken},
+                "warnings": [*plan.warnings, *report.notes],
+            }
         )
-    elif not problems:
-        click.echo(f"outputs at their safe value: {', '.join(drivers)}")
-    if problems:
-        raise DeviceUnavailable("; ".join(problems))
+    elif report.safe:
+        click.echo(f"outputs at their safe value: {', '.join(report.safe)}")
+    if not as_json:
+        click.echo(plan.said)
+    if report.failed:
+        raise DeviceUnavailable("\n".join(report.failed))

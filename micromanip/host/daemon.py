@@ -21,6 +21,7 @@ from micromanip.rt import states
 from micromanip.rt import words as w
 from micromanip.settings.check import Prepared, refuse_real
 from micromanip.settings.commissioned import changes_since
+from micromanip.settings.source import Source
 
 from .audit import AuditTrail
 from .blackbox.shelf import KEPT, default_folder
@@ -32,6 +33,7 @@ from .notify import ServiceManager
 from .peer import Peer
 from .realtime import missing_rights
 from .recording import RecorderProcess
+from .safe_snapshot import SnapshotKeeper
 from .state_directory import state_directory
 from .statistics import SignalStatistics, report
 from .verbs import Verbs
@@ -80,7 +82,8 @@ class Daemon:
         self._signals = SignalStatistics(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         trail = AuditTrail(state_directory(), say)
-        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._boxes.configured, say)
+        self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
+        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._in_force, say)
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
@@ -108,11 +111,13 @@ class Daemon:
             go_before_ordinary_work(_NICE)
             async with self._workers:
                 refuse_real(self._prepared)
+                await self._snapshot.keep(self._prepared.source)  # before the loop looks for signs of life
                 await self._controller.start()
                 await self._workers.in_hand(self._controller.beat)
                 return await self._supervise()
         finally:
             control_socket.close()
+            await self._snapshot.settle()
 
     async def _supervise(self) -> Report:
         rights = missing_rights(int(self._controller.words[w.RIGHTS]))
@@ -147,6 +152,11 @@ class Daemon:
                 task.cancel()
             if recorder is not None:
                 self._say(await recorder.stop())
+
+    def _in_force(self, source: Source) -> None:
+        """Another configuration has come into force: who keeps what runs follows."""
+        self._boxes.configured(source)
+        self._snapshot.follow(source)
 
     async def _start_recorder(self) -> RecorderProcess | None:
         if self._options.record is None:

@@ -22,8 +22,6 @@ class BusBridge(CyclicDriver):
     def __init__(self, bus: BusDriver, options: BusOptions, silent_ns: int) -> None:
         """A worker that has been silent for `silent_ns` counts as a lost link."""
         self.bus, self._options, self._silent_ns = bus, options, silent_ns
-        self.rest = tuple(channel.safe for channel in bus.outputs)
-        """Where its outputs are safe, for whoever writes them without a worker."""
 
     @property
     def simulated(self) -> bool:  # type: ignore[override]  # a class of its own says so once, a bus in its options

@@ -202,6 +202,11 @@ class BusDriver(ABC):
         """
 
     @property
+    def files(self) -> Sequence[Path]:
+        """Files that its options name and that say what goes over the wire: message databases."""
+        return ()
+
+    @property
     def real_because(self) -> str | None:
         """Why the device may be a real one, though the configuration may call it simulated; None as far as is seen."""
         return real_because(self.device)

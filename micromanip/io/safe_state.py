@@ -146,6 +146,11 @@ class SafeState:
         """What the device was given last; NaN where nobody knows."""
         return [last if known else math.nan for last, known in zip(self._last, self._known, strict=True)]
 
+    @property
+    def unsafe(self) -> list[int]:
+        """Outputs of which it is not known that they are at rest."""
+        return [i for i in range(len(self._outputs)) if not self._rests(i)]
+
     def outside(self, values: Known) -> list[int]:
         """Which of these values no device may have: they are outside of the outputs' ranges."""
         pairs = enumerate(zip(values, self._outputs, strict=True))

@@ -59,13 +59,22 @@ def prepare(file: Path, seed: int | None = None) -> Prepared:
 
 def prepared(source: Source, seed: int | None = None) -> Prepared:
     """The same of what was read already."""
-    configuration = validate(source)
-    wiring = wire(configuration, source, seed)
-    _refuse(source, _wired_findings(configuration, wiring))
+    configuration, wiring = wired(source, seed)
     if configuration.simulation is not None:
         build_plant(configuration, source, configuration.loop.period_ns)
     samples = load_samples(configuration, source)
     return Prepared(configuration, source, wiring, compile_cell(configuration, wiring), samples)
+
+
+def wired(source: Source, seed: int | None = None) -> tuple[Configuration, Wiring]:
+    """The configuration of a file or a document with its drivers, as far as outputs and safety depend on it.
+
+    Raises ConfigError.
+    """
+    configuration = validate(source)
+    wiring = wire(configuration, source, seed)
+    _refuse(source, _wired_findings(configuration, wiring))
+    return configuration, wiring
 
 
 def refuse_real(prepared: Prepared) -> None:

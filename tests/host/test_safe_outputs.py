@@ -2,17 +2,27 @@
 
 import json
 import os
+import threading
 
 import pytest
 
 from micromanip.cli.main import main
-from micromanip.errors import CheckFailed, ConfigError
-from micromanip.host import safe_outputs
+from micromanip.errors import CheckFailed
+from micromanip.host import safe_outputs, safe_plan
+from micromanip.host.safe_outputs import make_safe
+from micromanip.host.safe_plan import SafePlan, plan_of
+from micromanip.host.safe_snapshot import write
 from micromanip.io import device_lock
+from micromanip.io.bridge import BusBridge
+from micromanip.io.bus import BusOptions
+from micromanip.io.bus_errors import DeviceFault
 from micromanip.io.contract import Functions
 from micromanip.io.device_lock import DeviceLocks
+from micromanip.settings.source import Source
+from micromanip.settings.wiring import Wiring
 
 from .cell import SLOW, changed
+from .test_bus_rest import OUTPUTS, RAMP_S, SAFE, Bus
 
 TEXT = changed(SLOW, ("driver: simulated, axes: [x]", "driver: simulated, device: bench, axes: [x]"))
 
@@ -20,6 +30,8 @@ TEXT = changed(SLOW, ("driver: simulated, axes: [x]", "driver: simulated, device
 @pytest.fixture
 def config(tmp_path, monkeypatch):
     monkeypatch.setattr(device_lock, "FOLDER", tmp_path / "locks")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(safe_plan, "SERVICE_STATE", tmp_path / "service")
     file = tmp_path / "cell.yaml"
     file.write_text(TEXT)
     return file
@@ -50,9 +62,24 @@ class Calls:
         self.functions = Functions(**numbers)
 
 
+def planned(config, drivers, outputs=None):
+    """A plan for other drivers than those of the file."""
+    plan = plan_of(config)
+
+    class Wired(Wiring):
+        def safe_outputs(self, name, configuration):
+            return outputs[name]
+
+    wiring = Wired(drivers, {}, {}, {}, {}, {}, {})
+    configuration = plan.configuration.model_copy(
+        update={"start": plan.configuration.start.model_copy(update={"ramp_s": RAMP_S})}
+    )
+    return SafePlan(configuration, wiring, plan.file, plan.taken)
+
+
 @pytest.fixture
 def driver(config):
-    (driver,) = safe_outputs.drivers_of(config).values()
+    (driver,) = plan_of(config).wiring.drivers.values()
     return driver
 
 
@@ -60,8 +87,39 @@ def test_twice_does_no_harm(config, capsys):
     assert ended(config) == 0
     assert ended(config, "--json") == 0
     out = capsys.readouterr().out
-    assert out.startswith("outputs at their safe value: cell\n")
-    assert json.loads(out.partition("\n")[2]) == {"drivers": {"cell": {"device": "bench"}}, "failed": []}
+    said = f"outputs at their safe value: cell\nfrom {config}\n"
+    assert out.startswith(said)
+    assert json.loads(out.removeprefix(said)) == {
+        "drivers": {"cell": {"device": "bench"}},
+        "failed": [],
+        "safe": ["cell"],
+        "source": {"file": str(config), "taken": None},
+        "warnings": [],
+    }
+
+
+def test_it_goes_by_what_last_ran_and_says_so(config, tmp_path, capsys):
+    write(Source.read(config), {}, tmp_path / "micromanip")
+    config.write_text(TEXT.replace("mode: voltage", "mode: sideways"))
+    assert ended(config) == 0
+    said = capsys.readouterr().out
+    assert "outputs at their safe value: cell\nas of the run of 20" in said
+    assert ended(config, "--json") == 0
+    source = json.loads(capsys.readouterr().out)["source"]
+    assert source["taken"] in said
+    assert source["file"].startswith(str(tmp_path / "micromanip"))
+    assert ended(config, "--from-file") == 78
+
+
+def test_what_was_left_and_can_not_be_used_is_a_warning(config, tmp_path, capsys):
+    write(Source.read(config), {}, tmp_path / "micromanip")
+    (snapshot,) = (tmp_path / "micromanip" / "safe-outputs").iterdir()
+    snapshot.chmod(0o666)
+    assert ended(config, "--json") == 0
+    said = capsys.readouterr()
+    warning = f"{snapshot} can be written by others"
+    assert said.err == f"WARNING: {warning}\n"
+    assert json.loads(said.out)["warnings"] == [warning]
 
 
 def test_refused_while_a_controller_has_the_device(config, capsys):
@@ -74,48 +132,56 @@ def test_refused_while_a_controller_has_the_device(config, capsys):
     )
 
 
-def test_an_error_elsewhere_keeps_no_output_from_its_safe_value(config):
-    config.write_text(TEXT.replace("mode: voltage", "mode: sideways").replace("range_V: [-20, 150]", "range_V: 7"))
-    assert ended(config) == 0
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("drivers: {cell: {driver: simulated, device: bench, axes: [x]}}", "drivers: [1]"), r"drivers: .*mapping"),
+        (("drivers: {cell: {driver: simulated, device: bench, axes: [x]}}", "drivers: [1]"), "drivers: "),
         (("driver: simulated", "driver: simulatde"), "did you mean simulated"),
         (("device: bench", "devise: bench"), "devise"),
         (("rate_hz: 200", "rate_hz: fast"), "rate_hz"),
+        (("mode: voltage", "mode: sideways"), "mode"),
+        (("park_V: 0", "park_V: 151"), "park_V"),
     ],
 )
-def test_configuration_that_names_no_driver(config, change, said):
+def test_a_configuration_that_run_refuses_and_that_never_ran(config, monkeypatch, driver, capsys, change, said):
+    calls = Calls(monkeypatch)
+    monkeypatch.setattr(type(driver), "functions", lambda self: calls.functions)
     config.write_text(changed(TEXT, change))
-    with pytest.raises(ConfigError, match=said):
-        safe_outputs.drivers_of(config)
     assert ended(config) == 78
+    message = capsys.readouterr().err
+    assert said in message
+    assert "nothing was touched" in message
+    assert calls.made == []
 
 
-def test_every_driver_is_tried_and_what_failed_is_said(driver, monkeypatch):
+def test_every_driver_is_tried_and_what_failed_is_said(config, driver, monkeypatch):
     calls = Calls(monkeypatch, safe=7)
     monkeypatch.setattr(type(driver), "functions", lambda self: calls.functions)
-    assert safe_outputs.make_safe({"a": driver, "b": driver}) == [
+    report = make_safe(planned(config, {"a": driver, "b": driver}))
+    assert report.failed == [
         "driver a: its outputs could not be made safe, code 7",
         "driver b: its outputs could not be made safe, code 7",
     ]
-    assert calls.made == ["open", "safe", "close"] * 2
+    assert report.safe == []
+    assert sorted(calls.made) == ["close", "close", "open", "open", "safe", "safe"]
 
 
 @pytest.mark.parametrize(
     ("codes", "made", "said"),
     [
-        ({"open": 5}, ["open"], "driver a could not be opened: code 5"),
-        ({"close": 6}, ["open", "safe", "close"], "driver a could not be closed: code 6"),
+        ({"open": 5}, ["open"], ["driver a could not be opened: code 5"]),
+        ({"close": 6}, ["open", "safe", "close"], ["driver a could not be closed: code 6"]),
+        (
+            {"safe": 7, "close": 6},
+            ["open", "safe", "close"],
+            ["driver a: its outputs could not be made safe, code 7", "driver a could not be closed: code 6"],
+        ),
     ],
 )
-def test_device_that_fails(driver, monkeypatch, codes, made, said):
+def test_device_that_fails(config, driver, monkeypatch, codes, made, said):
     calls = Calls(monkeypatch, **codes)
     monkeypatch.setattr(type(driver), "functions", lambda self: calls.functions)
-    assert safe_outputs.make_safe({"a": driver}) == [said]
+    assert make_safe(planned(config, {"a": driver})).failed == said
     assert calls.made == made
 
 
@@ -123,6 +189,78 @@ def test_failure_ends_with_69(config, driver, monkeypatch, capsys):
     calls = Calls(monkeypatch, open=5)
     monkeypatch.setattr(type(driver), "functions", lambda self: calls.functions)
     assert ended(config) == 69
-    assert "driver cell could not be opened: code 5" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert said.err == "micromanip: driver cell could not be opened: code 5\n"
+    assert "at their safe value" not in said.out
     with DeviceLocks(["bench"]), pytest.raises(CheckFailed):
-        safe_outputs.make_safe({"a": driver})
+        make_safe(plan_of(config))
+
+
+class Hung(Bus):
+    """Its device is another one; what it can't do is a bug of its driver."""
+
+    device = "other"
+
+    def open(self):
+        raise TypeError("unsupported operand")
+
+
+def bridge(bus):
+    return BusBridge(bus, BusOptions(), 1)
+
+
+def test_one_driver_keeps_no_other_one_from_rest(config, driver, monkeypatch):
+    """A bug in one, a device that refuses one task in another, a good one, a cyclic one that fails."""
+    calls = Calls(monkeypatch, safe=7)
+    monkeypatch.setattr(type(driver), "functions", lambda self: calls.functions)
+    monkeypatch.setattr("micromanip.host.bus_rest.PATIENCE_S", 0.15)
+    outputs = OUTPUTS
+    good, half = Bus(voltage_x=80.0), Bus(voltage_x=80.0, voltage_y=80.0)
+    good.device, half.device = "good", "half"
+    half.raises[1] = DeviceFault("unit 3")
+    drivers = {"hung": bridge(Hung()), "half": bridge(half), "cyclic": driver, "good": bridge(good)}
+    report = make_safe(planned(config, drivers, dict.fromkeys(("hung", "half", "good"), outputs)))
+    assert good.has == SAFE
+    assert half.has["voltage_y"] == 10.0
+    assert report.safe == ["good"]
+    assert [line.split(":")[0] for line in report.failed] == [
+        "driver hung",
+        "driver half",
+        "driver half",
+        "driver cyclic",
+    ]
+    assert report.failed[0] == "driver hung: its outputs are unknown, bug: TypeError: unsupported operand"
+
+
+def test_notes_name_their_driver(config):
+    bus = Bus()
+    bus.asked = False
+    report = make_safe(planned(config, {"bus": bridge(bus)}, {"bus": OUTPUTS}))
+    assert report.failed == []
+    assert report.notes == ["driver bus: nobody knows what voltage_x, voltage_y had: the first value is the safe one"]
+
+
+def test_what_has_no_outputs_is_not_opened_and_not_called_safe(config):
+    sensor = Bus()
+    sensor.outputs = ()
+    report = make_safe(planned(config, {"sensor": bridge(sensor)}, {"sensor": ()}))
+    assert (report.safe, report.failed, sensor.opened) == ([], [], 0)
+
+
+def test_the_devices_are_locked_meanwhile(config):
+    class Looks(Bus):
+        def open(self):
+            super().open()
+            with pytest.raises(CheckFailed, match="is in use"):
+                make_safe(plan)
+
+    plan = planned(config, {"bus": bridge(Looks())}, {"bus": OUTPUTS})
+    assert make_safe(plan).failed == []
+
+
+def test_waiting_for_a_loop_that_still_ramps(config):
+    first = DeviceLocks(["bench"])
+    timer = threading.Timer(0.2, first.release)
+    timer.start()
+    assert ended(config, "--wait", "60") == 0
+    timer.join()

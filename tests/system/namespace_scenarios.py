@@ -128,6 +128,8 @@ def test_wrong_configuration_is_not_tried_again(service):
     assert service.show("NRestarts") == "0"
     assert f"micromanip: {CONFIG}:" in service.journal()
     assert "loop.rate_hz" in service.journal()
+    assert "outputs at their safe value: cell" in service.journal(), "by what ran before"
+    assert "as of the run of" in service.journal()
 
 
 def test_reload_keeps_everything_running(service):
@@ -155,7 +157,8 @@ def test_one_controller_a_device(service):
     assert service.state == "TRACKING"
     ok("systemctl", "stop", UNIT)
     ok(PROGRAM, "safe-outputs", str(CONFIG), user="cell-operator")
-    ok(PROGRAM, "safe-outputs", str(CONFIG), user="cell-operator")
+    for asks in ("cell-operator", "root"):
+        assert "as of the run of" in ok(PROGRAM, "safe-outputs", str(CONFIG), user=asks), "by what the service has left"
 
 
 def test_memory_that_may_not_become_executable_stops_even_cached_code(service):

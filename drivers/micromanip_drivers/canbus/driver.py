@@ -32,7 +32,8 @@ class CanBus(BusDriver):
 
     def __init__(self, options: CanBusOptions, folder: Path) -> None:
         self.options = options
-        self._database = Database(folder / options.database)
+        self._file = folder / options.database
+        self._database = Database(self._file)
         self._received: list[ReceivedMessage] = []
         self._sent: list[SentMessage] = []
         inputs: list[Channel] = []
@@ -60,6 +61,10 @@ class CanBus(BusDriver):
     @property
     def device(self) -> str:
         return self.options.device
+
+    @property
+    def files(self) -> Sequence[Path]:
+        return (self._file,)
 
     @property
     def real_because(self) -> str | None:

@@ -41,7 +41,7 @@ class CanOpen(BusDriver):
     Options = CanOpenOptions
 
     def __init__(self, options: CanOpenOptions, folder: Path) -> None:
-        self._options = options
+        self._options, self._folder = options, folder
         self._nodes = plan_nodes(options, folder)
         self._timing = Timing(options, self._nodes)
         self._receiver = Receiver(options, self._nodes, self._timing)
@@ -56,6 +56,10 @@ class CanOpen(BusDriver):
     @property
     def device(self) -> str:
         return self._options.device
+
+    @property
+    def files(self) -> Sequence[Path]:
+        return tuple(self._folder / node.eds for node in self._options.nodes.values())
 
     @property
     def real_because(self) -> str | None:

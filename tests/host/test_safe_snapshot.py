@@ -1,0 +1,274 @@
+"""What a run leaves for ``safe-outputs``, whom it is believed from, and what is used in its place."""
+
+import asyncio
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from micromanip.errors import ConfigError
+from micromanip.host import safe_plan, safe_snapshot
+from micromanip.host.safe_plan import plan_of
+from micromanip.host.safe_snapshot import NotUsable, SnapshotKeeper, path_of, read, write
+from micromanip.settings.check import prepare
+from micromanip.settings.source import Source
+
+from .cell import SLOW, changed
+
+OURS = {0, os.geteuid()}
+CAN = Path(__file__).parents[2] / "config"
+PARKED = changed(SLOW, ("park_V: 0", "park_V: 5"))
+BAD = changed(SLOW, ("park_V: 0", "park_V: 151"))
+
+
+@pytest.fixture
+def config(tmp_path, monkeypatch):
+    """A configuration, and a state directory of its own."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr(safe_plan, "SERVICE_STATE", tmp_path / "service")
+    file = tmp_path / "cell.yaml"
+    file.write_text(SLOW)
+    return file
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "state" / "micromanip"
+
+
+def kept(config, folder, files=None):
+    """The file of a snapshot of `config` as it is now."""
+    write(Source.read(config), files or {}, folder)
+    return path_of(config, folder)
+
+
+def test_what_was_written_is_read(config, folder):
+    path = kept(config, folder)
+    snapshot = read(config, folder, OURS)
+    assert snapshot.source.data == Source.read(config).data
+    assert snapshot.source.path == config
+    assert snapshot.file == path
+    assert snapshot.taken.endswith("Z")
+    assert [file.name for file in path.parent.iterdir()] == [path.name], "nothing is left of the writing"
+    assert read(config.with_name("other.yaml"), folder, OURS) is None
+
+
+def test_it_belongs_to_the_file_that_a_link_leads_to(config, folder, tmp_path):
+    (tmp_path / "link.yaml").symlink_to(config)
+    kept(tmp_path / "link.yaml", folder)
+    assert read(config, folder, OURS) is not None
+
+
+def test_the_newest_counts_and_a_writer_that_was_killed_leaves_the_one_before(config, folder, monkeypatch):
+    kept(config, folder)
+    config.write_text(PARKED)
+    with monkeypatch.context() as patch:
+        patch.setattr(safe_snapshot.os, "rename", lambda *_, **__: (_ for _ in ()).throw(OSError(28, "disk full")))
+        with pytest.raises(OSError, match="disk full"):
+            kept(config, folder)
+    assert plan_of(config).configuration.outputs["voltage_x"].park_V == 0
+    assert len(list((folder / "safe-outputs").iterdir())) == 1
+    kept(config, folder)
+    assert plan_of(config).configuration.outputs["voltage_x"].park_V == 5
+
+
+def test_it_is_on_the_disk_before_it_takes_the_place_of_the_one_before(config, folder, monkeypatch):
+    done = []
+    for name in ("fsync", "rename"):
+        call = getattr(os, name)
+        monkeypatch.setattr(
+            safe_snapshot.os, name, lambda *a, _name=name, _call=call, **k: (done.append(_name), _call(*a, **k))[1]
+        )
+    kept(config, folder)
+    assert done == ["fsync", "rename", "fsync"]
+
+
+def foreign(path):
+    os.chown(path, 4711, 4711)
+
+
+def linked(path):
+    shutil.copy(path, path.with_suffix(".copy"))
+    path.unlink()
+    path.symlink_to(path.with_suffix(".copy"))
+
+
+def linked_folder(path):
+    path.parent.rename(path.parent.with_name("elsewhere"))
+    path.parent.symlink_to("elsewhere")
+
+
+def edited(change):
+    def edit(path):
+        document = json.loads(path.read_text())
+        change(document)
+        path.write_text(json.dumps(document))
+
+    return edit
+
+
+SPOILT = {
+    "of another user": (foreign, "belongs to user 4711"),
+    "in a folder of another user": (lambda path: foreign(path.parent), "belongs to user 4711"),
+    "writable by the group": (lambda path: path.chmod(0o660), "can be written by others"),
+    "writable by all": (lambda path: path.chmod(0o606), "can be written by others"),
+    "in a folder that is writable by all": (lambda path: path.parent.chmod(0o1777), "can be written by others"),
+    "a link": (linked, "can't be read"),
+    "in a folder that is a link": (linked_folder, "can't be read"),
+    "with a second name": (lambda path: os.link(path, path.with_suffix(".2")), "is no plain file"),
+    "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "is no plain file"),
+    "cut off": (lambda path: path.write_text(path.read_text()[:-20]), "is damaged"),
+    "not a document": (lambda path: path.write_text("[1, 2]"), "is damaged"),
+    "without its configuration": (edited(lambda d: d.pop("document")), "is damaged"),
+    "endless": (lambda path: path.write_text(" " * 4_000_001), "larger than 4 MB"),
+    "of another format": (edited(lambda d: d.update(format=2)), "is not a snapshot of"),
+    "of another configuration": (edited(lambda d: d.update(configuration="/etc/other.yaml")), "is not a snapshot of"),
+    "with a value that was tampered with": (
+        edited(lambda d: d["document"]["outputs"]["voltage_x"].update(park_V=400)),
+        "park_V",
+    ),
+}
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_a_snapshot_that_cannot_be_believed_is_not_used(config, folder, how):
+    spoil, why = SPOILT[how]
+    spoil(kept(config, folder))
+    config.write_text(PARKED)
+    plan = plan_of(config)
+    assert (plan.taken, plan.file) == (None, config), "the file itself, which would be let run"
+    assert plan.configuration.outputs["voltage_x"].park_V == 5
+    assert [why in warning for warning in plan.warnings] == [True]
+    config.write_text(BAD)
+    with pytest.raises(ConfigError, match="nothing was touched") as refused:
+        plan_of(config)
+    assert why in str(refused.value)
+
+
+def test_a_typing_error_in_the_file_changes_nothing(config, folder):
+    path = kept(config, folder)
+    for text in (BAD, changed(SLOW, ("outputs:", "outptus:")), "{", None):
+        if text is None:
+            config.unlink()
+        else:
+            config.write_text(text)
+        plan = plan_of(config)
+        assert plan.configuration.outputs["voltage_x"].park_V == 0
+        assert plan.said == f"as of the run of {read(config, folder, OURS).taken} ({path})"
+        assert plan.warnings == []
+
+
+def test_with_neither_nothing_is_done(config):
+    config.write_text(BAD)
+    with pytest.raises(ConfigError) as refused:
+        plan_of(config)
+    first, last = str(refused.value).splitlines()
+    assert first.startswith(f"{config}:7: outputs.voltage_x")
+    assert last.startswith("nothing was touched: the file can't be used, and no run has left a snapshot that can be")
+    assert "(there is none)" in last
+    assert f"micromanip check {config}" in last
+
+
+def test_the_file_is_held_to_all_that_run_asks(config):
+    config.write_text(changed(SLOW, ("{source: hold, offset_um: 60}", "{source: hold, offset_um: 600}")))
+    with pytest.raises(ConfigError, match="can't reach it"):
+        plan_of(config)
+
+
+def test_the_file_can_be_asked_for(config, folder):
+    kept(config, folder)
+    config.write_text(PARKED)
+    plan = plan_of(config, from_file=True)
+    assert plan.configuration.outputs["voltage_x"].park_V == 5
+    assert plan.said == f"from {config}"
+
+
+def test_what_is_said_comes_from_the_newest_of_several(config, folder, tmp_path):
+    service = tmp_path / "service"
+    kept(config, service)
+    config.write_text(PARKED)
+    newest = kept(config, folder)
+    assert plan_of(config).file == newest
+    edited(lambda d: d.update(taken="2020-01-01T00:00:00.000Z"))(newest)
+    assert plan_of(config).file == path_of(config, service)
+
+
+def test_the_services_own_state_is_believed_from_whom_the_service_is(config, tmp_path):
+    service = tmp_path / "service"
+    path = kept(config, service)
+    for each in (service, path.parent, path):
+        os.chown(each, 4711, 4711)
+    assert plan_of(config).file == path
+    foreign(path)
+    os.chown(service, 4712, 4712)
+    assert plan_of(config).taken is None, "not what somebody else has put there"
+    os.chown(service, 4711, 4711)
+    tmp_path.chmod(0o777)
+    assert plan_of(config).taken is None, "nor where anybody can put another folder in its place"
+
+
+def test_a_message_database_that_has_changed_since_is_not_used_for_old_values(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    shutil.copytree(CAN / "can", tmp_path / "can")
+    for name, database in (("can.yaml", "can/manipulator.dbc"), ("canopen.yaml", "can/amplifier.eds")):
+        config = tmp_path / name
+        shutil.copy(CAN / name, config)
+        warnings = []
+        keeper = SnapshotKeeper(prepare(config), tmp_path / "micromanip", warnings.append)
+        asyncio.run(keeper.keep(Source.read(config)))
+        assert warnings == []
+        assert plan_of(config).taken is not None
+        with (tmp_path / database).open("a") as stream:
+            stream.write("\n")
+        plan = plan_of(config)
+        assert plan.taken is None
+        assert f"{tmp_path / database} has been changed since" in plan.warnings[0]
+
+
+def revised(config, *changes):
+    """The document of `config` with (key, value) changed in voltage_x."""
+    source = Source.read(config)
+    document = json.loads(json.dumps(source.data))
+    document["outputs"]["voltage_x"].update(changes)
+    return Source.of(document, config)
+
+
+def test_the_keeper_follows_what_concerns_the_outputs(config, folder, monkeypatch):
+    written = []
+    monkeypatch.setattr(safe_snapshot, "write", lambda *a: (written.append(a[0]), write(*a)))
+
+    async def life():
+        keeper = SnapshotKeeper(prepare(config), folder, pytest.fail)
+        await keeper.keep(Source.read(config))
+        jogged = Source.of(Source.read(config).data | {"reference": {"source": "hold", "offset_um": 61}}, config)
+        keeper.follow(jogged)
+        await keeper.settle()
+        assert len(written) == 1, "no write to the disk for each jog"
+        keeper.follow(revised(config, ("slew_V_per_ms", 20)))
+        keeper.follow(revised(config, ("slew_V_per_ms", 10)))
+        await keeper.settle()
+
+    asyncio.run(life())
+    assert plan_of(config).configuration.outputs["voltage_x"].slew_V_per_ms == 10
+
+
+@pytest.mark.parametrize("spoil", [lambda folder: folder.write_text(""), foreign])
+def test_a_snapshot_that_cannot_be_written_is_a_warning(config, folder, spoil):
+    folder.mkdir(parents=True)
+    target = folder / "safe-outputs"
+    if spoil is foreign:
+        target.mkdir()
+    spoil(target)
+    warnings = []
+    asyncio.run(SnapshotKeeper(prepare(config), folder, warnings.append).keep(Source.read(config)))
+    assert len(warnings) == 1
+    assert warnings[0].startswith(f"WARNING: no snapshot for `micromanip safe-outputs` in {folder}: ")
+
+
+def test_others_may_read_it_and_not_write_it(config, folder):
+    path = kept(config, folder)
+    assert path.stat().st_mode & 0o022 == 0
+    with pytest.raises(NotUsable):
+        read(config, folder, {4711})

@@ -1,4 +1,4 @@
-"""Mutation testing of the last gate before the output and of the fault manager: `make mutation`.
+"""Mutation testing of the last gates before the outputs and of the fault manager: `make mutation`.
 
 Each mutant is the module with one small change. It must fail the module's tests, or be listed with the reason why it
 can't be told from the original. Exit code 1 where an unlisted mutant survives, or a listed one dies or is not made any
@@ -16,7 +16,7 @@ import os
 import signal
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -27,15 +27,19 @@ import hypothesis.strategies  # noqa: F401
 import numba  # noqa: F401
 import pytest
 
+import micromanip.host.daemon
 import micromanip.rt.hysteresis
 import micromanip.rt.swap  # noqa: F401
 
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = ROOT / "tests" / "rt" / "equivalent_mutants.toml"
 # module: its tests, and among them what looks at the source instead of the behaviour
-TARGETS = {
+TARGETS: dict[str, tuple[str, str | None]] = {
     "micromanip.rt.limiter": ("tests/rt/test_limiter.py", "test_every_branch_is_taken"),
     "micromanip.rt.faults": ("tests/rt/test_faults.py", "test_every_branch_is_taken"),
+    "micromanip.io.safe_state": ("tests/bus/test_safe_state.py", "test_every_branch_is_taken"),
+    "micromanip.host.safe_outputs": ("tests/host/test_safe_outputs.py", None),
+    "micromanip.host.bus_rest": ("tests/host/test_bus_rest.py", None),
 }
 TIMEOUT_S = 120
 
@@ -97,6 +101,8 @@ def places(function: ast.FunctionDef) -> list[tuple[ast.AST, str, int | None]]:
 
     def walk(parent: ast.AST) -> None:
         for field, value in ast.iter_fields(parent):
+            if field in ("annotation", "returns"):
+                continue
             for i, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
                 if isinstance(child, ast.AST):
                     found.append((parent, field, i))
@@ -110,15 +116,13 @@ def places(function: ast.FunctionDef) -> list[tuple[ast.AST, str, int | None]]:
 def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
     """(what was changed, the changed module); names are unique and do not depend on line numbers."""
     seen: dict[str, int] = {}
-    for k, original in enumerate(tree.body):
-        if not isinstance(original, ast.FunctionDef):
-            continue
+    for original, module_with in functions(tree):
         used = [node for node in ast.walk(original) if isinstance(node, ast.Name)]
         loaded = {node.slice.value for node in ast.walk(original) if isinstance(node, ast.Subscript)
                   and isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, str)}  # fmt: skip
         indexed = {node.value.id for node in ast.walk(original) if isinstance(node, ast.Subscript)
                    and isinstance(node.value, ast.Name)}  # fmt: skip
-        variables = {argument.arg for argument in original.args.args}
+        variables = {argument.arg for argument in original.args.args if argument.arg != "self"}
         variables |= {node.id for node in used if isinstance(node.ctx, ast.Store)}
         names = sorted(variables - indexed)
         for number in range(len(places(original))):
@@ -137,8 +141,25 @@ def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
                 name = _name(original, changed)
                 seen[name] = seen.get(name, 0) + 1
                 if seen[name] == 1:
-                    module = ast.Module([*tree.body[:k], changed, *tree.body[k + 1 :]], [])
-                    yield name, ast.fix_missing_locations(module)
+                    yield name, ast.fix_missing_locations(module_with(changed))
+
+
+def functions(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef, Callable[[ast.FunctionDef], ast.Module]]]:
+    """Every function and method, and what makes the module with another one in its place."""
+    for k, entry in enumerate(tree.body):
+        if isinstance(entry, ast.FunctionDef):
+            yield entry, lambda new, k=k: replaced(tree, k, new)
+        elif isinstance(entry, ast.ClassDef):
+            for i, method in enumerate(entry.body):
+                if isinstance(method, ast.FunctionDef):
+                    yield method, lambda new, k=k, i=i: replaced(tree, k, replaced(tree.body[k], i, new))
+
+
+def replaced(parent: ast.Module | ast.ClassDef, k: int, new: ast.stmt) -> ast.Module | ast.ClassDef:
+    """The same with `new` in place of the statement number `k`."""
+    other = copy.copy(parent)
+    other.body = [*parent.body[:k], new, *parent.body[k + 1 :]]
+    return other
 
 
 def _name(original: ast.FunctionDef, changed: ast.FunctionDef) -> str:
@@ -186,10 +207,14 @@ def start(module: str, tree: ast.Module, file: str) -> int:
                 "--tb=no",
                 "-p",
                 "no:xdist",
+                "-p",
+                "no:rerunfailures",  # a mutant's failure is no accident
+                "-o",
+                "markers=flaky: as of rerunfailures\nxdist_group: as of xdist",
                 "-W",
                 "ignore::pytest.PytestAssertRewriteWarning",
                 str(ROOT / tests),
-                f"--deselect={tests}::{but}",
+                *([f"--deselect={tests}::{but}"] if but else []),
             ]
         )
     os._exit(int(code))
@@ -205,7 +230,7 @@ def survivors(module: str, cases: list[tuple[str, ast.Module]], file: str) -> li
             code = os.waitstatus_to_exitcode(status)
             if code == 0:
                 alive.append(finished)
-            elif code not in (1, -signal.SIGALRM):
+            elif code not in (1, -signal.SIGALRM, -signal.SIGSEGV):
                 sys.exit(f"{finished}: the tests could not be run (exit code {code})")
             print("." if code else "S", end="", file=sys.stderr, flush=True)
         if name is not None:
@@ -222,7 +247,7 @@ def main() -> int:
         for entry in tomllib.loads(EQUIVALENT.read_text())["equivalent"]
     }
     wrong = 0
-    for module in TARGETS:
+    for module in sys.argv[1:] or TARGETS:
         file = str(ROOT / (module.replace(".", "/") + ".py"))
         tree = ast.parse(Path(file).read_text())
         if survivors(module, [("the module as it is", tree)], file) != ["the module as it is"]:

@@ -11,6 +11,7 @@ from typing import Any
 from micromanip.errors import CheckFailed
 from micromanip.rt import words as w
 from micromanip.rt.states import SHADOWING
+from micromanip.rt.tell import tell
 
 from .segments import SLOTS
 
@@ -33,7 +34,7 @@ class ParameterSlots:
         slot, version = self._fill(parameters)
         self._handed_over.add(slot)
         self._words[w.SLOT] = slot
-        self._words[w.VERSION] = version
+        tell(self._words, w.VERSION, version)
         return version
 
     def taken(self) -> None:
@@ -44,7 +45,7 @@ class ParameterSlots:
         """Hand over a candidate, which takes the place of the one before; its version."""
         slot, version = self._fill(parameters)
         self._words[w.CANDIDATE] = slot
-        self._words[w.CANDIDATE_NUMBER] += 1
+        tell(self._words, w.CANDIDATE_NUMBER, int(self._words[w.CANDIDATE_NUMBER]) + 1)
         return version
 
     def keep_for_trial(self) -> None:

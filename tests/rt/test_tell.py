@@ -1,0 +1,22 @@
+"""The host's words: what they announce is in memory before them."""
+
+import numpy as np
+import pytest
+
+from micromanip.rt.tell import ask, tell
+from micromanip.rt.words import WORDS
+
+
+def test_a_word_is_written_and_read():
+    words = np.zeros(WORDS, np.int64)
+    tell(words, 3, -7)
+    assert words.tolist() == [0, 0, 0, -7] + [0] * (WORDS - 4)
+    assert ask(words, 3) == -7
+
+
+@pytest.mark.compiled_only
+def test_they_are_ordered_on_every_cpu():
+    (written,), (read,) = tell.inspect_llvm().values(), ask.inspect_llvm().values()
+    assert "release, align 8" in written
+    assert "load atomic" in read
+    assert "acquire, align 8" in read

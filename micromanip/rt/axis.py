@@ -23,7 +23,7 @@ from .records import REFERENCE_STATES, Record
 from .reference import JOG, SIGNAL, jog_reference, own_reference, signal_reference, signal_sample
 from .sensor import read_line, read_signal
 from .states import STAGE, VOLTAGE
-from .wanted import forget_wanted, remember_wanted, strain_error
+from .wanted import forget_wanted, measure_errors, remember_wanted
 
 _ANY_UM = (-math.inf, math.inf)
 
@@ -32,28 +32,33 @@ _ANY_UM = (-math.inf, math.inf)
 def axis_cycle(
     p: Record, s: Record, cycle: int, now_ns: int, t_s: float, samples: Any, phase: int, fraction: float
 ) -> bool:
-    """Advance the axis by one cycle; False where its law gave no finite set-point (the old one stays).
+    """Advance the axis by one cycle; False where any stage of its law gave no finite number.
+
+    The set-point and the voltage before that stay then.
 
     `fraction` runs 0..1 through a lift or a parking ramp, or is the correction's authority; `t_s` and `samples` are
     the own source's. ``offset`` (um, or V while probing) comes on top in a check or a sweep.
     """
-    finite = True
     if phase in (LIFTING, BUMPING, SWEEPING, CLOSED):
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
         finite = move_setpoint(p, s, demand(p, s, phase, fraction))
         remember_wanted(s, cycle)
-        s["request_V"] = request_voltage(p, s, cycle, phase, fraction)
+        measure_errors(p, s, cycle)
+        s["request_V"] = request_voltage(p, s, phase, fraction)
+        finite = finite and is_finite(p, s)
         s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], True)
         unwind(p["pid"], s["pid"], s["request_V"] - s["voltage_V"])
         remember(s["estimator"], s["setpoint_um"] - p["centre_um"])
     else:
+        measure_errors(p, s, cycle)
         if phase == FROZEN:
             s["request_V"] = s["voltage_V"]
         elif phase == PROBING:
             s["request_V"] = s["start_V"] + s["offset"]
         else:
             s["request_V"] = s["start_V"] + fraction * (p["limiter"]["park_V"] - s["start_V"])
+        finite = math.isfinite(s["request_V"])
         permitted = phase in (PARKING, PROBING, FROZEN)
         s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], permitted)
     return finite
@@ -80,11 +85,14 @@ def sample(p: Record, s: Record, signals: Record, now_ns: int) -> None:
 
 @compiled
 def estimate(p: Record, s: Record, cycle: int) -> None:
-    """Kalman filter: predict to this cycle, correct with a fresh capacitive sample at its own age."""
+    """Kalman filter: predict to this cycle, correct with a fresh capacitive sample at its own age.
+
+    It starts with a fresh sample only: what the sensor said before may be old.
+    """
     if p["mode"] != STAGE:
         return
     if s["estimator"]["running"] == 0:
-        if s["stage"]["bad"] == 0:
+        if s["stage"]["fresh"]:
             start_estimator(p["outer"], s["estimator"], cycle, s["setpoint_um"] - p["centre_um"], s["stage"]["value"])
         return
     predict_to(p["outer"], s["estimator"], cycle)
@@ -97,7 +105,8 @@ def estimate(p: Record, s: Record, cycle: int) -> None:
 def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     """What the set-point should be, before its limits: um, or V in the open-loop mode.
 
-    With the outer loop closed, `fraction` of the way from where the axis was held to its reference.
+    With the outer loop closed, `fraction` of the way from where the axis was held to its reference. Without an
+    estimate that runs there is no outer loop: the set-point stays.
     """
     w = s["reference"]["w"]
     stage = p["mode"] == STAGE
@@ -106,6 +115,8 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     if phase != CLOSED:
         target = p["centre_um"] if stage or follows else w[0]
         return s["start_um"] + fraction * (target - s["start_um"]) + s["offset"]
+    if stage and s["estimator"]["running"] == 0:
+        return s["setpoint_um"]
     if s["closed"] == 0:
         s["hold_um"] = output(p["outer"], s["estimator"]["x"]) if stage else s["setpoint_um"]
     if not stage:
@@ -148,7 +159,7 @@ def move_setpoint(p: Record, s: Record, demand_um: float) -> bool:
 
 
 @compiled
-def request_voltage(p: Record, s: Record, cycle: int, phase: int, fraction: float) -> float:
+def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
     """Feedforward plus feedback (V), before the limiter."""
     if p["mode"] == VOLTAGE:
         return s["setpoint_um"]
@@ -163,9 +174,24 @@ def request_voltage(p: Record, s: Record, cycle: int, phase: int, fraction: floa
         s["strain_cycles"] = 0
     elif s["strain"]["fresh"]:
         gains = p["fallback"] if s["watch"]["fallback"] else p["pid"]
-        pid_output(gains, s["pid"], strain_error(p, s, cycle), s["strain_cycles"])
+        pid_output(gains, s["pid"], s["strain_error_um"], s["strain_cycles"])
         s["strain_cycles"] = 0
     return feedforward + s["pid"]["output_V"]
+
+
+@compiled
+def is_finite(p: Record, s: Record) -> bool:
+    """Whether every stage of the law is finite: estimate, feedforward, feedback and its memory, requested voltage.
+
+    The inverse is looked at before its shaping function, whose limits would make a number of anything.
+    """
+    pid, inverse = s["pid"], s["hysteresis"]
+    total = s["request_V"] + inverse["u_um"] + inverse["output_V"]
+    total += pid["output_V"] + pid["integrator"] + pid["derivative"]
+    if p["mode"] == STAGE and s["estimator"]["running"] != 0:
+        for i in range(p["outer"]["states"]):
+            total += s["estimator"]["x"][i]
+    return math.isfinite(total)
 
 
 @compiled

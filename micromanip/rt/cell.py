@@ -18,7 +18,7 @@ from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
 from .lines import is_enabled, read_lines, switch
-from .phases import PARKED
+from .phases import CLOSED, PARKED
 from .records import Record
 from .sensor import is_missing, is_on
 from .states import (
@@ -110,13 +110,14 @@ def cell_cycle(
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
         own = phase_of_axis(s, a, phase)
+        a["reference"]["followed"] = 1 if own == CLOSED and s["state"] != HOLDING else 0
         finite = axis_cycle(axis, a, s["cycle"], now_ns, t_s, samples, own, fraction)
         axis_fault(p, s, i, NOT_FINITE, not finite, a["setpoint_um"], math.nan)
         outputs[axis["voltage"]] = a["voltage_V"]
         if s["state"] == TRACKING and tracked >= p["score_cycles"]:
-            error, uncompensated = path_error(axis, a, signals, s["cycle"])
+            error, uncompensated = path_error(axis, a, signals)
             score(a, error, uncompensated)
         if s["state"] == TRACKING and axis["mode"] != VOLTAGE:
-            mean_squares(p, axis, a, s["cycle"])
+            mean_squares(p, axis, a)
     switch(p, s, outputs)
     return accepted

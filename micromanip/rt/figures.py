@@ -8,7 +8,6 @@ from typing import Any
 from .jit import compiled
 from .records import Record
 from .states import STAGE
-from .wanted import stage_error
 from .watch import following_error
 
 
@@ -22,20 +21,20 @@ def score(a: Record, path_error_um: float, uncompensated_um: float) -> None:
 
 
 @compiled
-def path_error(p: Record, a: Record, signals: Any, cycle: int) -> tuple[float, float]:
+def path_error(p: Record, a: Record, signals: Any) -> tuple[float, float]:
     """Error at the spindle with and without compensation: the simulation's truth, else as the newest sample says."""
     if p["path_error"] >= 0:
         return signals[p["path_error"]]["value"], signals[p["uncompensated"]]["value"]
     if p["mode"] == STAGE:
-        return stage_error(p, a, cycle)
+        return a["stage_error_um"], a["path_um"]
     return math.nan, math.nan
 
 
 @compiled
-def mean_squares(p: Record, axis: Record, a: Record, cycle: int) -> None:
+def mean_squares(p: Record, axis: Record, a: Record) -> None:
     """Carry the figures of merit of an axis on."""
     figures = a["figures"]
-    error_um = following_error(axis, a, cycle)
+    error_um = following_error(axis, a)
     added_V = a["voltage_V"] - a["hysteresis"]["output_V"]
     step = p["figures_step"]
     figures["error"] += step * (error_um * error_um - figures["error"])

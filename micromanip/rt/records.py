@@ -140,6 +140,8 @@ REFERENCE_STATE = _record(
     ("sampled_um", "f8"),
     ("rejected", "i8"),
     ("silent", "i8"),
+    ("followed", "i8"),
+    ("doubted", "i8"),
     ("jog_um", "f8"),
     ("jog_step_um", "f8"),
 )
@@ -196,7 +198,17 @@ WATCH_STATE = _record(
 
 CHECK_PARAMETERS = _record(("step", "f8"), ("low", "f8"), ("high", "f8"))
 """Polarity and scale check: height of the step, and between what the answer to it must lie."""
-CHECK_STATE = _record(("before", "f8"), ("after", "f8"), ("before_samples", "i8"), ("after_samples", "i8"))
+CHECK_STATE = _record(
+    ("before", "f8"),
+    ("after", "f8"),
+    ("before_samples", "i8"),
+    ("after_samples", "i8"),
+    ("turn", "i8"),
+    ("found", "f8"),
+    ("passed", "i8"),
+)
+"""What a check gathers; its place among the axes that are checked in this arming (1 is the first, 0: it is not due);
+what it found last, and whether that was as expected and still counts."""
 
 AXIS_PARAMETERS = _record(
     ("mode", "i8"),
@@ -246,6 +258,7 @@ SENSOR_STATE = _record(
     ("taken_ns", "i8"),
     ("reading", "f8"),
     ("age_ns", "i8"),
+    ("silent_ns", "i8"),
     ("fresh", "i8"),
     ("bad", "i8"),
     ("identical", "i8"),
@@ -271,6 +284,10 @@ AXIS_STATE = _record(
     ("setpoints", "f8", (INPUT_HISTORY,)),
     ("references", "f8", (INPUT_HISTORY,)),
     ("wanted_cycle", "i8"),
+    ("strain_error_um", "f8"),
+    ("stage_error_um", "f8"),
+    ("path_um", "f8"),
+    ("error_fresh", "i8"),
     ("strain_cycles", "i8"),
     ("closed", "i8"),
     ("frozen", "i8"),
@@ -352,6 +369,8 @@ CELL_STATE = _record(
     ("soft", "i8"),
     ("resumed", "i8"),
     ("checked", "i8"),
+    ("probes", "i8"),
+    ("bumps", "i8"),
     ("entered_cycle", "i8"),
     ("cycle", "i8"),
     ("tracking_cycle", "i8"),
@@ -360,6 +379,10 @@ CELL_STATE = _record(
     ("fault_value", "f8"),
     ("fault_limit", "f8"),
     ("fault_cycle", "i8"),
+    ("former", "i8"),
+    ("former_axis", "i8"),
+    ("former_value", "f8"),
+    ("former_limit", "f8"),
     ("trips", "i8"),
     ("raised", "i8"),
     ("events", "i8"),

@@ -5,7 +5,9 @@ jogged by hand. A signal
 (laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o, o']`` (o
 an oscillation of known frequency) is corrected at each sample's own time and extrapolated to now in
 closed form; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken, and none
-that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was.
+that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was. A signal that
+stays where it jumped to is believed after the horizon, but not while the axis follows it (``followed``): once it has
+been ``doubted`` for so long it goes on being silent until the watch calls it lost, wherever it wanders.
 """
 
 from __future__ import annotations
@@ -79,10 +81,14 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
     if s["time_ns"] != 0 and gap_s <= p["horizon_s"]:
         extrapolate(filtered, p["oscillator"], gap_s, s["w"])
         innovation = value_um - s["w"][0] - s["w"][3]
-    if abs(innovation) > p["jump_um"]:
+    # once nothing is expected any more, whoever follows it stands where it was last
+    lost = s["followed"] != 0 and not math.isfinite(innovation)
+    moved_um = value_um - s["sampled_um"] if lost else 0.0
+    if abs(innovation if math.isfinite(innovation) else moved_um) > p["jump_um"] or (lost and s["doubted"] != 0):
         s["rejected"] += 1
+        s["doubted"] = 1
         return
-    s["silent"] = 0
+    s["silent"] = s["doubted"] = 0
     if math.isfinite(innovation):
         for i in range(REFERENCE_STATES):
             filtered[i] = s["w"][i] + p["gain"][i] * innovation

@@ -101,7 +101,7 @@ def takes_back(p: Record, s: Record) -> bool:
         if p["axis"][i]["mode"] == VOLTAGE:
             continue
         if judged:
-            error_um = following_error(p["axis"][i], a, s["cycle"])
+            error_um = following_error(p["axis"][i], a)
             s["trial_now"][i] += p["trial_step"] * (error_um * error_um - s["trial_now"][i])
         rms_um = math.sqrt(s["trial_now"][i])
         allowed_um = p["trial_factor"] * math.sqrt(s["trial_before"][i]) + p["trial_floor"]

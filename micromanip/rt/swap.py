@@ -71,8 +71,7 @@ def _swap_estimate(old: Record, new: Record, s: Record) -> None:
 def swap_axis(old: Record, new: Record, s: Record) -> None:
     """Carry the state `s` of one axis over from parameters `old` to `new`."""
     if old["feedback"] == 0 and new["feedback"] != 0:
-        error_um = s["setpoint_um"] - s["strain"]["value"]
-        start_pid(new["pid"], s["pid"], error_um, s["pid"]["output_V"])
+        start_pid(new["pid"], s["pid"], s["strain_error_um"], s["pid"]["output_V"])
         s["strain_cycles"] = 0
     else:
         retune(old["fallback"] if s["watch"]["fallback"] else old["pid"], new["pid"], s["pid"])

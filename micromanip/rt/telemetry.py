@@ -25,7 +25,7 @@ def _age(sensor: Record, index: int) -> int:
 
 
 @compiled
-def _axis_row(p: Record, a: Record, signals: Any, cycle: int, row: Record) -> None:
+def _axis_row(p: Record, a: Record, signals: Any, row: Record) -> None:
     stage = p["mode"] == STAGE
     row["reference_um"] = a["reference"]["w"][0] + a["reference"]["w"][3]
     row["conditions"] = a["watch"]["raised"]
@@ -40,7 +40,7 @@ def _axis_row(p: Record, a: Record, signals: Any, cycle: int, row: Record) -> No
     row["voltage_V"] = a["voltage_V"]
     row["true_strain_um"] = _value(signals, p["true_strain"])
     row["true_stage_um"] = _value(signals, p["true_stage"])
-    row["path_error_um"], row["uncompensated_um"] = path_error(p, a, signals, cycle)
+    row["path_error_um"], row["uncompensated_um"] = path_error(p, a, signals)
     row["strain_age_ns"] = _age(a["strain"], p["strain"])
     row["stage_age_ns"] = _age(a["stage"], p["stage"])
     row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])
@@ -72,4 +72,4 @@ def write_row(
     row["phase"] = s["phase"]
     row["lines"] = _lines(p, s)
     for i in range(p["axes"]):
-        _axis_row(p["axis"][i], s["axis"][i], signals, s["cycle"], row["axis"][i])
+        _axis_row(p["axis"][i], s["axis"][i], signals, row["axis"][i])

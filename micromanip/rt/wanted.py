@@ -4,6 +4,9 @@ A bus delivers samples late and keeps outputs waiting. Compared with the set-poi
 look like an error of speed times delay, which the PID would put right by leading it. So the axis remembers what it
 wanted in the last cycles. What the configuration says of the output's way (``answer_cycles``) counts too: a gauge shows
 the set-point whose voltage has arrived. A fresh sample of this very cycle is compared with the present set-point.
+
+There is one error of each kind a cycle (``measure_errors``): what the PID acts on, what is watched and what is scored
+is the same number.
 """
 
 from __future__ import annotations
@@ -53,3 +56,14 @@ def stage_error(p: Record, s: Record, cycle: int) -> tuple[float, float]:
     taken = cycle - int(s["stage"]["age_ns"] * p["cycles_per_ns"] + 0.5)
     reference_um = s["references"][_place(s, taken)]
     return reference_um - s["stage"]["value"], reference_um
+
+
+@compiled
+def measure_errors(p: Record, s: Record, cycle: int) -> None:
+    """Compute the errors of `cycle`, once its set-point is remembered: ``strain_error_um``, ``stage_error_um``.
+
+    ``path_um`` is the reference that the stage is compared with; ``error_fresh`` says that the gauge's sample is new.
+    """
+    s["strain_error_um"] = strain_error(p, s, cycle)
+    s["stage_error_um"], s["path_um"] = stage_error(p, s, cycle)
+    s["error_fresh"] = s["strain"]["fresh"]

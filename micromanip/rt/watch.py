@@ -39,7 +39,6 @@ from .states import (
     TRACKING,
     VOLTAGE,
 )
-from .wanted import stage_error, strain_error
 
 
 @compiled
@@ -103,9 +102,9 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
 
 
 @compiled
-def following_error(p: Record, a: Record, cycle: int) -> float:
+def following_error(p: Record, a: Record) -> float:
     """How far (um) the stage was from the reference, or the gauge from the set-point, by the newest sample."""
-    return stage_error(p, a, cycle)[0] if p["mode"] == STAGE else strain_error(p, a, cycle)
+    return a["stage_error_um"] if p["mode"] == STAGE else a["strain_error_um"]
 
 
 @compiled
@@ -114,7 +113,7 @@ def watch_following(p: Record, s: Record, i: int, active: bool) -> None:
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w = a["watch"]
     known = active and w["degraded"] == 0 and w["coast"] == 0
-    error_um = abs(following_error(p["axis"][i], a, s["cycle"]))
+    error_um = abs(following_error(p["axis"][i], a))
     w["following"] = lasting(w["following"], known and error_um > limits["following_um"])
     over = w["following"] >= limits["following_cycles"]
     axis_fault(p, s, i, FOLLOWING_ERROR, over, error_um, limits["following_um"])
@@ -155,8 +154,8 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
     if not active:
         w["band_x1"] = w["band_x2"] = w["band_y1"] = w["band_y2"] = w["band_energy"] = 0.0
         w["band_cycles"] = w["fallback"] = 0
-    elif a["strain"]["fresh"]:
-        y = band_pass(limits, w, strain_error(axis, a, s["cycle"]))
+    elif a["error_fresh"]:
+        y = band_pass(limits, w, a["strain_error_um"])
         w["band_energy"] += limits["band_step"] * (y * y - w["band_energy"])
     rms_um = math.sqrt(w["band_energy"])
     w["band_cycles"] = lasting(w["band_cycles"], rms_um > limits["band_um"])

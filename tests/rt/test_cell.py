@@ -407,6 +407,55 @@ def test_a_set_point_that_is_not_finite_is_a_fault_and_the_output_goes_home():
     assert (course[-1] == 0.0).all()
 
 
+def _spoil_integrator(cell, axis):
+    cell.s["axis"][axis]["pid"]["integrator"] = math.nan
+
+
+def _spoil_derivative(cell, axis):
+    cell.s["axis"][axis]["pid"]["derivative"] = math.nan
+
+
+def _spoil_inverse(cell, axis):
+    cell.p["axis"][axis]["hysteresis"]["rho_hat"][0] = math.nan
+
+
+def _spoil_gain(cell, axis):
+    cell.p["axis"][axis]["pid"]["gain"] = math.nan
+
+
+def test_an_estimate_that_is_not_finite_is_noticed_before_the_loop_is_closed_on_it():
+    cell = armed()
+    assert cell.s["axis"][X]["estimator"]["running"] == 1
+    cell.s["axis"][X]["estimator"]["x"][2] = math.nan
+    cell.step()
+    assert (cell.s["fault"], cell.s["fault_axis"]) == (NOT_FINITE, X)
+    assert where(cell) == TO_FAULT
+
+
+@pytest.mark.parametrize("axis", [X, Y])
+@pytest.mark.parametrize("spoil", [_spoil_integrator, _spoil_derivative, _spoil_inverse, _spoil_gain])
+def test_no_stage_of_the_law_may_be_anything_but_finite(spoil, axis):
+    """Noticed in that cycle, the output within its slew; and nothing of it is left in the next session."""
+    cell = tracking()
+    good = cell.p.copy()
+    before = np.array(cell.voltages)
+    spoil(cell, axis)
+    cell.step()
+    assert (cell.s["fault"], cell.s["fault_axis"]) == (NOT_FINITE, axis)
+    assert where(cell) == TO_FAULT
+    assert np.abs(np.array(cell.voltages) - before).max() <= 4.0
+    course = cell.run(100)
+    assert np.isfinite(course).all()
+    assert (course[-1] == 0.0).all()
+    cell.parameters[0] = good
+    assert cell.step(RESET)
+    cell.run(5)
+    assert cell.step(ARM)
+    cell.run(int(cell.p["lift_cycles"] + cell.p["settle_cycles"] + cell.p["authority_cycles"]))
+    assert cell.s["state"] == TRACKING
+    assert cell.s["fault"] == NO_FAULT
+
+
 @pytest.mark.parametrize("value", [1e308, -1e308, 1e300])
 def test_one_absurd_but_finite_strain_sample_does_not_poison_the_loop(value):
     """Either it is a fault, or the axis works again once the sensor does: an output frozen for good is neither."""

@@ -232,6 +232,59 @@ def test_after_a_gap_it_starts_anew():
     assert s["w"][0] == -50.0
 
 
+@pytest.mark.parametrize("gap_ms", [1, 5, 21, 100, 5000])
+@pytest.mark.parametrize("predict", [0, 1])
+def test_a_jump_is_not_believed_while_it_is_followed(gap_ms, predict):
+    """However long the signal was away, and however long it stays there."""
+    p, s = tracker(jump_um=50.0, predict=predict), record(REFERENCE_STATE, followed=1)
+    for k in range(1, 100):
+        signal_sample(p, s, 10.0, k * MS)
+    s["silent"] = 7
+    for k in range(100 + gap_ms, 1000 + gap_ms):
+        signal_sample(p, s, 70.0, k * MS)
+        signal_reference(p, s, k * MS)
+        assert s["w"][0] + s["w"][3] == pytest.approx(10.0, abs=1e-6)
+    assert s["rejected"] == 900
+    assert s["silent"] == 7  # nobody tells it anything: the watch goes on counting
+
+
+@pytest.mark.parametrize("gap_ms", [21, 100, 5000])
+def test_after_an_outage_a_place_within_reach_is_believed(gap_ms):
+    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE, followed=1)
+    for k in range(1, 100):
+        signal_sample(p, s, 10.0, k * MS)
+    s["silent"] = 7
+    signal_sample(p, s, 59.0, (99 + gap_ms) * MS)
+    assert (s["silent"], s["rejected"], s["filtered"][0]) == (0, 0, 59.0)
+
+
+def test_one_that_wanders_back_after_it_was_doubted_for_long_is_lost_all_the_same():
+    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE, followed=1)
+    for k in range(1, 100):
+        signal_sample(p, s, 10.0, k * MS)
+    s["silent"] = 7
+    for k in range(100, 300):
+        signal_sample(p, s, 70.0 if k < 200 else 30.0, k * MS)
+    assert (s["silent"], s["rejected"], s["sampled_um"]) == (7, 200, 10.0)
+
+
+def test_a_spike_is_forgotten():
+    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE, followed=1)
+    for k in range(1, 100):
+        signal_sample(p, s, 500.0 if k == 50 else 90.0 if k == 70 else 10.0, k * MS)
+    assert (s["rejected"], s["doubted"], s["time_ns"]) == (2, 0, 99 * MS)
+
+
+def test_at_rest_a_tracker_may_be_set_up_anew():
+    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE)
+    for k in range(1, 100):
+        signal_sample(p, s, 10.0, k * MS)
+    for k in range(100, 130):
+        signal_sample(p, s, 170.0, k * MS)
+    assert s["sampled_um"] == 170.0
+    assert s["rejected"] == 20  # as long as it was expected elsewhere
+
+
 @pytest.mark.parametrize("state", range(5))
 def test_a_lost_memory_starts_anew_with_the_next_sample(state):
     p, s = tracker(), record(REFERENCE_STATE)

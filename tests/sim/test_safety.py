@@ -232,6 +232,35 @@ def test_reference_lost():
     assert_latched(cell, REFERENCE_LOST, X)
 
 
+@pytest.mark.parametrize("offset_um", [70.0, -120.0])
+def test_a_tracker_that_jumps_and_stays_is_not_followed(offset_um):
+    """However long the reference may be away: it is lost, and the stage goes back to its working point."""
+    cell = Protected(
+        f"channel: deviation_x, kind: offset, value: {offset_um}",
+        limits="  axis: {reference: {stale_periods: 20, time_ms: 500}}\n",
+    )
+    place_um = cell.before["axis"]["true_stage_um"][-1, X]
+    rows = cell.run(2.5)
+    assert [code for _, code, *_ in cell.events] == [REFERENCE_STALE, REFERENCE_LOST]
+    assert cell.events[1][0] == pytest.approx(5000, abs=15)
+    assert states(rows) == HOLD_RAMP
+    stage = rows["axis"]["true_stage_um"][:5000, X]
+    assert np.abs(stage - place_um).max() < 35.0  # where it was going for the 20 ms that it is extrapolated
+    assert_latched(cell, REFERENCE_LOST, X)
+
+
+def test_a_tracker_that_comes_back_where_it_may_be_is_followed_again():
+    """An outage of 100 ms, five times what is extrapolated."""
+    cell = Protected(
+        "channel: deviation_x, kind: drop, for_s: 0.1",
+        limits="  axis: {reference: {stale_periods: 20, time_ms: 500}, following_error: {limit_um: null}}\n",
+    )
+    rows = cell.run(0.6)
+    assert [code for _, code, *_ in cell.events] == [REFERENCE_STALE]
+    assert states(rows) == [TRACKING]
+    assert np.abs(rows["axis"]["path_error_um"][4000:, X]).max() < 12.0
+
+
 @pytest.mark.parametrize(
     "fault", ["kind: nan, for_s: 0.001", "kind: spike, value: 200.0", "kind: value, value: 1.0e6, for_s: 0.001"]
 )

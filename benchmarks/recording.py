@@ -55,7 +55,7 @@ Player = Callable[[Recording, Outcome, int], None]
 
 def arming_cycles(prepared: Prepared) -> int:
     """Cycles from the start of `record_arming` to TRACKING."""
-    return _SETTLE_CYCLES + int(arming.arming_cycles(prepared.parameters[0], np.zeros(1, CELL_STATE)[0]))
+    return _SETTLE_CYCLES + int(arming.planned_cycles(prepared.parameters[0], np.zeros(1, CELL_STATE)[0]))
 
 
 def record_arming(prepared: Prepared, tracking: int) -> Recording:

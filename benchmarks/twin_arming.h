@@ -12,6 +12,18 @@ static double smooth(double x)
     return x * x * x * (10.0 + x * (6.0 * x - 15.0));
 }
 
+/* The fault that the capacitive sensor would be to arming: at an end of its range it is none, unless it must be usable. */
+static int64_t stage_loss(const struct axis_parameters *p, const struct axis_state *s, int64_t samples, bool usable)
+{
+    const struct sensor_state *sensor = &s->stage;
+    bool excused = !usable && may_be_at_end(sensor, p->stage_range_um);
+
+    if (is_silent(sensor, p->stage_age_ns + (int64_t)((double)samples / p->cycles_per_ns)) ||
+        (sensor->bad >= samples && !excused))
+        return STAGE_INVALID;
+    return sensor->identical >= p->watch.stage_identical && !excused ? STAGE_STUCK : NO_FAULT;
+}
+
 static int64_t refuse_axis(const struct axis_parameters *p, const struct axis_state *s, bool resuming)
 {
     const struct watch_parameters *limits = &p->watch;
@@ -19,6 +31,8 @@ static int64_t refuse_axis(const struct axis_parameters *p, const struct axis_st
 
     if (s->strain.bad > 0 || s->strain.identical >= limits->strain_identical)
         reasons |= STRAIN_MISSING;
+    if (stage_loss(p, s, 1, resuming) != NO_FAULT)
+        reasons |= STAGE_MISSING;
     if (p->reference.kind == SIGNAL && (s->reference.time_ns == 0 || s->reference.silent >= limits->stale_cycles))
         reasons |= REFERENCE_MISSING;
     if (is_missing(&p->amplifier_ok, &s->amplifier_ok))
@@ -55,17 +69,33 @@ static bool refuse(const struct cell_parameters *p, struct cell_state *s)
     return refused;
 }
 
-static int64_t check_cycles(const struct cell_parameters *p, const struct cell_state *s)
+static void start_check(struct check_state *c)
 {
-    return s->checked ? 0 : p->check_cycles * p->axes;
+    c->before = c->after = 0.0;
+    c->before_samples = c->after_samples = c->turn = 0;
+}
+
+/* Each loop whose check does not count (any more) has its turn in this arming. */
+static void plan_checks(const struct cell_parameters *p, struct cell_state *s)
+{
+    s->probes = s->bumps = 0;
+    for (int i = 0; i < p->axes; i++) {
+        struct axis_state *a = &s->axis[i];
+        start_check(&a->strain_check);
+        start_check(&a->stage_check);
+        if (p->check_cycles > 0 && !a->strain_check.passed)
+            a->strain_check.turn = ++s->probes;
+        if (p->check_cycles > 0 && !a->stage_check.passed)
+            a->stage_check.turn = ++s->bumps;
+    }
 }
 
 static int64_t arming_cycles(const struct cell_parameters *p, const struct cell_state *s)
 {
     if (s->resumed)
         return p->authority_cycles;
-    return p->enable_cycles + 2 * check_cycles(p, s) + p->lift_cycles + p->sweep_cycles + p->settle_cycles +
-           p->authority_cycles;
+    return p->enable_cycles + p->check_cycles * (s->probes + s->bumps) + p->lift_cycles + p->sweep_cycles +
+           p->settle_cycles + p->authority_cycles;
 }
 
 static int arming_phase(const struct cell_parameters *p, const struct cell_state *s, double passed, double *fraction)
@@ -74,8 +104,12 @@ static int arming_phase(const struct cell_parameters *p, const struct cell_state
         int phase;
         int64_t cycles;
     } sequence[] = {
-        {PARKED, p->enable_cycles},       {PROBING, check_cycles(p, s)},   {LIFTING, p->lift_cycles},
-        {BUMPING, check_cycles(p, s)},    {SWEEPING, p->sweep_cycles},     {LIFTING, p->settle_cycles},
+        {PARKED, p->enable_cycles},
+        {PROBING, p->check_cycles * s->probes},
+        {LIFTING, p->lift_cycles},
+        {BUMPING, p->check_cycles * s->bumps},
+        {SWEEPING, p->sweep_cycles},
+        {LIFTING, p->settle_cycles},
     };
     const int lift = 2, settle = 5, phases = 6;
 
@@ -124,7 +158,8 @@ static double sweep_offset(const struct cell_parameters *p, const struct axis_pa
 static double arming_step(const struct cell_parameters *p, struct cell_state *s, int phase, double fraction)
 {
     bool checking = phase == PROBING || phase == BUMPING;
-    volatile double place = checking ? fraction * (double)p->axes : 0.0;  /* rounded: not fused with what follows */
+    int64_t turns = phase == PROBING ? s->probes : s->bumps;
+    volatile double place = checking ? fraction * (double)turns : 0.0;  /* rounded: not fused with what follows */
     int turn = (int)place;
 
     for (int i = 0; i < p->axes; i++) {
@@ -133,14 +168,12 @@ static double arming_step(const struct cell_parameters *p, struct cell_state *s,
         if (phase == LIFTING && (s->phase == PARKED || s->phase == PROBING))
             start_axis(axis, a);
         a->offset = phase == SWEEPING ? sweep_offset(p, axis, fraction) : 0.0;
-        if (!checking || i != turn)
-            continue;
         const struct check_parameters *limits = phase == PROBING ? &axis->strain_check : &axis->stage_check;
+        struct check_state *c = phase == PROBING ? &a->strain_check : &a->stage_check;
+        if (!checking || c->turn != turn + 1)
+            continue;
         a->offset = limits->step * check_step(place - turn);
-        if (phase == PROBING)
-            gather(&a->strain_check, place - turn, a->strain.value);
-        else
-            gather(&a->stage_check, place - turn, a->stage.value);
+        gather(c, place - turn, phase == PROBING ? a->strain.value : a->stage.value);
     }
     return checking || phase == SWEEPING ? 1.0 : fraction;
 }

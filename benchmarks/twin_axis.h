@@ -60,9 +60,13 @@ static double strain_error(const struct axis_parameters *p, const struct axis_st
     return s->setpoints[wanted_place(p, s, cycle, s->strain.age_ns, p->answer_cycles)] - s->strain.value;
 }
 
-static double stage_error(const struct axis_parameters *p, const struct axis_state *s, int64_t cycle)
+/* The errors of a cycle: what the PID acts on, what is watched and what is scored. */
+static void measure_errors(const struct axis_parameters *p, struct axis_state *s, int64_t cycle)
 {
-    return s->references[wanted_place(p, s, cycle, s->stage.age_ns, 0)] - s->stage.value;
+    s->strain_error_um = strain_error(p, s, cycle);
+    s->path_um = s->references[wanted_place(p, s, cycle, s->stage.age_ns, 0)];
+    s->stage_error_um = s->path_um - s->stage.value;
+    s->error_fresh = s->strain.fresh;
 }
 
 static void sample(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns)
@@ -80,7 +84,7 @@ static void sample(const struct axis_parameters *p, struct axis_state *s, const 
 static void estimate(const struct axis_parameters *p, struct axis_state *s, int64_t cycle)
 {
     if (!s->estimator.running) {
-        if (s->stage.bad == 0)
+        if (s->stage.fresh)
             start_estimator(&p->outer, &s->estimator, cycle, s->setpoint_um - p->centre_um, s->stage.value);
         return;
     }
@@ -98,6 +102,8 @@ static double demand(const struct axis_parameters *p, struct axis_state *s, int 
     s->authority += most(-step, least(step, authority(p, s) - s->authority));
     if (phase != CLOSED)
         return s->start_um + fraction * (p->centre_um - s->start_um) + s->offset;
+    if (!s->estimator.running)
+        return s->setpoint_um;
     if (!s->closed)
         s->hold_um = output(&p->outer, s->estimator.x);
     double held = s->hold_scale * s->hold_um;
@@ -125,7 +131,7 @@ static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s,
     return true;
 }
 
-static double request_voltage(const struct axis_parameters *p, struct axis_state *s, int64_t cycle)
+static double request_voltage(const struct axis_parameters *p, struct axis_state *s)
 {
     double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
 
@@ -133,10 +139,22 @@ static double request_voltage(const struct axis_parameters *p, struct axis_state
         s->strain_cycles = 0;
     } else if (s->strain.fresh) {
         const struct pid_parameters *gains = s->watch.fallback ? &p->fallback : &p->pid;
-        pid_step(gains, &s->pid, strain_error(p, s, cycle), s->strain_cycles);
+        pid_step(gains, &s->pid, s->strain_error_um, s->strain_cycles);
         s->strain_cycles = 0;
     }
     return feedforward + s->pid.output_V;
+}
+
+/* Whether every stage of the law is finite: estimate, feedforward, feedback and its memory, requested voltage. */
+static bool is_finite(const struct axis_parameters *p, const struct axis_state *s)
+{
+    double total = s->request_V + s->hysteresis.u_um + s->hysteresis.output_V;
+
+    total += s->pid.output_V + s->pid.integrator + s->pid.derivative;
+
+    for (int i = 0; i < p->outer.states && s->estimator.running; i++)
+        total += s->estimator.x[i];
+    return isfinite(total);
 }
 
 /* Back to park, a step of the check, or no move at all; off its feedback. */
@@ -156,9 +174,10 @@ static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, in
                        int phase, double fraction)
 {
     if (phase == PARKED || phase == PROBING || phase == PARKING || phase == FROZEN) {
+        measure_errors(p, s, cycle);
         s->request_V = open_voltage(p, s, phase, fraction);
         s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, phase != PARKED);
-        return true;
+        return isfinite(s->request_V);
     }
     estimate(p, s, cycle);
     if (p->reference.kind == SIGNAL)
@@ -167,7 +186,9 @@ static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, in
         jog_reference(&p->reference, &s->reference, tracks);
     bool finite = move_setpoint(p, s, demand(p, s, phase, fraction));
     remember_wanted(s, cycle);
-    s->request_V = request_voltage(p, s, cycle);
+    measure_errors(p, s, cycle);
+    s->request_V = request_voltage(p, s);
+    finite = finite && is_finite(p, s);
     s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, true);
     s->pid.integrator -= p->pid.tracking * (s->request_V - s->voltage_V);
     s->pid.output_V -= p->pid.tracking * (s->request_V - s->voltage_V);

@@ -29,15 +29,17 @@ static void watch_cell(const struct cell_parameters *p, struct cell_state *s)
 
 static void begin_arming(const struct cell_parameters *p, struct cell_state *s)
 {
-    static const struct check_state none = {0};
+    static const struct figures none = {0};
 
     s->resumed = s->state == HOLDING;
-    for (int i = 0; i < p->axes; i++) {
-        if (!s->resumed) {
+    if (!s->resumed) {
+        plan_checks(p, s);
+        for (int i = 0; i < p->axes; i++)
             start_axis(&p->axis[i], &s->axis[i]);
-            s->axis[i].strain_check = s->axis[i].stage_check = none;
-        }
+    }
+    for (int i = 0; i < p->axes; i++) {
         s->axis[i].closed = 0;
+        s->axis[i].figures = none;
     }
     enter(s, ARMED);
 }
@@ -80,25 +82,77 @@ static bool apply_command(const struct cell_parameters *p, struct cell_state *s,
     }
 }
 
-/* Where a polarity and scale check has ended: every answer inside what is expected, or a fault. */
+/* Where the checks of a kind have ended: every answer inside what is expected, or a fault. */
 static void judge_checks(const struct cell_parameters *p, struct cell_state *s, int phase)
 {
     int64_t was = s->phase;
 
-    if (s->state != ARMED || s->checked || phase == was || (was != PROBING && was != BUMPING))
+    if (s->state != ARMED || phase == was || (was != PROBING && was != BUMPING))
+        return;
+    for (int i = 0; i < p->axes; i++) {
+        const struct axis_parameters *axis = &p->axis[i];
+        struct axis_state *a = &s->axis[i];
+        const struct check_parameters *limits = was == BUMPING ? &axis->stage_check : &axis->strain_check;
+        struct check_state *c = was == BUMPING ? &a->stage_check : &a->strain_check;
+        if (c->turn == 0)
+            continue;
+        c->found = answer(c, limits->step);
+        c->passed = limits->low <= c->found && c->found <= limits->high;
+        double nearest = c->found > limits->high ? limits->high : limits->low;
+        axis_fault(p, s, i, was == BUMPING ? STAGE_CHECK : STRAIN_CHECK, !c->passed, c->found, nearest);
+    }
+}
+
+static void end_arming(const struct cell_parameters *p, struct cell_state *s, int i, int64_t code, double value,
+                       double limit)
+{
+    s->axis[i].watch.raised |= INT64_C(1) << code;
+    raise_fault(p, s, code, i, value, limit, later(RAMPS, p->axis[i].watch.reaction[code]));
+}
+
+/* End an arming that lacks a sensor, before an outer loop is closed or a reference followed. */
+static void watch_arming(const struct cell_parameters *p, struct cell_state *s, int phase)
+{
+    bool closing = phase == CLOSED && s->phase != CLOSED;
+
+    if (s->state != ARMED || s->resumed || (phase == CLOSED && !closing))
         return;
     for (int i = 0; i < p->axes; i++) {
         const struct axis_parameters *axis = &p->axis[i];
         const struct axis_state *a = &s->axis[i];
-        const struct check_parameters *limits = was == BUMPING ? &axis->stage_check : &axis->strain_check;
-        double found = answer(was == BUMPING ? &a->stage_check : &a->strain_check, limits->step);
-        bool good = limits->low <= found && found <= limits->high;
-        double nearest = found > limits->high ? limits->high : limits->low;
-        axis_fault(p, s, i, was == BUMPING ? STAGE_CHECK : STRAIN_CHECK, !good, found, nearest);
+        const struct watch_parameters *limits = &axis->watch;
+        int64_t samples = earlier(limits->stage_samples, 20) + (closing ? 0 : limits->coast_cycles);
+        int64_t code = stage_loss(axis, a, samples, closing), silent = a->reference.silent;
+        if (code == STAGE_STUCK) {
+            end_arming(p, s, i, code, (double)a->stage.identical, (double)limits->stage_identical);
+        } else if (code != NO_FAULT || (closing && !a->estimator.running)) {
+            int64_t silent_cycles = (int64_t)((double)a->stage.silent_ns * axis->cycles_per_ns);
+            end_arming(p, s, i, STAGE_INVALID, (double)later(a->stage.bad, silent_cycles), (double)samples);
+        }
+        if (closing && axis->reference.kind == SIGNAL && silent >= limits->lost_cycles)
+            end_arming(p, s, i, REFERENCE_LOST, (double)silent, (double)limits->lost_cycles);
     }
-    if (was == BUMPING && s->state == ARMED) {
-        s->checked = 1;
-        s->entered_cycle += 2 * p->check_cycles * p->axes;
+}
+
+#define BIT(code) (INT64_C(1) << (code))
+
+/* The checks count no more after whatever could have changed their answer. */
+static void keep_checks(const struct cell_parameters *p, struct cell_state *s)
+{
+    const int64_t cell = BIT(DRIVER_ERROR) | BIT(LINK_LOST);
+    const int64_t gauge =
+        BIT(STRAIN_INVALID) | BIT(STRAIN_STUCK) | BIT(DISAGREEMENT) | BIT(AMPLIFIER_FAULT) | BIT(STRAIN_CHECK);
+    const int64_t stage = BIT(STAGE_INVALID) | BIT(STAGE_STUCK) | BIT(STAGE_CHECK);
+    bool changed = s->link_down || s->raised & cell;
+    int64_t away_ns = BELIEVED * p->period_ns;
+
+    for (int i = 0; i < p->axes; i++) {
+        struct axis_state *a = &s->axis[i];
+        int64_t raised = a->watch.raised;
+        if (changed || raised & gauge || a->strain.bad >= BELIEVED || is_silent(&a->strain, away_ns))
+            a->strain_check.passed = a->stage_check.passed = 0;
+        else if (raised & stage || is_silent(&a->stage, away_ns))
+            a->stage_check.passed = 0;
     }
 }
 
@@ -139,6 +193,7 @@ static bool cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
     int phase = phase_of(p, s, &fraction);
     if (s->state == ARMED) {
         judge_checks(p, s, phase);
+        watch_arming(p, s, phase);
         phase = phase_of(p, s, &fraction);
         fraction = arming_step(p, s, phase, fraction);
     }
@@ -149,14 +204,16 @@ static bool cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
         const struct axis_parameters *axis = &p->axis[i];
         struct axis_state *a = &s->axis[i];
         int own = s->state == HOLDING && a->frozen ? FROZEN : phase;
+        a->reference.followed = own == CLOSED && s->state != HOLDING;
         bool finite = axis_cycle(axis, a, s->cycle, now_ns, tracks, own, fraction);
         axis_fault(p, s, i, NOT_FINITE, !finite, a->setpoint_um, NAN);
         outputs[axis->voltage] = a->voltage_V;
         if (s->state == TRACKING && s->cycle - s->tracking_cycle >= p->score_cycles)
             score(a, signals[axis->path_error].value, signals[axis->uncompensated].value);
         if (s->state == TRACKING)
-            mean_squares(p, axis, a, s->cycle);
+            mean_squares(p, a);
     }
+    keep_checks(p, s);
     switch_outputs(p, s, outputs);
     return accepted;
 }

@@ -12,11 +12,10 @@ static void score(struct axis_state *a, double error_um, double uncompensated_um
     a->uncompensated_squares += uncompensated_um * uncompensated_um;
 }
 
-static void mean_squares(const struct cell_parameters *p, const struct axis_parameters *axis, struct axis_state *a,
-                         int64_t cycle)
+static void mean_squares(const struct cell_parameters *p, struct axis_state *a)
 {
     struct figures *f = &a->figures;
-    double error_um = stage_error(axis, a, cycle), innovation_um = a->estimator.innovation_um;
+    double error_um = a->stage_error_um, innovation_um = a->estimator.innovation_um;
     double added_V = a->voltage_V - a->hysteresis.output_V;
 
     f->error += p->figures_step * (error_um * error_um - f->error);

@@ -35,11 +35,14 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
         extrapolate(s->filtered, p->oscillator, gap_s, s->w);
         innovation = value - s->w[0] - s->w[3];
     }
-    if (fabs(innovation) > p->jump_um) {
+    bool lost = s->followed && !isfinite(innovation);
+    double jump_um = isfinite(innovation) ? innovation : lost ? value - s->sampled_um : 0.0;
+    if (fabs(jump_um) > p->jump_um || (lost && s->doubted)) {
         s->rejected++;
+        s->doubted = 1;
         return;
     }
-    s->silent = 0;
+    s->silent = s->doubted = 0;
     if (isfinite(innovation)) {
         for (int i = 0; i < REFERENCE_STATES; i++)
             s->filtered[i] = s->w[i] + p->gain[i] * innovation;

@@ -34,12 +34,27 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
             s->fresh = 1;
         }
     }
+    s->silent_ns = now_ns - s->arrived_ns;
     s->age_ns = now_ns - s->time_ns;
     if ((arrived && !good) || s->sequence == 0 || s->age_ns > max_age_ns)
         s->bad++;
     else if (arrived)
         s->bad = 0;
     return s->fresh;
+}
+
+static bool is_silent(const struct sensor_state *s, int64_t longest_ns)
+{
+    return s->sequence == 0 || s->silent_ns > longest_ns;
+}
+
+/* A number that does not count, or at an end of its range: what it measures may be beyond. */
+static bool may_be_at_end(const struct sensor_state *s, const double *range_um)
+{
+    double margin_um = 0.01 * (range_um[1] - range_um[0]);
+    bool inside = range_um[0] + margin_um < s->reading && s->reading < range_um[1] - margin_um;
+
+    return isfinite(s->reading) && (s->bad > 0 || !inside);
 }
 
 static inline bool is_wired(const struct line_parameters *line) { return line->signal >= 0; }

@@ -64,7 +64,7 @@ static void watch_following(const struct cell_parameters *p, struct cell_state *
     const struct axis_state *a = &s->axis[i];
     struct watch_state *w = &s->axis[i].watch;
     bool known = active && w->degraded == 0 && w->coast == 0;
-    double error_um = fabs(stage_error(&p->axis[i], a, s->cycle));
+    double error_um = fabs(a->stage_error_um);
 
     w->following = lasting(w->following, known && error_um > limits->following_um);
     bool over = w->following >= limits->following_cycles;
@@ -107,8 +107,8 @@ static void watch_oscillation(const struct cell_parameters *p, struct cell_state
     if (!active) {
         w->band_x1 = w->band_x2 = w->band_y1 = w->band_y2 = w->band_energy = 0.0;
         w->band_cycles = w->fallback = 0;
-    } else if (a->strain.fresh) {
-        double y = band_pass(limits, w, strain_error(&p->axis[i], a, s->cycle));
+    } else if (a->error_fresh) {
+        double y = band_pass(limits, w, a->strain_error_um);
         w->band_energy += limits->band_step * (y * y - w->band_energy);
     }
     double rms_um = sqrt(w->band_energy);

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.rt.arming import arming_cycles
+from micromanip.rt.arming import planned_cycles
 from micromanip.rt.records import CELL_STATE, MAX_AXES
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
@@ -47,7 +47,7 @@ def play(
         prepared, configuration=armed, wiring=wiring, samples=samples, parameters=compile_cell(armed, wiring)
     )
     at_rest = np.zeros(1, CELL_STATE)[0]
-    arming_s = int(arming_cycles(experiment.parameters[0], at_rest)) * variant.loop.period_ns * 1e-9
+    arming_s = int(planned_cycles(experiment.parameters[0], at_rest)) * variant.loop.period_ns * 1e-9
     with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
         file = Path(folder) / "experiment.h5"
         report = serve(experiment, Options(socket_path, arming_s + duration_s + 0.5, file), line.say, line.show)

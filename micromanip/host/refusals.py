@@ -15,6 +15,8 @@ _CELL = {
 }
 _AXIS = {
     states.STRAIN_MISSING: "strain_{axis} is not valid, or stuck: check the gauge and its cable",
+    states.STAGE_MISSING: "stage_{axis} is silent, not a number, or stuck: check the capacitive sensor and its cable; "
+    "if it is at the end of its range at rest, signals.stage_{axis}.range_um must say where that is",
     states.REFERENCE_MISSING: "deviation_{axis} is not fresh: does the tracker see its target?",
     states.AMPLIFIER_MISSING: "amplifier_ok_{axis} is not 1: look at the amplifier",
     states.TEMPERATURE_MISSING: "temperature_ok_{axis} is not 1: let the amplifier cool down",

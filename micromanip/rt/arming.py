@@ -1,9 +1,10 @@
 """Arming: amplifier on, polarity and scale check, lift, decaying sweep, settling, authority 0 to 100 %.
 
 The check makes a small step on one axis after the other and compares the answer with what the configuration
-expects: of the gauge to a voltage before the inner loop is closed for the first time, of the stage to a set-point
-before the outer loop is. The sweep wipes the hysteresis memory of actuator and model alike: a play
-whose input swings by more than its threshold forgets what was before. Refused arming says why, bit by bit.
+expects: of the gauge to a voltage before an inner loop is closed, of the stage to a set-point before an outer one
+is. Each loop is checked once, and anew after whatever could have changed its answer. The sweep wipes the hysteresis
+memory of actuator and model alike: a play whose input swings by more than its threshold forgets what was before.
+Refused arming says why, bit by bit.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from .jit import compiled
 from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
 from .records import Record
 from .reference import SIGNAL
-from .sensor import is_missing
+from .sensor import is_missing, is_silent, may_be_at_end
 from .states import (
     AMPLIFIER_MISSING,
     ENABLE_MISSING,
@@ -29,6 +30,10 @@ from .states import (
     OUTPUTS_MISSING,
     READY,
     REFERENCE_MISSING,
+    STAGE,
+    STAGE_INVALID,
+    STAGE_MISSING,
+    STAGE_STUCK,
     STRAIN_MISSING,
     TEMPERATURE_MISSING,
     VOLTAGE,
@@ -60,6 +65,8 @@ def refuse(p: Record, s: Record) -> bool:
             a["strain"]["bad"] > 0 or a["strain"]["identical"] >= axis["watch"]["strain_identical"]
         ):
             a["refused"] |= STRAIN_MISSING
+        if axis["mode"] == STAGE and stage_loss(axis, a, 1, resuming) != NO_FAULT:
+            a["refused"] |= STAGE_MISSING
         if axis["reference"]["kind"] == SIGNAL and (
             a["reference"]["time_ns"] == 0 or a["reference"]["silent"] >= axis["watch"]["stale_cycles"]
         ):
@@ -75,19 +82,52 @@ def refuse(p: Record, s: Record) -> bool:
 
 
 @compiled
-def check_cycles(p: Record, s: Record) -> int:
-    """Length of one polarity check over all axes; 0 once it has been passed since the start."""
-    return 0 if s["checked"] != 0 else p["check_cycles"] * p["axes"]
+def stage_loss(axis: Record, a: Record, samples: int, usable: bool) -> int:
+    """The fault that the capacitive sensor of an axis in mode stage would be to arming, or NO_FAULT.
+
+    It must report, and be neither unusable for `samples` cycles nor stuck. Where the stage rests it may be at an end of
+    its range, and its samples flagged: while they come and are numbers, that is excused, unless it must be `usable`.
+    """
+    sensor = a["stage"]
+    excused = not usable and may_be_at_end(sensor, axis["stage_range_um"])
+    longest_ns = axis["stage_age_ns"] + int(samples / axis["cycles_per_ns"])
+    if is_silent(sensor, longest_ns) or (sensor["bad"] >= samples and not excused):
+        return STAGE_INVALID
+    return STAGE_STUCK if sensor["identical"] >= axis["watch"]["stage_identical"] and not excused else NO_FAULT
+
+
+@compiled
+def plan_checks(p: Record, s: Record) -> None:
+    """Give each loop that is to be closed, and whose check does not count (any more), its turn in this arming."""
+    s["probes"] = s["bumps"] = 0
+    for i in range(p["axes"]):
+        mode, a = p["axis"][i]["mode"], s["axis"][i]
+        start_check(a["strain_check"])
+        start_check(a["stage_check"])
+        if p["check_cycles"] > 0 and mode != VOLTAGE and a["strain_check"]["passed"] == 0:
+            s["probes"] += 1
+            a["strain_check"]["turn"] = s["probes"]
+        if p["check_cycles"] > 0 and mode == STAGE and a["stage_check"]["passed"] == 0:
+            s["bumps"] += 1
+            a["stage_check"]["turn"] = s["bumps"]
+
+
+@compiled
+def planned_cycles(p: Record, s: Record) -> int:
+    """Length of an arming that began now, at rest."""
+    s["resumed"] = 0
+    plan_checks(p, s)
+    return arming_cycles(p, s)
 
 
 @compiled
 def arming_cycles(p: Record, s: Record) -> int:
-    """Length of the whole sequence; what resumes a hold needs only its authority back."""
+    """Length of the whole sequence as planned; what resumes a hold needs only its authority back."""
     if s["resumed"] != 0:
         return p["authority_cycles"]
     return (
         p["enable_cycles"]
-        + 2 * check_cycles(p, s)
+        + p["check_cycles"] * (s["probes"] + s["bumps"])
         + p["lift_cycles"]
         + p["sweep_cycles"]
         + p["settle_cycles"]
@@ -99,19 +139,19 @@ def arming_cycles(p: Record, s: Record) -> int:
 def arming_phase(p: Record, s: Record, passed: float) -> tuple[int, float]:
     """What the axes do so many cycles after arming began, and how far they are with it (0..1)."""
     if s["resumed"] == 0:
-        checking = check_cycles(p, s)
+        probing, bumping = p["check_cycles"] * s["probes"], p["check_cycles"] * s["bumps"]
         passed -= p["enable_cycles"]
         if passed < 0.0:
             return PARKED, 0.0
-        if passed < checking:
-            return PROBING, passed / checking
-        passed -= checking
+        if passed < probing:
+            return PROBING, passed / probing
+        passed -= probing
         if passed < p["lift_cycles"]:
             return LIFTING, smooth(passed / p["lift_cycles"])
         passed -= p["lift_cycles"]
-        if passed < checking:
-            return BUMPING, passed / checking
-        passed -= checking
+        if passed < bumping:
+            return BUMPING, passed / bumping
+        passed -= bumping
         if passed < p["sweep_cycles"]:
             return SWEEPING, passed / p["sweep_cycles"]
         passed -= p["sweep_cycles"]
@@ -157,6 +197,48 @@ def sweep_offset(p: Record, axis: Record, target_um: float, fraction: float) -> 
 
 @compiled
 def start_check(c: Record) -> None:
-    """Forget what an earlier check gathered."""
+    """Forget what an earlier check gathered; what it found goes on counting."""
     c["before"] = c["after"] = 0.0
     c["before_samples"] = c["after_samples"] = 0
+    c["turn"] = 0
+
+
+@compiled
+def judge(c: Record, limits: Record, found: float) -> bool:
+    """Keep what a check found, and whether it is what is expected."""
+    c["found"] = found
+    c["passed"] = 1 if limits["low"] <= found <= limits["high"] else 0
+    return c["passed"] != 0
+
+
+@compiled
+def forget_checks(a: Record, gauge: bool) -> None:
+    """The loops of an axis must be checked before they are closed again: the outer one, with `gauge` both.
+
+    The answer of the stage is one to a set-point that the gauge measures.
+    """
+    a["stage_check"]["passed"] = 0
+    if gauge:
+        a["strain_check"]["passed"] = 0
+
+
+@compiled
+def carry_checks(old: Record, new: Record, a: Record) -> None:
+    """Under new parameters of an axis: other signals, outputs or another mode are checked anew, other limits judged."""
+    was, now = old["limiter"], new["limiter"]
+    if (
+        old["mode"] != new["mode"]
+        or old["strain"] != new["strain"]
+        or old["stage"] != new["stage"]
+        or old["voltage"] != new["voltage"]
+        or was["low_V"] != now["low_V"]
+        or was["high_V"] != now["high_V"]
+        or was["slew_V"] != now["slew_V"]
+        or was["park_V"] != now["park_V"]
+    ):
+        forget_checks(a, True)
+    gauge, stage = a["strain_check"], a["stage_check"]
+    if gauge["passed"] != 0 and not judge(gauge, new["strain_check"], gauge["found"]):
+        forget_checks(a, True)
+    if stage["passed"] != 0:
+        judge(stage, new["stage_check"], stage["found"])

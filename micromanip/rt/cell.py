@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from .axis import axis_cycle, sample
-from .checks import arming_step, judge_checks
+from .checks import arming_step, judge_checks, keep_checks, watch_arming
 from .commands import apply_command
 from .course import smooth
 from .exchange import FIRST_TAKEN
@@ -100,6 +100,7 @@ def cell_cycle(
     phase, fraction = phase_of(p, s)
     if s["state"] == ARMED:
         judge_checks(p, s, phase)
+        watch_arming(p, s, phase)
         phase, fraction = phase_of(p, s)
         fraction = arming_step(p, s, phase, fraction)
     decay_hold(p, s)
@@ -119,5 +120,6 @@ def cell_cycle(
             score(a, error, uncompensated)
         if s["state"] == TRACKING and axis["mode"] != VOLTAGE:
             mean_squares(p, axis, a)
+    keep_checks(p, s)
     switch(p, s, outputs)
     return accepted

@@ -1,25 +1,53 @@
-"""What the axes do on top of their course while arming: the steps of the polarity checks, and the sweep."""
+"""What arming watches and does on top of the axes' course: the steps of the polarity checks, their verdict, the sweep.
+
+What a check has found goes on counting until something happens that could change the answer: ``keep_checks``.
+"""
 
 from __future__ import annotations
 
-from .arming import answer, check_step, gather, sweep_offset
+from .arming import answer, check_step, forget_checks, gather, judge, stage_loss, sweep_offset
 from .axis import start_axis
-from .faults import axis_fault
+from .faults import axis_fault, raise_fault
 from .jit import compiled
-from .phases import BUMPING, LIFTING, PARKED, PROBING, SWEEPING
+from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
 from .records import Record
 from .reference import SIGNAL
-from .states import ARMED, STAGE, STAGE_CHECK, STRAIN_CHECK, VOLTAGE
+from .sensor import BELIEVED, is_silent
+from .states import (
+    AMPLIFIER_FAULT,
+    ARMED,
+    DISAGREEMENT,
+    DRIVER_ERROR,
+    LINK_LOST,
+    NO_FAULT,
+    RAMPS,
+    REFERENCE_LOST,
+    STAGE,
+    STAGE_CHECK,
+    STAGE_INVALID,
+    STAGE_STUCK,
+    STRAIN_CHECK,
+    STRAIN_INVALID,
+    STRAIN_STUCK,
+    VOLTAGE,
+)
+
+_UNUSABLE_CYCLES = 20
+"""A capacitive sensor unusable for longer is not waited for, however patient the watch may be while tracking."""
+_CELL_CHANGED = 1 << DRIVER_ERROR | 1 << LINK_LOST
+_GAUGE_CHANGED = 1 << STRAIN_INVALID | 1 << STRAIN_STUCK | 1 << DISAGREEMENT | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
+_STAGE_CHANGED = 1 << STAGE_INVALID | 1 << STAGE_STUCK | 1 << STAGE_CHECK
+"""Faults after which a device, a cable or a setting may be another one, or is to be mended."""
 
 
 @compiled
 def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
-    """Offsets of the axes in a check or a sweep, and the verdict of a check; the fraction that the axes get.
+    """Offsets of the axes in a check or a sweep, and what a check gathers; the fraction that the axes get.
 
     In a check the axes have their turn one after the other, `fraction` is the place in all of them together.
     """
     checking = phase in (PROBING, BUMPING)
-    place = fraction * p["axes"] if checking else 0.0
+    place = fraction * (s["probes"] if phase == PROBING else s["bumps"]) if checking else 0.0
     turn = int(place)
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
@@ -30,12 +58,10 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
             follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
             target_um = axis["centre_um"] if follows else a["reference"]["w"][0]
             a["offset"] = sweep_offset(p, axis, target_um, fraction)
-        if i != turn or not checking:
-            continue
-        if phase == PROBING and axis["mode"] != VOLTAGE:
+        if phase == PROBING and a["strain_check"]["turn"] == turn + 1:
             a["offset"] = axis["strain_check"]["step"] * check_step(place - turn)
             gather(a["strain_check"], place - turn, a["strain"]["value"])
-        elif phase == BUMPING and axis["mode"] == STAGE:
+        elif phase == BUMPING and a["stage_check"]["turn"] == turn + 1:
             a["offset"] = axis["stage_check"]["step"] * check_step(place - turn)
             gather(a["stage_check"], place - turn, a["stage"]["value"])
     return 1.0 if checking or phase == SWEEPING else fraction
@@ -43,20 +69,66 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
 
 @compiled
 def judge_checks(p: Record, s: Record, phase: int) -> None:
-    """Where a polarity and scale check has ended: every answer inside what is expected, or a fault."""
+    """Where the polarity and scale checks of a kind have ended: every answer inside what is expected, or a fault."""
     was = s["phase"]
-    if s["state"] != ARMED or s["checked"] != 0 or phase == was:
+    if s["state"] != ARMED or phase == was or was not in (PROBING, BUMPING):
         return
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
         code, limits, c = STRAIN_CHECK, axis["strain_check"], a["strain_check"]
         if was == BUMPING:
             code, limits, c = STAGE_CHECK, axis["stage_check"], a["stage_check"]
-        checked = axis["mode"] == STAGE or (was == PROBING and axis["mode"] != VOLTAGE)
-        if checked and (was in (PROBING, BUMPING)):
+        if c["turn"] > 0:
             found = answer(c, limits["step"])
-            good = limits["low"] <= found <= limits["high"]
+            good = judge(c, limits, found)
             axis_fault(p, s, i, code, not good, found, limits["high"] if found > limits["high"] else limits["low"])
-    if was == BUMPING and s["state"] == ARMED:
-        s["checked"] = 1
-        s["entered_cycle"] += 2 * p["check_cycles"] * p["axes"]  # what lies behind is no part of the sequence any more
+
+
+@compiled
+def watch_arming(p: Record, s: Record, phase: int) -> None:
+    """End an arming that lacks a sensor, before an outer loop is closed or a reference followed.
+
+    Until then each capacitive sensor must be there, if need be at an end of its range; it may be away for as long as a
+    gauge. In the cycle that closes the loop it must be usable, and the estimator must have started from its samples.
+    From then on ``watch.py`` looks after it.
+    """
+    closing = phase == CLOSED and s["phase"] != CLOSED
+    if s["state"] != ARMED or s["resumed"] != 0 or (phase == CLOSED and not closing):
+        return
+    for i in range(p["axes"]):
+        axis, a = p["axis"][i], s["axis"][i]
+        limits, silent = axis["watch"], a["reference"]["silent"]
+        samples = min(limits["stage_samples"], _UNUSABLE_CYCLES) + (0 if closing else limits["coast_cycles"])
+        code = stage_loss(axis, a, samples, closing) if axis["mode"] == STAGE else NO_FAULT
+        if code == STAGE_STUCK:
+            end_arming(p, s, i, code, float(a["stage"]["identical"]), float(limits["stage_identical"]))
+        elif code != NO_FAULT or (closing and axis["mode"] == STAGE and a["estimator"]["running"] == 0):
+            silent_cycles = int(a["stage"]["silent_ns"] * axis["cycles_per_ns"])
+            end_arming(p, s, i, STAGE_INVALID, float(max(a["stage"]["bad"], silent_cycles)), float(samples))
+        if closing and axis["reference"]["kind"] == SIGNAL and silent >= limits["lost_cycles"]:
+            end_arming(p, s, i, REFERENCE_LOST, float(silent), float(limits["lost_cycles"]))
+
+
+@compiled
+def end_arming(p: Record, s: Record, axis: int, code: int, value: float, limit: float) -> None:
+    """Raise a fault that ends arming whatever its reaction is while tracking: the ramp at least."""
+    s["axis"][axis]["watch"]["raised"] |= 1 << code
+    raise_fault(p, s, code, axis, value, limit, max(RAMPS, p["axis"][axis]["watch"]["reaction"][code]))
+
+
+@compiled
+def keep_checks(p: Record, s: Record) -> None:
+    """Let the checks count no more after whatever could have changed their answer: the next arming makes them again.
+
+    A link that was down, a driver or an amplifier that failed, a sensor that was away, unusable or not believed:
+    somebody may have plugged, mended or replaced something.
+    """
+    changed = s["link_down"] != 0 or s["raised"] & _CELL_CHANGED != 0
+    away_ns = BELIEVED * p["period_ns"]
+    for i in range(p["axes"]):
+        a = s["axis"][i]
+        raised, strain = a["watch"]["raised"], a["strain"]
+        if changed or raised & _GAUGE_CHANGED != 0 or strain["bad"] >= BELIEVED or is_silent(strain, away_ns):
+            forget_checks(a, True)
+        elif raised & _STAGE_CHANGED != 0 or is_silent(a["stage"], away_ns):
+            forget_checks(a, False)

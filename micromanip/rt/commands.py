@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .arming import refuse, start_check
+from .arming import plan_checks, refuse
 from .axis import start_axis
 from .faults import forget
 from .jit import compiled
@@ -31,12 +31,13 @@ def begin_arming(p: Record, s: Record) -> None:
     """Take every output over where it is, or go on after a hold."""
     s["resumed"] = 1 if s["state"] == HOLDING else 0
     if s["resumed"] == 0:
+        plan_checks(p, s)
         for i in range(p["axes"]):
             start_axis(p["axis"][i], s["axis"][i])
-            start_check(s["axis"][i]["strain_check"])
-            start_check(s["axis"][i]["stage_check"])
     for i in range(p["axes"]):
-        s["axis"][i]["closed"] = 0
+        a = s["axis"][i]
+        a["closed"] = 0
+        a["figures"]["error"] = a["figures"]["innovation"] = a["figures"]["feedback"] = 0.0
     enter(s, ARMED)
 
 

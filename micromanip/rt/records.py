@@ -368,7 +368,6 @@ CELL_STATE = _record(
     ("stopping", "i8"),
     ("soft", "i8"),
     ("resumed", "i8"),
-    ("checked", "i8"),
     ("probes", "i8"),
     ("bumps", "i8"),
     ("entered_cycle", "i8"),

@@ -8,8 +8,10 @@ from typing import Any
 from .jit import compiled
 from .records import Record
 
-_BELIEVED = 1000
+BELIEVED = 1000
 """Unusable cycles in a row after which a reading that jumped away is believed: then it is a sensor that was moved."""
+_END = 0.01
+"""The ends of a range, as a share of it."""
 _ANY = (-math.inf, math.inf)
 
 
@@ -22,7 +24,7 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
     the one before was taken, or arrived, whichever is longer; flagged by the driver, never arrived, or older than
     `max_age_ns`. A sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts samples
     in a row that read exactly the same, ``lost`` those that came and went unseen; a driver that starts
-    its sequence over has lost none.
+    its sequence over has lost none. ``silent_ns`` is the time since anything arrived, usable or not.
     """
     arrived = signal["sequence"] != s["sequence"]
     value = signal["value"]
@@ -32,7 +34,7 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
         taken_ns = min(signal["time_ns"], now_ns)
         if s["sequence"] > 0:
             s["lost"] += max(0, signal["sequence"] - s["sequence"] - 1)
-            if good and math.isfinite(rate_um_per_ns) and s["bad"] < _BELIEVED:
+            if good and math.isfinite(rate_um_per_ns) and s["bad"] < BELIEVED:
                 passed_ns = max(now_ns - s["arrived_ns"], taken_ns - s["taken_ns"])
                 good = abs(value - s["value"]) <= rate_um_per_ns * passed_ns
         s["identical"] = s["identical"] + 1 if value == s["reading"] else 0
@@ -43,12 +45,27 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
             s["value"] = value
             s["time_ns"] = taken_ns
             s["fresh"] = 1
+    s["silent_ns"] = now_ns - s["arrived_ns"]
     s["age_ns"] = now_ns - s["time_ns"]
     if (arrived and not good) or s["sequence"] == 0 or s["age_ns"] > max_age_ns:
         s["bad"] += 1
     elif arrived:
         s["bad"] = 0
     return s["fresh"] == 1
+
+
+@compiled
+def is_silent(s: Record, longest_ns: int) -> bool:
+    """Whether nothing has arrived for longer than `longest_ns`, or ever."""
+    return s["sequence"] == 0 or s["silent_ns"] > longest_ns
+
+
+@compiled
+def may_be_at_end(s: Record, range_um: Any) -> bool:
+    """Whether the reading is a number that does not count, or at an end of the range: the truth may be beyond."""
+    margin_um = _END * (range_um[1] - range_um[0])
+    inside = range_um[0] + margin_um < s["reading"] < range_um[1] - margin_um
+    return math.isfinite(s["reading"]) and (s["bad"] > 0 or not inside)
 
 
 @compiled

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .arming import carry_checks
 from .feedforward import feedforward_voltage, start_feedforward
 from .jit import compiled
 from .pid import retune, start_pid
@@ -81,6 +82,7 @@ def swap_axis(old: Record, new: Record, s: Record) -> None:
         after = feedforward_voltage(new["hysteresis"], s["hysteresis"], s["setpoint_um"])
         s["pid"]["integrator"] += before - after
         s["pid"]["output_V"] += before - after
+    carry_checks(old, new, s)
     _swap_estimate(old["outer"], new["outer"], s["estimator"])
     if new["mode"] != STAGE:
         s["estimator"]["running"] = 0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.rt.arming import arming_cycles
+from micromanip.rt.arming import planned_cycles
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
 from micromanip.rt.states import ARM, NO_COMMAND, NO_FAULT, READY, TRACKING
@@ -79,7 +79,7 @@ class VirtualCell:
         """
         period_s = int(self.parameters[0]["period_ns"]) * 1e-9
         before = self.run(self._sensors_s)
-        arming = arming_cycles(self.parameters[0], self.state[0])
+        arming = planned_cycles(self.parameters[0], self.state[0])
         rows = self.run(arming * period_s, command=ARM)
         if self.state[0]["state"] != TRACKING:
             rows = np.concatenate([rows, self.run(period_s)])

@@ -40,10 +40,9 @@ class Moment:
         with Client(self._cell.socket) as client:
             client.arm()
             if self.name == "arming":
-                checks = 0 if self._cell.status["state"][0]["checked"] else 2
-                self._wait(
-                    self._seconds("lift_cycles", "sweep_cycles", "settle_cycles", "authority_cycles", checks=checks)
-                )
+                phases = ("lift_cycles", "sweep_cycles", "settle_cycles", "authority_cycles")
+                until(lambda: self._cell.state != "READY", "the loop has begun to arm")
+                self._wait(self._seconds(*phases, checks=self._checks()))
                 return self
             self._track(client)
             getattr(self, f"_{self.name}")(client)
@@ -79,9 +78,14 @@ class Moment:
                 client.disarm()
         self._cell.reach("READY")
 
+    def _checks(self):
+        """How many checks this arming has."""
+        state = self._cell.status["state"][0]
+        return int(state["probes"] + state["bumps"])
+
     def _seconds(self, *phases, checks=0):
         p = self._cell.control["parameters"][0]
-        cycles = sum(p[name] for name in phases) + checks * p["axes"] * p["check_cycles"]
+        cycles = sum(p[name] for name in phases) + checks * p["check_cycles"]
         return float(cycles * p["period_ns"] * 1e-9)
 
     def _wait(self, most_s):

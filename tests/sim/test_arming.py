@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from micromanip.host.refusals import axis_refusals, refusals
+from micromanip.rt.arming import forget_checks
 from micromanip.rt.phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
 from micromanip.rt.states import (
     ARM,
@@ -18,9 +19,13 @@ from micromanip.rt.states import (
     READY,
     RESET,
     STAGE_CHECK,
+    STAGE_INVALID,
+    STAGE_MISSING,
+    STAGE_STUCK,
     STRAIN_CHECK,
     TRACKING,
 )
+from micromanip.rt.swap import swap_cell
 from micromanip.settings.check import prepare
 from micromanip.sim.virtual import VirtualCell
 
@@ -118,6 +123,120 @@ def test_a_gauge_with_its_sign_reversed(tmp_path):
     wrong.run(0.01)
     wrong.run(2.0, command=ARM)
     assert (wrong.state[0]["fault"], wrong.state[0]["fault_axis"]) == (STRAIN_CHECK, 1)
+
+
+def failing(tmp_path, kind, at_s, channel="stage_x"):
+    """The cell whose sensor fails at a set time."""
+    fault = f"    faults: [{{channel: {channel}, kind: {kind}, at_s: {at_s}}}]\n    lines: {{"
+    return cell(tmp_path, ("    lines: {", fault), force="{static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}")
+
+
+@pytest.mark.parametrize(
+    ("kind", "refused", "code"),
+    [
+        ("drop", True, None),
+        ("nan", True, None),
+        # at rest it is at the end of its range, and says no more than that: it has until the loop is to be closed
+        ("freeze", False, STAGE_STUCK),
+        ("status", False, STAGE_INVALID),
+    ],
+)
+def test_a_session_does_not_arm_on_the_estimate_of_the_one_before(tmp_path, kind, refused, code):
+    """The capacitive sensor of x is dead or stuck since the outputs came to rest."""
+    second = failing(tmp_path, kind, at_s=3.6)
+    second.arm()
+    assert second.run(0.9, command=DISARM)["state"][-1] == READY
+    second.run(3.7 - second.state[0]["cycle"] * 1e-4)
+    rows = second.run(2.5, command=ARM)
+    s = second.state[0]
+    assert CLOSED not in rows["phase"]
+    if refused:
+        assert set(rows["state"]) == {READY}
+        assert s["axis"]["refused"].tolist() == [STAGE_MISSING, 0, 0]
+        (reason,) = axis_refusals(STAGE_MISSING, "x")
+        assert "stage_x is silent" in reason
+        assert np.ptp(rows["axis"]["voltage_V"], axis=0).max() == 0.0
+    else:
+        assert states(rows) == [ARMED, RAMPING, FAULT]
+        assert (s["fault"], s["fault_axis"]) == (code, 0)
+
+
+@pytest.mark.parametrize("into_s", [0.3, 1.4, 1.6, 2.1])
+@pytest.mark.parametrize("kind", ["drop", "nan", "freeze", "status"])
+def test_a_capacitive_sensor_that_dies_while_arming(tmp_path, kind, into_s):
+    """In the gauge check, the stage check, the sweep, and while the filter settles: no outer loop is closed."""
+    dying = failing(tmp_path, kind, at_s=0.01 + into_s)
+    dying.parameters[0]["axis"]["limiter"]["slew_V"] = 4.0
+    dying.run(0.01)
+    rows = dying.run(3.3, command=ARM)
+    s = dying.state[0]
+    assert states(rows) == [ARMED, RAMPING, FAULT]
+    assert s["fault_axis"] == 0
+    assert s["fault"] in (STAGE_INVALID, STAGE_STUCK, STAGE_CHECK)
+    assert CLOSED not in rows["phase"]
+    if kind in ("drop", "nan"):  # what can be no stage out of range is noticed as soon as a gauge would be
+        noticed_s = int(np.argmax(rows["state"] == RAMPING)) * 1e-4
+        assert noticed_s - into_s < 0.008
+
+
+def test_an_arming_that_has_no_sample_of_its_own_ends(tmp_path):
+    """Nobody limits the sensor's age, and it has said nothing since: it is not closed on what it said long ago."""
+    silent = failing(tmp_path, "drop", at_s=2.4)
+    silent.parameters[0]["axis"]["stage_age_ns"] = 2**61
+    silent.parameters[0]["check_cycles"] = 0
+    silent.arm()
+    silent.run(0.9, command=DISARM)
+    silent.run(2.5 - silent.state[0]["cycle"] * 1e-4)
+    # what it said last was good
+    silent.state[0]["axis"][0]["stage"]["bad"] = 0
+    rows = silent.run(3.0, command=ARM)
+    assert states(rows) == [ARMED, RAMPING, FAULT]
+    assert silent.state[0]["fault"] in (STAGE_INVALID, STAGE_STUCK)
+    assert CLOSED not in rows["phase"]
+
+
+def jogged(name):
+    """Changes: a reference by hand, within reach of an axis z that is in the mode `name`."""
+    by_hand = "reference: {source: jog, offset_um: 40, range_um: [20, 60]}\n"
+    return (r"reference:\n(  .*\n)+", by_hand), (r"(?s)(\n  z:\n    mode: )stage", rf"\g<1>{name}")
+
+
+@pytest.mark.parametrize("second", ["strain", "stage"])
+def test_a_loop_that_was_never_closed_is_checked_whatever_was_closed_before(tmp_path, second):
+    """The gauge of z has the wrong sign; it did not matter as long as z was a voltage."""
+    (tmp_path / "later").mkdir()
+    wired, later = cell(tmp_path, *jogged("voltage")), cell(tmp_path / "later", *jogged(second))
+    for parameters in (wired.parameters, later.parameters):
+        limits = parameters[0]["axis"][2]["strain_check"]
+        limits["low"], limits["high"] = -limits["high"].copy(), -limits["low"].copy()
+    wired.arm()
+    assert wired.state[0]["axis"]["strain_check"]["passed"].tolist() == [1, 1, 0]
+    wired.run(0.9, command=DISARM)
+    swap_cell(wired.parameters[0], later.parameters[0], wired.state[0])
+    wired.parameters[:] = later.parameters
+    wired.run(0.1)
+    rows = wired.run(3.0, command=ARM)
+    assert (wired.state[0]["fault"], wired.state[0]["fault_axis"]) == (STRAIN_CHECK, 2)
+    assert phases(rows)[:2] == [PARKED, PROBING]
+    assert LIFTING not in rows["phase"]
+    assert np.count_nonzero(rows["phase"] == PROBING) == 2000  # x and y were checked, and have not changed
+    assert rows["axis"]["voltage_V"].max() <= 5.0 + 1e-9
+    assert rows["axis"]["voltage_V"][:, :2].max() == 0.0
+
+
+def test_only_what_may_have_changed_is_checked_again(tmp_path):
+    armed = cell(tmp_path, force="{static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}")
+    armed.arm()
+    armed.run(1.2, command=DISARM)
+    forget_checks(armed.state[0]["axis"][1], True)
+    forget_checks(armed.state[0]["axis"][2], False)
+    rows = armed.arm()
+    assert phases(rows) == [PARKED, PROBING, LIFTING, BUMPING, SWEEPING, LIFTING, CLOSED]
+    assert np.count_nonzero(rows["phase"] == PROBING) == 2000
+    assert np.count_nonzero(rows["phase"] == BUMPING) == 4000
+    moved = np.ptp(rows["axis"]["voltage_V"][rows["phase"] == PROBING], axis=0)
+    assert moved == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)
+    assert rows["state"][-1] == TRACKING
 
 
 @pytest.mark.parametrize(

@@ -56,4 +56,4 @@ def command(
 
 def _judge(report: Status) -> None:
     if report["faults"]:
-        raise CheckFailed(report["faults"][0])
+        raise CheckFailed("\n".join(report["faults"]))

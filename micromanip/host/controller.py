@@ -15,7 +15,8 @@ from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, P
 from micromanip.io.rights import beginning_on_cpu
 from micromanip.rt import words as w
 from micromanip.rt.intrinsics import call_context
-from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, PROMOTE, SHADOWING, STARTING, STATE_NAMES
+from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, PROMOTE, SHADOWING, STARTING, STATE_NAMES, STOP
+from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
 from .loop_orders import loop_orders
@@ -25,6 +26,8 @@ from .refusals import axis_refusals, refusals
 from .segments import CONTROL, RING, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
+_READY_S = 8.0
+"""A command that comes between the loop's first cycle and READY waits so long: a recorder may have to be started."""
 _SENSORS_S = 0.05
 """Time for a first sample of every sensor, the slowest included, before the controller is READY."""
 
@@ -53,6 +56,7 @@ class Controller:
         self.slots = ParameterSlots(self.control, self.words, prepared.parameters[0])
         self.process: asyncio.subprocess.Process | None = None
         self._commands = asyncio.Lock()
+        self._ready = False
 
     @property
     def prepared(self) -> Prepared:
@@ -64,9 +68,10 @@ class Controller:
         self._prepared = prepared
         self.adopted(prepared)
 
-    async def start(self) -> None:
+    async def start(self, *, ready: bool = True) -> None:
         """Start the loop process; returns when it has run for so long that every sensor has said something.
 
+        `ready` says that starting is over then; else `declare_ready` will.
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
         self.beat()
@@ -89,6 +94,7 @@ class Controller:
                 raise await self._start_failure(self.process)
             self.beat()
             await asyncio.sleep(0.005)
+        self._ready = ready
 
     async def _start_failure(self, process: asyncio.subprocess.Process) -> MicromanipError:
         assert process.stderr is not None
@@ -106,9 +112,13 @@ class Controller:
     @property
     def state(self) -> str:
         """Name of the cell's state."""
-        if self.words[w.CYCLES_RUN] == 0:
+        if not self._ready:
             return STATE_NAMES[STARTING]
         return STATE_NAMES[int(self.words[w.STATE])]
+
+    def declare_ready(self) -> None:
+        """Starting is over: from now on `state` is the cell's, and `arm` is given to the loop."""
+        self._ready = True
 
     def beat(self) -> None:
         """Sign of life to the loop."""
@@ -116,20 +126,28 @@ class Controller:
 
     async def command(self, command: int) -> None:
         """Give a command (`states.ARM` ...) and wait for its outcome; CheckFailed where it was refused."""
+        if not ((command == STOP and self._turns) or await self._is_ready()):
+            raise CheckFailed(f"{COMMAND_NAMES[command]} refused: the controller is still starting")
         async with self._commands:
             words = self.control["words"]
             before = self.state
-            if before == STATE_NAMES[STARTING]:
-                raise CheckFailed(f"{COMMAND_NAMES[command]} refused: the controller is still starting")
             number = int(words[w.COMMAND_NUMBER]) + 1
             if command == PROMOTE:
                 self.slots.keep_for_trial()
             words[w.COMMAND] = command
-            words[w.COMMAND_NUMBER] = number
-            if not await _comes_true(lambda: bool(self.words[w.COMMAND_DONE] == number)):
+            tell(words, w.COMMAND_NUMBER, number)
+            if not await _comes_true(lambda: ask(self.words, w.COMMAND_DONE) == number):
                 raise CheckFailed(f"{COMMAND_NAMES[command]}: the loop did not answer within {_ANSWER_S:g} s")
             if not self.words[w.COMMAND_ACCEPTED]:
                 raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(command, before))}")
+
+    @property
+    def _turns(self) -> bool:
+        return bool(self.words[w.CYCLES_RUN] > 0)
+
+    async def _is_ready(self) -> bool:
+        """Whether starting is over; who comes after the loop's first cycle waits for it, and is not refused."""
+        return self._ready or (self._turns and await _comes_true(lambda: self._ready, _READY_S))
 
     def _reasons(self, command: int, state: str) -> list[str]:
         """Why `command` was refused in `state`."""
@@ -153,11 +171,11 @@ class Controller:
         """
 
         def decide() -> None:
-            if self.state == STATE_NAMES[STARTING]:
-                raise CheckFailed("nothing was changed: the controller is still starting")
             permit()
             self.prepared = prepared
 
+        if not await self._is_ready():
+            raise CheckFailed("nothing was changed: the controller is still starting")
         return await self.apply(prepared.parameters, decide)
 
     async def apply(self, parameters: Any, permit: Callable[[], None] = lambda: None) -> int:
@@ -165,7 +183,7 @@ class Controller:
         async with self._commands:
             permit()
             version = self.slots.put_in_force(parameters)
-            await self._take("new parameters", lambda: bool(self.words[w.VERSION_ACTIVE] == version))
+            await self._take("new parameters", lambda: ask(self.words, w.VERSION_ACTIVE) == version)
             self.slots.taken()
             return version
 
@@ -186,21 +204,28 @@ class Controller:
     async def snapshot(self) -> int:
         """Let the loop copy its whole state at a cycle boundary; returns that cycle."""
         number = int(self.control["words"][w.SNAPSHOT_NUMBER]) + 1
-        self.control["words"][w.SNAPSHOT_NUMBER] = number
-        if not await _comes_true(lambda: bool(self.words[w.SNAPSHOT_DONE] == number)):
+        tell(self.control["words"], w.SNAPSHOT_NUMBER, number)
+        if not await _comes_true(lambda: ask(self.words, w.SNAPSHOT_DONE) == number):
             raise CheckFailed(f"the loop made no snapshot within {_ANSWER_S:g} s")
         return int(self.status["snapshot"][0]["cycle"])
 
     def fault(self) -> str | None:
-        """The latched fault in plain words."""
+        """The latched fault in plain words; where there are two, the one that ends the run."""
+        return self._fault_message("fault")
+
+    def faults(self) -> list[str]:
+        """Every latched fault, the one that ends the run last."""
+        return [message for name in ("former", "fault") if (message := self._fault_message(name)) is not None]
+
+    def _fault_message(self, name: str) -> str | None:
         state = self.status["state"][0]
-        if state["fault"] == NO_FAULT:
+        if state[name] == NO_FAULT:
             return None
         configuration = self.prepared.configuration
         names = list(configuration.axes)
-        axis = names[state["fault_axis"]] if state["fault_axis"] >= 0 else None
-        value, limit = float(state["fault_value"]), float(state["fault_limit"])
-        return fault_message(int(state["fault"]), axis, value, limit, list(configuration.drivers))
+        axis = names[state[f"{name}_axis"]] if state[f"{name}_axis"] >= 0 else None
+        value, limit = float(state[f"{name}_value"]), float(state[f"{name}_limit"])
+        return fault_message(int(state[name]), axis, value, limit, list(configuration.drivers))
 
     def make_safe(self) -> dict[str, int]:
         """Bring the outputs to their safe value with the loop dead; by driver 0, or a code where that failed."""
@@ -222,9 +247,9 @@ class Controller:
         return await self.process.wait()
 
 
-async def _comes_true(condition: Callable[[], bool]) -> bool:
-    """Wait for the loop's answer; False where it does not come."""
-    end = time.monotonic() + _ANSWER_S
+async def _comes_true(condition: Callable[[], bool], patience_s: float = _ANSWER_S) -> bool:
+    """Wait for the loop's answer, or something else; False where it does not come."""
+    end = time.monotonic() + patience_s
     while not condition():
         if time.monotonic() > end:
             return False

@@ -46,6 +46,7 @@ _WORKERS, _SWITCH_S = 2, 0.001
 """Threads that check values and write files, and how soon they let the heartbeat have its turn."""
 _LOOK_S = 0.2
 _STOP_S = 30.0
+_DISOBEYED = f"did not end within {_STOP_S:g} s of being told to, and was killed by the host"
 _STUCK_S = {"hardware": 0.3, "simulation": 2.0}
 
 Report = Status
@@ -87,6 +88,8 @@ class Daemon:
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
+        self._ended: str | None = None
+        """Why this process ended the loop process, if it did: its death is no news then."""
         self._beats = self._looks = 0
 
     async def run(self) -> Report:
@@ -112,7 +115,7 @@ class Daemon:
             async with self._workers:
                 refuse_real(self._prepared)
                 await self._snapshot.keep(self._prepared.source)  # before the loop looks for signs of life
-                await self._controller.start()
+                await self._controller.start(ready=False)
                 await self._workers.in_hand(self._controller.beat)
                 return await self._supervise()
         finally:
@@ -123,7 +126,6 @@ class Daemon:
         rights = missing_rights(int(self._controller.words[w.RIGHTS]))
         for advice in (*rights, *changes_since(self._prepared.configuration.axes)):
             self._say(f"WARNING: {advice}")
-        self._say("READY")
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
         helpers.append(asyncio.create_task(self._verbs.shadow.follow_trials()))
@@ -134,7 +136,8 @@ class Daemon:
             recorder = await self._start_recorder()
             if recorder is not None:
                 helpers.append(asyncio.create_task(self._mourn(recorder)))
-            self._service.ready()
+            if not ended.done():
+                self._tell_ready()
             if self._prepared.configuration.arm_on_start:
                 await self._verbs.command(states.ARM, Peer("configuration"))
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
@@ -142,6 +145,7 @@ class Daemon:
                 await self._end(ended)
             await self._judge(ended.result())
             await self._boxes.stop()
+            self._boxes.announce(last=True)
             self._signals.gather()
             return self._report()
         finally:
@@ -157,6 +161,12 @@ class Daemon:
         """Another configuration has come into force: who keeps what runs follows."""
         self._boxes.configured(source)
         self._snapshot.follow(source)
+
+    def _tell_ready(self) -> None:
+        """The one place where starting is over: for `status`, for `arm`, for people and for the service manager."""
+        self._controller.declare_ready()
+        self._say("READY")
+        self._service.ready()
 
     async def _start_recorder(self) -> RecorderProcess | None:
         if self._options.record is None:
@@ -176,6 +186,7 @@ class Daemon:
             await self._controller.command(states.STOP)
         done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
         if not done:
+            self._ended = f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=_DISOBEYED)}. {LOOP_DIED.next_step}"
             self._controller.kill()
             await ended
 
@@ -185,7 +196,7 @@ class Daemon:
             return
         how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}"
         await self._make_safe()
-        message = f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=how)}. {LOOP_DIED.next_step}"
+        message = self._ended or f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=how)}. {LOOP_DIED.next_step}"
         await self._boxes.stop(died=message)
         raise CheckFailed(message + self._boxes.where(LOOP_DEATH))
 
@@ -215,7 +226,8 @@ class Daemon:
             if self._controller.words[w.CYCLES_RUN] != cycles:
                 cycles, turned = int(self._controller.words[w.CYCLES_RUN]), time.monotonic()
             elif time.monotonic() - turned > _STUCK_S[self._prepared.configuration.loop.limits]:
-                self._say(f"{LOOP_STUCK.code} {LOOP_STUCK.what.format(value=time.monotonic() - turned)}")
+                what = LOOP_STUCK.what.format(value=time.monotonic() - turned)
+                self._ended = f"{LOOP_STUCK.code} {what}. {LOOP_STUCK.next_step}"
                 self._controller.kill()
                 return
             self._signals.gather()

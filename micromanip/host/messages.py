@@ -56,6 +56,11 @@ def fault_message(
     return f"{seen(text, value, limit, where)}. {advice(text)}"
 
 
+def code_of(message: str) -> str:
+    """The code that a message about a fault begins with."""
+    return message.split(" ", 1)[0]
+
+
 def seen(text: FaultText, value: float, limit: float, where: str | None = None) -> str:
     """Code, where, and what was seen."""
     return f"{text.code} {where + ': ' if where else ''}{text.what.format(value=value, limit=limit)}"

@@ -106,7 +106,6 @@ def report(
 ) -> Status:
     """The whole report of a run, so far; `trips` are those that have a black box, `links` the buses."""
     words = controller.words
-    fault = controller.fault()
     return {
         "state": controller.state,
         "cycles": int(words[w.CYCLES_RUN]),
@@ -116,7 +115,7 @@ def report(
         "compute_ns": durations(controller.status["compute"], words[w.COMPUTE_MAX_NS]),
         "path_error_um": path_errors(controller),
         "signals": signals.report(),
-        "faults": [fault] if fault else [],
+        "faults": controller.faults(),
         "parameter_version": int(words[w.VERSION_ACTIVE]),
         "shadow": SHADOW_NAMES[int(words[w.SHADOW])],
         "configuration": str(controller.prepared.source.path),

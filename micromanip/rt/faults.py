@@ -3,7 +3,8 @@
 A condition that becomes true is an event (``note``); a fault brings its configured reaction: WARN only tells,
 HOLDS freezes the correction (a ramp follows), RAMPS goes smoothly to park, CUTS follows an amplifier that is off. The
 first fault that is more than a warning stays latched until ``reset``; a later one can only make
-the reaction harder. One axis that can't go on stops the cell: a spindle held in two axes cuts a wrong path.
+the reaction harder. The one exception is the fault that ends the run: it is a trip of its own, and the one before is
+kept beside it (``former``). One axis that can't go on stops the cell: a spindle held in two axes cuts a wrong path.
 
 What is watched on each axis is in ``watch.py``, the states that the reactions lead to in ``transitions.py``.
 """
@@ -13,7 +14,7 @@ from __future__ import annotations
 from .jit import compiled
 from .phases import CLOSED
 from .records import EVENTS, Record
-from .states import ARMED, CUTS, FAULT, HOLDING, HOLDS, NO_FAULT, OFF, READY, TRACKING, WARN
+from .states import ARMED, CUTS, FAULT, HOLDING, HOLDS, HOST_DEAD, NO_FAULT, OFF, READY, TRACKING, WARN
 from .transitions import begin_hold, begin_ramp, cut, enter
 
 
@@ -66,7 +67,11 @@ def raise_fault(p: Record, s: Record, code: int, axis: int, value: float, limit:
     note(s, code, axis, value, limit, reaction)
     if reaction == WARN:
         return
-    if s["fault"] == NO_FAULT:
+    ends_run = code == HOST_DEAD and s["fault"] != NO_FAULT
+    if ends_run:
+        s["former"], s["former_axis"] = s["fault"], s["fault_axis"]
+        s["former_value"], s["former_limit"] = s["fault_value"], s["fault_limit"]
+    if ends_run or s["fault"] == NO_FAULT:
         s["fault"], s["fault_axis"], s["fault_cycle"] = code, axis, s["cycle"]
         s["fault_value"], s["fault_limit"] = value, limit
         s["trips"] += 1

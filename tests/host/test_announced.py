@@ -9,7 +9,7 @@ from micromanip.host import journal
 from micromanip.host.blackbox import supervisor
 from micromanip.host.segments import STATUS
 from micromanip.rt import words as w
-from micromanip.rt.states import STRAIN_INVALID
+from micromanip.rt.states import HOST_DEAD, STRAIN_INVALID
 
 
 class Clock:
@@ -116,3 +116,23 @@ def test_where_the_journal_takes_nothing_it_is_said(told, clock, monkeypatch):
     boxes._hear({"key": 1, "code": "X-201", "file": "/trips/a.npz", "problem": "No space left on device"})
     boxes.announce()
     assert said[-1] == "X-201 axis y: gone."
+
+
+def test_a_fault_that_ends_the_run_comes_after_the_one_that_nobody_has_heard_of(told, clock, entries):
+    """The host stood still while both came; at the end there is nothing to wait for."""
+    cell, boxes, said = told
+    cell.trip(1)
+    state = cell.status["state"][0]
+    for name in ("", "_axis", "_value", "_limit"):
+        state[f"former{name}"] = state[f"fault{name}"]
+    state["fault"], state["fault_axis"], state["fault_value"], state["fault_limit"] = HOST_DEAD, -1, 150.0, 100.0
+    cell.words[w.FAULT_CODE], cell.words[w.TRIPS] = HOST_DEAD, 2
+    cell.fault = lambda: "X-101 gone."
+    cell.faults = lambda: ["X-201 axis y: gone.", "X-101 gone."]
+    boxes.announce(last=True)
+    assert said == []
+    assert [entry["MICROMANIP_CODE"] for entry in entries] == ["X-201", "X-101"]
+    assert [entry.get("MICROMANIP_AXIS") for entry in entries] == ["y", None]
+    assert [entry["MICROMANIP_VALUE"] for entry in entries] == ["53", "150"]
+    boxes.announce(last=True)
+    assert len(entries) == 2

@@ -138,6 +138,31 @@ def test_host_killed(run):
     assert "X-101 no sign of life" in explained(cell)
 
 
+def test_host_gone_while_another_fault_is_latched(run):
+    """What ends the run is told, and kept, as well: it would look as if the first fault had."""
+    cell = run(failing(2.3)).reach("FAULT")
+    until(lambda: trips(folder(cell)), cell.last_words)
+    until(lambda: "X-201 axis y: " in cell.said, cell.last_words)
+    os.kill(cell.process.pid, signal.SIGSTOP)
+    try:
+        until(lambda: cell.state == "OFF", lambda: f"the loop's end without its host, it is {cell.state}")
+        until(lambda: len(trips(folder(cell))) == 2, "its black box")
+    finally:
+        os.kill(cell.process.pid, signal.SIGCONT)
+    assert cell.wait() == 1
+    assert [fault[:5] for fault in cell.report["faults"]] == ["X-201", "X-101"]
+    said = cell.said.splitlines()
+    assert len([line for line in said if "X-101 no sign of life from the host" in line]) == 2  # at once, and at the end
+    assert sum("Black box: " in line for line in said) == 2
+    boxes = {box.trip["code"]: box for box in map(Box.load, trips(folder(cell)))}
+    assert boxes.keys() == {"X-201", "X-101"}
+    ended = boxes["X-101"]
+    at = int(np.searchsorted(ended.rows["cycle"], ended.trip["cycle"]))
+    assert ended.rows["fault"][at - 1] == boxes["X-201"].trip["number"]
+    assert ended.rows["fault"][at] == ended.trip["number"]
+    assert cell.left == []
+
+
 def test_loop_killed(run):
     cell = run(calm()).reach("TRACKING")
     cell.go_on(5000)

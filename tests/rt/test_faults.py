@@ -22,6 +22,7 @@ from micromanip.rt.states import (
     FOLLOWING_ERROR,
     HOLDING,
     HOLDS,
+    HOST_DEAD,
     INTERLOCK_OPEN,
     NO_FAULT,
     OFF,
@@ -204,6 +205,31 @@ def test_the_first_fault_stays_and_a_graver_one_hardens_the_reaction():
     raise_fault(p, s, SATURATED, 1, 7.0, 8.0, RAMPS)
     expect(s, before, event(1, SATURATED, 1, 7.0, 8.0, RAMPS, HOLDING), ramping)
     assert (s["fault"], s["fault_axis"], s["trips"]) == (FOLLOWING_ERROR, 0, 1)
+
+
+def test_the_fault_that_ends_the_run_is_a_trip_of_its_own():
+    p, s = cell()
+    p["reaction"][HOST_DEAD] = HOLDS
+    raise_fault(p, s, FOLLOWING_ERROR, 0, 6.0, 5.0, HOLDS)
+    before = s.copy()
+    cell_fault(p, s, HOST_DEAD, True, 120.0, 100.0)
+    former = put(former=FOLLOWING_ERROR, former_axis=0, former_value=6.0, former_limit=5.0)
+    expect(
+        s,
+        before,
+        raised(HOST_DEAD),
+        event(1, HOST_DEAD, -1, 120.0, 100.0, HOLDS, HOLDING),
+        former,
+        latch(HOST_DEAD, -1, 120.0, 100.0),
+    )
+    assert s["trips"] == 2
+
+
+def test_without_one_before_it_there_is_no_former_fault():
+    p, s = cell(fault_value=1.0, fault_limit=2.0)
+    before = s.copy()
+    raise_fault(p, s, HOST_DEAD, -1, 120.0, 100.0, RAMPS)
+    expect(s, before, event(0, HOST_DEAD, -1, 120.0, 100.0, RAMPS), latch(HOST_DEAD, -1, 120.0, 100.0), ramping)
 
 
 def test_after_a_reset_the_next_fault_is_latched():

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.host.messages import FAULTS, LOOP_DIED, advice, fault_message
+from micromanip.host.messages import FAULTS, LOOP_DIED, advice, code_of, fault_message
 from micromanip.host.ring import RingReader
 from micromanip.rt import words as w
-from micromanip.rt.states import NO_FAULT
 
 from .box import FORMAT, Box
 
@@ -61,8 +60,8 @@ class Capture:
         """The box of the newest trip, with what the ring holds of the time before it."""
         state = self._state()
         rows = self._rows(since=int(state[0]["fault_cycle"]) - self._cycles(BEFORE_S))
-        at = _first_faulty(rows)
         fault, axis = int(state[0]["fault"]), int(state[0]["fault_axis"])
+        at = _first_faulty(rows, fault)
         value, limit = float(state[0]["fault_value"]), float(state[0]["fault_limit"])
         name = self.cell.axes[axis] if axis >= 0 else None
         trip = {
@@ -80,7 +79,7 @@ class Capture:
         state = self._state()
         rows = self._rows(since=int(state[0]["cycle"]) - self._cycles(BEFORE_S))
         said = message or f"{LOOP_DIED.code} {LOOP_DIED.what.format(how='died')}. {advice(LOOP_DIED)}"
-        trip = {"code": LOOP_DIED.code, "number": None, "axis": None, "value": None, "limit": None, "message": said}
+        trip = {"code": code_of(said), "number": None, "axis": None, "value": None, "limit": None, "message": said}
         return self._box(trip, rows, len(rows) - 1, state)
 
     def is_over(self, box: Box) -> bool:
@@ -161,7 +160,7 @@ def _events(state: NDArray[Any]) -> NDArray[Any]:
     return newest
 
 
-def _first_faulty(rows: NDArray[Any]) -> int:
-    """Where the latched fault was raised: the first row of the last stretch that has one."""
-    good = np.flatnonzero(rows["fault"] == NO_FAULT)
-    return min(int(good[-1]) + 1, len(rows) - 1) if len(good) else 0
+def _first_faulty(rows: NDArray[Any], fault: int) -> int:
+    """Where the latched fault was raised: the first row of the last stretch that has it."""
+    other = np.flatnonzero(rows["fault"] != fault)
+    return min(int(other[-1]) + 1, len(rows) - 1) if len(other) else 0

@@ -14,7 +14,7 @@ from typing import Any
 from micromanip.errors import CheckFailed
 from micromanip.host import journal
 from micromanip.host.controller import Controller
-from micromanip.host.messages import FAULTS, LOOP_DIED
+from micromanip.host.messages import FAULTS, code_of
 from micromanip.rt import words as w
 from micromanip.rt.states import NO_FAULT
 from micromanip.settings.source import Source
@@ -49,7 +49,7 @@ class BlackBox:
         self._following = asyncio.create_task(self._keep_alive())
 
     async def stop(self, died: str | None = None) -> None:
-        """Let it finish and end; `died` is what happened to a loop that did not end by itself."""
+        """Let it finish and end; `died` is what happened to a loop that did not end by itself, its code first."""
         if self._following is None or self._stopping:
             return
         self._stopping = True
@@ -67,7 +67,8 @@ class BlackBox:
             await self._following
         if died is not None and journal.is_connected():
             file = self._settled.get(LOOP_DEATH, {}).get("file")
-            journal.send(journal.trip_fields(died + self.where(LOOP_DEATH), LOOP_DIED.code, None, None, None, file))
+            code = code_of(died)
+            journal.send(journal.trip_fields(died + self.where(LOOP_DEATH), code, None, None, None, file))
 
     def configured(self, source: Source) -> None:
         """From now on the controller runs another configuration."""
@@ -82,8 +83,12 @@ class BlackBox:
                 raise CheckFailed("reset refused: the black box of this trip is not on disk yet; try again in a moment")
             await asyncio.sleep(0.01)
 
-    def announce(self) -> None:
-        """Tell the latched fault in full, once: as soon as its box is on disk, or without it after a second."""
+    def announce(self, *, last: bool = False) -> None:
+        """Tell the latched fault in full, once: as soon as its box is on disk, or without it after a second.
+
+        Where it ended the run while another was latched that nobody has heard of yet, that one first; the `last` time
+        there is nothing to wait for.
+        """
         key, fault = self._latched(), self._controller.fault()
         if key is None or fault is None:
             self._told = self._noticed = None
@@ -93,10 +98,13 @@ class BlackBox:
         waited_s = time.monotonic() - self._noticed[1]
         if waited_s > _GIVE_UP_S and key not in self._settled:
             self._give_up(key)
-        if key == self._told or not (key in self._settled or waited_s > _TELL_WITHIN_S or self._gone):
+        waits = not (last or key in self._settled or waited_s > _TELL_WITHIN_S or self._gone)
+        if key == self._told or waits:
             return
+        if self._controller.status["state"][0]["former"] != NO_FAULT and self._told != key - 1:
+            self._publish(key - 1, "former", self._controller.faults()[0] + self.where(key - 1))
         self._told = key
-        self._publish(key, fault + self.where(key))
+        self._publish(key, "fault", fault + self.where(key))
 
     def _give_up(self, key: int) -> None:
         """A disk that hangs must not keep the cell in FAULT for ever."""
@@ -104,15 +112,14 @@ class BlackBox:
         problem = f"nothing was heard of it for {_GIVE_UP_S:g} s"
         self._hear({"key": key, "code": code, "file": str(self._folder), "problem": problem})
 
-    def _publish(self, key: int, message: str) -> None:
-        """To the journal with its fields where there is one, else as any message."""
+    def _publish(self, key: int, name: str, message: str) -> None:
+        """To the journal with its fields where there is one, else as any message; `name` is its place in the state."""
         state, box = self._controller.status["state"][0], self._settled.get(key, {})
         axes = list(self._controller.prepared.configuration.axes)
-        axis = axes[state["fault_axis"]] if state["fault_axis"] >= 0 else None
-        code, file = FAULTS[int(state["fault"])].code, None if "problem" in box else box.get("file")
-        fields = journal.trip_fields(
-            message, code, axis, float(state["fault_value"]), float(state["fault_limit"]), file
-        )
+        axis = axes[state[f"{name}_axis"]] if state[f"{name}_axis"] >= 0 else None
+        code, file = FAULTS[int(state[name])].code, None if "problem" in box else box.get("file")
+        value, limit = float(state[f"{name}_value"]), float(state[f"{name}_limit"])
+        fields = journal.trip_fields(message, code, axis, value, limit, file)
         if not (journal.is_connected() and journal.send(fields)):
             self._say(message)
 

@@ -147,6 +147,62 @@ static void watch_amplifier(const struct cell_parameters *p, struct cell_state *
     axis_fault(p, s, i, OVER_TEMPERATURE, *hot > hot_cycles, (double)*hot, (double)hot_cycles);
 }
 
+static int64_t sensor_end(const struct sensor_state *sensor, const double *range_um)
+{
+    double reading = sensor->reading;
+
+    if (reading >= range_um[1])
+        return 1;
+    if (reading <= range_um[0])
+        return -1;
+    if (sensor->bad < 2 || !sensor->identical || reading == sensor->value)
+        return 0;
+    return reading > sensor->value ? 1 : -1;
+}
+
+static bool swings(const struct watch_parameters *limits, struct swing *w, int64_t cycle, int64_t end)
+{
+    if (end && end != w->end) {
+        if (w->end) {
+            if (!w->times || cycle - w->first_cycle > limits->swing_cycles) {
+                w->times = 0;
+                w->first_cycle = cycle;
+            }
+            w->times++;
+        }
+        w->end = end;
+    }
+    return w->times >= limits->swings;
+}
+
+static void watch_swing(const struct cell_parameters *p, struct cell_state *s, int i, bool active)
+{
+    const struct axis_parameters *axis = &p->axis[i];
+    const struct axis_state *a = &s->axis[i];
+    struct watch_state *w = &s->axis[i].watch;
+    struct swing *all[] = {&w->driven_swing, &w->strain_swing, &w->stage_swing};
+    bool up = a->voltage_V >= axis->limiter.high_V || a->setpoint_um >= axis->setpoint_high_um;
+    bool down = a->voltage_V <= axis->limiter.low_V || a->setpoint_um <= axis->setpoint_low_um;
+    int64_t ends[] = {
+        up - down,
+        sensor_end(&a->strain, axis->strain_range_um),
+        sensor_end(&a->stage, axis->stage_range_um),
+    };
+    int64_t since = s->cycle;
+    bool found = false;
+
+    for (int k = 0; k < 3; k++) {
+        if (!active) {
+            all[k]->end = all[k]->times = 0;
+        } else if (swings(&axis->watch, all[k], s->cycle, ends[k])) {
+            since = all[k]->first_cycle;
+            found = true;
+        }
+    }
+    double lasted_s = (double)((s->cycle - since) * p->period_ns) * 1e-9;
+    axis_fault(p, s, i, LIMIT_CYCLE, found, lasted_s, (double)axis->watch.swings);
+}
+
 static void watch_axis(const struct cell_parameters *p, struct cell_state *s, int i, bool moving, bool enabled)
 {
     int64_t phase = s->phase;
@@ -159,6 +215,7 @@ static void watch_axis(const struct cell_parameters *p, struct cell_state *s, in
     watch_following(p, s, i, tracking);
     watch_voltage(p, s, i, inner);
     watch_oscillation(p, s, i, inner);
+    watch_swing(p, s, i, inner);
     watch_reference(p, s, i, tracking);
     watch_amplifier(p, s, i, enabled);
 }

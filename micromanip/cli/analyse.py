@@ -59,6 +59,7 @@ def command(
     from micromanip.design.analysis import analyse_axis
     from micromanip.design.criteria import criteria, notes, report
     from micromanip.design.loops import cluster
+    from micromanip.host.messages import fault_message
     from micromanip.settings.check import prepare
     from micromanip.sim.experiment import VirtualExperiment
     from micromanip.sim.variation import VariedCell
@@ -86,7 +87,7 @@ def command(
                 analysis = analyse_axis(
                     prepared.configuration,
                     name,
-                    VirtualExperiment(prepared) if prepared.wiring.virtual else None,
+                    VirtualExperiment(prepared, told=fault_message) if prepared.wiring.virtual else None,
                     seeds,
                     play=cells.get(name),
                     jobs=None if address else jobs,

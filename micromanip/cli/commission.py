@@ -117,9 +117,10 @@ def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:
 
 
 def _virtual(prepared: Prepared) -> Experiment:
+    from micromanip.host.messages import fault_message
     from micromanip.sim.experiment import VirtualExperiment
 
-    return VirtualExperiment(prepared)
+    return VirtualExperiment(prepared, told=fault_message)
 
 
 def _experiment(prepared: Prepared, socket_path: Path) -> Experiment:

@@ -42,6 +42,7 @@ def command(
     from rich.progress import Progress
 
     from micromanip.design.evaluation import evaluate, table, with_models
+    from micromanip.host.messages import fault_message
     from micromanip.settings.check import prepare
     from micromanip.sim.experiment import VirtualExperiment
 
@@ -55,7 +56,7 @@ def command(
     shown = [only] if only else names
     written: list[Path] = []
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        experiment = VirtualExperiment(prepared)
+        experiment = VirtualExperiment(prepared, told=fault_message)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         tuned = any(axis.commissioned for axis in configuration.axes.values()) and not own_pid
         task = bar.add_task("evaluate", total=(15 if tuned else 12) + (5 * len(shown) if figures else 0))

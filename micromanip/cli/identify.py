@@ -74,9 +74,10 @@ def command(
         with LiveLine() as line:
             rows = play(prepared, variant(configuration), samples, duration_s, socket_path, line)
     else:
+        from micromanip.host.messages import fault_message
         from micromanip.sim.experiment import VirtualExperiment
 
-        rows = VirtualExperiment(prepared)(variant(configuration), duration_s, samples)
+        rows = VirtualExperiment(prepared, told=fault_message)(variant(configuration), duration_s, samples)
     folder.mkdir(parents=True, exist_ok=True)
     columns = recording(configuration, excitation, rows)
     file = folder / f"{axis}_{kind}.csv"

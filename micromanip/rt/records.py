@@ -177,8 +177,12 @@ WATCH_PARAMETERS = _record(
     ("lost_cycles", "i8"),
     ("derate", "f8"),
     ("hot_cycles", "i8"),
+    ("swings", "i8"),
+    ("swing_cycles", "i8"),
 )
 """Limits of the fault detection of one axis; times in cycles."""
+SWING = _record(("end", "i8"), ("times", "i8"), ("first_cycle", "i8"))
+"""What went from one end of its range to the other: where it was last (-1, 1; 0: none yet), how often, since when."""
 WATCH_STATE = _record(
     ("raised", "i8"),
     ("coast", "i8"),
@@ -194,6 +198,9 @@ WATCH_STATE = _record(
     ("band_cycles", "i8"),
     ("fallback", "i8"),
     ("hot", "i8"),
+    ("driven_swing", SWING),
+    ("strain_swing", SWING),
+    ("stage_swing", SWING),
 )
 
 CHECK_PARAMETERS = _record(("step", "f8"), ("low", "f8"), ("high", "f8"))

@@ -39,8 +39,9 @@ REACTION_NAMES = ("warn", "hold", "ramp", "off")
     STAGE_CHECK,
     LINK_LOST,
     OUTPUTS_TAKEN,
-) = range(22)
-FAULTS = 22
+    LIMIT_CYCLE,
+) = range(23)
+FAULTS = 23
 """Faults: each has a reaction of its own, and the first that is more than a warning stays latched."""
 
 (

@@ -8,13 +8,14 @@ and arming is refused until it is back.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from .faults import axis_fault, warn
 from .jit import compiled
 from .phases import BUMPING, CLOSED, LIFTING, SWEEPING
 from .pid import retune
 from .records import Record
-from .reference import SIGNAL
+from .reference import SAMPLES, SIGNAL
 from .sensor import is_missing
 from .states import (
     AMPLIFIER_FAULT,
@@ -25,6 +26,7 @@ from .states import (
     FALLBACK,
     FOLLOWING_ERROR,
     HOLDS,
+    LIMIT_CYCLE,
     OSCILLATION,
     OVER_TEMPERATURE,
     REFERENCE_LOST,
@@ -191,18 +193,80 @@ def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> None:
 
 
 @compiled
+def sensor_end(sensor: Record, range_um: Any) -> int:
+    """1 or -1 where a sensor reads the upper or lower end of its range, or more; 0 inside.
+
+    One that says by its status that it is at an end reads the same again and again, away from its last good value.
+    """
+    reading = sensor["reading"]
+    if reading >= range_um[1]:
+        return 1
+    if reading <= range_um[0]:
+        return -1
+    if sensor["bad"] < 2 or sensor["identical"] == 0 or reading == sensor["value"]:
+        return 0
+    return 1 if reading > sensor["value"] else -1
+
+
+@compiled
+def swings(limits: Record, w: Record, cycle: int, end: int) -> bool:
+    """Whether something that is at `end` of its range (0: inside) went from one to the other again and again."""
+    if end != 0 and end != w["end"]:
+        if w["end"] != 0:
+            if w["times"] == 0 or cycle - w["first_cycle"] > limits["swing_cycles"]:
+                w["times"], w["first_cycle"] = 0, cycle
+            w["times"] += 1
+        w["end"] = end
+    return w["times"] >= limits["swings"]
+
+
+@compiled
+def watch_swing(p: Record, s: Record, i: int, active: bool) -> None:
+    """Limit cycle: voltage or set-point, the gauge or the stage goes from end to end. No configuration allows that.
+
+    In open loop the voltage is what was asked for; what it does to the sensors counts there too.
+    """
+    axis, a = p["axis"][i], s["axis"][i]
+    limits, limiter, w, cycle = axis["watch"], axis["limiter"], a["watch"], s["cycle"]
+    if not active:
+        w["driven_swing"]["end"] = w["strain_swing"]["end"] = w["stage_swing"]["end"] = 0
+        w["driven_swing"]["times"] = w["strain_swing"]["times"] = w["stage_swing"]["times"] = 0
+    up = a["voltage_V"] >= limiter["high_V"] or a["setpoint_um"] >= axis["setpoint_high_um"]
+    down = a["voltage_V"] <= limiter["low_V"] or a["setpoint_um"] <= axis["setpoint_low_um"]
+    since, found = cycle, False
+    if active and axis["mode"] != VOLTAGE and swings(limits, w["driven_swing"], cycle, int(up) - int(down)):
+        since, found = w["driven_swing"]["first_cycle"], True
+    strain_end = sensor_end(a["strain"], axis["strain_range_um"])
+    if active and axis["strain"] >= 0 and swings(limits, w["strain_swing"], cycle, strain_end):
+        since, found = w["strain_swing"]["first_cycle"], True
+    stage_end = sensor_end(a["stage"], axis["stage_range_um"])
+    if active and axis["stage"] >= 0 and swings(limits, w["stage_swing"], cycle, stage_end):
+        since, found = w["stage_swing"]["first_cycle"], True
+    lasted_s = (cycle - since) * p["period_ns"] * 1e-9
+    axis_fault(p, s, i, LIMIT_CYCLE, found, lasted_s, float(limits["swings"]))
+
+
+@compiled
+def is_excited(axis: Record, a: Record) -> bool:
+    """Whether an axis is moved in open loop for a recording: its gauge is needed then, as if the loop were closed."""
+    played = axis["mode"] == VOLTAGE and axis["reference"]["kind"] == SAMPLES
+    return played and a["setpoint_um"] != axis["limiter"]["park_V"]
+
+
+@compiled
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
     axis, phase = p["axis"][i], s["phase"]
-    lifted = phase in (LIFTING, BUMPING, SWEEPING)
-    inner = moving and axis["mode"] != VOLTAGE and (lifted or phase == CLOSED)
+    driven = moving and (phase == CLOSED or phase in (LIFTING, BUMPING, SWEEPING))
+    inner = driven and axis["mode"] != VOLTAGE
     outer = moving and axis["mode"] == STAGE and phase == CLOSED
     tracking = moving and s["state"] == TRACKING
-    watch_strain(p, s, i, inner)
+    watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
     watch_stage(p, s, i, outer)
     watch_innovation(p, s, i, outer)
     watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
     watch_voltage(p, s, i, inner)
     watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
+    watch_swing(p, s, i, driven)
     watch_reference(p, s, i, tracking)
     watch_amplifier(p, s, i, enabled)

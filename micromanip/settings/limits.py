@@ -14,6 +14,8 @@ from .faults import AxisFaults, Faults
 from .reference import Reference, Tracker
 
 NEVER = int(np.iinfo(np.int64).max // 4)
+_SWINGS, _SWING_S = 8, 2.0
+"""From one end of a range to the other so often in this time is a limit cycle, whatever the limits."""
 _SHOWN = 0.45
 """Share of the rate up to which samples show a frequency."""
 
@@ -75,6 +77,7 @@ def fill_axis_limits(
     w["lost_cycles"] = cycles(faults.reference.time_ms)
     w["decay_cycles"] = cycles(faults.reference.decay_ms)
     w["derate"] = faults.over_temperature.derate_percent / 100.0
+    w["swings"], w["swing_cycles"] = _SWINGS, cycles(_SWING_S * 1e3)
     w["hot_cycles"] = cycles(faults.over_temperature.time_s * 1e3)
     for code, reaction in (
         (states.STRAIN_INVALID, faults.strain.reaction),
@@ -89,6 +92,7 @@ def fill_axis_limits(
         (states.AMPLIFIER_FAULT, faults.amplifier.reaction),
         (states.OVER_TEMPERATURE, faults.over_temperature.reaction),
         (states.NOT_FINITE, "ramp"),
+        (states.LIMIT_CYCLE, "ramp"),
         (states.STRAIN_CHECK, "ramp"),
         (states.STAGE_CHECK, "ramp"),
     ):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
+from micromanip.errors import CheckFailed
+from micromanip.rt.states import NO_FAULT
 from micromanip.settings.check import Prepared
 from micromanip.settings.compile import compile_cell
 from micromanip.settings.model import Configuration
@@ -12,17 +15,25 @@ from micromanip.settings.timing import FeedbackPath, feedback_path
 from .own_time import at_own_time
 from .virtual import Rows, Samples, VirtualCell
 
+Told = Callable[[int, str | None, float, float], str]
+
+
+def by_number(fault: int, axis: str | None, value: float, limit: float) -> str:
+    """A fault by its number in `micromanip.rt.states`; the host knows it in words."""
+    return f"fault {fault}, axis {axis}, {value:g} (limit {limit:g})"
+
 
 class VirtualExperiment:
     """Runs variants of one configuration on fresh copies of its simulated drivers.
 
     Calling it arms `configuration`, waits until every axis tracks, and returns the telemetry rows (one in
     `every` cycles) of the following `seconds`. `samples` (n, MAX_AXES) is what the source `file` plays.
-    Raises CheckFailed where the cell does not come to TRACKING.
+    Raises CheckFailed where the cell does not come to TRACKING, or a fault ends the experiment.
     """
 
-    def __init__(self, prepared: Prepared, *, process: bool = False) -> None:
-        """`process` keeps the machining force, which an experiment is normally free of."""
+    def __init__(self, prepared: Prepared, *, process: bool = False, told: Told = by_number) -> None:
+        """`process` keeps the machining force, which an experiment is normally free of; `told` words a fault."""
+        self._told = told
         drivers = prepared.wiring.drivers
         kept = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
         self._wiring = replace(prepared.wiring, drivers=kept)
@@ -32,8 +43,21 @@ class VirtualExperiment:
     ) -> Rows:
         """The rows of `seconds` after tracking has begun, each sample at its own time."""
         cell = self.cell(configuration, samples)
-        cell.arm()
-        return at_own_time(cell.run(seconds, every), configuration, self._wiring)
+        try:
+            cell.arm()
+        except CheckFailed:
+            self._require_no_fault(cell, configuration)
+            raise
+        rows = cell.run(seconds, every)
+        self._require_no_fault(cell, configuration)
+        return at_own_time(rows, configuration, self._wiring)
+
+    def _require_no_fault(self, cell: VirtualCell, configuration: Configuration) -> None:
+        s = cell.state[0]
+        if s["fault"] != NO_FAULT:
+            axis = list(configuration.axes)[int(s["fault_axis"])] if s["fault_axis"] >= 0 else None
+            said = self._told(int(s["fault"]), axis, float(s["fault_value"]), float(s["fault_limit"]))
+            raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {said}")
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,12 @@ from micromanip.rt import shaping as rt_shaping
 from micromanip.rt.records import CELL_PARAMETERS, HYSTERESIS_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 
-from .axis import Axis
+from .axis import Axis, Outer
 from .frame import frame_of
 from .hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
 from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .model import Configuration, Output, Signal, Start
-from .outer import OuterGains, dc_gain, outer_gains, tracker_gain
+from .outer import OuterGains, dc_gain, outer_gains, process_innovation, tracker_gain
 from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from .timing import cycles_between, output_cycles, output_timing, sensor_timing
 from .wiring import Wiring
@@ -29,6 +30,10 @@ _JOG_SMOOTHING_S = 0.05
 _SWEEP_MARGIN = 1.3
 """The amplitude has fallen a little when the sweep first reaches its peak."""
 _SWEEP_SHARE = 0.25
+_PROCESS_MARGIN = 2.0
+"""The model of the stage is not the stage: so many times the mean square that it expects of the process."""
+_LONGEST_MEAN_S = 1.0
+"""Over more than this the mean of what a contact makes only falls."""
 _PLAUSIBLE_UM = (-1000.0, 1000.0)
 
 _SCORE_AFTER_S = 1.0
@@ -75,7 +80,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
             tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
             gains = outer_gains(axis.outer, tracker, period_s)
             _fill_outer(p["axis"][i]["outer"], gains)
-            p["axis"][i]["watch"]["innovation_variance"] = gains.innovation_variance
+            _fill_innovation(p["axis"][i]["watch"], axis, axis.outer, gains, cycles)
     return record
 
 
@@ -246,6 +251,16 @@ def _fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_h
             r["amplitude_um"][k] = sine.amplitude_um
             r["omega"][k] = 2 * math.pi * sine.frequency_Hz
             r["phase"][k] = math.radians(sine.phase_deg)
+
+
+def _fill_innovation(w: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles: Callable[[float], int]) -> None:
+    """How large the innovation may be: what the filter expects at rest, and what the process brings."""
+    said, gain, variance = axis.faults.disagreement, abs(dc_gain(axis)), gains.innovation_variance
+    step_um = said.process_um / gain if math.isfinite(gain) and gain > 0.0 else 0.0
+    rise, time = cycles(said.process_ms * 1e-3), min(cycles(said.time_ms * 1e-3), cycles(_LONGEST_MEAN_S))
+    brought = _PROCESS_MARGIN * process_innovation(outer, gains, step_um, rise, time)
+    w["innovation_variance"] = variance
+    w["innovation_ratio"] += brought / variance
 
 
 def _fill_outer(o: Any, gains: OuterGains) -> None:

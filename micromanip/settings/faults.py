@@ -15,6 +15,7 @@ from pydantic import Field
 from micromanip.quantities import (
     Count,
     Distance,
+    DistanceOrZero,
     Milliseconds,
     MillisecondsOrZero,
     Percent,
@@ -55,9 +56,19 @@ class Disagreement(Settings):
     """Strain gauge and capacitive sensor disagree: the Kalman filter's innovation is too large."""
 
     ratio: Positive | None = Field(
-        default=25.0, description="Mean square innovation, in units of the variance that the filter expects."
+        default=25.0,
+        description="Mean square innovation, in units of the variance that the filter expects, beyond what the process "
+        "brings.",
     )
     time_ms: Milliseconds = Field(default=10.0, description="Time of the mean.")
+    process_um: DistanceOrZero = Field(
+        default=60.0,
+        description="What the process may do: how far its steady force, when it comes, would push the stage without "
+        "control: force over stiffness. Half of it comes as an oscillation on top, at outer.oscillation_Hz.",
+    )
+    process_ms: Annotated[Milliseconds, Field(le=1000.0)] = Field(
+        default=20.0, description="The process' force is there within so long."
+    )
     reaction: Reaction = Field(default="hold", description=_REACTION)
 
 

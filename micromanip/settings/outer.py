@@ -155,6 +155,36 @@ def _outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> Ou
     return OuterGains(A, B, C, L, feedback, following, steady_u, steady_y, poles, variance)
 
 
+def process_innovation(outer: Outer, gains: OuterGains, step_um: float, rise_cycles: int, time_cycles: int) -> float:
+    """Largest mean square (um^2) of the innovation, over `time_cycles`, while the tool comes into contact.
+
+    What it pushes is `step_um` in terms of the set-point, 95 % of it there after `rise_cycles`; half of it swings on
+    top at the tooth-passing frequency. The filter is the one of `gains`, which knows nothing of it beforehand.
+    """
+    cycles = np.arange(rise_cycles + 3 * time_cycles)
+    grown = step_um * -np.expm1(-3.0 * cycles / rise_cycles)
+    if outer.oscillation_Hz is not None:
+        grown = grown + 0.5 * np.sign(grown) * step_um * np.sin(_angle(gains) * cycles)
+    n = len(outer.model.A)
+    b = np.array(outer.model.B, dtype=float)
+    error, mean, largest = np.zeros(len(gains.A)), 0.0, 0.0
+    share = min(1.0, outer.sample_cycles / time_cycles)
+    for cycle, pushed_um in enumerate(grown, start=1):
+        error = gains.A @ error
+        error[:n] += b * pushed_um
+        if cycle % outer.sample_cycles == 0:
+            innovation = float(gains.C @ error)
+            error -= gains.observer * innovation
+            mean += share * (innovation**2 - mean)
+            largest = max(largest, mean)
+    return largest
+
+
+def _angle(gains: OuterGains) -> float:
+    """Angle (rad) that the oscillation turns by in a cycle."""
+    return math.acos(min(1.0, float(gains.A[-2, -2])))
+
+
 def dc_gain(axis: Axis) -> float:
     """Steady stage position (um) per um of set-point; 1 without an outer loop, infinite for a model that integrates."""
     if axis.outer is None:

@@ -51,7 +51,9 @@ static void start_estimator(const struct outer_parameters *p, struct estimator_s
     for (int k = 0; k < INPUT_HISTORY; k++)
         s->history[k] = u;
     s->filtered_cycle = s->cycle = cycle;
-    s->innovation_um = 0.0;
+    s->innovation_um = s->opened_um = 0.0;
+    s->reading_um = y;
+    s->repeated = 0;
     s->running = 1;
 }
 
@@ -65,10 +67,23 @@ static void predict_to(const struct outer_parameters *p, struct estimator_state 
     s->cycle = cycle;
 }
 
+/* No more of an innovation than is plausible at once; while more comes the limit opens, and closes slowly again. */
+static double believed(const struct outer_parameters *p, struct estimator_state *s, double innovation)
+{
+    double limit_um = p->innovation_um + s->opened_um;
+
+    if (s->repeated >= 2)
+        limit_um = p->repeated_um;
+    double applied = most(-limit_um, least(limit_um, innovation));
+    s->opened_um = most(2.0 * fabs(applied), 0.9 * s->opened_um);
+    return applied;
+}
+
 static void update(const struct outer_parameters *p, struct estimator_state *s, int64_t sample_cycle, double y)
 {
     int64_t now = s->cycle;
     int n = (int)p->states;
+    bool gap = sample_cycle - s->filtered_cycle > p->gap_cycles;
 
     if (sample_cycle <= s->filtered_cycle || sample_cycle > now || now - sample_cycle >= INPUT_HISTORY)
         return;
@@ -76,14 +91,17 @@ static void update(const struct outer_parameters *p, struct estimator_state *s, 
         start_estimator(p, s, now, s->history[(now - 1) & HISTORY_MASK], y);
         return;
     }
+    s->repeated = y == s->reading_um ? s->repeated + 1 : 0;
+    s->reading_um = y;
     if (sample_cycle == now)
         for (int i = 0; i < n; i++)
             s->filtered[i] = s->x[i];
     else
         advance(p, s->history, s->filtered, s->filtered_cycle, sample_cycle);
     s->innovation_um = y - output(p, s->filtered);
+    double applied = believed(p, s, s->innovation_um);
     for (int i = 0; i < n; i++)
-        s->x[i] = s->filtered[i] += p->gain[i] * s->innovation_um;
+        s->x[i] = s->filtered[i] += p->gain[i] * (gap && i < p->slow ? s->innovation_um : applied);
     advance(p, s->history, s->x, sample_cycle, now);
     s->filtered_cycle = sample_cycle;
 }

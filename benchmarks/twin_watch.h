@@ -30,7 +30,7 @@ static void watch_stage(const struct cell_parameters *p, struct cell_state *s, i
     bool bad = active && sensor->bad >= limits->stage_samples;
     bool stuck = active && sensor->identical >= limits->stage_identical;
 
-    if (w->degraded > 0 && !(bad || stuck))
+    if (w->degraded > limits->bridged_cycles && !(bad || stuck))
         s->axis[i].closed = 0;
     w->degraded = lasting(w->degraded, bad || stuck);
     bool over = w->degraded > limits->degraded_cycles;

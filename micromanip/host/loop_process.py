@@ -69,7 +69,7 @@ def _warm(control: Any, status: Any, samples: Any) -> None:
     parameters["axis"]["strain_age_ns"] = parameters["axis"]["stage_age_ns"] = np.iinfo(np.int64).max
     drivers = np.zeros(1, DRIVER)
     run_virtual(
-        parameters, state, drivers, 0, signals, status["outputs"].copy(), samples.copy(), rows, _WARM_CYCLES, 10, ARM
+        parameters, state, drivers, 0, signals, status["outputs"].copy(), samples.copy(), rows, _WARM_CYCLES, 10, ARM, 1
     )
 
 

@@ -9,6 +9,13 @@ A sample taken `age` cycles ago is applied where it belongs: ``filtered`` is car
 sample's cycle with the set-points remembered, corrected there, and predicted to now again. The
 gain is the stationary one for the sensor's sampling interval; the error dynamics
 ``(I - L C) A^m`` are checked to be stable with the configuration.
+
+No sample moves the estimate by more than is plausible at once: an innovation beyond what sensor and process together
+bring (``innovation_um``) is cut down to that. While more comes the limit opens, threefold a sample, and closes slowly
+again, so that the filter is soon the linear one: what really happened is followed a few samples later, a reading that
+was late, held or false for a moment leaves no disturbance behind. One that is exactly the same for the third time
+counts for no more than the sensor's noise: it is held somewhere, or nothing moves. After a gap the states of motion
+take all of the innovation, because nobody knows what went on; the disturbances don't.
 """
 
 from __future__ import annotations
@@ -19,6 +26,11 @@ from .jit import compiled
 from .records import INPUT_HISTORY, Record
 
 _MASK = INPUT_HISTORY - 1
+_OPENS, _CLOSES = 2.0, 0.9
+"""How much more than usual may come after an innovation, in terms of it; what is left of that a sample later."""
+
+
+_REPEATED = 2
 
 
 @compiled
@@ -67,7 +79,9 @@ def start_estimator(p: Record, s: Record, cycle: int, u: float, y: float) -> Non
         s["history"][k] = u
     s["filtered_cycle"] = cycle
     s["cycle"] = cycle
-    s["innovation_um"] = 0.0
+    s["innovation_um"] = s["opened_um"] = 0.0
+    s["reading_um"] = y
+    s["repeated"] = 0
     s["running"] = 1
 
 
@@ -88,6 +102,15 @@ def predict_to(p: Record, s: Record, cycle: int) -> None:
 
 
 @compiled
+def believed(p: Record, s: Record, innovation: float) -> float:
+    """What of an innovation (um) is applied; the limit opens or closes for the next one."""
+    limit_um = p["innovation_um"] + s["opened_um"] if s["repeated"] < _REPEATED else p["repeated_um"]
+    applied = max(-limit_um, min(limit_um, innovation))
+    s["opened_um"] = max(_OPENS * abs(applied), _CLOSES * s["opened_um"])
+    return applied
+
+
+@compiled
 def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
     """Apply the sample `y` taken at `sample_cycle`; False where it is too old to be of use.
 
@@ -101,14 +124,19 @@ def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
         start_estimator(p, s, now, s["history"][(now - 1) & _MASK], y)
         return True
     n = p["states"]
+    gap = sample_cycle - s["filtered_cycle"] > p["gap_cycles"]
+    s["repeated"] = s["repeated"] + 1 if y == s["reading_um"] else 0
+    s["reading_um"] = y
     if sample_cycle == now:
         for i in range(n):
             s["filtered"][i] = s["x"][i]
     else:
         _advance(p, s, s["filtered"], s["filtered_cycle"], sample_cycle)
     innovation = y - output(p, s["filtered"])
+    applied = believed(p, s, innovation)
+    motion = innovation if gap else applied
     for i in range(n):
-        s["filtered"][i] += p["gain"][i] * innovation
+        s["filtered"][i] += p["gain"][i] * (motion if i < p["slow"] else applied)
         s["x"][i] = s["filtered"][i]
     _advance(p, s, s["x"], sample_cycle, now)
     s["filtered_cycle"] = sample_cycle

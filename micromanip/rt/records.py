@@ -98,7 +98,14 @@ OUTER_PARAMETERS = _record(
     ("reference", "f8", (REFERENCE_STATES,)),
     ("steady_u", "f8", (MAX_STATES,)),
     ("steady_y", "f8", (MAX_STATES,)),
+    ("slow", "i8"),
+    ("innovation_um", "f8"),
+    ("repeated_um", "f8"),
+    ("gap_cycles", "i8"),
 )
+"""``slow``: the first of the states that are disturbances; ``innovation_um``: how large an innovation may be at once,
+``repeated_um`` of a reading that is the same for the third time; ``gap_cycles``: samples further apart than that leave
+the estimate uncertain."""
 ESTIMATOR_STATE = _record(
     ("filtered", "f8", (MAX_STATES,)),
     ("x", "f8", (MAX_STATES,)),
@@ -107,6 +114,9 @@ ESTIMATOR_STATE = _record(
     ("cycle", "i8"),
     ("history", "f8", (INPUT_HISTORY,)),
     ("innovation_um", "f8"),
+    ("opened_um", "f8"),
+    ("reading_um", "f8"),
+    ("repeated", "i8"),
     ("running", "i8"),
 )
 
@@ -160,6 +170,7 @@ WATCH_PARAMETERS = _record(
     ("stage_identical", "i8"),
     ("degraded_cycles", "i8"),
     ("decay_cycles", "i8"),
+    ("bridged_cycles", "i8"),
     ("innovation_variance", "f8"),
     ("innovation_ratio", "f8"),
     ("innovation_step", "f8"),

@@ -17,7 +17,8 @@ from .telemetry import write_row
 
 @compiled.entry(
     types.int64(
-        PARAMETERS, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES, ROWS, types.int64, types.int64, types.int64
+        *(PARAMETERS, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES, ROWS),
+        *(types.int64, types.int64, types.int64, types.int64),
     )
 )
 def run_virtual(
@@ -32,20 +33,23 @@ def run_virtual(
     cycles: int,
     every: int,
     command: int,
+    periods: int,
 ) -> int:
     """Run `cycles` cycles from where `state` is, a telemetry row each `every`; returns the rows written.
 
-    `command` is given in the first cycle. Time is the cycle number times the period.
+    `command` is given in the first cycle, which comes `periods` after the one before: more than one is a stall of the
+    machine, in which cycles were missed. Time is the cycle number times the period.
     """
     p, s = parameters[0], state[0]
     written = 0
     for k in range(cycles):
-        now_ns = (s["cycle"] + 1) * p["period_ns"]
-        code = exchange_all(drivers, driver_count, outputs, signals, now_ns, 1)
+        passed = periods if k == 0 else 1
+        now_ns = (s["cycle"] + passed) * p["period_ns"]
+        code = exchange_all(drivers, driver_count, outputs, signals, now_ns, passed)
         watch_drivers(p, s, code)
         derive_signals(p, s, signals)
-        cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns, 1)
+        cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns, passed)
         if (k + 1) % every == 0 and written < len(rows):
-            write_row(p, s, signals, rows[written], now_ns, 0, 0, 1)
+            write_row(p, s, signals, rows[written], now_ns, 0, 0, passed)
             written += 1
     return written

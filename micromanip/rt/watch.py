@@ -68,13 +68,14 @@ def watch_strain(p: Record, s: Record, i: int, active: bool) -> None:
 def watch_stage(p: Record, s: Record, i: int, active: bool) -> None:
     """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
 
-    When it is back in time the set-point is blended over from where it is.
+    When it is back in time the set-point is blended over from where it is; after a moment only (``bridged_cycles``)
+    it is put right at once: a blend would hold on for long to what went wrong in so short a time.
     """
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w, sensor = a["watch"], a["stage"]
     bad = active and sensor["bad"] >= limits["stage_samples"]
     stuck = active and sensor["identical"] >= limits["stage_identical"]
-    if w["degraded"] > 0 and not (bad or stuck):
+    if w["degraded"] > limits["bridged_cycles"] and not (bad or stuck):
         a["closed"] = 0
     w["degraded"] = lasting(w["degraded"], bad or stuck)
     over = w["degraded"] > limits["degraded_cycles"]

@@ -32,6 +32,7 @@ _SWEEP_MARGIN = 1.3
 _SWEEP_SHARE = 0.25
 _PROCESS_MARGIN = 2.0
 """The model of the stage is not the stage: so many times the mean square that it expects of the process."""
+_NOISE_SIGMA, _PLAUSIBLE_SIGMA, _GAP_SAMPLES = 3.0, 5.0, 4
 _LONGEST_MEAN_S = 1.0
 """Over more than this the mean of what a contact makes only falls."""
 _PLAUSIBLE_UM = (-1000.0, 1000.0)
@@ -79,8 +80,8 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         if axis.outer is not None:
             tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
             gains = outer_gains(axis.outer, tracker, period_s)
-            _fill_outer(p["axis"][i]["outer"], gains)
-            _fill_innovation(p["axis"][i]["watch"], axis, axis.outer, gains, cycles)
+            _fill_outer(p["axis"][i]["outer"], axis.outer, gains)
+            _fill_innovation(p["axis"][i], axis, axis.outer, gains, cycles)
     return record
 
 
@@ -253,19 +254,25 @@ def _fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_h
             r["phase"][k] = math.radians(sine.phase_deg)
 
 
-def _fill_innovation(w: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles: Callable[[float], int]) -> None:
-    """How large the innovation may be: what the filter expects at rest, and what the process brings."""
+def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles: Callable[[float], int]) -> None:
+    """How large the innovation may be: what the filter expects at rest, and what the process brings.
+
+    As a mean square over a while, for the watch; and at once, for the filter.
+    """
     said, gain, variance = axis.faults.disagreement, abs(dc_gain(axis)), gains.innovation_variance
     step_um = said.process_um / gain if math.isfinite(gain) and gain > 0.0 else 0.0
     rise, time = cycles(said.process_ms * 1e-3), min(cycles(said.time_ms * 1e-3), cycles(_LONGEST_MEAN_S))
     brought = _PROCESS_MARGIN * process_innovation(outer, gains, step_um, rise, time)
-    w["innovation_variance"] = variance
-    w["innovation_ratio"] += brought / variance
+    a["watch"]["innovation_variance"] = variance
+    a["watch"]["innovation_ratio"] += brought / variance
+    a["outer"]["repeated_um"] = _NOISE_SIGMA * math.sqrt(variance)
+    a["outer"]["innovation_um"] = math.sqrt(_PLAUSIBLE_SIGMA**2 * variance + brought)
 
 
-def _fill_outer(o: Any, gains: OuterGains) -> None:
+def _fill_outer(o: Any, outer: Outer, gains: OuterGains) -> None:
     n = len(gains.A)
-    o["states"] = n
+    o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
+    o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
     o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
     o["gain"][:n], o["feedback"][:n], o["reference"] = gains.observer, gains.feedback, gains.reference
     o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y

@@ -53,8 +53,11 @@ class VirtualCell:
         for i in range(parameters[0]["axes"]):
             self.state[0]["axis"][i]["voltage_V"] = parameters[0]["axis"][i]["limiter"]["park_V"]
 
-    def run(self, seconds: float, every: int = 1, command: int = NO_COMMAND) -> Rows:
-        """Telemetry rows (one in `every` cycles) of the next `seconds`; `command` is given first."""
+    def run(self, seconds: float, every: int = 1, command: int = NO_COMMAND, periods: int = 1) -> Rows:
+        """Telemetry rows (one in `every` cycles) of the next `seconds`; `command` is given first.
+
+        The first cycle comes `periods` after the one before: more than one is a stall of the machine.
+        """
         cycles = round(seconds * 1e9 / int(self.parameters[0]["period_ns"]))
         rows = np.zeros(cycles // every, ROW)
         run_virtual(
@@ -69,6 +72,7 @@ class VirtualCell:
             cycles,
             every,
             command,
+            periods,
         )
         return rows
 

@@ -5,6 +5,7 @@ from scipy.linalg import block_diag, expm
 
 from micromanip.rt.records import OUTER_PARAMETERS
 from micromanip.settings.axis import LinearModel, Outer
+from micromanip.settings.limits import NEVER
 from micromanip.settings.outer import outer_gains
 
 from .builders import PERIOD_S, record
@@ -31,21 +32,24 @@ def outer(delay_cycles=2, **knobs):
     return Outer(model=linear_model(delay_cycles), **knobs)
 
 
-def parameters(gains):
-    """The loop's record of these gains."""
+def parameters(gains, **changed):
+    """The loop's record of these gains; the filter believes every sample, unless that is `changed`."""
     n = len(gains.A)
-    return record(
-        OUTER_PARAMETERS,
-        states=n,
-        a_columns=gains.A.T,
-        b=gains.B,
-        c=gains.C,
-        gain=gains.observer,
-        feedback=gains.feedback,
-        reference=gains.reference,
-        steady_u=gains.steady_u,
-        steady_y=gains.steady_y,
-    )
+    fields = {
+        "states": n,
+        "a_columns": gains.A.T,
+        "b": gains.B,
+        "c": gains.C,
+        "gain": gains.observer,
+        "feedback": gains.feedback,
+        "reference": gains.reference,
+        "steady_u": gains.steady_u,
+        "steady_y": gains.steady_y,
+        "innovation_um": np.inf,
+        "repeated_um": np.inf,
+        "gap_cycles": NEVER,
+    }
+    return record(OUTER_PARAMETERS, **fields | changed)
 
 
 def designed(delay_cycles=2, tracker=None, **knobs):

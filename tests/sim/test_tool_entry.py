@@ -125,9 +125,12 @@ def test_what_the_process_may_do_is_asked_for(tmp_path):
             for name, axis in configuration.axes.items()
         }
         record = compile_cell(configuration.model_copy(update={"axes": axes}), prepared.wiring)[0]["axis"][0]
-        return record["watch"]["innovation_ratio"]
+        return record["watch"]["innovation_ratio"], record["outer"]["innovation_um"]
 
-    none, usual, large = (limits(ratio=25.0, process_um=size) for size in (0.0, 60.0, 120.0))
+    (none, at_rest_um), (usual, _), (large, large_um) = (
+        limits(ratio=25.0, process_um=size) for size in (0.0, 60.0, 120.0)
+    )
     assert none == 25.0
     assert large - 25.0 == pytest.approx(4.0 * (usual - 25.0))
-    assert limits(ratio=None, process_um=60.0) == np.inf
+    assert large_um > at_rest_um
+    assert limits(ratio=None, process_um=60.0)[0] == np.inf

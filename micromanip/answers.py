@@ -61,9 +61,7 @@ class Jogged(TypedDict):
     target_um: float
 
 
-class AuditEntry(TypedDict):
-    """A line of the audit trail; `missing_before` counts entries that could not be written just before it."""
-
+class _AuditEntry(TypedDict):
     time: str
     user: str
     uid: int | None
@@ -73,6 +71,15 @@ class AuditEntry(TypedDict):
     reason: str | None
     changes: list[Change]
     missing_before: int
+
+
+class AuditEntry(_AuditEntry, total=False):
+    """A line of the audit trail; `missing_before` counts entries that could not be written just before it.
+
+    `repeated`, where it is there, counts refusals like this one, or of that user, since the last that was written down.
+    """
+
+    repeated: int
 
 
 class Audit(TypedDict):

@@ -27,7 +27,10 @@ def command(last: int, socket_path: Path, as_json: bool) -> None:
         if entry["missing_before"]:
             click.echo(f"({entry['missing_before']} entries are missing here: the trail could not be written)")
         who = entry["user"] + (f" (pid {entry['pid']})" if entry["pid"] is not None else "")
-        click.echo(f"{entry['time']}  {who}  {entry['verb']}{'' if entry['accepted'] else ' REFUSED'}")
+        outcome = "" if entry["accepted"] else " REFUSED"
+        if repeated := entry.get("repeated"):
+            outcome += f" {repeated} more times, the last of them:"
+        click.echo(f"{entry['time']}  {who}  {entry['verb']}{outcome}")
         for change in entry["changes"]:
             course = f"{brief(change['old'])} -> " if entry["accepted"] else ""
             click.echo(f"    {change['key']}: {course}{brief(change['new'])}")

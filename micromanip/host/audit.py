@@ -1,16 +1,15 @@
 """The audit trail: who asked for what, when, from what to what, and whether it was done.
 
-JSON lines in ``audit.jsonl`` of the state directory. It never stops a verb: what can't be written is counted.
+JSON lines in the state directory. It never stops a verb: what can't be written is counted.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
-import os
 import threading
-from collections import deque
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,79 +17,120 @@ from typing import Any, TypeVar
 from micromanip.answers import Audit, AuditEntry, Change
 from micromanip.errors import MicromanipError
 
+from .audit_files import KEEPING, AuditFiles, Keeping
+from .authority import Right
 from .peer import Peer
+from .protocol import Request, Verb
+from .repeats import Repeats
 
-_NAME = "audit.jsonl"
-_MAX_BYTES = 10_000_000
+_VALUE_CHARS, _REFUSED_CHARS, _REASON_CHARS, _NAME_CHARS = 1000, 100, 2000, 200
+"""A value, one that was refused, a reason, and a name or key are cut to this length; what was cut is said."""
+_REFUSED_CHANGES = 20
+_LOOK_S = 5.0
 
 Result = TypeVar("Result")
 
 
 class AuditTrail:
-    """Appends to the trail in `folder`; one older file is kept, so that it takes at most twice `max_bytes`."""
+    """The trail in `folder`."""
 
-    def __init__(self, folder: Path, say: Callable[[str], None], max_bytes: int = _MAX_BYTES) -> None:
+    def __init__(self, folder: Path, say: Callable[[str], None], keeping: Keeping = KEEPING) -> None:
         """`say` gets a warning, once, where the trail can't be written."""
-        self.file = folder / _NAME
+        self._files = AuditFiles(folder, keeping)
+        self.file = self._files.file
         self.unwritten = 0
-        self._say, self._max_bytes = say, max_bytes
+        self._say = say
         self._missing = 0
+        self._repeats = Repeats()
         self._writing = threading.Lock()
 
     async def note(self, peer: Peer, verb: str, changes: Sequence[Change] = (), reason: str | None = None) -> None:
         """Add an entry; a `reason` is why it was refused. Never raises."""
         entry = AuditEntry(
-            time=datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+            time=_now(),
             user=peer.user,
             uid=peer.uid,
             pid=peer.pid,
-            verb=verb,
+            verb=_cut(verb, _NAME_CHARS),
             accepted=reason is None,
-            reason=reason,
-            changes=list(changes),
+            reason=None if reason is None else _cut(reason, _REASON_CHARS),
+            changes=_brief(changes) if reason is None else _refused(changes),
             missing_before=0,
         )
+        if reason is None or not self._repeats.is_counted(entry):
+            await self._write(entry)
+
+    async def refused(self, peer: Peer, verb: str, reason: str) -> None:
+        """Add what was refused before it came to a verb."""
+        await self.note(peer, verb, reason=reason)
+
+    @contextlib.asynccontextmanager
+    async def refusals(self, peer: Peer, verb: str, asked: Sequence[Change] = ()) -> AsyncIterator[None]:
+        """Whatever is raised within is noted: what was `asked`, and why it was not done."""
+        try:
+            yield
+        except MicromanipError as refusal:
+            await self.note(peer, verb, asked, str(refusal))
+            raise
+        except Exception as bug:
+            await self.note(peer, verb, asked, f"bug: {type(bug).__name__}: {bug}")
+            raise
+
+    async def done(
+        self, peer: Peer, verb: str, change: Callable[[], Awaitable[tuple[Result, Sequence[Change]]]]
+    ) -> Result:
+        """Result of `change`; the trail gets what it changed."""
+        result, changes = await change()
+        await self.note(peer, verb, changes)
+        return result
+
+    def followed(self, verb: Verb) -> Verb:
+        """The same verb; the trail gets why it was refused to somebody who asked for more than to look."""
+
+        async def act(request: Request) -> Any:
+            if verb.right(request) is Right.OBSERVE:
+                return await verb(request)
+            async with self.refusals(request.peer, request.verb, _asked(request.fields)):
+                return await verb(request)
+
+        return Verb(act, verb.right, verb.stops)
+
+    async def tell_repeats(self) -> None:
+        """As long as it runs: write down how often what was refused has been refused again."""
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            await self._write_repeats()
+
+    async def close(self) -> None:
+        """Write down what is still only counted."""
+        await self._write_repeats(now=True)
+
+    def last(self, count: int) -> Audit:
+        """The newest `count` entries; what is not a line of ours is passed over."""
+        entries: list[AuditEntry] = []
+        for file in self._files.newest_first():
+            entries = [*_entries(file), *entries][-count:]
+            if len(entries) == count:
+                break
+        return Audit(file=str(self.file), unwritten=self.unwritten, entries=entries)
+
+    async def _write_repeats(self, *, now: bool = False) -> None:
+        for entry in self._repeats.over(now=now):
+            entry["time"] = _now()
+            await self._write(entry)
+
+    async def _write(self, entry: AuditEntry) -> None:
         if problem := await asyncio.to_thread(self._append, entry):
             if not self.unwritten:
                 self._say(f"WARNING: the audit trail {self.file} can't be written: {problem}. What is not is counted.")
             self.unwritten += 1
-
-    async def follow(
-        self,
-        peer: Peer,
-        verb: str,
-        asked: Sequence[Change],
-        change: Callable[[], Awaitable[tuple[Result, Sequence[Change]]]],
-    ) -> Result:
-        """Result of `change`; the trail gets what it changed, or what was `asked` and why it was refused."""
-        try:
-            result, changes = await change()
-        except MicromanipError as refusal:
-            await self.note(peer, verb, asked, str(refusal))
-            raise
-        await self.note(peer, verb, changes)
-        return result
-
-    def last(self, count: int) -> Audit:
-        """The newest `count` entries; what is not a line of ours is passed over."""
-        entries: deque[AuditEntry] = deque(maxlen=count)
-        for file in (self._older, self.file):
-            entries.extend(_entries(file))
-        return Audit(file=str(self.file), unwritten=self.unwritten, entries=list(entries))
-
-    @property
-    def _older(self) -> Path:
-        return self.file.with_name(f"{_NAME}.1")
 
     def _append(self, entry: AuditEntry) -> str | None:
         """Write one line; what went wrong, or None."""
         with self._writing:
             entry["missing_before"] = self._missing
             try:
-                self.file.parent.mkdir(parents=True, exist_ok=True)
-                if self.file.exists() and self.file.stat().st_size >= self._max_bytes:
-                    self.file.replace(self._older)
-                _write_line(self.file, json.dumps(entry))
+                self._files.append(json.dumps(entry))
             except OSError as problem:
                 self._missing += 1
                 return problem.strerror or str(problem)
@@ -98,16 +138,36 @@ class AuditTrail:
             return None
 
 
-def _write_line(file: Path, line: str) -> None:
-    descriptor = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o640)
-    try:
-        size = os.fstat(descriptor).st_size
-        torn = size > 0 and os.pread(descriptor, 1, size - 1) != b"\n"  # by a disk that was full
-        content = (b"\n" if torn else b"") + line.encode() + b"\n"
-        if os.write(descriptor, content) != len(content):
-            raise OSError("the disk is full")
-    finally:
-        os.close(descriptor)
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _asked(fields: Mapping[str, Any]) -> list[Change]:
+    """What a request wanted: the new values of a `set` or `shadow`, the fields of any other."""
+    changes = fields.get("changes")
+    wanted = changes if isinstance(changes, Mapping) else fields
+    return [Change(key=key, old=None, new=value) for key, value in wanted.items()]
+
+
+def _refused(changes: Sequence[Change]) -> list[Change]:
+    brief = _brief(changes[:_REFUSED_CHANGES], _REFUSED_CHARS)
+    if more := len(changes) - len(brief):
+        brief.append(Change(key=f"(and {more} more)", old=None, new=None))
+    return brief
+
+
+def _brief(changes: Sequence[Change], chars: int = _VALUE_CHARS) -> list[Change]:
+    return [
+        Change(key=_cut(c["key"], _NAME_CHARS), old=_cut(c["old"], chars), new=_cut(c["new"], chars)) for c in changes
+    ]
+
+
+def _cut(value: Any, chars: int) -> Any:
+    """`value`, or where it is too long the beginning of its text and its size."""
+    text = value if isinstance(value, str) else json.dumps(value)
+    if len(text) <= chars:
+        return value
+    return f"{text[:chars]}... (cut off, {len(text)} characters)"
 
 
 def _entries(file: Path) -> Iterator[AuditEntry]:
@@ -126,4 +186,9 @@ def _entry(line: str) -> Any:
         entry = json.loads(line)
     except ValueError:
         return None
-    return entry if isinstance(entry, dict) and entry.keys() == AuditEntry.__annotations__.keys() else None
+    if not isinstance(entry, dict) or not AuditEntry.__required_keys__ <= entry.keys() <= _KEYS:
+        return None
+    return entry
+
+
+_KEYS = AuditEntry.__annotations__.keys()

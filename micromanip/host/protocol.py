@@ -21,6 +21,7 @@ from micromanip.settings.base import Settings
 from micromanip.settings.load import validate_section
 from micromanip.settings.source import Source
 
+from .authority import Right
 from .peer import Peer
 
 VERSION = 1
@@ -51,7 +52,30 @@ class Request:
             raise UsageError(f"{self.verb}: {problem}") from None
 
 
-Verb = Callable[[Request], Awaitable[Any]]
+Act = Callable[[Request], Awaitable[Any]]
+
+
+@dataclass(frozen=True)
+class Verb:
+    """What a client can ask for: what is done, and the right that it takes."""
+
+    act: Act
+    right: Callable[[Request], Right]
+    stops: bool = False
+    """It only ever brings the cell nearer to rest: it is answered also where there is no room for anything else."""
+
+    async def __call__(self, request: Request) -> Any:
+        return await self.act(request)
+
+
+def observing(act: Act) -> Verb:
+    """A verb that changes nothing."""
+    return Verb(act, lambda _: Right.OBSERVE)
+
+
+def operating(act: Act, *, stops: bool = False) -> Verb:
+    """A verb that moves something, or changes what runs or is kept."""
+    return Verb(act, lambda _: Right.OPERATE, stops)
 
 
 def parsed(line: bytes, peer: Peer) -> Request:

@@ -14,10 +14,11 @@ from micromanip.settings.base import Settings
 from micromanip.settings.source import Source
 
 from .audit import AuditTrail
+from .authority import Right
 from .candidate import ShadowTuning
 from .differences import changes
 from .peer import Peer
-from .protocol import Nothing, Request, Verb
+from .protocol import Act, Nothing, Request, Verb, operating
 from .running import Outcome, Running, Tunable
 
 _LOOP = Peer("loop")
@@ -30,6 +31,11 @@ class Offer(Settings):
     changes: dict[str, Any] = Field(
         default={}, max_length=200, description="The candidate's values by key; without any: where it stands."
     )
+
+
+def _right_to_offer(request: Request) -> Right:
+    """To see where the last candidate stands is to observe."""
+    return Right.OPERATE if request.fields.get("changes") else Right.OBSERVE
 
 
 class ShadowVerbs:
@@ -47,9 +53,9 @@ class ShadowVerbs:
     def table(self) -> dict[str, Verb]:
         """Its verbs by name."""
         return {
-            "shadow": self._shadow,
-            "promote": self._asked(self._tuning.promote),
-            "withdraw": self._asked(self._tuning.withdraw),
+            "shadow": Verb(self._shadow, _right_to_offer),
+            "promote": operating(self._asked(self._tuning.promote)),
+            "withdraw": operating(self._asked(self._tuning.withdraw)),
         }
 
     async def follow_trials(self) -> None:
@@ -78,10 +84,9 @@ class ShadowVerbs:
             shadow = await self._tuning.offer(wanted)
             return shadow, shadow["changed"]
 
-        asked = [Change(key=key, old=None, new=value) for key, value in wanted.items()]
-        return await self._trail.follow(request.peer, "shadow", asked, change)
+        return await self._trail.done(request.peer, "shadow", change)
 
-    def _asked(self, act: Callable[[], Awaitable[Shadow]]) -> Verb:
+    def _asked(self, act: Callable[[], Awaitable[Shadow]]) -> Act:
         async def change() -> tuple[Shadow, Sequence[Change]]:
             before, running = self._tuning.standing()["standing"], self.running.prepared.configuration
             shadow = await act()
@@ -90,6 +95,6 @@ class ShadowVerbs:
 
         async def verb(request: Request) -> Shadow:
             request.read(Nothing)
-            return await self._trail.follow(request.peer, request.verb, (), change)
+            return await self._trail.done(request.peer, request.verb, change)
 
         return verb

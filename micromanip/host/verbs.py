@@ -16,7 +16,7 @@ from micromanip.settings.source import Source
 
 from .audit import AuditTrail
 from .peer import Peer
-from .protocol import Nothing, Request, Verb
+from .protocol import Act, Nothing, Request, Verb, observing, operating
 from .running import Tunable
 from .shadow_verbs import ShadowVerbs
 from .tuning import Tuning
@@ -83,31 +83,39 @@ class Verbs:
 
     def table(self) -> dict[str, Verb]:
         """Every verb by its name."""
-        return {
-            "status": self._answer_status,
-            "get": self._get,
-            "diff": self._diff,
-            "audit": self._audit,
-            "set": self._set,
-            "save": self._save,
-            "reload": self._reload,
-            "jog": self._jog,
+        verbs = {
+            "status": observing(self._answer_status),
+            "get": observing(self._get),
+            "diff": observing(self._diff),
+            "audit": observing(self._audit),
+            "set": operating(self._set),
+            "save": operating(self._save),
+            "reload": operating(self._reload),
+            "jog": operating(self._jog),
+            "arm": operating(self._commanded(states.ARM)),
+            "disarm": operating(self._commanded(states.DISARM), stops=True),
+            "hold": operating(self._commanded(states.HOLD), stops=True),
+            "reset": operating(self._commanded(states.RESET)),
             **self.shadow.table(),
-            **{name: self._commanded(number) for name, number in _COMMANDS.items()},
         }
+        return {name: self._trail.followed(verb) for name, verb in verbs.items()}
 
     async def command(self, command: int, peer: Peer) -> None:
         """Give a command in the name of `peer`, and note it."""
-        await self._trail.follow(peer, states.COMMAND_NAMES[command], (), self._change_state(command))
+        async with self._trail.refusals(peer, states.COMMAND_NAMES[command]):
+            await self._commanded_by(peer, command)
 
     async def reload(self, peer: Peer) -> Swap:
         """Take over the configuration file in the name of `peer`, and note it."""
+        async with self._trail.refusals(peer, "reload"):
+            return await self._reloaded_by(peer)
 
+    async def _reloaded_by(self, peer: Peer) -> Swap:
         async def change() -> tuple[Swap, Sequence[Change]]:
             swap = await self._tuning.reload()
             return swap, swap["changed"]
 
-        return await self._trail.follow(peer, "reload", (), change)
+        return await self._trail.done(peer, "reload", change)
 
     async def _answer_status(self, request: Request) -> Status:
         request.read(Nothing)
@@ -131,8 +139,7 @@ class Verbs:
             swap = await self._tuning.set(wanted)
             return swap, swap["changed"]
 
-        asked = [Change(key=key, old=None, new=value) for key, value in wanted.items()]
-        return await self._trail.follow(request.peer, "set", asked, change)
+        return await self._trail.done(request.peer, "set", change)
 
     async def _save(self, request: Request) -> Saved:
         force = request.read(Save).force
@@ -141,11 +148,11 @@ class Verbs:
             saved = await self._tuning.save(force=force)
             return saved, saved["changed"]
 
-        return await self._trail.follow(request.peer, "save", (), change)
+        return await self._trail.done(request.peer, "save", change)
 
     async def _reload(self, request: Request) -> Swap:
         request.read(Nothing)
-        return await self.reload(request.peer)
+        return await self._reloaded_by(request.peer)
 
     async def _jog(self, request: Request) -> Jogged:
         fields = request.read(JogTo)
@@ -154,18 +161,16 @@ class Verbs:
             jogged, moved = await self._tuning.jog(fields.axis, by_um=fields.by_um, to_um=fields.to_um)
             return jogged, [moved]
 
-        wanted = fields.to_um if fields.by_um is None else f"{fields.by_um:+g}"
-        asked = [Change(key=f"reference.target_um.{fields.axis}", old=None, new=wanted)]
-        return await self._trail.follow(request.peer, "jog", asked, change)
+        return await self._trail.done(request.peer, "jog", change)
 
-    def _commanded(self, command: int) -> Verb:
-        async def verb(request: Request) -> None:
+    def _commanded(self, command: int) -> Act:
+        async def act(request: Request) -> None:
             request.read(Nothing)
-            await self.command(command, request.peer)
+            await self._commanded_by(request.peer, command)
 
-        return verb
+        return act
 
-    def _change_state(self, command: int) -> Callable[[], Awaitable[tuple[None, Sequence[Change]]]]:
+    async def _commanded_by(self, peer: Peer, command: int) -> None:
         async def change() -> tuple[None, Sequence[Change]]:
             before = self._controller.state
             if command == states.RESET:
@@ -173,7 +178,4 @@ class Verbs:
             await self._controller.command(command)
             return None, [Change(key="state", old=before, new=self._controller.state)]
 
-        return change
-
-
-_COMMANDS = {"arm": states.ARM, "disarm": states.DISARM, "hold": states.HOLD, "reset": states.RESET}
+        await self._trail.done(peer, states.COMMAND_NAMES[command], change)

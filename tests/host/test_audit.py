@@ -4,11 +4,18 @@ import asyncio
 import json
 import os
 import socket
+from datetime import UTC, date, datetime, timedelta
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from micromanip.errors import CheckFailed
 from micromanip.host.audit import AuditTrail
+from micromanip.host.audit_files import AuditFiles, Keeping
 from micromanip.host.peer import Peer
+from micromanip.host.protocol import Request, operating
+from micromanip.host.repeats import Repeats
 from micromanip.host.state_directory import state_directory
 
 ALICE = Peer("alice", 1000, 42)
@@ -51,18 +58,6 @@ def test_entry(trail, said):
     assert trail.file.stat().st_mode & 0o777 == 0o640
 
 
-def test_two_files_at_most(trail, tmp_path):
-    small = AuditTrail(tmp_path, print, max_bytes=1000)
-    for k in range(50):
-        note(small, ALICE, f"verb{k}")
-    files = sorted(path.name for path in tmp_path.glob("audit*"))
-    assert files == ["audit.jsonl", "audit.jsonl.1"]
-    assert all((tmp_path / name).stat().st_size < 1300 for name in files)
-    verbs = [entry["verb"] for entry in small.last(1000)["entries"]]
-    assert verbs == [f"verb{k}" for k in range(50 - len(verbs), 50)]
-    assert len(verbs) >= 6
-
-
 def test_impossible_place(tmp_path, said):
     """Once a warning; every entry is counted, and the count is told when there is room again."""
     (tmp_path / "file").touch()
@@ -103,6 +98,7 @@ def test_peer_is_told_by_the_kernel():
         peer = Peer.of(ours)
     assert (peer.uid, peer.pid) == (os.geteuid(), os.getpid())
     assert peer.user
+    assert peer.groups == {os.getegid(), *os.getgroups()}
 
 
 def test_place(monkeypatch, tmp_path):
@@ -114,3 +110,150 @@ def test_place(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert state_directory() == tmp_path / ".local" / "state" / "micromanip"
+
+
+async def _refuse(_request):
+    raise CheckFailed("refused: the state is FAULT")
+
+
+def test_huge_values_do_not_push_out_what_was_there(trail):
+    """Five hundred refusals, each of another 60 kB: who armed stays on the first page, and the trail stays small."""
+    note(trail, ALICE, "arm")
+    verb = trail.followed(operating(_refuse))
+
+    async def flood():
+        for k in range(500):
+            changes = {"axes.x.mode": f"{k}" + "x" * 60_000, **{f"{k}.{j}": j for j in range(100)}}
+            with pytest.raises(CheckFailed):
+                await verb(Request("set", {"changes": changes}, ALICE))
+            await trail.note(ALICE, "set", reason=f"{k} " + "y" * 60_000)
+        await trail.close()
+
+    asyncio.run(flood())
+    assert sum(file.stat().st_size for file in trail.file.parent.iterdir()) < 200_000
+    entries = trail.last(1000)["entries"]
+    assert entries[0]["verb"] == "arm"
+    refused = entries[1]
+    assert refused["changes"][0]["new"] == "0" + "x" * 99 + "... (cut off, 60001 characters)"
+    assert refused["changes"][-1]["key"] == "(and 81 more)"
+    assert entries[2]["reason"].endswith("... (cut off, 60002 characters)")
+    told = [entry for entry in entries[1:] if "repeated" not in entry]
+    assert len(told) + sum(entry.get("repeated", 0) for entry in entries) == 1000
+
+
+def test_what_was_accepted_is_kept_whole_as_far_as_it_is_sensible(trail):
+    weights = [0.123456789] * 60
+    note(trail, ALICE, "set", [{"key": "axes.x.hysteresis.weights", "old": weights, "new": [0.5] * 1000}])
+    (entry,) = trail.last(1)["entries"]
+    assert entry["changes"][0]["old"] == weights
+    assert entry["changes"][0]["new"].endswith("... (cut off, 5000 characters)")
+
+
+def test_the_same_refusal_is_counted(trail):
+    """A client that asks again and again has one line, and one with the number; others are not hidden by it."""
+    bob = Peer("bob", 1001, 43)
+    trail._repeats = Repeats(clock=lambda: now[0])
+    now = [0.0]
+    for k in range(50):
+        note(trail, ALICE, "arm", reason="the state is FAULT")
+        if k % 25 == 0:
+            note(trail, bob, "arm", reason="the state is FAULT")
+    asyncio.run(trail._write_repeats())
+    assert [(e["user"], e.get("repeated")) for e in trail.last(9)["entries"]] == [("alice", None), ("bob", None)]
+    now[0] = 61.0
+    asyncio.run(trail._write_repeats())
+    assert [(e["user"], e.get("repeated")) for e in trail.last(9)["entries"][2:]] == [("alice", 49), ("bob", 1)]
+    note(trail, ALICE, "arm", reason="the state is FAULT")
+    assert "repeated" not in trail.last(1)["entries"][0]
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 30)), max_size=300))
+def test_every_refusal_is_written_or_counted(refused):
+    """Whatever users refuse and whenever: written and counted add up, and no user has more lines than allowed."""
+    clock = [0.0]
+    repeats = Repeats(window_s=10, distinct=3, clock=lambda: clock[0])
+    written, counted = {}, 0
+    for user, reason in refused:
+        clock[0] += 0.01
+        if not repeats.is_counted({"user": f"{user}", "uid": user, "verb": "arm", "reason": f"{reason}"}):
+            written[user] = written.get(user, 0) + 1
+    counted = sum(entry["repeated"] for entry in repeats.over(now=True))
+    assert sum(written.values()) + counted == len(refused)
+    assert all(count <= 3 for count in written.values())
+
+
+def written_on(files, day, lines, size=100):
+    """`lines` lines written on `day`."""
+    for k in range(lines):
+        files._now = lambda: datetime(day.year, day.month, day.day, 12, tzinfo=UTC)
+        files.append(f"{day} {k:04d} ".ljust(size - 1, "x"))
+        os.utime(files.file, (files._now().timestamp(),) * 2)
+
+
+def days_of(files):
+    return {line[:10] for file in files.newest_first() if file.exists() for line in file.read_text().splitlines()}
+
+
+def test_a_file_a_day(tmp_path):
+    files = AuditFiles(tmp_path)
+    first = date(2026, 1, 31)
+    for k in range(3):
+        written_on(files, first + timedelta(days=k), 2)
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "audit-2026-01-31.1.jsonl",
+        "audit-2026-02-01.1.jsonl",
+        "audit.jsonl",
+    ]
+    assert [line[:15] for file in files.newest_first() for line in file.read_text().splitlines()] == [
+        f"{first + timedelta(days=k)} {j:04d}" for k in (2, 1, 0) for j in (0, 1)
+    ]
+
+
+def test_a_burst_pushes_out_itself(tmp_path):
+    """A day with a hundred times what may be kept: the days before are all there, and so is its own end."""
+    files = AuditFiles(tmp_path, Keeping(most_bytes=12_000, part_bytes=1_000))
+    for k in range(30):
+        written_on(files, date(2026, 3, 1) + timedelta(days=k), 3)
+    written_on(files, date(2026, 4, 1), 1_000)
+    written_on(files, date(2026, 4, 2), 3)
+    assert len(days_of(files)) == 32
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) <= 12_000
+    assert "2026-04-01 0999" in next(f for f in files.newest_first() if "04-01" in f.name).read_text()
+
+
+def test_days_that_are_over_for_long_go_first(tmp_path):
+    files = AuditFiles(tmp_path, Keeping(most_bytes=20_000, part_bytes=2_000, days=90))
+    for k in range(200):
+        written_on(files, date(2026, 1, 1) + timedelta(days=k), 1)
+    assert len(days_of(files)) > 90, "there is room for them"
+    for k in range(200, 204):
+        written_on(files, date(2026, 1, 1) + timedelta(days=k), 18)
+    left = days_of(files)
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) <= 20_000
+    assert {f"{date(2026, 1, 1) + timedelta(days=k)}" for k in range(120, 204)} <= left
+    assert "2026-01-01" not in left
+
+
+def test_what_an_older_version_left_is_still_read(trail):
+    note(trail, ALICE, "arm")
+    trail.file.rename(trail.file.with_name("audit.jsonl.1"))
+    note(trail, ALICE, "disarm")
+    assert [entry["verb"] for entry in trail.last(9)["entries"]] == ["arm", "disarm"]
+
+
+def test_each_line_is_on_the_disk(trail, monkeypatch):
+    synchronised = []
+    monkeypatch.setattr(os, "fsync", synchronised.append)
+    note(trail, ALICE, "arm")
+    assert len(synchronised) == 2  # the file, and the folder that it is new in
+    note(trail, ALICE, "disarm")
+    assert len(synchronised) == 3
+
+
+def test_a_planted_link_is_not_written_through(trail, tmp_path, said):
+    trail.file.parent.mkdir(parents=True)
+    (tmp_path / "precious").write_text("precious")
+    trail.file.symlink_to(tmp_path / "precious")
+    note(trail, ALICE, "arm")
+    assert (tmp_path / "precious").read_text() == "precious"
+    assert trail.unwritten == 1

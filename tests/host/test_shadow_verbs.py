@@ -250,4 +250,4 @@ FIELDS = {
 def test_fields_are_checked(cell, verb, fields, message):
     with pytest.raises(UsageError, match=re.compile(message)):
         cell(verb, **fields)
-    assert cell.entries == []
+    assert [(entry[0], entry[1]) for entry in cell.entries] == [(verb, False)]

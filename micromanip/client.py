@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import select
 import socket
 import time
 from collections.abc import Mapping
@@ -40,6 +41,9 @@ class Client:
     def __init__(self, path: Path | None = None) -> None:
         """Raises DeviceUnavailable where no controller runs, PermissionDenied where it may not be reached."""
         self.path = path or default_socket()
+        self._connect()
+
+    def _connect(self) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(_TIMEOUT_S)
         try:
@@ -78,6 +82,9 @@ class Client:
                 f"{verb}: expected finite numbers, not NaN or infinity; where no limit is meant, null says so"
             ) from None
         line = b""
+        if self._was_idle():
+            self.close()
+            self._connect()
         with contextlib.suppress(ConnectionError):
             self._socket.sendall(asked)
             line = self._lines.readline()
@@ -90,6 +97,14 @@ class Client:
             k.exit_code: k for k in (UsageError, PermissionDenied, DeviceUnavailable, ConfigError)
         }
         raise kinds.get(answer["exit_code"], CheckFailed)(answer["error"])
+
+    def _was_idle(self) -> bool:
+        """Whether the controller has said good-bye meanwhile, because nothing was asked for long."""
+        poll = select.poll()
+        poll.register(self._socket, select.POLLIN)
+        with contextlib.suppress(ConnectionError):
+            return bool(poll.poll(0)) and self._socket.recv(1, socket.MSG_PEEK) != b""
+        return False
 
     def status(self) -> Status:
         """The report of the run so far, as ``run --json`` ends with."""

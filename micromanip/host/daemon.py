@@ -26,14 +26,15 @@ from micromanip.settings.source import Source
 from .audit import AuditTrail
 from .blackbox.shelf import KEPT, default_folder
 from .blackbox.supervisor import LOOP_DEATH, BlackBox
-from .control_socket import Access, ControlSocket
+from .control_socket import ControlSocket
 from .controller import Controller
 from .messages import LOOP_DIED, LOOP_STUCK
 from .notify import ServiceManager
 from .peer import Peer
-from .realtime import missing_rights
+from .realtime import NO_NICE, missing_rights
 from .recording import RecorderProcess
 from .safe_snapshot import SnapshotKeeper
+from .socket_file import Access
 from .state_directory import state_directory
 from .statistics import SignalStatistics, report
 from .verbs import Verbs
@@ -82,9 +83,9 @@ class Daemon:
         self._controller.adopted = self._workers.adopt
         self._signals = SignalStatistics(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
-        trail = AuditTrail(state_directory(), say)
+        self._trail = AuditTrail(state_directory(), say)
         self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
-        self._verbs = Verbs(self._controller, trail, self._report, self._boxes.settle, self._in_force, say)
+        self._verbs = Verbs(self._controller, self._trail, self._report, self._boxes.settle, self._in_force, say)
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
@@ -101,8 +102,8 @@ class Daemon:
             loop.add_signal_handler(number, self._stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)
         control = self._prepared.configuration.control
-        access = Access(int(control.socket_mode, 8), control.group)
-        control_socket = ControlSocket(self._options.socket, self._verbs.table(), access)
+        access = Access(int(control.socket_mode, 8), control.group, control.operate_group, control.observe_group)
+        control_socket = ControlSocket(self._options.socket, self._verbs.table(), access, refused=self._trail.refused)
         await control_socket.open()
         try:
             leave_cpu(self._prepared.configuration.loop.cpu)
@@ -111,7 +112,8 @@ class Daemon:
             gc.collect()
             gc.freeze()  # nor must a walk through all that was imported
             lock_memory(once_touched=True)  # nor code that has to be read from the disk again
-            go_before_ordinary_work(_NICE)
+            if not go_before_ordinary_work(_NICE):
+                self._say(f"WARNING: {NO_NICE}")
             async with self._workers:
                 refuse_real(self._prepared)
                 await self._snapshot.keep(self._prepared.source)  # before the loop looks for signs of life
@@ -121,6 +123,7 @@ class Daemon:
         finally:
             control_socket.close()
             await self._snapshot.settle()
+            await self._trail.close()
 
     async def _supervise(self) -> Report:
         rights = missing_rights(int(self._controller.words[w.RIGHTS]))
@@ -129,6 +132,7 @@ class Daemon:
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
         helpers.append(asyncio.create_task(self._verbs.shadow.follow_trials()))
+        helpers.append(asyncio.create_task(self._trail.tell_repeats()))
         stopped = asyncio.create_task(self._stop.wait())
         recorder = None
         try:

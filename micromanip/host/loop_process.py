@@ -26,9 +26,9 @@ from micromanip.rt.states import ARM, READY
 from micromanip.rt.virtual import run_virtual
 from micromanip.rt.words import FINISHED, RIGHTS
 
-from .control_socket import remove_stale
 from .realtime import enter_real_time, missing_rights
 from .segments import CONTROL, RING, STATUS, Segments
+from .socket_file import remove_stale
 
 _WARM_CYCLES = 3000
 

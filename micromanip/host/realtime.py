@@ -18,6 +18,10 @@ ADVICE = {
     "memlock in /etc/security/limits.d",
     NO_PIN: "not pinned to the configured CPU: it does not exist or is not allowed here",
 }
+NO_NICE = (
+    "the host process does not go before ordinary work: other processes delay its sign of life; allow it with "
+    "LimitNICE=-10 in the unit, or nice in /etc/security/limits.d"
+)
 
 
 def enter_real_time(cpu: int | None, priority: int) -> int:

@@ -56,13 +56,16 @@ def beginning_on_cpu(cpu: int | None) -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
-def go_before_ordinary_work(nice: int) -> None:
-    """An ordinary process still, but one with the nice value `nice`; where that is permitted."""
-    with contextlib.suppress(PermissionError):
+def go_before_ordinary_work(nice: int) -> bool:
+    """An ordinary process still, but one with the nice value `nice`; False where that is not permitted."""
+    try:
         os.setpriority(os.PRIO_PROCESS, 0, nice)
+    except PermissionError:
+        return False
     # Where the kernel shares the CPUs out by session, a nice value counts only among the processes of one session.
     with contextlib.suppress(OSError):
         _AUTOGROUP.write_text(str(nice))
+    return True
 
 
 def _has_capability(number: int) -> bool:

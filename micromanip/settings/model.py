@@ -59,7 +59,7 @@ class Loop(Settings):
 
 
 class Control(Settings):
-    """The control socket: who may command the running controller."""
+    """The control socket: who may command the running controller, and who may look at it."""
 
     socket_mode: str = Field(
         default="0660",
@@ -67,9 +67,23 @@ class Control(Settings):
         description="Permissions of the socket, octal digits as text; to connect is to write. Others are never let in: "
         "the last digit is 0.",
     )
-    group: str | None = Field(
-        default=None, min_length=1, description="Group that the socket is given to; null leaves the host's own."
+    operate_group: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Group whose members may do everything; null: the host's own. Root and the controller's user may.",
     )
+    observe_group: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Group whose members may only look: status, get, diff, audit, shadow without values; null: none.",
+    )
+    group: str | None = Field(default=None, min_length=1, description="Older name of operate_group.")
+
+    @model_validator(mode="after")
+    def _one_operating_group(self) -> Self:
+        if self.group is not None and self.operate_group not in (None, self.group):
+            raise ValueError("group is the older name of operate_group: give one of them")
+        return self
 
 
 class Start(Settings):

@@ -2,19 +2,29 @@
 
 import asyncio
 import contextlib
+import errno
 import grp
 import json
 import os
 import socket
 import stat
+import struct
+import time
 from pathlib import Path
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError
-from micromanip.host.control_socket import Access, Bounds, ControlSocket, claim, remove_stale
+from micromanip.host import socket_file
+from micromanip.host.authority import Authority, Right
+from micromanip.host.control_socket import ControlSocket
+from micromanip.host.peer import Peer
+from micromanip.host.protocol import observing, operating
+from micromanip.host.slots import Bounds
+from micromanip.host.socket_file import Access, bound, claim, remove_stale
 
 LIMIT = 65536
 ECHO = {"version": 1, "ok": True, "result": "here"}
@@ -36,7 +46,13 @@ async def _long(_request):
     return "x" * 50_000
 
 
-VERBS = {"here": _here, "refused": _refused, "broken": _broken, "long": _long}
+VERBS = {
+    "here": observing(_here),
+    "refused": operating(_refused),
+    "broken": operating(_broken),
+    "long": observing(_long),
+    "disarm": operating(_here, stops=True),
+}
 
 
 def talk(path, conversation, access=Access(), bounds=Bounds()):  # noqa: B008
@@ -96,13 +112,13 @@ REFUSED = {
     ),
     "unknown verb": (
         b'{"version": 1, "verb": "explode"}',
-        "unknown verb 'explode'; known are broken, here, long, refused",
+        "unknown verb 'explode'; known are broken, disarm, here, long, refused",
     ),
     "no verb": (b'{"version": 1}', "a verb is a text, not None"),
     "verb is a list": (b'{"version": 1, "verb": ["here"]}', "a verb is a text, not ['here']"),
     "half a character": (
         b'{"version": 1, "verb": "\\ud800"}',
-        "unknown verb '\\ud800'; known are broken, here, long, refused",
+        "unknown verb '\\ud800'; known are broken, disarm, here, long, refused",
     ),
 }
 
@@ -300,7 +316,7 @@ def test_a_flood_cannot_starve_the_host(tmp_path):
             await asyncio.sleep(0)
 
     async def main():
-        served = ControlSocket(path, {"count": count})
+        served = ControlSocket(path, {"count": observing(count)})
         await served.open()
         beating = asyncio.create_task(beat())
         clients = [await asyncio.open_unix_connection(str(path)) for _ in range(3)]
@@ -379,3 +395,298 @@ def test_impossible_place(path):
 
     with pytest.raises(UsageError, match=r"no control socket at .*; choose another --socket"):
         talk(Path(path), None)
+
+
+def request(verb):
+    return json.dumps({"version": 1, "verb": verb}).encode() + b"\n"
+
+
+class Crowd:
+    """A served socket, whoever is to be at the other end, and what was refused."""
+
+    def __init__(self, path, monkeypatch, **bounds):
+        self.peers, self.told, self.joined = [], [], []
+        own = Peer.of
+        monkeypatch.setattr(Peer, "of", lambda connection: self.peers.pop(0) if self.peers else own(connection))
+        self.served = ControlSocket(path, VERBS, bounds=Bounds(**bounds), refused=self._refused)
+
+    async def _refused(self, peer, verb, why):
+        self.told.append((peer.user, verb, why))
+
+    async def join(self, peer=None):
+        """A client; it has its slot when this returns."""
+        self.peers += [] if peer is None else [peer]
+        reader, writer = await asyncio.open_unix_connection(str(self.served.path))
+        while peer is not None and self.peers:
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(0.001)
+        self.joined.append((reader, writer))
+        return reader, writer
+
+    async def ask(self, client, verb):
+        client[1].write(request(verb))
+        return await self.hear(client)
+
+    async def hear(self, client):
+        line = await asyncio.wait_for(client[0].readline(), 10)
+        return json.loads(line) if line else None
+
+    def play(self, scene):
+        async def main():
+            await self.served.open()
+            try:
+                return await asyncio.wait_for(scene(), 60)
+            finally:
+                for _, writer in self.joined:
+                    writer.transport.abort()
+                self.served.close()
+                await asyncio.sleep(0.01)
+
+        return asyncio.run(main())
+
+
+@pytest.fixture
+def crowd(tmp_path, monkeypatch):
+    return lambda **bounds: Crowd(tmp_path / "s", monkeypatch, **bounds)
+
+
+OPERATORS = frozenset({os.getegid()})
+ANN, BEN = Peer("ann", 5001, 1, OPERATORS), Peer("ben", 5002, 2, OPERATORS)
+
+
+def test_one_user_can_not_take_every_slot(crowd):
+    """Idle clients of one user; another one is served, the first one's next is not, but for a stop."""
+    hall = crowd(clients=8, of_a_user=4)
+
+    async def scene():
+        idle = [await hall.join(ANN) for _ in range(4)]
+        ben = await hall.ask(await hall.join(BEN), "here")
+        refused = await hall.ask(await hall.join(ANN), "here")
+        stopped = await hall.ask(await hall.join(ANN), "disarm")
+        idle[0][1].close()
+        await asyncio.sleep(0.05)
+        return ben, refused, stopped, await hall.ask(await hall.join(ANN), "here")
+
+    ben, refused, stopped, again = hall.play(scene)
+    assert ben == stopped == again == ECHO
+    assert refused["error"] == "4 clients of ann are connected already; end one of them"
+    assert refused["exit_code"] == 69
+    assert hall.told == [("ann", "connect", refused["error"])]
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_nobody_can_keep_others_from_stopping(crowd, same):
+    """All slots are taken, and whoever took them sits in the reserved ones, too: a newcomer stops the cell."""
+    hall = crowd(clients=4, of_a_user=3, reserved_s=30)
+
+    async def scene():
+        everybody = [await hall.join(peer) for peer in (ANN, ANN, ANN, BEN)]
+        everybody += [await hall.join(ANN) for _ in range(5)]
+        newcomer = ANN if same else Peer("cleo", 5003, 3, OPERATORS)
+        stopped = await hall.ask(await hall.join(newcomer), "disarm")
+        return stopped, await hall.hear(everybody[4]), await hall.ask(everybody[0], "here")
+
+    stopped, evicted, before = hall.play(scene)
+    assert stopped == ECHO
+    assert evicted is None, "the one who waited longest in a reserved slot is closed"
+    assert before == ECHO
+
+
+def test_a_flood_of_the_one_does_not_evict_the_other_from_a_reserved_slot(crowd):
+    hall = crowd(clients=4, of_a_user=4, reserved_s=30)
+
+    async def scene():
+        for _ in range(4):
+            await hall.join(ANN)
+        ben = await hall.join(BEN)  # and thinks for a while
+        for _ in range(20):
+            await hall.join(ANN)
+        return await hall.ask(ben, "disarm")
+
+    assert hall.play(scene) == ECHO
+
+
+def test_a_reserved_slot_is_not_kept(crowd):
+    """Who asks nothing is told why and closed; who has asked is closed, too."""
+    hall = crowd(clients=1, of_a_user=1, reserved_s=0.1)
+
+    async def scene():
+        await hall.join(ANN)
+        silent, stopping = await hall.join(BEN), await hall.join(BEN)
+        await hall.ask(stopping, "disarm")
+        return await hall.hear(silent), await hall.hear(silent), await hall.hear(stopping)
+
+    told, end, after = hall.play(scene)
+    assert told["error"] == "1 clients are connected already; end one of them"
+    assert end is None
+    assert after is None
+
+
+def test_idle_clients_are_closed_and_others_stay(crowd):
+    """One that asks now and then is served for many times the idle time; half a line does not count as asking."""
+    hall = crowd(idle_s=0.4)
+
+    async def scene():
+        idle, slow, regular = [await hall.join() for _ in range(3)]
+        for k in range(15):
+            assert await hall.ask(regular, "here") == ECHO
+            if k < 3:
+                slow[1].write(b"{")
+            await asyncio.sleep(0.1)
+        return [[await hall.hear(client), await hall.hear(client)] for client in (idle, slow)]
+
+    for told, end in hall.play(scene):
+        assert told == {"version": 1, "ok": False, "error": "closed: no request in 0.4 s", "exit_code": 69}
+        assert end is None
+
+
+def test_a_stop_does_not_wait_for_its_turn(tmp_path):
+    """A hundred clients have each sent a request that takes a while: a stop comes before most of them."""
+    path = tmp_path / "s"
+    answered = 0
+
+    async def slow(_request):
+        nonlocal answered
+        answered += 1
+        time.sleep(0.005)  # as work that holds the event loop
+
+    async def stop(_request):
+        return answered
+
+    async def main():
+        verbs = {"slow": observing(slow), "hold": operating(stop, stops=True)}
+        served = ControlSocket(path, verbs)
+        await served.open()
+        clients = [await asyncio.open_unix_connection(str(path)) for _ in range(101)]
+        try:
+            for _, writer in clients[1:]:
+                writer.write(request("slow") * 20)
+            await asyncio.sleep(0.05)
+            before = answered
+            clients[0][1].write(request("hold"))
+            return before, json.loads(await clients[0][0].readline())["result"]
+        finally:
+            for _, writer in clients:
+                writer.transport.abort()
+            served.close()
+
+    before, at_the_stop = asyncio.run(main())
+    assert at_the_stop - before < 20
+
+
+OBSERVERS = 4_000_001
+MAY = {
+    "root": (Peer("root", 0, 1), {"observe", "operate"}),
+    "the controller's user": (Peer("self", os.geteuid(), 1), {"observe", "operate"}),
+    "an operator": (Peer("ann", 5001, 1, frozenset({7, 4_000_000})), {"observe", "operate"}),
+    "an observer": (Peer("olga", 5002, 1, frozenset({7, OBSERVERS})), {"observe"}),
+    "both": (Peer("bert", 5003, 1, frozenset({4_000_000, OBSERVERS})), {"observe", "operate"}),
+    "nobody": (Peer("nobody", 65534, 1, frozenset({65534})), set()),
+    "without numbers": (Peer("?"), set()),
+}
+
+
+@pytest.mark.parametrize(("peer", "rights"), MAY.values(), ids=MAY)
+def test_who_may(peer, rights):
+    authority = Authority(operators=4_000_000, observers=OBSERVERS)
+    assert {right for right in Right if authority.allows(peer, right)} == rights
+
+
+@given(st.frozensets(st.integers(1, 5)), st.integers(1, 5), st.one_of(st.none(), st.integers(1, 5)))
+def test_whoever_operates_observes(groups, operators, observers):
+    peer = Peer("ann", 5001, 1, groups)
+    authority = Authority(operators, observers)
+    assert authority.allows(peer, Right.OBSERVE) >= authority.allows(peer, Right.OPERATE)
+    assert authority.allows(peer, Right.OPERATE) == (operators in groups)
+
+
+def test_a_verb_beyond_ones_rights_is_refused_and_told(crowd):
+    hall = crowd()
+    olga = Peer("olga", 5002, 7, frozenset({OBSERVERS}))
+
+    async def scene():
+        hall.served._authority = Authority(os.getegid(), OBSERVERS)
+        client = await hall.join(olga)
+        return [await hall.ask(client, verb) for verb in ("here", "disarm", "explode")]
+
+    looked, refused, unknown = hall.play(scene)
+    assert looked == ECHO
+    assert refused["exit_code"] == 77
+    assert refused["error"].startswith("disarm refused: olga may only observe; ")
+    assert unknown["exit_code"] == 64
+    assert [(user, verb) for user, verb, _ in hall.told] == [("olga", "disarm"), ("olga", "explode")]
+
+
+def test_whatever_the_socket_refuses_is_told(crowd):
+    hall = crowd()
+
+    async def scene():
+        client = await hall.join()
+        client[1].write(b"arm!\n[1]\n" + request("here") + b"x" * 70_000 + b"\n")
+        return [await hall.hear(client) for _ in range(4)]
+
+    answered = hall.play(scene)
+    assert [answer["ok"] for answer in answered] == [False, False, True, False]
+    assert [verb for _, verb, _ in hall.told] == ["?", "?", "?"]
+    assert [why for _, _, why in hall.told] == [answer["error"] for answer in answered if not answer["ok"]]
+
+
+def entries_of(path):
+    """The access control list as (tag, permissions, group)."""
+    packed = os.getxattr(path, "system.posix_acl_access")
+    return {entry[:2] + ((entry[2],) if entry[0] == 8 else ()) for entry in struct.iter_unpack("<HHI", packed[4:])}
+
+
+def test_both_groups_are_let_in(tmp_path, monkeypatch):
+    """Groups that the controller's user is not a member of, and which it can't give a file to."""
+    monkeypatch.setattr(
+        socket_file, "_group_id", lambda _, name: {"operators": 4_000_000, "observers": OBSERVERS}[name]
+    )
+
+    def refused(*_arguments):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "chown", refused)
+    path = tmp_path / "s"
+    access = Access(0o660, operate_group="operators", observe_group="observers")
+    with bound(path, access)[0]:
+        assert stat.S_IMODE(path.stat().st_mode) == 0o660
+        assert entries_of(path) == {(1, 6), (4, 0), (8, 6, 4_000_000), (8, 6, OBSERVERS), (16, 6), (32, 0)}
+    path.unlink()
+    with bound(path, Access(0o660, observe_group="observers"))[0]:
+        assert entries_of(path) == {(1, 6), (4, 6), (8, 6, OBSERVERS), (16, 6), (32, 0)}
+
+
+def test_a_socket_that_is_replaced_while_it_is_made(tmp_path, monkeypatch):
+    """Somebody who may write in its folder puts a link there: what it leads to keeps its mode."""
+    precious = tmp_path / "precious"
+    precious.touch(0o600)
+    path = tmp_path / "s"
+    umask = os.umask
+
+    def after_binding(mask):
+        if path.is_socket():
+            path.unlink()
+            path.symlink_to(precious)
+        return umask(mask)
+
+    monkeypatch.setattr(os, "umask", after_binding)
+    with pytest.raises(CheckFailed, match="was replaced while it was made"):
+        bound(path, Access())
+    assert stat.S_IMODE(precious.stat().st_mode) == 0o600
+
+
+def test_a_client_that_was_closed_for_silence_comes_back(crowd):
+    """A script that asks now and then does not notice; one whose controller has ended does."""
+    hall = crowd(idle_s=0.1)
+
+    async def scene():
+        client = await asyncio.to_thread(Client, hall.served.path)
+        before = await asyncio.to_thread(client.request, "here")
+        await asyncio.sleep(0.3)
+        after = await asyncio.to_thread(client.request, "here")
+        hall.served.close()
+        client.close()
+        return before, after
+
+    assert hall.play(scene) == ("here", "here")

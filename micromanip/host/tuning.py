@@ -133,7 +133,7 @@ def _written(file: Source, document: Mapping[str, Any]) -> Source:
     """`file` after `document` was written into it; PermissionDenied where it can't be."""
     text = with_values(file, document)
     try:
-        write_atomically(file.path.resolve(), text)
+        write_atomically(file.path, text)
     except OSError as problem:
         raise PermissionDenied(f"{file.path} can't be written: {problem.strerror}") from problem
     return Source.parse(file.path, text)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copy
 import io
-import os
-import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,8 @@ from typing import Any
 from pydantic import BaseModel
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+from micromanip.io.held_folder import held, linked_file
 
 from .axis import Axis
 from .digits import rounded
@@ -98,15 +98,9 @@ def _put_models(section: Any, axis: Axis) -> None:
 
 
 def write_atomically(file: Path, text: str) -> None:
-    """Replace `file` by `text`, whole or not at all; its permissions stay. Raises OSError."""
-    part = file.with_name(file.name + ".part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        if file.exists():
-            shutil.copymode(file, part)
-        with part.open("rb") as written:
-            os.fsync(written.fileno())
-        part.replace(file)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
+    """Replace `file` by `text`, whole or not at all; its permissions stay. Raises OSError.
+
+    A link of root's or the caller's own is followed, anybody else's is replaced.
+    """
+    with held(linked_file(file)) as (folder, name):
+        folder.write(name, text.encode())

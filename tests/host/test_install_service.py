@@ -1,6 +1,8 @@
 """``micromanip install-service`` into a folder: what it says, does, leaves alone and undoes; commands run on paper."""
 
 import json
+import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -208,3 +210,57 @@ def test_a_command_that_fails_is_shown_with_what_it_said():
         Run(("sh", "-c", "echo no >&2; exit 3")).do()
     with pytest.raises(CheckFailed, match="can't be run"):
         Run(("/no/such/command",)).do()
+
+
+PLANTED = {
+    "the configuration": ("etc/micromanip/cell.yaml", "link"),
+    "what it was written into before": ("etc/micromanip/cell.yaml.new", "link"),
+    "a FIFO": ("etc/micromanip/cell.yaml", "fifo"),
+    "a hard link": ("etc/micromanip/cell.yaml", "hard link"),
+}
+
+
+@pytest.mark.parametrize(("where", "kind"), PLANTED.values(), ids=PLANTED)
+def test_what_is_planted_in_the_group_s_folder_is_not_followed(typed, root, config, tmp_path, where, kind):
+    """Members of the group may write in /etc/micromanip: nothing that they put there leads root elsewhere."""
+    precious = tmp_path / "precious"
+    precious.write_text("root:x:0:0::/root:/bin/sh\n")
+    precious.chmod(0o600)
+    place = root / where
+    place.parent.mkdir(parents=True)
+    place.parent.chmod(0o2770)
+    {"link": place.symlink_to, "hard link": place.hardlink_to, "fifo": lambda _: os.mkfifo(place)}[kind](precious)
+    code, out, err = typed(config, "--yes")
+    assert code == 0, out + err
+    assert precious.read_text() == "root:x:0:0::/root:/bin/sh\n"
+    assert stat.S_IMODE(precious.stat().st_mode) == 0o600
+    installed = root / "etc/micromanip/cell.yaml"
+    assert not installed.is_symlink()
+    assert installed.read_text() == SLOW
+    assert installed.stat().st_nlink == 1
+
+
+@pytest.mark.parametrize("arguments", [("--yes",), ("--uninstall", "--purge", "--yes")])
+def test_a_planted_folder_is_not_walked_through(typed, root, config, tmp_path, arguments):
+    """A link in the place of a folder: refused, whoever made it; what it leads to stays."""
+    typed(config, "--yes")
+    precious = tmp_path / "precious"
+    (precious / "rules.d").mkdir(parents=True)
+    (precious / "rules.d" / "90-micromanip.rules").write_text("precious")
+    udev = root / "etc/udev"
+    udev.rename(tmp_path / "former")
+    udev.symlink_to(precious)
+    code, _, err = typed(*((str(config), *arguments) if "--uninstall" not in arguments else arguments))
+    assert code == 77
+    assert "udev is a link that may lead anywhere" in err
+    assert [path.read_text() for path in (precious / "rules.d").iterdir()] == ["precious"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give folders to others")
+def test_a_folder_of_somebody_else_is_not_written_into(typed, root, config):
+    (root / "etc/systemd").mkdir(parents=True)
+    os.chown(root / "etc/systemd", 4_000_000, -1)
+    code, _, err = typed(config, "--yes")
+    assert code == 77
+    assert "the folder that system is in is not safe" in err
+    assert files(root) == []

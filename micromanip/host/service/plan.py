@@ -24,8 +24,8 @@ def install(machine: Machine, config: Path | None, root: Path, warn: Callable[[s
     `config` None keeps the one that is installed. Files go below `root`, "/" for this machine. What a person should
     know of the configuration goes to `warn`. Raises ConfigError for a configuration that can't run, or arms by itself.
     """
-    files = [WriteFile(_below(root, path), text) for path, text in machine.files().items()]
-    files += _configuration(config, _below(root, CONFIG), warn)
+    files = [WriteFile(_below(root, path), text, root) for path, text in machine.files().items()]
+    files += _configuration(config, _below(root, CONFIG), root, warn)
     enabled = _below(root, Path("/etc/systemd/system/multi-user.target.wants") / UNIT)
     steps: list[Step] = [
         *files,
@@ -40,9 +40,9 @@ def install(machine: Machine, config: Path | None, root: Path, warn: Callable[[s
 def uninstall(machine: Machine, root: Path, *, purge: bool) -> list[Step]:
     """Steps that remove the service; configuration, state and user go only with `purge`."""
     installed = [_below(root, path) for path in machine.files()]
-    removals = [Remove(path) for path in installed]
+    removals = [Remove(path, root) for path in installed]
     if purge:
-        removals += [Remove(_below(root, path)) for path in (CONFIG.parent, *STATE)]
+        removals += [Remove(_below(root, path), root) for path in (CONFIG.parent, *STATE)]
     steps: list[Step] = []
     if _below(root, Path("/etc/systemd/system") / UNIT).exists():
         steps.append(Run(("systemctl", *_at(root), "disable", *(["--now"] if root == Path("/") else []), UNIT)))
@@ -67,7 +67,9 @@ def carry_out(steps: Iterable[Step], root: Path, say: Callable[[str], None]) -> 
         say(f"done: {sentence}")
 
 
-def _configuration(config: Path | None, target: Path, warn: Callable[[str], None]) -> list[WriteFile]:
+def _configuration(
+    config: Path | None, target: Path, root: Path, warn: Callable[[str], None]
+) -> list[WriteFile]:
     if config is None:
         if not target.is_file():
             raise ConfigError(f"there is no {target} yet: name the CONFIG that the service is to run")
@@ -79,7 +81,7 @@ def _configuration(config: Path | None, target: Path, warn: Callable[[str], None
             f"{config}: reference.path {reference.path} is relative; make it absolute, or copy both files to "
             f"{target.parent} and install from there"
         )
-    return [WriteFile(target, config.read_text(encoding="utf-8"))]
+    return [WriteFile(target, config.read_text(encoding="utf-8"), root)]
 
 
 def _fit_for_a_service(file: Path, warn: Callable[[str], None]) -> Configuration:

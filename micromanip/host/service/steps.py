@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import difflib
-import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 from micromanip.errors import CheckFailed, PermissionDenied
+from micromanip.io.held_folder import held
 
 
 @dataclass(frozen=True)
@@ -17,6 +17,7 @@ class WriteFile:
 
     path: Path
     text: str
+    root: Path = Path("/")
 
     def needed(self) -> bool:
         """Is it missing, or another one?"""
@@ -25,7 +26,9 @@ class WriteFile:
     @property
     def sentence(self) -> str:
         """What it would do."""
-        return f"{'create' if self._present() is None else 'change'} {self.path}"
+        if self._present() is not None:
+            return f"change {self.path}"
+        return f"{'replace the link' if self.path.is_symlink() else 'create'} {self.path}"
 
     @property
     def diff(self) -> list[str]:
@@ -37,23 +40,22 @@ class WriteFile:
         return [] if present is None else list(lines)
 
     def do(self) -> None:
-        """Write it whole or not at all; raises PermissionDenied, CheckFailed."""
-        new = self.path.with_name(self.path.name + ".new")
+        """Write it whole or not at all, through nobody's link; raises PermissionDenied, CheckFailed."""
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            new.write_text(self.text, encoding="utf-8")
-            new.chmod(0o644)
-            new.replace(self.path)
+            with held(self.path, make=True, below=self.root) as (folder, name):
+                folder.write(name, self.text.encode(), 0o644)
         except OSError as problem:
             raise _refused(problem, self.path) from problem
 
     def _present(self) -> str | None:
         try:
-            return self.path.read_text(encoding="utf-8", errors="replace")
+            with held(self.path, below=self.root) as (folder, name):
+                content = folder.read(name)
         except FileNotFoundError:
             return None
         except OSError as problem:
             raise _refused(problem, self.path) from problem
+        return None if content is None else content.decode(errors="replace")
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class Remove:
     """A file or a folder with all that is in it, gone."""
 
     path: Path
+    root: Path = Path("/")
 
     def needed(self) -> bool:
         """Is it there?"""
@@ -76,10 +79,8 @@ class Remove:
     def do(self) -> None:
         """Remove it; raises PermissionDenied, CheckFailed."""
         try:
-            if self.path.is_dir() and not self.path.is_symlink():
-                shutil.rmtree(self.path)
-            else:
-                self.path.unlink(missing_ok=True)
+            with held(self.path, below=self.root) as (folder, name):
+                folder.remove(name)
         except OSError as problem:
             raise _refused(problem, self.path) from problem
 

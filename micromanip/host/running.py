@@ -31,6 +31,7 @@ from micromanip.settings.check import Prepared, revise, validate
 from micromanip.settings.load import validate_document
 from micromanip.settings.model import Configuration
 from micromanip.settings.place import Path as KeyPath
+from micromanip.settings.protection import weakened
 from micromanip.settings.source import Source
 from micromanip.settings.wiring import driver_options
 
@@ -202,7 +203,8 @@ class Running:
         configuration = validate(source)
         for name, entry in configuration.drivers.items():
             driver_options(source, name, entry)
-        wanted = {path: what for path, what in needs(running.configuration, configuration).items() if what != LIVE}
+        wanted = weakened(running.configuration, configuration)
+        wanted |= {path: what for path, what in needs(running.configuration, configuration).items() if what != LIVE}
         refuse(wanted)
         revised = revise(running, source)
         if source.data == self.file.data:  # back to what the file says

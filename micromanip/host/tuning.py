@@ -16,6 +16,7 @@ from micromanip.settings.commissioned import changes_since
 from micromanip.settings.keys import assigned
 from micromanip.settings.load import validate_document
 from micromanip.settings.place import Path as KeyPath
+from micromanip.settings.protection import WEAKENS
 from micromanip.settings.reference import Jog
 from micromanip.settings.source import Source, key_text
 from micromanip.settings.write import write_atomically
@@ -123,7 +124,7 @@ class Tuning:
     def _refuse(self, wanted: Mapping[KeyPath, str]) -> None:
         """Raise CheckFailed where the present state does not allow one of the changes; it names each."""
         state = self._running.controller.state
-        refused = {p: what for p, what in wanted.items() if what != DISARM or state not in AT_REST}
+        refused = {p: what for p, what in wanted.items() if what not in (DISARM, WEAKENS) or state not in AT_REST}
         if refused:
             reasons = "; ".join(f"{key_text(path)} {what}" for path, what in refused.items())
             raise CheckFailed(f"nothing was changed, the state is {state}: {reasons}")

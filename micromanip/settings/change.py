@@ -60,7 +60,7 @@ _NEEDED = dict(RULES)
 
 def rule(path: Path) -> str | None:
     """The rule that fits `path`; None where none does."""
-    return next((pattern for pattern, parts in _SPLIT.items() if _fits(parts, path)), None)
+    return next((pattern for pattern, parts in _SPLIT.items() if fits(parts, path)), None)
 
 
 def needed(path: Path) -> str:
@@ -68,7 +68,8 @@ def needed(path: Path) -> str:
     return _NEEDED.get(rule(path) or "", RESTART)
 
 
-def _fits(pattern: tuple[str, ...], path: Path) -> bool:
+def fits(pattern: tuple[str, ...], path: Path) -> bool:
+    """Whether a split pattern of a rule means the key at `path`."""
     if pattern[0] != path[0]:
         return False
     if pattern[-1] == "**":

@@ -35,7 +35,7 @@ _PROCESS_MARGIN = 2.0
 _NOISE_SIGMA, _PLAUSIBLE_SIGMA, _GAP_SAMPLES = 3.0, 5.0, 4
 _LONGEST_MEAN_S = 1.0
 """Over more than this the mean of what a contact makes only falls."""
-_PLAUSIBLE_UM = (-1000.0, 1000.0)
+PLAUSIBLE_UM = (-1000.0, 1000.0)
 
 _SCORE_AFTER_S = 1.0
 
@@ -111,7 +111,7 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     a["reference_age_ns"] = min(_max_age_ns(configuration.signals.get(each)) for each in followed)
     for role in ("strain", "stage"):
         signal = configuration.signals.get(f"{role}_{name}")
-        a[f"{role}_range_um"] = (signal and signal.range_um) or _PLAUSIBLE_UM
+        a[f"{role}_range_um"] = (signal and signal.range_um) or PLAUSIBLE_UM
     a["cycles_per_ns"] = 1.0 / configuration.loop.period_ns
     for role in ("amplifier_ok", "temperature_ok"):
         _fill_line(a[role], f"{role}_{name}", configuration, wiring)

@@ -132,6 +132,27 @@ def test_what_needs_disarm(jogged, state):
     assert jogged.value(K) == 0.6
 
 
+LIMIT, REACTION = "axes.x.faults.following_error.limit_um", "axes.x.faults.strain.reaction"
+
+
+@pytest.mark.parametrize("state", ["ARMED", "TRACKING", "HOLDING", "RAMPING"])
+def test_protections_are_not_weakened_under_way(cell, state):
+    """Tighter is taken at once; wider, or milder, only at rest, and by no way round: reload, candidate."""
+    cell.controller.state = state
+    cell("set", changes={LIMIT: 150, "signals.strain_x.max_age_us": 200, "faults.host.silent_ms": 500})
+    weakens = "would weaken a protection and needs disarm"
+    message = f"nothing was changed, the state is {state}: {REACTION} {weakens}; {LIMIT} {weakens}"
+    refused(cell, CheckFailed, message, "set", changes={K: 0.5, LIMIT: 151, REACTION: "hold"})
+    refused(cell, CheckFailed, ".*faults.host.silent_ms would weaken.*", "set", changes={"faults.host.silent_ms": 501})
+    refused(cell, CheckFailed, f".*{re.escape(LIMIT)} {weakens}.*", "reload")
+    assert cell.value(LIMIT) == 150
+    if state == "TRACKING":
+        refused(cell, CheckFailed, f".*{re.escape(LIMIT)} {weakens}", "shadow", changes={LIMIT: 151})
+    cell.controller.state = "READY"
+    cell("set", changes={LIMIT: None, REACTION: "warn"})
+    assert (cell.value(LIMIT), cell.value(REACTION)) == (None, "warn")
+
+
 @pytest.mark.parametrize("state", ["READY", "FAULT"])
 def test_what_needs_disarm_at_rest(cell, state):
     cell.controller.state = state

@@ -27,6 +27,8 @@ def installed(tmp_path_factory):
     service.installation = ok(PROGRAM, "install-service", str(file), "--yes")
     ok("useradd", "--create-home", "--groups", "micromanip", "cell-operator")
     ok("useradd", "--create-home", "passer-by")
+    for name in ("runs-it", "looks-on"):  # each in a group of its own, of the same name
+        ok("useradd", "--create-home", "--user-group", name)
     ok("systemctl", "start", UNIT)  # compiles; what that takes is then there for the operator too
     ok("systemctl", "stop", UNIT)
     ok("cp", "-r", "/var/cache", "/home/cell-operator/.cache")

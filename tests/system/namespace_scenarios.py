@@ -54,6 +54,122 @@ def test_operators_may_and_strangers_may_not(service):
     assert service.state == "READY"
 
 
+def test_the_audit_trail_names_who_asked(service):
+    service.start()
+    ok(PROGRAM, "arm", user="cell-operator")
+    ok(PROGRAM, "disarm")
+    armed, disarmed = json.loads(ok(PROGRAM, "audit", "--last", "2", "--json"))["entries"]
+    assert (armed["verb"], armed["user"], armed["uid"]) == (
+        "arm",
+        "cell-operator",
+        int(ok("id", "-u", "cell-operator")),
+    )
+    assert (disarmed["verb"], disarmed["user"], disarmed["uid"]) == ("disarm", "root", 0)
+
+
+@pytest.fixture
+def configured(service):
+    """Gives the installed configuration a section `control`; it is as before at the end."""
+    text = CONFIG.read_text()
+    assert "control:" not in text
+    yield lambda section: CONFIG.write_text(f"{text}\ncontrol: {section}\n")
+    CONFIG.write_text(text)
+
+
+def test_one_group_operates_and_another_observes(service, configured):
+    """Neither is a group of the controller's user, and its own group is not let in any more."""
+    configured("{operate_group: runs-it, observe_group: looks-on}")
+    service.start()
+    assert json.loads(ok(PROGRAM, "status", "--json", user="looks-on"))["state"] == "READY"
+    ok(PROGRAM, "get", "axes.x.mode", user="looks-on")
+    for refused in (("arm",), ("set", "axes.x.authority_percent=50"), ("disarm",), ("save",), ("reload",)):
+        outcome = done(PROGRAM, *refused, user="looks-on")
+        assert outcome.returncode == 77
+        assert f"{refused[0]} refused: looks-on may only observe" in outcome.stderr
+    for stranger in ("passer-by", "cell-operator"):
+        assert done(PROGRAM, "status", user=stranger).returncode == 77
+    assert service.state == "READY"
+    ok(PROGRAM, "arm", user="runs-it")
+    service.reach("TRACKING")
+    trail = json.loads(ok(PROGRAM, "audit", "--json", user="looks-on"))["entries"]
+    assert [(e["user"], e["verb"], e["accepted"]) for e in trail[-6:]] == [
+        *(("looks-on", verb, False) for verb in ("arm", "set", "disarm", "save", "reload")),
+        ("runs-it", "arm", True),
+    ]
+
+
+def test_the_older_name_of_the_group(service, configured):
+    configured("{group: runs-it}")
+    service.start()
+    ok(PROGRAM, "status", user="runs-it")
+    assert done(PROGRAM, "status", user="cell-operator").returncode == 77
+
+
+def test_an_unknown_group_is_told(service, configured):
+    configured("{observe_group: nobodys-own}")
+    assert done("systemctl", "start", UNIT).returncode != 0
+    until(lambda: service.show("ActiveState") == "failed", service.journal, 30.0)
+    assert "control.observe_group: there is no group nobodys-own on this machine" in service.journal()
+
+
+def test_the_host_goes_before_ordinary_work(service):
+    service.start()
+    assert os.getpriority(os.PRIO_PROCESS, service.host) == -10
+    assert "does not go before ordinary work" not in service.journal()
+
+
+def test_a_refused_nice_value_is_told(service):
+    service.drop_in("LimitNICE=0")
+    service.start()
+    assert os.getpriority(os.PRIO_PROCESS, service.host) == 0
+    assert "the host process does not go before ordinary work" in service.journal()
+
+
+IDLE = """
+import socket, sys, time
+held = []
+for _ in range(300):
+    held.append(socket.socket(socket.AF_UNIX))
+    held[-1].connect("/run/micromanip/control.sock")
+print("there", flush=True)
+time.sleep(600)
+"""
+
+
+def test_idle_clients_keep_nobody_from_stopping(service):
+    """Three hundred of one operator: the others are served, and the same one gets in to stop."""
+    service.start().track()
+    idle = subprocess.Popen(
+        ["runuser", "-u", "cell-operator", "--", "/usr/bin/python3", "-c", IDLE], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert idle.stdout.readline() == "there\n"
+        ok(PROGRAM, "status")
+        refused = done(PROGRAM, "status", user="cell-operator")
+        assert refused.returncode == 69
+        assert "clients of cell-operator are connected already" in refused.stderr
+        ok(PROGRAM, "disarm", user="cell-operator")
+        service.reach("READY")
+    finally:
+        idle.kill()
+        idle.wait()
+        idle.stdout.close()
+
+
+def test_a_link_that_an_operator_has_planted_is_not_followed(service, tmp_path):
+    """The folder of the configuration is the group's: installing replaces what lies there, and follows it nowhere."""
+    text, before = CONFIG.read_text(), Path("/etc/shadow").read_bytes()
+    (tmp_path / "mine.yaml").write_text(text)
+    ok("ln", "-sf", "/etc/shadow", str(CONFIG), user="cell-operator")
+    ok("ln", "-sf", "/etc/shadow", f"{CONFIG}.new", user="cell-operator")
+    ok(PROGRAM, "install-service", str(tmp_path / "mine.yaml"), "--yes")
+    ok("rm", f"{CONFIG}.new")
+    assert Path("/etc/shadow").read_bytes() == before
+    assert not CONFIG.is_symlink()
+    assert CONFIG.read_text() == text
+    assert (CONFIG.owner(), CONFIG.group(), stat.S_IMODE(CONFIG.stat().st_mode)) == ("root", "micromanip", 0o660)
+
+
 def test_status_follows_the_state(service):
     service.start().track()
     until(lambda: service.show("StatusText").startswith("TRACKING"), "status TRACKING", 5.0)

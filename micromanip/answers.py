@@ -134,6 +134,19 @@ class Trip(TypedDict):
     problem: str | None
 
 
+class Recorded(TypedDict):
+    """The recording of a run: `state` is starting, recording, complete or failed.
+
+    `rows` are in the file, `dropped` were overwritten before they could be; `message` says why it failed.
+    """
+
+    file: str
+    state: str
+    rows: int
+    dropped: int
+    message: str | None
+
+
 class Link(TypedDict):
     """A bus: `link` is down, up or latched; `outputs` at rest, following, ramping to rest, or unknown; `given` what its
     device was given last, by the outputs' names (V, or 0 and 1), and so many seconds ago, None where nobody knows.
@@ -154,7 +167,10 @@ class Link(TypedDict):
 
 
 class Status(TypedDict):
-    """Report of a run so far, as ``run --json`` ends with; `shadow` says where a candidate tuning stands."""
+    """Report of a run so far, as ``run --json`` ends with.
+
+    `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded.
+    """
 
     state: str
     cycles: int
@@ -171,6 +187,7 @@ class Status(TypedDict):
     configuration_sha256: str
     trips: list[Trip]
     links: dict[str, Link]
+    recording: Recorded | None
 
 
 class TuningFigures(TypedDict):

@@ -5,6 +5,9 @@ Any other exception is a bug, and a command that meets one exits with 70.
 
 from __future__ import annotations
 
+import errno
+import os
+from pathlib import Path
 from typing import ClassVar
 
 # The names say what happened to the user; a suffix "Error" on each would add nothing (N818).
@@ -44,3 +47,33 @@ class ConfigError(MicromanipError):
     """The configuration can't be used: not readable, not YAML, or values that are wrong alone or together."""
 
     exit_code = 78
+
+
+_REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_MISNAMED = {
+    errno.ENOENT: "give a path that is there",
+    errno.ENOTDIR: "a part of that path is no folder",
+    errno.EISDIR: "give a file, not a folder",
+    errno.EEXIST: "give another name",
+    errno.ELOOP: "its links lead in a circle",
+    errno.ENAMETOOLONG: "give a shorter name",
+}
+
+
+def system_error(problem: OSError, path: Path | str | None = None) -> MicromanipError:
+    """What the operating system refused, as an error that a user can act on; never a bug.
+
+    `path` is what it was about, by default what `problem` names. 77 where rights are missing, 64 where a name is
+    wrong, else (full, broken, unreachable) 69.
+    """
+    where = os.fsdecode(problem.filename) if isinstance(problem.filename, str | bytes) else None
+    said = problem.strerror or str(problem) or type(problem).__name__
+    text = f"{path or where}: {said}" if path or where else said
+    if problem.errno in _REFUSED:
+        return PermissionDenied(f"{text}; choose another place, or have its rights changed")
+    if problem.errno in _MISNAMED:
+        return UsageError(f"{text}; {_MISNAMED[problem.errno]}")
+    if problem.errno in _FULL:
+        return DeviceUnavailable(f"{text}; make room there, or choose another place")
+    return DeviceUnavailable(text)

@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from micromanip.answers import Link, Status
+from micromanip.answers import Link, Recorded, Status
 from micromanip.host import journal
 
 _PLAIN_EVERY_S = 2.0
@@ -112,7 +112,17 @@ def figures(report: Status) -> Group:
         parts.append(links(report))
     if report["shadow"] != "none":
         parts.append(f"candidate tuning: {report['shadow']}; see `micromanip shadow`")
+    if report["recording"] is not None:
+        parts.append(recorded(report["recording"]))
     return Group(*parts, *(Text(fault, style="bold red") for fault in report["faults"]))
+
+
+def recorded(recording: Recorded) -> Text:
+    """How far the recording is, or why it ended."""
+    if recording["message"] is not None:
+        return Text(f"recording: {recording['message']}", style="bold red")
+    dropped = f", {recording['dropped']} cycles are missing" if recording["dropped"] else ""
+    return Text(f"recording: {recording['file']}, {recording['state']}, {recording['rows']} cycles{dropped}")
 
 
 def links(report: Status) -> Table:

@@ -53,6 +53,9 @@ def play(
         report = serve(experiment, Options(socket_path, arming_s + duration_s + 0.5, file), line.say, line.show)
         if report["faults"]:
             raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {report['faults'][0]}")
+        recorded = report["recording"]
+        if recorded is not None and recorded["message"] is not None:
+            raise CheckFailed(f"the experiment was not recorded, nothing is written: {recorded['message']}")
         with h5py.File(file) as recording:
             rows: NDArray[Any] = recording["rows"][:]
     rows = rows[rows["state"] == TRACKING][: round(duration_s * variant.loop.rate_hz)]

@@ -15,7 +15,7 @@ from .options import Quantity, StrictCommand, config_argument, json_option, prin
 @click.command("run", cls=StrictCommand, epilog="Example: micromanip run config/simulated.yaml --duration 10")
 @config_argument
 @click.option("--duration", "duration_s", type=Quantity("Duration"), help="Stop cleanly after so many seconds.")
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), help="Record every cycle to this HDF5 file.")
+@click.option("--record", type=click.Path(path_type=Path), help="Record every cycle to this HDF5 file, a new one.")
 @click.option(
     "--trips",
     type=click.Path(path_type=Path, file_okay=False),
@@ -40,20 +40,27 @@ def command(
     Ctrl-C ramps the outputs to park and stops cleanly.
     """
     from micromanip.host.daemon import Options, serve
+    from micromanip.host.recording import require_new_file
     from micromanip.settings.check import prepare
 
     from .live import LiveLine, summary
 
     prepared = prepare(config)
+    if record is not None:
+        require_new_file(record)
     with LiveLine() as live:
         report = serve(prepared, Options(socket_path, duration_s, record, trips, keep_trips), live.say, live.show)
-    if as_json:
-        print_json(report)
-    else:
-        summary(report)
-    _judge(report)
+    try:
+        if as_json:
+            print_json(report)
+        else:
+            summary(report)
+    finally:  # also where nobody reads it
+        _judge(report)
 
 
 def _judge(report: Status) -> None:
     if report["faults"]:
         raise CheckFailed("\n".join(report["faults"]))
+    if report["recording"] is not None and report["recording"]["message"] is not None:
+        raise CheckFailed(report["recording"]["message"])

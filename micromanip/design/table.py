@@ -10,6 +10,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +86,7 @@ def _read_hdf5(file: Path) -> Table:
     except ImportError as problem:
         raise CheckFailed("reading HDF5 needs the extra: pip install micromanip[recording]") from problem
     try:
-        with h5py.File(file) as recording:
+        with _opened(h5py, file) as recording:
             rows, axes = recording["rows"][:], list(recording.attrs["axes"])
             step_s = float(recording.attrs["period_ns"]) * 1e-9
     except (OSError, KeyError) as problem:
@@ -95,6 +96,14 @@ def _read_hdf5(file: Path) -> Table:
         for name in rows["axis"].dtype.names or ():
             table[f"{name}_{axis}"] = np.ascontiguousarray(rows["axis"][name][:, i], dtype=float)
     return table
+
+
+def _opened(h5py: Any, file: Path) -> Any:
+    """The recording, also one whose recorder and host were killed: it is marked as open, and complete to a flush."""
+    try:
+        return h5py.File(file)
+    except OSError:
+        return h5py.File(file, swmr=True)
 
 
 def column(file: Path, table: Mapping[str, Array], name: str) -> Array:

@@ -86,6 +86,8 @@ class Daemon:
         self._trail = AuditTrail(state_directory(), say)
         self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
         self._verbs = Verbs(self._controller, self._trail, self._report, self._boxes.settle, self._in_force, say)
+        self._recorder = None if options.record is None else RecorderProcess(self._controller, options.record, say)
+        self._recording_ended = False
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
@@ -134,12 +136,10 @@ class Daemon:
         helpers.append(asyncio.create_task(self._verbs.shadow.follow_trials()))
         helpers.append(asyncio.create_task(self._trail.tell_repeats()))
         stopped = asyncio.create_task(self._stop.wait())
-        recorder = None
         try:
             self._boxes.start()
-            recorder = await self._start_recorder()
-            if recorder is not None:
-                helpers.append(asyncio.create_task(self._mourn(recorder)))
+            if self._recorder is not None:
+                await self._recorder.start()
             if not ended.done():
                 self._tell_ready()
             if self._prepared.configuration.arm_on_start:
@@ -150,6 +150,7 @@ class Daemon:
             await self._judge(ended.result())
             await self._boxes.stop()
             self._boxes.announce(last=True)
+            await self._end_recording()
             self._signals.gather()
             return self._report()
         finally:
@@ -158,8 +159,7 @@ class Daemon:
             await self._boxes.stop()
             for task in (*helpers, stopped):
                 task.cancel()
-            if recorder is not None:
-                self._say(await recorder.stop())
+            await self._end_recording()
 
     def _in_force(self, source: Source) -> None:
         """Another configuration has come into force: who keeps what runs follows."""
@@ -172,16 +172,12 @@ class Daemon:
         self._say("READY")
         self._service.ready()
 
-    async def _start_recorder(self) -> RecorderProcess | None:
-        if self._options.record is None:
-            return None
-        recorder = RecorderProcess(self._controller, self._options.record)
-        await recorder.start()
-        return recorder
-
-    async def _mourn(self, recorder: RecorderProcess) -> None:
-        """Tell at once that nothing is recorded any more; the control goes on."""
-        self._say(f"WARNING: {await recorder.death()}")
+    async def _end_recording(self) -> None:
+        """Once, after the last cycle; the control does not end for it."""
+        recorder, self._recording_ended = None if self._recording_ended else self._recorder, True
+        outcome = None if recorder is None else await recorder.stop()
+        if outcome is not None:
+            self._say(outcome)
 
     async def _end(self, ended: asyncio.Task[int]) -> None:
         """Ramp down and let the loop end."""
@@ -238,12 +234,17 @@ class Daemon:
             self._show(self._report())
             self._boxes.announce()
             latched = self._controller.fault()
-            self._service.status(self._controller.state + (f": {latched}" if latched else ""))
+            self._service.status(self._controller.state + (f": {latched}" if latched else "") + self._unrecorded())
             self._looks += 1
             await asyncio.sleep(_LOOK_S)
 
     def _report(self) -> Report:
-        return report(self._controller, self._signals, self._boxes.report(), self._workers.report())
+        recording = None if self._recorder is None else self._recorder.report()
+        return report(self._controller, self._signals, self._boxes.report(), self._workers.report(), recording)
+
+    def _unrecorded(self) -> str:
+        failed = self._recorder is not None and self._recorder.report()["state"] == "failed"
+        return "; nothing is recorded any more" if failed else ""
 
     def _hang_up(self) -> None:
         """SIGHUP: of a service it means reload; of a terminal that was closed it means the end."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.answers import Durations, Link, PathError, SignalFigures, Status
+from micromanip.answers import Durations, Link, PathError, Recorded, SignalFigures, Status
 from micromanip.rt import words as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
@@ -103,6 +103,7 @@ def report(
     signals: SignalStatistics,
     trips: Sequence[Any] = (),
     links: Mapping[str, Link] | None = None,
+    recording: Recorded | None = None,
 ) -> Status:
     """The whole report of a run, so far; `trips` are those that have a black box, `links` the buses."""
     words = controller.words
@@ -122,4 +123,5 @@ def report(
         "configuration_sha256": controller.prepared.source.hash,
         "trips": list(trips),
         "links": dict(links or {}),
+        "recording": recording,
     }

@@ -1,0 +1,292 @@
+"""A recorder that is killed, and a disk that fills: the control goes on, people are told, what was written is read."""
+
+import errno
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+import pytest
+
+from micromanip.client import Client
+from micromanip.design.table import read_table
+from micromanip.host.recorder import Recording
+from micromanip.host.unclosed import checksum, close_unclosed
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, ROW
+
+from .cell import calm, until
+
+GONE_ON_CYCLES = 20_000
+"""Two seconds: more than the loop lives without a sign of life of its host."""
+
+
+def rows_of(file):
+    """The rows of a recording, opened as anybody would; each cycle is there once, in order."""
+    with h5py.File(file) as recording:
+        rows = recording["rows"][:]
+        assert recording["state"][0]["cycle"] < rows["cycle"][0]
+        assert set(rows["version"]) <= set(recording["parameters"]["version"])
+    assert (np.diff(rows["cycle"]) == rows["periods"][1:]).all()
+    return rows
+
+
+def recording_of(cell):
+    with Client(cell.socket) as client:
+        return client.status()["recording"]
+
+
+def end_failed(cell, said):
+    """It tracked on meanwhile, and its end tells of the failure: exit code, last line, report; no traceback."""
+    assert cell.state == "TRACKING"
+    cell.go_on(GONE_ON_CYCLES)
+    assert cell.state == "TRACKING"
+    assert cell.end() == 1
+    assert "Traceback" not in cell.said
+    assert "Error" not in cell.said
+    (last,) = [line for line in cell.said.splitlines() if line.startswith("micromanip: ")]
+    assert said in last
+    assert "nothing more is recorded" in last
+    report = cell.report
+    assert report["state"] == "OFF"
+    assert report["faults"] == []
+    assert report["recording"]["state"] == "failed"
+    assert report["recording"]["message"] == last.removeprefix("micromanip: ")
+    assert cell.said.count(f"WARNING: {report['recording']['message']}") >= 1
+    assert cell.left == []
+    return report["recording"]
+
+
+def test_status_tells_how_far_a_recording_is(run):
+    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+    until(lambda: recording_of(cell)["rows"] > 1000, cell.last_words)
+    found = recording_of(cell)
+    assert (found["file"], found["state"], found["message"]) == ("run.h5", "recording", None)
+    assert cell.end() == 0
+    found = cell.report["recording"]
+    assert (found["state"], found["message"]) == ("complete", None)
+    rows = rows_of(cell.folder / "run.h5")
+    assert found["rows"] == len(rows)
+    assert found["dropped"] == np.sum(np.diff(rows["cycle"]) - rows["periods"][1:])
+
+
+def test_without_a_recording_there_is_nothing_to_tell(run):
+    cell = run(calm(), "--duration", "0.5")
+    assert cell.wait() == 0
+    assert cell.report["recording"] is None
+
+
+def test_recorder_killed(run):
+    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+    until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
+    os.kill(cell.child("recorder"), signal.SIGKILL)
+    until(lambda: "WARNING: the recorder of run.h5 died, nothing more is recorded" in cell.said, cell.last_words)
+    until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
+    rows = rows_of(cell.folder / "run.h5")  # also while the controller runs
+    assert len(rows) >= 5000
+    assert end_failed(cell, "the recorder of run.h5 died")["rows"] <= len(rows)
+    assert len(read_table(cell.folder / "run.h5")["voltage_V_x"]) == len(rows)
+
+
+def test_host_and_recorder_killed(run):
+    """Nobody is left to close the file: our own reader takes it as it is, others once it is mended."""
+    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+    until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
+    cell.process.send_signal(signal.SIGSTOP)
+    os.kill(cell.child("recorder"), signal.SIGKILL)
+    cell.process.kill()
+    cell.wait()
+    cell.gone()
+    file = cell.folder / "run.h5"
+    assert len(read_table(file)["t_s"]) >= 5000
+    assert close_unclosed(file)
+    assert len(rows_of(file)) >= 5000
+
+
+def test_file_that_may_not_grow(run):
+    """Every user can have that: a limit of the size of files."""
+    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+    until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
+    size = (cell.folder / "run.h5").stat().st_size + 2_000_000
+    resource.prlimit(cell.child("recorder"), resource.RLIMIT_FSIZE, (size, size))
+    until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
+    found = end_failed(cell, f"run.h5: {os.strerror(errno.EFBIG)}")
+    rows = rows_of(cell.folder / "run.h5")
+    assert found["rows"] == len(rows) > 5000
+    with h5py.File(cell.folder / "run.h5") as recording:
+        assert not recording.attrs["complete"]
+        assert recording.attrs["problem"].decode() == os.strerror(errno.EFBIG)
+    assert (cell.folder / "run.h5").stat().st_size <= size
+
+
+@contextmanager
+def small_disk(folder, size):
+    """A file system of `size` on `folder`, in a mount namespace of its own: its keeper, and the folder seen by us."""
+    script = f"mount -t tmpfs -o size={size} none {folder} && echo ready && exec sleep 600"
+    keeper = subprocess.Popen(
+        ["unshare", "--mount", "sh", "-c", script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield keeper.pid if keeper.stdout.readline() == b"ready\n" else None
+    finally:
+        keeper.kill()
+        keeper.wait()
+        keeper.stdout.close()
+
+
+@pytest.mark.parametrize("size", ["1m", "4m"])
+def test_full_disk(run, tmp_path, size):
+    """A real one where we may mount it; elsewhere `test_file_that_may_not_grow` stands for it."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    with small_disk(disk, size) as keeper:
+        if keeper is None:
+            pytest.skip("mounting a file system takes root")
+        inside = ("nsenter", f"--target={keeper}", "--mount")
+        cell = run(calm(), "--record", str(disk / "run.h5"), prefix=inside).reach("TRACKING")
+        until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
+        found = end_failed(cell, f"{disk}/run.h5: {os.strerror(errno.ENOSPC)}")
+        seen = f"/proc/{keeper}/root{disk}/run.h5"
+        rows = rows_of(seen)
+        assert found["rows"] == len(rows) >= 1000
+        assert len(read_table(type(tmp_path)(seen))["t_s"]) == len(rows)
+
+
+def begun(file, index=0):
+    orders = {"file": str(file), "configuration": "", "sha256": "", "axes": ["x"], "period_ns": 100_000}
+    recording = Recording(orders)
+    recording.begin(np.zeros(1, CELL_STATE)[0])
+    return recording
+
+
+def slots():
+    sets = np.zeros(1, CELL_PARAMETERS)
+    sets["version"] = 1
+    return sets
+
+
+def some_rows(first, count):
+    rows = np.zeros(count, ROW)
+    rows["cycle"], rows["periods"], rows["version"] = np.arange(first, first + count), 1, 1
+    return rows
+
+
+KILLED = """
+import os, sys, numpy as np
+from host.test_recording_fails import begun, some_rows, slots
+recording, first = begun(sys.argv[1]), 1
+print("begun", flush=True)
+while True:
+    recording.append(some_rows(first, 700), slots())
+    first += 700
+"""
+
+
+@pytest.mark.parametrize("after_ms", [20, 150, 333, 800])
+def test_killed_in_the_middle_of_a_write(tmp_path, after_ms):
+    """It writes without a pause: wherever the kill comes, the file is one row after the other."""
+    file = tmp_path / "run.h5"
+    writer = subprocess.Popen([sys.executable, "-c", KILLED, str(file)], stdout=subprocess.PIPE, cwd="tests")
+    writer.stdout.readline()
+    with pytest.raises(subprocess.TimeoutExpired):
+        writer.wait(after_ms * 1e-3)
+    writer.kill()
+    writer.wait()
+    writer.stdout.close()
+    seen = read_table(file)["t_s"]  # as it is
+    assert close_unclosed(file)
+    with h5py.File(file) as recording:
+        cycles = recording["rows"]["cycle"]
+    assert (cycles == np.arange(1, len(cycles) + 1)).all()
+    assert len(cycles) == len(seen) > 0
+    assert len(cycles) % 700 == 0 or len(cycles) % 1000 == 0
+
+
+def test_lost_rows_are_told_in_the_file_before_it_ends(tmp_path):
+    recording = begun(tmp_path / "run.h5")
+    recording.append(some_rows(1, 100), slots())
+    recording.note_lost(7)
+    recording.append(some_rows(108, 100), slots())
+    with h5py.File(tmp_path / "run.h5", swmr=True) as seen:
+        assert seen.attrs["lost"] == 7
+        assert len(seen["rows"]) == 200
+        assert not seen.attrs["complete"]
+    recording.close()
+
+
+def test_a_recording_replaces_nothing(tmp_path):
+    (tmp_path / "run.h5").write_text("precious")
+    with pytest.raises(OSError, match="exist"):
+        begun(tmp_path / "run.h5")
+    assert (tmp_path / "run.h5").read_text() == "precious"
+
+
+def test_checksum_is_hdf5s(tmp_path):
+    """Of a file that HDF5 itself wrote; and what is none of its files is left alone."""
+    file = tmp_path / "run.h5"
+    begun(file).close()
+    block = file.read_bytes()[:48]
+    assert checksum(block[:44]) == int.from_bytes(block[44:], "little")
+    for content in (b"", b"no HDF5 at all", block[:20], block[:44] + b"\0\0\0\0"):
+        file.write_bytes(content)
+        assert not close_unclosed(file)
+        assert file.read_bytes() == content
+
+
+TARGETS = {
+    "an older recording": (lambda folder: (folder / "run.h5").write_bytes(b"precious"), 64, "is there already"),
+    "a folder": (lambda folder: (folder / "run.h5").mkdir(), 64, "is not a file"),
+    "a FIFO": (lambda folder: os.mkfifo(folder / "run.h5"), 64, "is not a file"),
+    "a device": (lambda folder: (folder / "run.h5").symlink_to("/dev/null"), 64, "is not a file"),
+    "a link to nowhere": (lambda folder: (folder / "run.h5").symlink_to(folder / "none"), 64, "is not a file"),
+}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_what_is_there_is_refused_before_the_start(run, tmp_path, target):
+    make, code, said = TARGETS[target]
+    make(tmp_path)
+    before = [(entry.name, entry.lstat()) for entry in tmp_path.iterdir()]
+    refused(run(calm(), "--record", str(tmp_path / "run.h5")), code, said)
+    assert [(entry.name, entry.lstat()) for entry in tmp_path.iterdir() if entry.name == "run.h5"] == before
+
+
+def test_a_missing_folder_is_refused_before_the_start(run):
+    refused(run(calm(), "--record", "no/such/folder/run.h5"), 64, "mkdir -p no/such/folder")
+
+
+def test_a_folder_that_is_a_file_is_refused_before_the_start(run, tmp_path):
+    (tmp_path / "file").touch()
+    refused(run(calm(), "--record", str(tmp_path / "file" / "run.h5")), 64, "there is no folder")
+
+
+def test_a_folder_that_takes_no_file_is_refused_before_the_start(run):
+    """Not even root makes a file there."""
+    cell = run(calm(), "--record", "/proc/self/run.h5")
+    assert cell.wait() in (64, 69, 77)
+    assert "--record /proc/self/run.h5: " in cell.said
+    assert "Traceback" not in cell.said
+    assert "READY" not in cell.said
+
+
+def refused(cell, code, said):
+    """One line, the exit code, and nothing was started."""
+    assert cell.wait() == code, cell.said
+    (line,) = cell.said.splitlines()
+    assert line.startswith("micromanip: --record ")
+    assert said in line
+    assert cell.out == ""
+    assert cell.left == []
+
+
+def test_report_is_json(run):
+    """What `run --json` ends with stays one document where the recording failed."""
+    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+    os.kill(until(lambda: cell.child("recorder"), cell.last_words), signal.SIGKILL)
+    until(lambda: "died, nothing more is recorded" in cell.said, cell.last_words)
+    assert cell.end() == 1
+    assert json.loads(cell.out)["recording"]["state"] == "failed"

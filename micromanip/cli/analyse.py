@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json
+from .results import Pictures
 
 
 @click.command(
@@ -75,8 +77,11 @@ def command(
     for cell in cells.values():
         cell.require_simulated()
     seeds = range(seed, seed + samples)
-    analyses, written = [], []
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    analyses = []
+    with (
+        Pictures(folder if figures else None) as pictures,
+        Progress(console=Console(stderr=True), transient=True) as bar,
+    ):
         task = bar.add_task("analyse", total=None)
         for name in shown:
 
@@ -98,8 +103,8 @@ def command(
                 from micromanip.design.analysis_figures import draw_analysis
 
                 say("drawing")
-                folder.mkdir(parents=True, exist_ok=True)
-                written += draw_analysis(analysis, folder)
+                pictures.draw(partial(draw_analysis, analysis))
+        written = pictures.put()
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
     failed = [criterion for criterion in judged if not criterion.passed]
     if as_json:
@@ -112,6 +117,7 @@ def command(
                 click.echo(f"axis {analysis.axis}: {line}")
         if written:
             click.echo(f"{len(written)} figures in {folder}/")
+    pictures.require_written()
     if failed:
         worst = failed[0]
         raise CheckFailed(

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import datetime
-import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
+from shutil import copyfile
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed, MicromanipError, UsageError, system_error
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
+from .results import keep, publish, results_folder, run_folder
 
 if TYPE_CHECKING:
     from micromanip.design.commission.cell import CommissionedCell
@@ -54,7 +56,8 @@ def command(
     """Identify an axis, design its controllers, try them on a fresh experiment, and report.
 
     CONFIG is not changed and nothing is applied: the new tuning is DIR/tuned.yaml, complete, for `check` and `run`;
-    the one before is kept beside it. Exit code 1 where a step or a criterion says no.
+    the one before is kept beside it. Each run also has a folder of its own in DIR, which nothing replaces; `latest`
+    is the last. Exit code 1 where a step or a criterion says no.
     """
     from rich.console import Console
     from rich.progress import Progress
@@ -70,27 +73,36 @@ def command(
     chosen = names if only == "all" else [only]
     _require_stage_sensors(prepared, chosen)
     real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
-    if real and not yes:
-        _ask(prepared, chosen, real[0])
-    began = time.monotonic()
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("commission", total=None)
-        experiment = _experiment(prepared, socket_path) if live or not prepared.wiring.virtual else _virtual(prepared)
-        found = commission_cell(
-            prepared.configuration,
-            experiment,
-            chosen,
-            lambda what: bar.update(task, description=what),
-            Knobs(bandwidth_Hz, noise_um),
-            seed,
-        )
-        bar.update(task, description="report")
-        axes = write_results(prepared, found, config, folder)
+    with results_folder(folder):
+        if real and not yes:
+            _ask(prepared, chosen, real[0])
+        began = time.monotonic()
+        with (
+            run_folder(folder, only, wanted=TUNED) as run,
+            Progress(console=Console(stderr=True), transient=True) as bar,
+        ):
+            copyfile(config, run / PREVIOUS)
+            task = bar.add_task("commission", total=None)
+            experiment = (
+                _experiment(prepared, socket_path) if live or not prepared.wiring.virtual else _virtual(prepared)
+            )
+            found = commission_cell(
+                prepared.configuration,
+                experiment,
+                chosen,
+                lambda what: bar.update(task, description=what),
+                Knobs(bandwidth_Hz, noise_um),
+                seed,
+            )
+            bar.update(task, description="report")
+            axes, missing = write_results(prepared, found, config, folder, run)
     seconds = time.monotonic() - began
     if as_json:
-        print_json(_document(found, axes, folder, seconds))
+        print_json(_document(found, axes, folder, run, seconds))
     else:
-        _print(found, folder, seconds)
+        _print(found, folder, run, seconds)
+    if missing is not None:
+        raise missing
     failed = [criterion for story in found.evidence for criterion in story.criteria if not criterion.passed]
     if failed:
         worst = failed[0]
@@ -129,13 +141,17 @@ def _experiment(prepared: Prepared, socket_path: Path) -> Experiment:
     return LiveExperiment(prepared, socket_path)
 
 
-def write_results(prepared: Prepared, found: CommissionedCell, config: Path, folder: Path) -> dict[str, Axis]:
-    """Write the report, the tuning before and, last and whole, the new one; the axes with their notes."""
+def write_results(
+    prepared: Prepared, found: CommissionedCell, config: Path, folder: Path, run: Path
+) -> tuple[dict[str, Axis], MicromanipError | None]:
+    """Write tuning and report into `run`, and copies into `folder`; the axes with their notes, and what is missing.
+
+    The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room.
+    """
     from micromanip.design.commission.report import write_report
     from micromanip.settings.commissioned import Commissioned, tuning_hash
     from micromanip.settings.write import with_tuning, write_atomically
 
-    folder.mkdir(parents=True, exist_ok=True)
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     axes = {each.axis: found.configuration.axes[each.axis] for each in found.axes}
     hashes = {name: tuning_hash(axis) for name, axis in axes.items()}
@@ -144,13 +160,24 @@ def write_results(prepared: Prepared, found: CommissionedCell, config: Path, fol
         for name, axis in axes.items()
     }
     facts = {"configuration": str(config), "date": today, "rate": f"{prepared.configuration.loop.rate_hz:g} Hz"}
-    write_report(folder / REPORT, "Commissioning report", facts, found.evidence, hashes)
-    shutil.copyfile(config, folder / PREVIOUS)
-    write_atomically(folder / TUNED, with_tuning(prepared.source.text, noted))
-    return noted
+    tuned = with_tuning(prepared.source.text, noted)
+    keep(lambda file: write_atomically(file, tuned), run / TUNED)
+    missing = None
+    steps: tuple[Callable[[], None], ...] = (
+        lambda: write_report(run / REPORT, "Commissioning report", facts, found.evidence, hashes),
+        lambda: publish(folder, run, (PREVIOUS, REPORT, TUNED)),
+    )
+    for step in steps:
+        try:
+            step()
+        except OSError as problem:
+            missing = missing or system_error(problem)
+    return noted, missing and type(missing)(f"not everything is written, the tuning is {run / TUNED}: {missing}")
 
 
-def _document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, seconds: float) -> dict[str, Any]:
+def _document(
+    found: CommissionedCell, axes: dict[str, Axis], folder: Path, run: Path, seconds: float
+) -> dict[str, Any]:
     from dataclasses import asdict
 
     return {
@@ -158,6 +185,7 @@ def _document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, seco
         "seconds": seconds,
         "tuned": str(folder / TUNED),
         "report": str(folder / REPORT),
+        "run": str(run),
         "axes": {
             story.axis: {
                 "passed": story.passed,
@@ -169,9 +197,10 @@ def _document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, seco
     }
 
 
-def _print(found: CommissionedCell, folder: Path, seconds: float) -> None:
+def _print(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> None:
     from .analyse import print_criteria
 
     print_criteria([criterion for story in found.evidence for criterion in story.criteria], "Commissioning")
     click.echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
+    click.echo(f"this run's files stay in {run}")
     click.echo(f"next: micromanip check {folder / TUNED}")

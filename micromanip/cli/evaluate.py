@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json
+from .results import Pictures
 
 
 @click.command(
@@ -54,8 +56,10 @@ def command(
     if real:
         raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} can't, it has a time of its own")
     shown = [only] if only else names
-    written: list[Path] = []
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with (
+        Pictures(folder if figures else None) as pictures,
+        Progress(console=Console(stderr=True), transient=True) as bar,
+    ):
         experiment = VirtualExperiment(prepared, told=fault_message)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         tuned = any(axis.commissioned for axis in configuration.axes.values()) and not own_pid
@@ -64,11 +68,11 @@ def command(
         if figures:
             from micromanip.design.figures import draw_all
 
-            folder.mkdir(parents=True, exist_ok=True)
             for name in shown:
-                for files in draw_all(configuration, experiment, runs, names.index(name), folder):
-                    written += files
-                    bar.advance(task)
+                pictures.draw(
+                    partial(draw_all, configuration, experiment, runs, names.index(name)), lambda: bar.advance(task)
+                )
+        written = pictures.put()
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
     alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]
     if as_json:
@@ -81,6 +85,7 @@ def command(
                 "figures": [str(file) for file in written],
             }
         )
+        pictures.require_written()
         return
     print_table(rows)
     for row in alone:
@@ -91,6 +96,7 @@ def command(
         click.echo(f"{what}: sigma {sigma:.3f} um ({where} position)")
     if written:
         click.echo(f"{len(written)} figures in {folder}/")
+    pictures.require_written()
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:

@@ -7,9 +7,10 @@ from typing import Any
 
 import click
 
-from micromanip.errors import UsageError
+from micromanip.errors import UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, print_json
+from .results import Pictures, require_room
 
 KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 
@@ -63,26 +64,33 @@ def command(
         raise UsageError("--into and --axis go together")
     if into is not None and axis is not None:
         _require_axis(into, axis)
+        require_room(into.parent, f"--into {into}")
     record = load_record(file, input_name, output_name, time_name, step_s)
     held_out = load_record(validate, input_name, output_name, time_name, step_s) if validate else None
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with Pictures(folder) as pictures, Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(f"fitting {kind}", total=None)
         request = Request(kind, creep, plays, seed, burn_in_s)
         result = fit_record(record, held_out, request, lambda what: bar.update(task, description=f"fitting {what}"))
-        written: list[Path] = []
         if folder is not None:
             from micromanip.design.fit_figures import draw_fit
 
             bar.update(task, description="drawing")
-            folder.mkdir(parents=True, exist_ok=True)
-            written = draw_fit(result, record, held_out, folder)
+            pictures.draw(lambda where: draw_fit(result, record, held_out, where))
+        written = pictures.put()
+    unwritten = None
     if into is not None and axis is not None:
-        _put_into(into, axis, result.settings)
+        try:
+            _put_into(into, axis, result.settings)
+        except OSError as problem:
+            unwritten = system_error(problem, f"--into {into}")
     report = result.report() | {"figures": [str(path) for path in written]}
     if as_json:
         print_json(report)
     else:
-        _print(report, into)
+        _print(report, None if unwritten else into)
+    if unwritten is not None:
+        raise unwritten
+    pictures.require_written()
 
 
 def _require_axis(into: Path, axis: str) -> None:

@@ -10,6 +10,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, json_option, print_json
+from .results import Pictures
 
 
 @click.command(
@@ -61,21 +62,21 @@ def command(
         raise UsageError("--split 1 leaves nothing to judge the model by: give --validate FILE, or a smaller split")
     records = [load_linear(file, driven, seen, dt, time_name) for file in files]
     held_out = load_linear(validate, driven, seen, dt, time_name) if validate else None
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with Pictures(folder) as pictures, Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("fitting", total=None)
         result = fit_records(records, held_out, order, split, lambda what: bar.update(task, description=what))
-        written: list[Path] = []
         if folder is not None:
             from micromanip.design.linear.figures import draw_linear
 
             bar.update(task, description="drawing")
-            folder.mkdir(parents=True, exist_ok=True)
-            written = draw_linear(result, folder)
+            pictures.draw(lambda where: draw_linear(result, where))
+        written = pictures.put()
     report = result.report() | {"figures": [str(path) for path in written]}
     if as_json:
         print_json(report)
     else:
         _print(report, seen, "held out" if split < 1.0 else "not fitted to")
+    pictures.require_written()
 
 
 def _names(columns: str, option: str) -> list[str]:

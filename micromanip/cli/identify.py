@@ -10,6 +10,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
+from .results import keep, results_folder
 
 
 @click.command(
@@ -59,29 +60,31 @@ def command(
     configuration = prepared.configuration
     if axis not in configuration.axes:
         raise UsageError(f"there is no axis {axis} in {config}; its axes are {', '.join(configuration.axes)}")
+    file = folder / f"{axis}_{kind}.csv"
+    if file.exists() or file.is_symlink():
+        raise UsageError(f"{file} is there already: a recording is never replaced; name another --out, or move it away")
     excitation = design(configuration, axis, kind, seconds or DEFAULT_SECONDS[kind], seed)
     samples = samples_for(configuration, excitation)
     duration_s = len(samples) / configuration.loop.rate_hz
     real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
-    if real and not yes:
-        low, high = excitation.samples.min(), excitation.samples.max()
-        question = f"Axis {axis} will move: {low:.0f} to {high:.0f} V for {duration_s:.0f} s on driver {real[0]}."
-        click.confirm(f"{question} Is the spindle free?", abort=True, err=True)
-    if live or not prepared.wiring.virtual:
-        from .live import LiveLine
-        from .played import play
+    with results_folder(folder):
+        if real and not yes:
+            low, high = excitation.samples.min(), excitation.samples.max()
+            question = f"Axis {axis} will move: {low:.0f} to {high:.0f} V for {duration_s:.0f} s on driver {real[0]}."
+            click.confirm(f"{question} Is the spindle free?", abort=True, err=True)
+        if live or not prepared.wiring.virtual:
+            from .live import LiveLine
+            from .played import play
 
-        with LiveLine() as line:
-            rows = play(prepared, variant(configuration), samples, duration_s, socket_path, line)
-    else:
-        from micromanip.host.messages import fault_message
-        from micromanip.sim.experiment import VirtualExperiment
+            with LiveLine() as line:
+                rows = play(prepared, variant(configuration), samples, duration_s, socket_path, line)
+        else:
+            from micromanip.host.messages import fault_message
+            from micromanip.sim.experiment import VirtualExperiment
 
-        rows = VirtualExperiment(prepared, told=fault_message)(variant(configuration), duration_s, samples)
-    folder.mkdir(parents=True, exist_ok=True)
-    columns = recording(configuration, excitation, rows)
-    file = folder / f"{axis}_{kind}.csv"
-    write_csv(file, columns)
+            rows = VirtualExperiment(prepared, told=fault_message)(variant(configuration), duration_s, samples)
+        columns = recording(configuration, excitation, rows)
+        keep(lambda place: write_csv(place, columns), file)
     low, high = columns["strain_um"].min(), columns["strain_um"].max()
     if as_json:
         print_json({"file": str(file), "rows": len(columns["t_s"]), "columns": list(columns), "stroke_um": high - low})

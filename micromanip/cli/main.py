@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
-from typing import Any
+import traceback
+from typing import Any, NoReturn
 
 import click
 
-from micromanip.errors import MicromanipError
+from micromanip.errors import MicromanipError, system_error
 
 # Our matrices are small: more threads gain nothing, and beside another busy process they spin it ten times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -79,6 +81,7 @@ def cli() -> None:
 
 def main(arguments: list[str] | None = None) -> Any:
     """Entry point; the exit codes are those of ``micromanip.errors``, and 64 for wrong usage."""
+    output = sys.stdout
     try:
         cli.main(args=arguments, prog_name="micromanip", standalone_mode=False)
     except click.UsageError as problem:
@@ -89,21 +92,60 @@ def main(arguments: list[str] | None = None) -> Any:
         sys.exit(_USAGE)
     except (click.Abort, KeyboardInterrupt):
         sys.exit(130)
-    except BrokenPipeError:
+    except SystemExit as ended:
+        # nobody reads any more: click has put another stream there and rich has ended us, each with 1
+        if sys.stdout is output and not isinstance(ended.__context__, BrokenPipeError):
+            raise
+        sys.stdout = output
+        _end_output()
         sys.exit(0)
     except MicromanipError as problem:
-        click.echo(f"micromanip: {problem}", err=True)
-        sys.exit(problem.exit_code)
+        _fail(problem)
+    except OSError as problem:
+        _fail(system_error(problem, "standard output" if _while_printing(problem) else None))
     except Exception as problem:
         bug(problem)
         sys.exit(70)
 
 
+def _fail(problem: MicromanipError) -> NoReturn:
+    _say(f"micromanip: {problem}")
+    _end_output()
+    sys.exit(problem.exit_code)
+
+
+def _say(message: str) -> None:
+    """A line on standard error, if anybody still reads it."""
+    with contextlib.suppress(OSError):
+        click.echo(message, err=True)
+
+
+def _while_printing(problem: OSError) -> bool:
+    """Whether it was raised as something was printed."""
+    modules = [frame.f_globals.get("__name__") for frame, _ in traceback.walk_tb(problem.__traceback__)]
+    return not {"click.utils", "rich.console"}.isdisjoint(modules)
+
+
+def _end_output() -> None:
+    """Where what was printed can't be written, nothing more is: not even Python's complaint about that at the end."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
 def bug(problem: Exception) -> None:
     """What we did not foresee: one line for the user, the trace in a file for us."""
     import tempfile
-    import traceback
 
-    with tempfile.NamedTemporaryFile("w", prefix="micromanip-", suffix=".trace", delete=False) as file:
-        traceback.print_exception(problem, file=file)
-    click.echo(f"micromanip: bug: {type(problem).__name__}: {problem}\nPlease report it with {file.name}", err=True)
+    trace = "".join(traceback.format_exception(problem))
+    try:
+        with tempfile.NamedTemporaryFile("w", prefix="micromanip-", suffix=".trace", delete=False) as file:
+            file.write(trace)
+        next_step = f"Please report it with {file.name}"
+    except OSError:
+        next_step = f"Please report it with this:\n{trace}"
+    _say(f"micromanip: bug: {type(problem).__name__}: {problem}\n{next_step}")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -29,10 +30,15 @@ Array = NDArray[np.float64]
 
 
 def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI) -> list[Path]:
-    """Write `figure` as PNG and SVG; the files."""
+    """Write `figure` as PNG and SVG, each whole or not at all; the files. Raises OSError."""
     files = [folder / f"{name}.png", folder / f"{name}.svg"]
     for file in files:
-        figure.savefig(file, dpi=dpi, metadata={"Date": None} if file.suffix == ".svg" else None)
+        try:
+            with rc_context({"svg.hashsalt": "micromanip"}):  # the same figure, the same bytes
+                figure.savefig(file, dpi=dpi, metadata={"Date": None} if file.suffix == ".svg" else None)
+        except OSError:
+            file.unlink(missing_ok=True)
+            raise
     return files
 
 

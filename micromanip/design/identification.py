@@ -85,7 +85,11 @@ def recording(configuration: Configuration, excitation: Excitation, rows: NDArra
 
 
 def write_csv(file: Path, columns: dict[str, Array]) -> None:
-    """Write the columns under a header, whole or not at all."""
+    """Write the columns under a header, whole or not at all. Raises OSError."""
     part = file.with_name(file.name + ".part")
-    np.savetxt(part, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
-    part.replace(file)
+    try:
+        np.savetxt(part, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
+        part.replace(file)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise

@@ -33,10 +33,17 @@ def commissioned(tmp_path_factory):
     return folder, code_of("commission", config, "--axis", "y", "--out", folder / "out")
 
 
-def test_it_passes_and_leaves_three_files(commissioned):
+def test_it_passes_and_leaves_three_files_and_a_folder_of_the_run(commissioned):
     folder, code = commissioned
     assert code == 0
-    assert {file.name for file in (folder / "out").iterdir()} == {"tuned.yaml", "previous.yaml", "report.html"}
+    (run,) = (folder / "out").glob("[0-9]*-y")
+    assert (folder / "out" / "latest").resolve() == run
+    files = {"tuned.yaml", "previous.yaml", "report.html"}
+    assert {file.name for file in run.iterdir()} == files
+    assert {file.name for file in (folder / "out").iterdir()} == {*files, "latest", run.name}
+    for name in files:
+        assert not (folder / "out" / name).is_symlink()
+        assert (folder / "out" / name).read_bytes() == (run / name).read_bytes()
     assert (folder / "cell.yaml").read_bytes() == FACTORY.read_bytes()
     assert (folder / "out" / "previous.yaml").read_bytes() == FACTORY.read_bytes()
 

@@ -1,0 +1,317 @@
+"""Where results go: tried before anything moves, nothing older replaced, and a full disk loses as little as it can."""
+
+import errno
+import json
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from host.cell import MICROMANIP
+
+from micromanip.cli import results
+from micromanip.cli.main import main
+from micromanip.cli.results import Pictures, publish, results_folder, run_folder
+from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
+
+CONFIG = Path(__file__).parents[2] / "config"
+FACTORY, SIMULATED = CONFIG / "factory.yaml", CONFIG / "simulated.yaml"
+
+
+def code_of(*arguments):
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as ended:
+        return ended.code
+    return 0
+
+
+def files_in(folder):
+    return {str(file.relative_to(folder)): file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
+
+
+WRITERS = {
+    "identify": ("identify", FACTORY, "--axis", "x", "--seconds", "1"),
+    "commission": ("commission", FACTORY, "--axis", "x"),
+    "analyse": ("analyse", SIMULATED, "--axis", "x", "--samples", "0"),
+    "evaluate": ("evaluate", SIMULATED, "--axis", "x"),
+}
+
+
+@pytest.mark.parametrize("command", WRITERS)
+@pytest.mark.parametrize(
+    ("place", "code"), [("/proc/micromanip/out", 64), ("/dev/null/out", 64), ("/sys/micromanip", 77)]
+)
+def test_a_place_that_takes_nothing_is_refused_before_the_work(command, place, code, monkeypatch, capsys):
+    """Not even root makes a folder there. Nothing was moved, in virtual time or else, and nothing computed."""
+
+    def moved(*_):
+        raise AssertionError("it moved")
+
+    monkeypatch.setattr("micromanip.sim.experiment.VirtualExperiment.__call__", moved)
+    assert code_of(*WRITERS[command], "--out", place) == code
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(f"micromanip: --out {place}: ")
+    assert "bug" not in line
+
+
+def test_a_folder_on_a_full_disk_is_refused_before_the_work(tmp_path, capsys, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(results.tempfile, "TemporaryFile", full)
+    assert code_of(*WRITERS["identify"], "--out", tmp_path / "a" / "out") == 69
+    assert "No space left on device; make room there" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_was_made_for_nothing_is_removed(tmp_path):
+    with results_folder(tmp_path / "a" / "b"):
+        assert (tmp_path / "a" / "b").is_dir()
+    assert list(tmp_path.iterdir()) == []
+    with results_folder(tmp_path / "a" / "b"):
+        (tmp_path / "a" / "b" / "result").touch()
+    assert (tmp_path / "a" / "b" / "result").exists()
+
+
+def test_identify_replaces_no_recording(tmp_path, capsys):
+    assert code_of(*WRITERS["identify"], "--out", tmp_path) == 0
+    before = files_in(tmp_path)
+    assert code_of(*WRITERS["identify"], "--seed", "2", "--out", tmp_path) == 64
+    assert f"{tmp_path / 'x_multisine.csv'} is there already" in capsys.readouterr().err
+    assert files_in(tmp_path) == before
+    assert code_of(*WRITERS["identify"], "--kind", "step", "--out", tmp_path) == 0
+
+
+def test_evaluate_sets_older_figures_aside(tmp_path):
+    """And where they are the same ones, byte for byte, there is nothing to keep."""
+    assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0
+    first = files_in(tmp_path)
+    assert all("/" not in name for name in first)
+    assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0
+    assert files_in(tmp_path) == first
+    assert code_of(*WRITERS["evaluate"], "--seed", "7", "--out", tmp_path) == 0
+    both = files_in(tmp_path)
+    (aside,) = tmp_path.glob("[0-9]*-earlier")
+    assert all(content in both.values() for content in first.values())
+    assert {name for name in both if "/" not in name} == set(first)
+    assert not list(tmp_path.glob(".*"))
+    assert any(both[f"{aside.name}/{name}"] != both[name] for name in first if f"{aside.name}/{name}" in both)
+
+
+def run_of(folder, **contents):
+    """A run that wrote `contents` (file by stem), published."""
+    with run_folder(folder, "x", wanted="tuned.yaml") as run:
+        for stem, text in contents.items():
+            (run / f"{stem}.yaml").write_text(text)
+        publish(folder, run, ("previous.yaml", "report.yaml", "tuned.yaml"))
+    return run
+
+
+def test_runs_are_kept_each_in_a_folder_of_its_own(tmp_path):
+    runs = [run_of(tmp_path, tuned=f"tuning {k}", previous="before") for k in range(3)]
+    assert len(set(runs)) == 3
+    assert [(run / "tuned.yaml").read_text() for run in runs] == ["tuning 0", "tuning 1", "tuning 2"]
+    assert (tmp_path / "latest" / "tuned.yaml").read_text() == "tuning 2"
+    assert (tmp_path / "tuned.yaml").read_text() == "tuning 2"
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted(
+        ["tuned.yaml", "previous.yaml", "latest", *(run.name for run in runs)]
+    )
+    umask = os.umask(0)
+    os.umask(umask)
+    assert stat.S_IMODE((tmp_path / "tuned.yaml").stat().st_mode) == 0o666 & ~umask
+
+
+def test_what_somebody_changed_is_set_aside(tmp_path):
+    """`save` into it, an editor, or an older version of the program: no run's folder has it."""
+    (tmp_path / "tuned.yaml").write_text("of an older version")
+    (tmp_path / "report.yaml").write_text("of an older version, too")
+    os.utime(tmp_path / "tuned.yaml", (1e9, 1e9))
+    os.utime(tmp_path / "report.yaml", (1e9, 1e9))
+    run_of(tmp_path, tuned="first")
+    aside = tmp_path / "2001-09-09T014640Z-earlier"
+    assert files_in(aside) == {"tuned.yaml": b"of an older version", "report.yaml": b"of an older version, too"}
+    assert not (tmp_path / "report.yaml").exists()  # the run has none: the older one is not about it
+    (tmp_path / "tuned.yaml").write_text("edited")
+    run_of(tmp_path, tuned="second")
+    assert b"edited" in files_in(tmp_path).values()
+    assert (tmp_path / "tuned.yaml").read_text() == "second"
+
+
+def test_a_run_that_came_to_nothing_leaves_nothing(tmp_path):
+    run_of(tmp_path, tuned="first")
+    before = files_in(tmp_path)
+    with run_folder(tmp_path, "x", wanted="tuned.yaml") as run:
+        (run / "previous.yaml").touch()
+    assert files_in(tmp_path) == before
+    assert not run.exists()
+
+
+def test_without_links_latest_is_a_file(tmp_path, monkeypatch):
+    def refused(*_, **__):
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(Path, "symlink_to", refused)
+    run = run_of(tmp_path, tuned="first")
+    assert (tmp_path / "latest").read_text() == f"{run.name}\n"
+    run = run_of(tmp_path, tuned="second")
+    assert (tmp_path / "latest").read_text() == f"{run.name}\n"
+
+
+def test_commission_replaces_no_report(tmp_path):
+    """Also the one in a folder of an older version, and the file that it starts from."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("the evidence of last year")
+    assert code_of("commission", FACTORY, "--axis", "y", "--out", out) == 0
+    first = files_in(out)
+    assert b"the evidence of last year" in first.values()
+    assert code_of("commission", out / "tuned.yaml", "--axis", "y", "--seed", "2", "--out", out) == 0
+    both = files_in(out)
+    runs = sorted(out.glob("*-y*"))
+    assert len(runs) == 2
+    for name, content in first.items():
+        assert content in both.values(), name
+    assert both["previous.yaml"] == first["tuned.yaml"]
+    assert (out / "latest").resolve() == runs[-1].resolve()
+    assert code_of("check", out / "tuned.yaml") == 0
+    assert code_of("check", out / "latest" / "tuned.yaml") == 0
+
+
+def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
+    """The results that are no pictures are the command's to print first."""
+
+    def drawing(where):
+        (where / "whole.png").write_text("whole")
+        yield
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(where / "half.png"))
+
+    with Pictures(tmp_path / "out") as pictures:
+        pictures.draw(drawing)
+        pictures.draw(drawing)
+        assert pictures.put() == [tmp_path / "out" / "whole.png"]
+    with pytest.raises(DeviceUnavailable, match=r"^the figures are not complete: --out .*: No space left on device"):
+        pictures.require_written()
+    assert files_in(tmp_path) == {"out/whole.png": b"whole"}
+
+
+def limited(folder, size, *arguments):
+    """A command that may write no file larger than `size` bytes: every user's full disk."""
+    limit = "import resource, signal, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2); "
+    return subprocess.run(
+        [sys.executable, "-c", limit + "from micromanip.cli.main import main; main(sys.argv[2:])", str(size)]
+        + [str(argument) for argument in arguments],
+        capture_output=True, text=True, timeout=300, check=False, cwd=folder, env=os.environ | {"TMPDIR": str(folder)},
+    )  # fmt: skip
+
+
+def test_a_report_that_finds_no_room_does_not_cost_the_tuning(tmp_path):
+    out = tmp_path / "out"
+    done = limited(tmp_path, 200_000, "commission", FACTORY, "--axis", "y", "--out", out, "--json")
+    assert done.returncode == 69, done.stderr
+    assert "Traceback" not in done.stderr
+    report = json.loads(done.stdout)
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("micromanip: ")]
+    assert line.startswith(f"micromanip: not everything is written, the tuning is {report['run']}/tuned.yaml: ")
+    assert code_of("check", out / "tuned.yaml") == 0
+    assert not (out / "report.html").exists()
+
+
+def test_a_recording_that_finds_no_room_is_kept_elsewhere(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    from micromanip.design import identification
+
+    write = identification.write_csv
+
+    def full(file, columns):
+        if file.parent.name == "out":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
+        write(file, columns)
+
+    monkeypatch.setattr(identification, "write_csv", full)
+    assert code_of(*WRITERS["identify"], "--out", tmp_path / "out") == 69
+    said = capsys.readouterr().err.strip()
+    assert f"{tmp_path / 'out' / 'x_multisine.csv'}: No space left on device" in said
+    kept = Path(said.rsplit("it is kept in ", 1)[1])
+    assert kept.read_text().startswith("t_s,voltage_V,")
+    assert not (tmp_path / "out").exists()
+
+
+def test_figures_on_a_full_disk_do_not_cost_the_table(tmp_path):
+    done = limited(tmp_path, 20_000, "evaluate", SIMULATED, "--axis", "x", "--out", tmp_path / "out", "--json")
+    assert done.returncode == 69, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "the figures are not complete" in done.stderr
+    report = json.loads(done.stdout)
+    assert len(report["rows"]) == 9
+    assert all(Path(file).stat().st_size <= 20_000 for file in report["figures"])
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (errno.EACCES, PermissionDenied),
+        (errno.EPERM, PermissionDenied),
+        (errno.EROFS, PermissionDenied),
+        (errno.ENOENT, UsageError),
+        (errno.EISDIR, UsageError),
+        (errno.ENOSPC, DeviceUnavailable),
+        (errno.EDQUOT, DeviceUnavailable),
+        (errno.EFBIG, DeviceUnavailable),
+        (errno.EIO, DeviceUnavailable),
+        (errno.ECONNREFUSED, DeviceUnavailable),
+    ],
+)
+def test_what_the_system_refuses_is_no_bug(number, kind, monkeypatch, capsys):
+    problem = OSError(number, os.strerror(number), "/some/file")
+    assert type(system_error(problem)) is kind
+
+    def refused(*_):
+        raise problem
+
+    monkeypatch.setattr("micromanip.settings.check.prepare", refused)
+    assert code_of("check", FACTORY) == kind.exit_code
+    said = capsys.readouterr().err
+    assert said.startswith(f"micromanip: /some/file: {os.strerror(number)}")
+    assert len(said.splitlines()) == 1
+
+
+def piped(tmp_path, *arguments, reader):
+    """Exit code and standard error of a command whose output `reader` reads, by the shell."""
+    command = " ".join([str(MICROMANIP), *map(str, arguments)])
+    script = f"{{ {command}; echo $? >code; }} 2>err | {reader}"
+    subprocess.run(["sh", "-c", script], cwd=tmp_path, check=False, timeout=120, stdout=subprocess.DEVNULL)
+    return int((tmp_path / "code").read_text()), (tmp_path / "err").read_text()
+
+
+@pytest.mark.parametrize("arguments", [("check", SIMULATED), ("check", SIMULATED, "--json"), ("drivers",)])
+def test_a_reader_that_has_seen_enough(arguments, tmp_path):
+    """`| head`: no word about it, and no failure."""
+    assert piped(tmp_path, *arguments, reader="true") == (0, "")
+
+
+def test_standard_output_on_a_full_disk(tmp_path):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [str(MICROMANIP), "check", str(SIMULATED), "--json"],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120,
+        )  # fmt: skip
+    assert done.returncode == 69
+    place = "make room there, or choose another place"
+    assert done.stderr == f"micromanip: standard output: No space left on device; {place}\n"
+
+
+def test_the_trace_of_a_bug_finds_no_room(monkeypatch, capsys):
+    def broken(*_):
+        raise ZeroDivisionError("a bug")
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("micromanip.settings.check.prepare", broken)
+    monkeypatch.setattr("tempfile.NamedTemporaryFile", full)
+    assert code_of("check", FACTORY) == 70
+    said = capsys.readouterr().err
+    assert "bug: ZeroDivisionError: a bug" in said

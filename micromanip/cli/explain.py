@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from micromanip.errors import UsageError
+from micromanip.errors import UsageError, system_error
 
 from .options import StrictCommand, json_option, print_json
 
@@ -69,4 +69,4 @@ def _draw(box: Box, plot: Path) -> None:
     try:
         save(box, plot)
     except OSError as problem:
-        raise UsageError(f"--plot {plot} can't be written: {problem.strerror}") from problem
+        raise system_error(problem, f"--plot {plot} can't be written") from problem

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from functools import partial
 from types import TracebackType
 from typing import Literal, Self
 
@@ -14,6 +15,8 @@ from rich.text import Text
 
 from micromanip.answers import Link, Recorded, Status
 from micromanip.host import journal
+
+from .messages import Printer, error_console
 
 _PLAIN_EVERY_S = 2.0
 _COLUMNS: tuple[Literal["p50", "p99", "p99_9", "p99_99", "max"], ...] = ("p50", "p99", "p99_9", "p99_99", "max")
@@ -43,41 +46,44 @@ def one_line(report: Status) -> str:
 class LiveLine:
     """A line on standard error that is rewritten on a terminal, and repeated now and then elsewhere.
 
-    In the journal of a service there are messages only: the service manager shows the state.
+    In the journal of a service there are messages only: the service manager shows the state. Nothing here waits.
     """
 
     def __init__(self) -> None:
-        self._console = Console(stderr=True, highlight=False)
+        self._console, self._printer = error_console(), Printer()
         self._live = Live(console=self._console, refresh_per_second=5, transient=True) if sys.stderr.isatty() else None
         self._journal = journal.is_connected()
         self._told = 0.0
 
     def __enter__(self) -> Self:
+        self._printer.__enter__()
         if self._live is not None:
-            self._live.start()
+            self._printer.do(self._live.start)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._live is not None:
-            self._live.stop()
+            self._printer.do(self._live.stop)
+        self._printer.__exit__(kind, value, trace)
 
     def say(self, message: str) -> None:
         """A message that stays."""
         if self._journal and journal.send(journal.message_fields(message)):
             return
         style = "bold red" if message.startswith(("X-", "WARNING")) else ""
-        self._console.print(Text(message, style=style), soft_wrap=True)  # one line also in a log file
+        text = Text(message, style=style)
+        self._printer.do(lambda: self._console.print(text, soft_wrap=True))  # one line also in a log file
 
     def show(self, report: Status) -> None:
         """The live line."""
         line = state_line(report)
         if self._live is not None:
-            self._live.update(line)
+            self._printer.do(partial(self._live.update, line))
         elif not self._journal and time.monotonic() - self._told > _PLAIN_EVERY_S:
             self._told = time.monotonic()
-            self._console.print(line, soft_wrap=True)
+            self._printer.do(lambda: self._console.print(line, soft_wrap=True))
 
 
 def summary(report: Status) -> None:

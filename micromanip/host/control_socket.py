@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 
-from micromanip.errors import DeviceUnavailable, MicromanipError, UsageError
+from micromanip.errors import DeviceUnavailable, MicromanipError, UsageError, system_error
 
 from .authority import Authority
 from .peer import Peer
@@ -168,6 +168,8 @@ class ControlSocket:
             return success(await verb(request))
         except MicromanipError as problem:
             return failure(problem)
+        except OSError as problem:
+            return failure(system_error(problem))
         except Exception as bug:
             traceback.print_exc()
             return failure(MicromanipError(f"bug: {type(bug).__name__}: {bug}; the controller's log has the rest"))

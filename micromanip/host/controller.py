@@ -241,7 +241,7 @@ class Controller:
     async def wait(self) -> int:
         """Wait for the loop process to end; its exit code (negative: the signal that killed it)."""
         assert self.process is not None
-        with contextlib.suppress(ValueError):
+        with contextlib.suppress(ValueError, OSError):
             assert self.process.stderr is not None
             sys.stderr.write((await self.process.stderr.read()).decode(errors="replace"))
         return await self.process.wait()

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 
 
 def state_directory() -> Path:
-    """What systemd gives by StateDirectory=, else the user's own as the XDG base directories say."""
+    """What systemd gives by StateDirectory=, else the user's own as the XDG base directories say.
+
+    A user without a home has a temporary one.
+    """
     if given := os.environ.get("STATE_DIRECTORY"):
         return Path(given.split(":")[0])
     base = os.environ.get("XDG_STATE_HOME")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "micromanip"
+    try:
+        return (Path(base) if base else Path.home() / ".local" / "state") / "micromanip"
+    except RuntimeError:  # a user without a home
+        return Path(tempfile.gettempdir()) / f"micromanip-{os.geteuid()}" / "state"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from micromanip.answers import Change, Differences, Jogged, Parameter, Saved, Swap
-from micromanip.errors import CheckFailed, PermissionDenied, UsageError
+from micromanip.errors import CheckFailed, UsageError, system_error
 from micromanip.rt.states import FAULT, OFF, READY, STATE_NAMES, TRACKING
 from micromanip.settings.change import DISARM
 from micromanip.settings.check import validate
@@ -131,10 +131,10 @@ class Tuning:
 
 
 def _written(file: Source, document: Mapping[str, Any]) -> Source:
-    """`file` after `document` was written into it; PermissionDenied where it can't be."""
+    """`file` after `document` was written into it; PermissionDenied or DeviceUnavailable where it can't be."""
     text = with_values(file, document)
     try:
         write_atomically(file.path, text)
     except OSError as problem:
-        raise PermissionDenied(f"{file.path} can't be written: {problem.strerror}") from problem
+        raise system_error(problem, f"{file.path} can't be written") from problem
     return Source.parse(file.path, text)

@@ -6,18 +6,26 @@ fast-math (which would make ``isfinite(nan)`` true), and a cache on disk.
 The cache folder is keyed by a hash of *all* sources of the package, numba's version and the
 bounds-check flag: numba's own cache looks at the file of one function only, so that a change in
 a callee of another file would go unnoticed, and it ignores the flag.
+
+A disk that takes no machine code costs time, never the start: it is then kept in a temporary folder, for this process
+and its children, or not at all.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import hashlib
 import os
 import shutil
-from collections.abc import Callable
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core import caching
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -26,8 +34,55 @@ _KEPT_CACHES = 24
 
 def cache_root() -> Path:
     """Folder of all compiled code: ``$XDG_CACHE_HOME/micromanip`` or ``~/.cache/micromanip``."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "micromanip"
+    base = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return (Path(base) if base else Path.home() / ".cache") / "micromanip"
+    except RuntimeError:  # a user without a home: a place where nothing can be made
+        return Path(os.devnull) / "micromanip"
+
+
+def _refusal(folder: Path) -> OSError | None:
+    """Why `folder`, made if need be, takes no files; None where it does."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(b"\0")
+    except OSError as problem:
+        return problem
+    return None
+
+
+def _move_to_a_refuge(why: OSError) -> Path | None:
+    """Another root of all caches of this process and its children, removed with it; None where there is no room."""
+    print(  # noqa: T201
+        f"WARNING: compiled code can't be kept in {cache_root()}: {why.strerror}. Each start takes a minute longer",
+        file=sys.stderr,
+    )
+    try:
+        refuge = Path(tempfile.mkdtemp(prefix="micromanip-cache-"))
+    except OSError:
+        return None
+    with contextlib.suppress(OSError, shutil.Error):  # what is there may be read at least
+        shutil.copytree(cache_root(), refuge / "micromanip")
+    os.environ["XDG_CACHE_HOME"] = str(refuge)
+    atexit.register(_leave, refuge, os.getpid())
+    return refuge / "micromanip"
+
+
+def _leave(refuge: Path, owner: int) -> None:
+    if os.getpid() == owner:
+        shutil.rmtree(refuge, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _in_spite_of_the_disk(_cache: caching.Cache) -> Iterator[None]:
+    """What can't be loaded is compiled, what can't be saved is compiled again the next time."""
+    with contextlib.suppress(OSError):
+        yield
+
+
+# numba's own place for this, which it fills on Windows only; elsewhere a disk that fills would end the program
+caching.Cache._guard_against_spurious_io_errors = _in_spite_of_the_disk  # type: ignore[assignment,method-assign]
 
 
 def _digest(folders: tuple[Path, ...]) -> str:
@@ -56,7 +111,8 @@ class Compiler:
         own = Path(package_file).resolve().parent
         rt = Path(__file__).resolve().parent
         self.cache_dir = cache_root() / f"{own.name}-{_digest((rt, own) if own != rt else (rt,))}"
-        self._options = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": allocates}
+        self._caches: bool | None = None
+        self._options = {"nogil": True, "error_model": "numpy", "_nrt": allocates}
 
     def __call__(self, function: Function) -> Function:
         """Decorator: compiled when first called; what an entry point calls is built into the entry point."""
@@ -68,25 +124,40 @@ class Compiler:
         return lambda function: self._compile(function, signature)
 
     def _compile(self, function: Any, signature: Any) -> Any:
-        return self._cached(lambda: numba.njit(signature, forceinline=signature is None, **self._options)(function))
+        inlined = signature is None
+        return self._cached(
+            lambda cache: numba.njit(signature, forceinline=inlined, cache=cache, **self._options)(function)
+        )
 
     def c_function(self, signature: Any) -> Callable[[Any], Any]:
         """Decorator: compiles to a C function whose ``.address`` a driver hands to the loop."""
         return lambda function: self._cached(
-            lambda: numba.cfunc(signature, cache=True, nopython=True, error_model="numpy")(function)
+            lambda cache: numba.cfunc(signature, cache=cache, nopython=True, error_model="numpy")(function)
         )
 
-    def _cached(self, build: Callable[[], Any]) -> Any:
-        fresh = not self.cache_dir.is_dir()
-        self.cache_dir.mkdir(parents=True, exist_ok=True)
-        if fresh:
-            _prune(self.cache_dir.parent)
+    def _cached(self, build: Callable[[bool], Any]) -> Any:
+        """What `build(cache)` makes; whether there is a cache is found out once."""
+        if self._caches is None:
+            self._caches = self._open_cache()
         previous = numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(self.cache_dir)
         try:
-            return build()
+            return build(self._caches)
         finally:
             numba.config.CACHE_DIR = previous
+
+    def _open_cache(self) -> bool:
+        fresh = not os.path.lexists(self.cache_dir)
+        why = _refusal(self.cache_dir)
+        if why is not None:
+            root = _move_to_a_refuge(why)
+            if root is None:
+                return False
+            self.cache_dir = root / self.cache_dir.name
+            return _refusal(self.cache_dir) is None
+        if fresh:
+            _prune(self.cache_dir.parent)
+        return True
 
 
 compiled = Compiler(__file__)

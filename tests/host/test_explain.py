@@ -179,7 +179,7 @@ def test_wrong_usage_is_one_sentence(shelf):
     for arguments, kind, words in (
         (["1999"], UsageError, "there is no trip 1999"),
         (["--plot", "a.pdf"], UsageError, "must end with .png or .svg"),
-        (["--plot", "/nowhere/a.png"], UsageError, "can't be written: No such file"),
+        (["--plot", "/nowhere/a.png"], UsageError, "can't be written: No such file or directory; "),
         (["--list", names[0]], UsageError, "--list shows all trips"),
         ([file_name(9 * 10**17, "X-102", None)], CheckFailed, "is no black box, or it is damaged"),
     ):

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from micromanip.errors import CheckFailed, ConfigError, PermissionDenied, UsageError
+from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, UsageError
 from micromanip.rt import states
 from micromanip.settings.check import prepare
 from micromanip.settings.commissioned import tuning_hash
@@ -251,7 +251,7 @@ def test_save_where_it_cannot_be_written(cell, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    refused(cell, PermissionDenied, f"{cell.config} can't be written: No space left on device", "save")
+    refused(cell, DeviceUnavailable, f"{cell.config} can't be written: No space left on device; .*", "save")
     assert cell.config.read_text() == before
     assert list(cell.config.parent.glob("*.part")) == []
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import select
 import signal
 import sys
@@ -31,8 +32,8 @@ _PAGE = 4096
 
 def tell(**message: Any) -> None:
     """A line for the host, which may be dead."""
-    with contextlib.suppress(BrokenPipeError):
-        print(json.dumps(message), flush=True)  # noqa: T201
+    with contextlib.suppress(OSError):
+        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
 
 
 class Shelf:

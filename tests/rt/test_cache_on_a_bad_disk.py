@@ -1,0 +1,102 @@
+"""The compile cache where the disk takes nothing: slower, said once, and never the end of a start."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from micromanip.host.state_directory import state_directory
+from micromanip.rt.jit import cache_root
+
+pytestmark = pytest.mark.compiled_only
+
+PROGRAM = """\
+import sys
+from micromanip.rt.jit import Compiler
+
+compiler = Compiler(__file__)
+
+
+@compiler
+def doubled(x):
+    return 2.0 * x
+
+
+@compiler.entry("f8(f8)")
+def step(x):
+    return doubled(x) + 1.0
+
+
+@compiler.c_function("f8(f8)")
+def from_c(x):
+    return step(x)
+
+
+print(step(3.0), from_c.ctypes(4.0), compiler.cache_dir)
+"""
+
+
+def run(folder, *, limit=None, **environment):
+    """What the program printed, its standard error, and its cache folder while it ran; `limit` is of a file's size."""
+    program = folder / "package" / "program.py"
+    program.parent.mkdir()
+    program.write_text(PROGRAM)
+    begin = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); " if limit else ""
+    done = subprocess.run(
+        [sys.executable, "-c", f"{begin}import runpy; runpy.run_path({str(program)!r})"],
+        env=os.environ | {"TMPDIR": str(folder / "tmp")} | environment,
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    step, from_c, cache = done.stdout.split()
+    assert (float(step), float(from_c)) == (7.0, 9.0)
+    return done.stderr, Path(cache)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "tmp").mkdir()
+    return tmp_path
+
+
+def test_a_home_that_takes_nothing(folder):
+    """As root, too: below a file there is no folder."""
+    (folder / "file").touch()
+    said, cache = run(folder, XDG_CACHE_HOME=str(folder / "file" / "cache"))
+    assert said.startswith(f"WARNING: compiled code can't be kept in {folder}/file/cache/micromanip: ")
+    assert len(said.splitlines()) == 1
+    assert cache.is_relative_to(folder / "tmp")
+    assert list((folder / "tmp").iterdir()) == []
+
+
+def test_no_room_anywhere(folder):
+    (folder / "file").touch()
+    said, _ = run(folder, XDG_CACHE_HOME=str(folder / "file" / "cache"), TMPDIR="/nowhere", TMP="/proc", TEMP="/proc")
+    assert said.startswith("WARNING: compiled code can't be kept in ")
+    assert "Traceback" not in said
+
+
+def test_a_disk_that_fills_as_the_code_is_saved(folder):
+    said, cache = run(folder, limit=1000, XDG_CACHE_HOME=str(folder / "cache"))
+    assert said == ""
+    assert cache.is_relative_to(folder / "cache")
+    assert all(file.stat().st_size <= 1000 for file in cache.rglob("*") if file.is_file())
+
+
+def test_a_good_disk_keeps_it(folder):
+    _, cache = run(folder, XDG_CACHE_HOME=str(folder / "cache"))
+    assert {file.name.split("-")[0] for file in cache.rglob("*.nbc")} >= {"program.step", "program.from_c"}
+
+
+def test_a_user_without_a_home(monkeypatch):
+    def unknown(*_):
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("XDG_CACHE_HOME", "XDG_STATE_HOME", "STATE_DIRECTORY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", unknown)
+    with pytest.raises(OSError):  # noqa: PT011
+        cache_root().mkdir(parents=True)
+    assert state_directory().name == "state"

@@ -67,9 +67,7 @@ def carry_out(steps: Iterable[Step], root: Path, say: Callable[[str], None]) -> 
         say(f"done: {sentence}")
 
 
-def _configuration(
-    config: Path | None, target: Path, root: Path, warn: Callable[[str], None]
-) -> list[WriteFile]:
+def _configuration(config: Path | None, target: Path, root: Path, warn: Callable[[str], None]) -> list[WriteFile]:
     if config is None:
         if not target.is_file():
             raise ConfigError(f"there is no {target} yet: name the CONFIG that the service is to run")

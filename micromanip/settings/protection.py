@@ -12,14 +12,16 @@ from .place import Path
 
 WEAKENS = "would weaken a protection and needs disarm"
 
-LARGER, WIDER, NARROWER, NEITHER = "larger", "wider", "narrower", "neither"
+LARGER, SMALLER, WIDER, NARROWER, NEITHER = "larger", "smaller", "wider", "narrower", "neither"
 
 WEAKER: tuple[tuple[str, str], ...] = (
     ("signals.*.max_age_us", LARGER),
     ("signals.*.range_um", WIDER),
+    ("faults.axis.disagreement.process_ms", SMALLER),  # a force that comes faster excuses more
     ("faults.axis.oscillation.band_Hz", NARROWER),
     ("faults.axis.reference.decay_ms", NEITHER),  # how the way back is taken, not whether
     ("faults.**", LARGER),
+    ("axes.*.faults.disagreement.process_ms", SMALLER),
     ("axes.*.faults.oscillation.band_Hz", NARROWER),
     ("axes.*.faults.reference.decay_ms", NEITHER),
     ("axes.*.faults.**", LARGER),
@@ -50,8 +52,8 @@ def is_weaker(path: Path, old: Any, new: Any) -> bool:
         return False
     if isinstance(old, str):
         return _HARDEST_FIRST.index(new) > _HARDEST_FIRST.index(old)
-    if weaker == LARGER:
-        return _size(new) > _size(old)
+    if weaker in (LARGER, SMALLER):
+        return _size(new) > _size(old) if weaker == LARGER else _size(new) < _size(old)
     inner, outer = (new, old) if weaker == WIDER else (old, new)
     (inner_low, inner_high), (outer_low, outer_high) = _bounds(inner), _bounds(outer)
     return inner_low < outer_low or inner_high > outer_high

@@ -24,6 +24,7 @@ CASES = {
     "a sensor that is elsewhere": (("signals", "strain_x", "range_um"), [0, 100], [50, 120]),
     "a sensor without a range of its own": (("signals", "strain_x", "range_um"), [0, 100], None),
     "a sensor with more than what is plausible": (("signals", "strain_x", "range_um"), None, [-1000, 1001]),
+    "a faster process": ((*AXIS, "disagreement", "process_ms"), 20.0, 10.0),
     "a narrower band": ((*WATCH, "oscillation", "band_Hz"), [300, 1500], [300, 1000]),
     "another band": ((*AXIS, "oscillation", "band_Hz"), [300, 1500], [100, 1000]),
     "less is left while hot": ((*AXIS, "over_temperature", "derate_percent"), 50.0, 80.0),

@@ -144,7 +144,7 @@ class BusRest:
 
     def _next(self, now_ns: int) -> list[float]:
         """The next values on the way to rest: of a loop that never was nothing is taken."""
-        return self._safe.values([0.0] * len(self._outputs), 0, now_ns)
+        return self._safe.values((), 0, now_ns)
 
     def _listen(self, schedule: Schedule, now_ns: int, lost: BusError | None) -> None:
         due_ns = min(schedule.next_ns() or now_ns, now_ns + _LOOK_NS)

@@ -414,6 +414,20 @@ def test_it_has_the_time_that_ramp_and_slew_take(monkeypatch):
         assert bus.has == pytest.approx(SAFE)
 
 
+def test_what_broke_the_link_is_tried_again_however_long_the_others_take():
+    bus = Bus(voltage_x=80.0, voltage_y=80.0)
+    bus.raises[1] = [LinkError("reset")]
+    assert rested(bus, ramp_s=8.0)[0] == []
+    assert bus.has == pytest.approx(SAFE)
+
+
+def test_a_problem_that_is_over_is_not_told():
+    bus = Bus(voltage_x=80.0)
+    bus.raises[1] = [TransientError("late"), None]
+    bus.outcome[1] = [None, *[Outcome.HELD] * 100_000]
+    assert rested(bus)[0][0].endswith("; it was not acknowledged")
+
+
 def test_a_task_is_given_up_after_three_seconds_and_two_turns():
     for rate_hz in (RATE_HZ, 0.5):
 

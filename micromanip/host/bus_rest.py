@@ -159,8 +159,6 @@ class BusRest:
 
     def _is_over(self) -> bool:
         """Whether all is at rest, or nothing can be hoped for any more."""
-        if self._safe.state == RESTING:
-            return True
         now_s = time.monotonic()
         if now_s - self._begun_s > self._longest_s:
             return True

@@ -91,7 +91,7 @@ def test_an_axis_without_such_a_model(tmp_path):
 
 
 WRONG = {
-    "value": (ConfigError, {K: -1, TI: 0.6}, f"{K}: expected a number greater than 0, not -1"),
+    "value": (ConfigError, {K: -1, TI: 0.6}, f"{K}: expected a number from 1e-09 to 1000000000, not -1"),
     "key": (UsageError, {"axes.x.iner.Ti_ms": 1}, "unknown key axes.x.iner.Ti_ms; did you mean axes.x.inner.Ti_ms.*"),
     "rest": (
         CheckFailed,

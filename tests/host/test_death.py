@@ -12,8 +12,8 @@ from micromanip_drivers.simulated.records import CONTEXT
 
 from micromanip.host.blackbox.box import Box
 from micromanip.host.blackbox.shelf import trips
-from micromanip.host.control_socket import remove_stale
 from micromanip.host.segments import Segment
+from micromanip.host.socket_file import remove_stale
 from micromanip.rt import words as w
 from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
 

@@ -12,7 +12,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.host.blackbox.box import Box
 from micromanip.host.blackbox.shelf import trips
-from micromanip.host.control_socket import remove_stale
+from micromanip.host.socket_file import remove_stale
 from micromanip.rt.states import RAMPING, TRACKING
 
 from .cell import MICROMANIP, WAITING, calm, reset, until

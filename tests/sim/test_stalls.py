@@ -79,8 +79,8 @@ def figures(found):
         ("simulated", "false", 1.0 / 3.0),
         ("simulated_1khz", "false", 1.0 / 3.0),
         ("simulated_1khz", "held", 1.0),
-        ("simulated", "missed", 1.05),
-        ("simulated_1khz", "missed", 1.05),
+        ("simulated", "missed", 1.1),
+        ("simulated_1khz", "missed", 1.1),
     ],
 )
 def test_what_a_stall_leaves_behind(tmp_path, name, kind, share):

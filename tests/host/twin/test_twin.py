@@ -74,7 +74,6 @@ def test_samples_that_are_false_held_or_come_after_a_gap(scene, agreed):
     scene.forget_ages()
     outcome = agreed(scene.recording())
     assert np.abs(outcome.rows["axis"]["innovation_um"][:, 0]).max() > 5.0
-    assert np.abs(outcome.rows["axis"]["estimate_um"][:, 0]).max() < 1000.0
 
 
 def test_samples_that_jump_are_not_taken(scene, agreed):

@@ -50,9 +50,9 @@ def on_hardware(folder, make, force=CONTACT, fault=""):
 
 
 @pytest.fixture(scope="module", params=[*MAKES, 0, 1], ids=str)
-def commissioned(request, tmp_path_factory):
-    """A make, and its axis x as `commission` tunes it."""
-    prepared = on_hardware(tmp_path_factory.mktemp("make"), request.param)
+def commissioned(request):
+    """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
+    prepared = made(prepare(FOLDER / "factory.yaml"), request.param)
     configuration = prepared.configuration
     found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None)
     return request.param, found.configuration.axes["x"].model_copy(update={"mode": "stage"})
@@ -62,7 +62,7 @@ def run(prepared, axis, seconds=0.6):
     """Rows from the contact, or the fault, on; the cell."""
     configuration = prepared.configuration
     reference = configuration.reference.model_copy(update={"offset_um": 0.0})
-    axes = {**configuration.axes, "x": axis}
+    axes = {**configuration.axes, "x": axis.model_copy(update={"faults": configuration.axes["x"].faults})}
     # the other axes rest at their working points
     for name in "yz":
         axes[name] = axes[name].model_copy(update={"mode": "voltage"})

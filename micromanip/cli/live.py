@@ -118,8 +118,9 @@ def figures(report: Status) -> Group:
         parts.append(links(report))
     if report["shadow"] != "none":
         parts.append(f"candidate tuning: {report['shadow']}; see `micromanip shadow`")
-    if report["recording"] is not None:
-        parts.append(recorded(report["recording"]))
+    recording = report.get("recording")  # a controller of an older version has not heard of it
+    if recording is not None:
+        parts.append(recorded(recording))
     return Group(*parts, *(Text(fault, style="bold red") for fault in report["faults"]))
 
 

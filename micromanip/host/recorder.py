@@ -126,7 +126,10 @@ def main() -> int:
     """Record until standard input ends; 0 where all of it is in the file, 69 where nothing, 1 where a part of it is."""
     for number in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a service; the host ends this one
         signal.signal(number, signal.SIG_IGN)
-    orders = json.loads(sys.stdin.readline())
+    line = sys.stdin.readline()
+    if not line:
+        return 0  # the host died as it started us
+    orders = json.loads(line)
     segments = Segments.attach(orders["descriptors"], writable=False)
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)
     reader = RingReader(segments.ring.record(RING))

@@ -239,6 +239,16 @@ def test_a_recording_that_finds_no_room_is_kept_elsewhere(tmp_path, monkeypatch,
     assert not (tmp_path / "out").exists()
 
 
+def test_an_experiment_that_was_not_recorded_moves_on_to_nothing(tmp_path, monkeypatch, capsys):
+    """Through the running loop the rows come from a recording, on a disk of its own."""
+    failed = {"faults": [], "recording": {"message": "experiment.h5: No space left on device"}}
+    monkeypatch.setattr("micromanip.host.daemon.serve", lambda *_: failed)
+    assert code_of(*WRITERS["identify"], "--live", "--out", tmp_path / "out") == 1
+    said = capsys.readouterr().err
+    assert "the experiment was not recorded, nothing is written: experiment.h5: No space left on device" in said
+    assert not (tmp_path / "out").exists()
+
+
 def test_figures_on_a_full_disk_do_not_cost_the_table(tmp_path):
     done = limited(tmp_path, 20_000, "evaluate", SIMULATED, "--axis", "x", "--out", tmp_path / "out", "--json")
     assert done.returncode == 69, done.stderr

@@ -86,6 +86,10 @@ class Control(Settings):
         return self
 
 
+_SWEEP_HZ = 20.0
+"""A flexure with a spindle has its first resonance near 60 Hz; at 50 Hz the sweep threw the stage from end to end."""
+
+
 class Start(Settings):
     """Soft start and stop, and what is checked on the way."""
 
@@ -113,6 +117,17 @@ class Start(Settings):
     settle_s: SecondsOrZero = Field(default=0.2, description="Rest at the working point, while the estimators settle.")
     authority_s: RampSeconds = Field(default=0.5, description="Time in which the correction is faded in.")
     ramp_s: RampSeconds = Field(default=0.5, description="Time from any voltage to the park voltage.")
+
+    @model_validator(mode="after")
+    def _sweep_below_resonance(self) -> Self:
+        hz = self.sweep_turns / self.sweep_s if self.sweep_s > 0 else 0.0
+        if hz > _SWEEP_HZ:
+            raise ValueError(
+                f"{self.sweep_turns:g} sweep_turns in {self.sweep_s:g} s, {hz:.3g} Hz, would "
+                f"swing the stage on its flexure; at most {_SWEEP_HZ:g} Hz: sweep_s: "
+                f"{self.sweep_turns / _SWEEP_HZ:g} or more, or 0 for no sweep"
+            )
+        return self
 
 
 class Driver(Settings):

@@ -20,7 +20,7 @@ FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 SHORT = (
     ("cpu: 1 ", "cpu: null "),
     ("spin_us: 60 ", "spin_us: 10 "),
-    ("loop:\n", "start: {check_s: 0.05, sweep_s: 0.2, lift_s: 0.2, settle_s: 0.1, authority_s: 0.2}\n\nloop:\n"),
+    ("loop:\n", "start: {check_s: 0.05, sweep_s: 0.3, lift_s: 0.2, settle_s: 0.1, authority_s: 0.2}\n\nloop:\n"),
 )
 
 

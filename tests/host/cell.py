@@ -37,7 +37,7 @@ SHARED = (
     ("spin_us: 60 ", "spin_us: 10 "),
 )
 QUICK = (
-    ("lift_s: 0.5", "check_s: null\n  sweep_s: 0.1\n  lift_s: 0.2"),
+    ("lift_s: 0.5", "check_s: null\n  sweep_s: 0.0\n  lift_s: 0.2"),
     ("settle_s: 0.2", "settle_s: 0.1"),
     ("authority_s: 0.5", "authority_s: 0.2"),
 )

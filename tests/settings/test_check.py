@@ -37,6 +37,12 @@ def complaint(tmp_path, text):
 
 
 BROKEN = {
+    "sweep that throws the stage about": (
+        ("  lift_s: 0.5", "  sweep_s: 0.1\n  lift_s: 0.5"),
+        "start:",
+        "start: 5 sweep_turns in 0.1 s, 50 Hz, would swing the stage on its flexure; at most 20 Hz: sweep_s: 0.25 or "
+        "more, or 0 for no sweep",
+    ),
     "unknown driver": (
         ("  strain_x: {driver: cell, max", "  strain_x: {driver: sell, max"),
         "strain_x: {",

@@ -148,28 +148,28 @@ def test_a_folder_that_may_not_be_read(monkeypatch, tmp_path):
         shelf.trips(tmp_path)
 
 
-def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capsys):
+def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capfd):
     blocked = tmp_path / "state"
     blocked.touch()
     kept = process.Shelf(blocked / "trips", 50)
     for key in range(6):
         kept.put(replace(box(), meta=box().meta | {"utc_ns": 10**18 + key * 10**9}), key)
-    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert [m["key"] for m in said if "problem" in m] == list(range(6))
     assert [m["key"] for m in said if "lost" in m] == [0, 1]  # memory is bounded: the newest four stay
     kept.retry()
-    assert capsys.readouterr().out == ""  # not yet
+    assert capfd.readouterr().out == ""  # not yet
     blocked.unlink()
     kept.give_up()
-    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert [(m["key"], m["complete"]) for m in said] == [(key, True) for key in range(2, 6)]
     assert [file.name for file in shelf.trips(blocked / "trips")] == names_of(6)[2:]
 
 
-def test_what_never_found_room_is_told_at_the_end(tmp_path, capsys):
+def test_what_never_found_room_is_told_at_the_end(tmp_path, capfd):
     (tmp_path / "state").touch()
     kept = process.Shelf(tmp_path / "state" / "trips", 50)
     kept.put(box(code="X-202"), 7)
     kept.give_up()
-    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert [(m["key"], m["code"], "lost" in m) for m in said] == [(7, "X-202", False), (7, "X-202", True)]

@@ -42,12 +42,18 @@ class _Descriptor(io.TextIOBase):
         return len(text)
 
 
+class _ErrorConsole(Console):
+    def on_broken_pipe(self) -> None:
+        """Say nothing more. Rich's own would end the program, and send its standard output nowhere."""
+        self.quiet = True
+
+
 def error_console() -> Console:
     """A console on standard error, for `Printer`'s thread alone."""
     try:
-        return Console(file=cast(IO[str], _Descriptor(sys.stderr.fileno())), highlight=False)
+        return _ErrorConsole(file=cast(IO[str], _Descriptor(sys.stderr.fileno())), highlight=False)
     except (AttributeError, OSError):  # there is none, or a stand-in without a descriptor
-        return Console(stderr=True, highlight=False)
+        return _ErrorConsole(stderr=True, highlight=False)
 
 
 class Printer:

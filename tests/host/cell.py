@@ -260,7 +260,7 @@ class Running:
             self.watch()
 
         def reached():
-            if self.state == state and "READY" in self.said:  # before that the controller says STARTING of itself
+            if self.state == state and (state != "READY" or "READY" in self.said):  # it says STARTING before
                 return True
             assert self.process.poll() is None, self.last_words()
             return False

@@ -30,6 +30,7 @@ def test_simulation_runs_and_warns(run):
     cell = run(pinned, "--duration", "1", prefix=WITHOUT_RIGHTS)
     assert cell.wait() == 0, cell.said
     assert [line.split(":")[1].strip() for line in warnings(cell)] == [
+        "the host process does not go before ordinary work",
         "no SCHED_FIFO",
         "memory not locked",
         "not pinned to the configured CPU",
@@ -42,7 +43,8 @@ def test_simulation_runs_and_warns(run):
 def test_hardware_limits_refuse(run):
     cell = run(SLOW, prefix=WITHOUT_RIGHTS)
     assert cell.wait() == 77
-    (line,) = cell.said.splitlines()
+    *before, line = cell.said.splitlines()
+    assert before == warnings(cell)
     assert line.startswith("micromanip: no SCHED_FIFO: ")
     assert "memory not locked: " in line
     assert "READY" not in cell.said

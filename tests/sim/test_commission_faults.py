@@ -102,7 +102,8 @@ def test_a_resonance_that_has_moved_is_followed(tmp_path):
     """Half as much mass again on the stage: another mode, another outer loop, the same margins."""
     heavy = cell(tmp_path, plant("stage_kg: 18.0"))
     found = commission_axis(heavy.configuration, Watched(VirtualExperiment(heavy)), "x", lambda _: None)
-    swinging = np.log(found.stage.fitted.poles.astype(complex)) / found.stage.fitted.dt
+    poles = found.stage.fitted.poles.astype(complex)
+    swinging = np.log(poles[poles.imag != 0.0]) / found.stage.fitted.dt  # a real pole, of the delays, is no resonance
     mode_Hz = np.abs(swinging[np.argmin(-swinging.real / np.abs(swinging))]) / (2 * np.pi)
     assert mode_Hz == pytest.approx(66.9 * np.sqrt(12.0 / 18.0), rel=0.03)
     assert found.outer.margins.gain_dB >= 6.0

@@ -7,7 +7,7 @@ JOBS   ?= 2
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run test test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill fault-campaign fuzz-socket robustness docs tune clean
+.PHONY: help run test test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill surprise fault-campaign fuzz-socket robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -64,6 +64,9 @@ fault-campaign: $(READY) ## faults of a bus on the whole daemon and a simulated 
 
 soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at random moments
 	$(BIN)/python scripts/kill_campaign.py
+
+surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts and bad files on one device: does it ever jump?
+	$(BIN)/python scripts/surprise_campaign.py
 
 robustness: $(READY) ## commission 50 cells with plants drawn at +-30 %
 	$(BIN)/python scripts/robustness.py

@@ -148,12 +148,14 @@ def rows_of(ring):
 class Running:
     """``micromanip run`` in a session of its own, as from a terminal of its own."""
 
-    def __init__(self, folder, text, *arguments, prefix=()):
+    def __init__(self, folder, text, *arguments, prefix=(), config=None):
+        """`text` becomes its configuration; with `config`, a file that outlives it, its state is kept beside that."""
         self.tag = uuid.uuid4().hex
         self.folder = folder / self.tag[:6]
         self.folder.mkdir()
-        self.config = self.folder / "cell.yaml"
-        self.config.write_text(text)
+        self.config = self.folder / "cell.yaml" if config is None else config
+        if config is None:
+            self.config.write_text(text)
         self.socket = self.folder / "control.sock"
         self._descriptors = []
         if "--socket" not in arguments:
@@ -167,7 +169,8 @@ class Running:
                 start_new_session=True,
                 cwd=self.folder,
                 env=os.environ
-                | {TAG: self.tag, "TMPDIR": str(self.folder), "COLUMNS": "200", "XDG_STATE_HOME": str(self.folder)},
+                | {TAG: self.tag, "TMPDIR": str(self.folder), "COLUMNS": "200"}
+                | {"XDG_STATE_HOME": str(self.config.parent)},
             )
 
     @property

@@ -72,7 +72,7 @@ static bool apply_command(const struct cell_parameters *p, struct cell_state *s,
             return false;
         return true;
     case RESET:
-        if (state != FAULT || s->stopping)
+        if (state != FAULT || s->stopping || s->link_down || s->outputs_taken)
             return false;
         forget(p, s);
         enter(s, READY);

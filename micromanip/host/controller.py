@@ -15,14 +15,25 @@ from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, P
 from micromanip.io.rights import beginning_on_cpu
 from micromanip.rt import words as w
 from micromanip.rt.intrinsics import call_context
-from micromanip.rt.states import ARM, COMMAND_NAMES, NO_FAULT, PROMOTE, SHADOWING, STARTING, STATE_NAMES, STOP
+from micromanip.rt.states import (
+    ARM,
+    COMMAND_NAMES,
+    FAULT,
+    NO_FAULT,
+    PROMOTE,
+    RESET,
+    SHADOWING,
+    STARTING,
+    STATE_NAMES,
+    STOP,
+)
 from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
 from .loop_orders import loop_orders
 from .messages import fault_message
 from .parameter_slots import ParameterSlots
-from .refusals import axis_refusals, refusals
+from .refusals import axis_refusals, output_refusals, refusals
 from .segments import CONTROL, RING, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
@@ -151,9 +162,11 @@ class Controller:
 
     def _reasons(self, command: int, state: str) -> list[str]:
         """Why `command` was refused in `state`."""
+        cell = self.status["state"][0]
+        if command == RESET and state == STATE_NAMES[FAULT] and (elsewhere := output_refusals(cell, state)):
+            return elsewhere
         if command != ARM:
             return [f"the state is {state}", *self._latched()]
-        cell = self.status["state"][0]
         axes = self.prepared.configuration.axes
         reasons = refusals(int(cell["refused"]), state)
         for i, name in enumerate(axes):

@@ -1,6 +1,8 @@
-"""Why arming was refused, in words: one sentence for each bit that the loop has set."""
+"""Why arming, or a reset, was refused, in words: one sentence for each bit that the loop has set."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from micromanip.rt import states
 
@@ -27,6 +29,12 @@ _AXIS = {
 def refusals(bits: int, state: str) -> list[str]:
     """Reasons of the cell."""
     return [text.format(state=state) for bit, text in _CELL.items() if bits & bit]
+
+
+def output_refusals(cell: Any, state: str) -> list[str]:
+    """Why `reset` can't lead to READY: that says of every output that it rests. `cell` is the loop's state."""
+    bits = states.LINK_MISSING * int(cell["link_down"] != 0) | states.OUTPUTS_MISSING * int(cell["outputs_taken"] != 0)
+    return refusals(bits, state)
 
 
 def axis_refusals(bits: int, axis: str) -> list[str]:

@@ -96,5 +96,17 @@ def test_it_is_not_taken_for_a_lost_link_nor_a_lost_link_for_it(cell):
     while cell.s["state"] == RAMPING:
         cell.step()
     assert cell.s["state"] == FAULT
+
+
+@pytest.mark.parametrize("code", [FIRST_TAKEN, -2])
+def test_a_reset_waits_until_the_outputs_are_known_to_rest(cell, code):
+    cell.arm()
+    cell.code = code
+    cell.step()
+    while cell.s["state"] == RAMPING:
+        cell.step()
+    assert not cell.step(command=RESET)
+    assert cell.s["state"] == FAULT
+    cell.code = 0
     assert cell.step(command=RESET)
     assert cell.s["state"] == READY

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from micromanip.errors import ConfigError
-from micromanip.quantities import Positive, Real
+from micromanip.quantities import Real, Seconds
 from micromanip.settings.base import Settings
 from micromanip.settings.load import validate_section
 from micromanip.settings.source import Source
@@ -20,7 +20,7 @@ _KINDS = 'a command is {"device": ...}, {"inject": ...} or {"report": true}'
 class Command(Settings):
     """What lasts for `for_s`, or until ``clear``."""
 
-    for_s: Positive | None = Field(default=None, description="How long; null: until `clear`.")
+    for_s: Seconds | None = Field(default=None, description="How long; null: until `clear`.")
 
 
 class Freeze(Command):
@@ -72,7 +72,7 @@ class Reboot(Settings):
 
     device: Literal["reboot"]
     driver: str | None = Field(default=None, description="The device of which driver; null: all.")
-    for_s: Positive = Field(default=0.3, description="How long it takes.")
+    for_s: Seconds = Field(default=0.3, description="How long it takes.")
 
 
 class Clear(Settings):

@@ -56,6 +56,7 @@ class BinaryFraming(Framing):
         self._asking = self._identity.request if self._identity else b""
         self._identity_kind = options.identity.kind if options.identity else None
         self._is_owed, self._owed_until_ns = False, 0
+        self._unheard: set[int] = set()
         self._counters = dict.fromkeys(("frames", "not_ours", "missing_answers", "late_answers", "held_back"), 0)
 
     def begin(self, deadline_ns: int) -> None:
@@ -74,7 +75,10 @@ class BinaryFraming(Framing):
         if answer is None:
             self._port.send(frame)
             sent.was_sent()
-            return None
+            if not (sent.indices and self._by_itself):
+                return None
+            self._unheard.add(task)
+            return Outcome.SENT
         self._take(0, inbox)
         if self._is_held():
             self._counters["held_back"] += 1
@@ -112,6 +116,7 @@ class BinaryFraming(Framing):
     def _forget(self) -> None:
         self._reader.forget()
         self._is_owed = False
+        self._unheard.clear()
         for message in self._messages:
             if message.counter:
                 message.counter.forget()
@@ -150,6 +155,14 @@ class BinaryFraming(Framing):
         elif message.take(frame, time_ns, inbox):
             self._counters["frames"] += 1
             self._silence.heard(time_ns, more=bool(self._by_itself))
+            if message in self._by_itself:
+                self._confirm(inbox)
+
+    def _confirm(self, inbox: Inbox) -> None:
+        """A device that acknowledges nothing has what was sent, as far as anybody can tell, while it is heard."""
+        for task in self._unheard:
+            inbox.confirm(task)
+        self._unheard.clear()
 
     def _await(self, sent: SentFrame, answer: ReceivedFrame, inbox: Inbox) -> None:
         """Take the answer to what was sent just now. Raises TransientError where it is missing."""

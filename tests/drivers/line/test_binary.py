@@ -13,7 +13,7 @@ from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
 from micromanip_drivers.line.silence import Silence
 
-from micromanip.io.bus import Inbox
+from micromanip.io.bus import Inbox, Outcome
 from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
 
 from .again import raised
@@ -257,6 +257,20 @@ def test_repeated_and_overtaken_frames_are_not_fresh(stream):
     samples = taken(one, port, strains(1), strains(1), strains(3), strains(2), strains(4))
     assert [sample.lost for sample in samples] == [0, 1, 0]
     assert one.counters["not_fresh"] == 2
+
+
+def test_what_nothing_answers_is_taken_when_the_device_is_heard_after_it(stream):
+    one, port = stream
+    port.answer = lambda data: []
+    task = next(number for number, task in enumerate(one.tasks) if task.outputs)
+    inbox = Inbox()
+    for _ in range(3):
+        assert one.perform(task, [0.0] * len(one.outputs), inbox) is Outcome.SENT
+    one.receive(inbox, time.monotonic_ns())
+    assert inbox.confirmed == []  # a hole in both directions
+    port.coming.append((time.monotonic_ns(), strains(1)))
+    one.receive(inbox, time.monotonic_ns())
+    assert inbox.confirmed == [task]
 
 
 def test_a_counter_that_stands_still_is_silence():

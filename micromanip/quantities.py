@@ -36,7 +36,7 @@ Hertz = Annotated[float, Field(strict=True, ge=1e-6, le=1_000_000, allow_inf_nan
 Degrees = Annotated[float, Field(strict=True, ge=-360_000, le=360_000, allow_inf_nan=False)]
 Percent = Annotated[float, Field(strict=True, gt=0, le=100, allow_inf_nan=False)]
 
-Real = Annotated[float, Field(strict=True, ge=-1_000_000_000, le=1_000_000_000, allow_inf_nan=False)]
+Real = Annotated[float, Field(strict=True, ge=-1_000_000_000_000, le=1_000_000_000_000, allow_inf_nan=False)]
 """A coefficient without a unit of its own."""
 Positive = Annotated[float, Field(strict=True, ge=1e-9, le=1_000_000_000, allow_inf_nan=False)]
 """A gain, a weight, a ratio."""

@@ -238,7 +238,7 @@ def test_other_rate_and_missing_file_are_named(csv, tmp_path, capsys):
         (("--input", "u1,,u2", "--output", "y1"), "--input u1,,u2: name each column once"),
         (("--input", "u1,u1", "--output", "y1"), "--input u1,u1: name each column once"),
         ((*COLUMNS, "--split", "1"), "--split 1 leaves nothing to judge the model by"),
-        ((*COLUMNS, "--split", "0"), "0.1<=x<=1.0"),
+        ((*COLUMNS, "--split", "0"), "from 0.1 to 1"),
         ((*COLUMNS, "--order", "0"), "1<=x<=60"),
         (("--input", "u1"), "--output"),
     ],

@@ -7,7 +7,7 @@ import uuid
 from contextlib import contextmanager
 
 import pytest
-from host.cell import MICROMANIP
+from host.cell import MICROMANIP, until
 
 from .bench import Bench
 from .cells import gcs_cell, serial_cell
@@ -57,6 +57,7 @@ def left_behind(folder, text, changes=None):
     try:
         if changes:
             with bench.client() as client:
+                until(lambda: client.status()["state"] == "READY", bench.running.last_words)
                 client.set(changes)
         bench.track()
         bench.running.kill()
@@ -114,7 +115,7 @@ def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew
         again = bench.device.report()["outputs"]
         assert max(again[name]["max"] for name in AXES) == pytest.approx(0.0, abs=_RESOLUTION_V), "no harm twice"
 
-        bench.device.order(device="gcs_error", driver="piezo", code=5)
+        bench.device.order(inject="gcs_error", driver="piezo", code=5)
         code, out, err = safe_outputs(config, state)
         assert code == 69
         assert "voltage_x (safe: 0 V) can't be called safe: unknown, last 0 V" in err
@@ -127,9 +128,10 @@ def test_the_feed_stays_held(tmp_path):
         code, out, err = safe_outputs(bench.running.config, bench.running.folder)
         assert (code, err) == (0, "")
         assert out.startswith("outputs at their safe value: board\nas of the run of ")
-        outputs = bench.device.report()["outputs"]
+        report = bench.device.report()
+    outputs, switches = report["outputs"], report["switches"]
     for name in AXES:
         assert outputs[name]["largest_step_V"] <= SERIAL_STEP_V + _RESOLUTION_V
         assert outputs[name]["min"] == pytest.approx(0.0, abs=_RESOLUTION_V)
-    assert (outputs["feed_hold"]["min"], outputs["feed_hold"]["max"]) == (1, 1), "0 tells the machine to feed"
-    assert (outputs["amplifier_enable"]["min"], outputs["amplifier_enable"]["max"]) == (0, 1), "off in the end"
+    assert (switches["feed_hold"]["min"], switches["feed_hold"]["max"]) == (1, 1), "0 tells the machine to feed"
+    assert (switches["amplifier_enable"]["min"], switches["amplifier_enable"]["max"]) == (0, 1), "off in the end"

@@ -142,7 +142,7 @@ VALUES = {
     ),
     "entry of a list": (
         ("[0.1, 0.08, 0.05]", "[0.1, 0.08, high]"),
-        "37: axes.x.hysteresis.weights[2]: expected a number from -1000000000 to 1000000000, not the text 'high'",
+        "37: axes.x.hysteresis.weights[2]: expected a number from -1000000000000 to 1000000000000, not the text 'high'",
     ),
     "half a pair": (
         ("[-20, 150]", "[150]"),

@@ -65,6 +65,9 @@ class Amplifier:
         """Commands that were not finite."""
         self.arrived = {name: Arrived() for name in rest_V}
         self._arrived_since_report = {name: Arrived() for name in rest_V}
+        self.switches: dict[str, Arrived] = {}
+        """What came in for digital outputs, once something has."""
+        self._switches_since_report: dict[str, Arrived] = {}
         self._plant = plant
         self._watchdog_ns = math.inf if watchdog_ms is None else watchdog_ms * 1e6
         self.in_force = dict(rest_V)
@@ -93,6 +96,8 @@ class Amplifier:
             self.ok = not self._ramp_from and self._asks_for_rest(values)
         for name, value in values.items():
             if name not in self.rest_V:
+                for kept in (self.switches, self._switches_since_report):
+                    kept.setdefault(name, Arrived()).add(value)
                 self._plant.write(name, value)
             elif self.ok:
                 self._put(name, value)
@@ -119,6 +124,11 @@ class Amplifier:
         """What arrived since the last call; a step from the last command before it counts too."""
         report = self._arrived_since_report
         self._arrived_since_report = {name: Arrived(last=before.last) for name, before in report.items()}
+        return report
+
+    def take_switches(self) -> dict[str, Arrived]:
+        """The same of the digital outputs: those of which anything arrived."""
+        report, self._switches_since_report = self._switches_since_report, {}
         return report
 
     def _ramp(self, plant_ns: int) -> None:

@@ -64,6 +64,7 @@ class PlayedCell:
         return {
             "path_error_um": self._errors.report(),
             "outputs": self._outputs(lambda amplifier: amplifier.arrived),
+            "switches": self._outputs(lambda amplifier: amplifier.switches),
             "amplifier_trips": sum(amplifier.trips for amplifier in self.amplifiers),
             "refused_commands": sum(amplifier.refused for amplifier in self.amplifiers),
             "stalls": self.plant.stalls.report(),
@@ -75,6 +76,7 @@ class PlayedCell:
         self.plant.stalls.latest_ms = 0.0
         report["path_error_um"] = self._errors_since_report.report()
         report["outputs"] = self._outputs(Amplifier.take_report)
+        report["switches"] = self._outputs(Amplifier.take_switches)
         self._errors_since_report = PathError(self.plant.inputs)
         return report
 

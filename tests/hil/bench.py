@@ -53,7 +53,7 @@ class Bench:
     def __init__(self, folder, text, watchdog_ms=WATCHDOG_MS, module_of_worker="micromanip.io.worker"):
         """`text` is the configuration, its files named absolutely or in `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
-        self.tag = uuid.uuid4().hex
+        self.tag, self._folder, self._text = uuid.uuid4().hex, folder, text
         (folder / "cell.yaml").write_text(text)
         self.device = Device(folder / "cell.yaml", self.tag, watchdog_ms)
         self.running = Running(folder, text)
@@ -63,6 +63,12 @@ class Bench:
         except BaseException:
             self.end()
             raise
+
+    def start_again(self):
+        """Another daemon in place of the one that was killed, on the device as that one left it."""
+        self.running.release()
+        self.running = Running(self._folder, self._text)
+        self.running.reach("READY")
 
     @property
     def worker(self):

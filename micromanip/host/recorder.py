@@ -102,7 +102,13 @@ class Recording:
         if added:
             self._reserve(added * chunk * dataset.dtype.itemsize + _INDEX_BYTES)
         dataset.resize((start + len(values),))
-        dataset[start:] = values
+        try:
+            dataset[start:] = values
+            self.file.flush()
+        except (OSError, RuntimeError):
+            with contextlib.suppress(OSError, RuntimeError):
+                dataset.resize((start,))  # or rows that were never written would be read as zeros
+            raise
 
     def _reserve(self, size: int) -> None:
         """Let the disk promise `size` bytes behind the end. Raises OSError where it can't."""

@@ -42,16 +42,16 @@ test-laws-plain: $(READY)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
 
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root
-	scripts/system-tests/scenarios.sh namespace
+	tools/system-tests/scenarios.sh namespace
 
 test-vm: $(READY) ## the same, and SocketCAN, on a PREEMPT_RT kernel in an emulated machine; takes root, fetches 90 MB of Debian
-	scripts/system-tests/scenarios.sh vm
+	tools/system-tests/scenarios.sh vm
 
 bench: $(READY)   ## speed beside references measured in the same run
 	$(BIN)/micromanip bench
 
 mutation: $(READY) ## every mutant of the last gate and of the fault manager must die
-	NUMBA_DISABLE_JIT=1 $(BIN)/python scripts/mutation.py
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation
 
 fuzz-socket: $(READY) ## a million lines of garbage against the control socket
 	$(BIN)/pytest tests/host/test_garbage.py --garbage 1000000
@@ -60,26 +60,26 @@ soak-machine: $(READY) ## ten thousand steps of commands, faults, lines and swap
 	$(BIN)/pytest -n0 --hypothesis-profile=soak tests/rt/test_cell_machine.py
 
 fault-campaign: $(READY) ## faults of a bus on the whole daemon and a simulated device; writes docs/fault-campaign.md
-	$(BIN)/python scripts/fault_campaign.py --write
+	$(BIN)/python -m tools.bus_faults --write
 
 soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at random moments
-	$(BIN)/python scripts/kill_campaign.py
+	$(BIN)/python -m tools.kills
 
 surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts and bad files on one device: does it ever jump?
-	$(BIN)/python scripts/surprise_campaign.py
+	$(BIN)/python -m tools.surprise
 
 robustness: $(READY) ## commission 50 cells with plants drawn at +-30 %
-	$(BIN)/python scripts/robustness.py
+	$(BIN)/python -m tools.robustness
 
 tune: $(READY)    ## fit the models of config/simulated.yaml anew
-	$(BIN)/python scripts/tune_simulated.py
+	$(BIN)/python -m tools.tune_simulated
 
 docs: $(READY)    ## generated pages and pictures
-	$(BIN)/python -m micromanip.settings.reference_doc > docs/configuration.md
-	$(BIN)/python -m micromanip.settings.drivers_doc > docs/driver-options.md
-	$(BIN)/python -m micromanip.host.faults_doc > docs/faults.md
-	$(BIN)/python scripts/draw_docs.py
-	$(BIN)/python scripts/draw_identification.py
+	$(BIN)/python -m micromanip.settings.documents.configuration_page > docs/configuration.md
+	$(BIN)/python -m micromanip.settings.documents.drivers_page > docs/driver-options.md
+	$(BIN)/python -m micromanip.host.faults_page > docs/faults.md
+	$(BIN)/python -m tools.pictures
+	$(BIN)/python -m tools.pictures.identification
 
 clean:            ## remove what the targets above made
 	rm -rf $(VENV) out .hypothesis .mypy_cache .ruff_cache

@@ -9,8 +9,8 @@ import json
 import socket
 import sys
 
-from micromanip.sim.canbus.client_port import address
-from micromanip.sim.canbus.frame import STAMP, Frame, pack
+from micromanip.testbus.client_port import address
+from micromanip.testbus.frame import STAMP, Frame, pack
 
 SENSORS, LENGTH = 0x101, 24
 BITRATE, DATA_BITRATE = 1_000_000, 5_000_000

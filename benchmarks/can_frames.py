@@ -15,9 +15,9 @@ from pathlib import Path
 
 import can
 
+from micromanip.bus.driver import BusDriver, Inbox
+from micromanip.bus.registry import driver_class
 from micromanip.errors import CheckFailed
-from micromanip.io.bus import BusDriver, Inbox
-from micromanip.io.registry import driver_class
 
 from .can_flood import BITRATE, DATA_BITRATE, SENSORS
 from .plan import Plan

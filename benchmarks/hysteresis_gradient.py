@@ -20,7 +20,7 @@ from micromanip.design.hysteresis.structure import Structure
 from micromanip.design.identification import design, samples_for, variant
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
-from micromanip.sim.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment
 
 from .plan import Plan
 from .results import Result

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.bus.rights import leave_cpu
 from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
 from micromanip.host.realtime import missing_rights
 from micromanip.host.statistics import durations
-from micromanip.io.rights import leave_cpu
-from micromanip.rt import words as w
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import STOP
 from micromanip.settings.check import Prepared, prepare
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt import phases, records, reference, states
+from micromanip.rt import phases, records, states
+from micromanip.rt.laws import reference
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (records, states, phases)

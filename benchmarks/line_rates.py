@@ -17,9 +17,9 @@ from typing import Any
 
 import serial
 
+from micromanip.bus.driver import BusDriver, Inbox
+from micromanip.bus.registry import driver_class
 from micromanip.errors import CheckFailed
-from micromanip.io.bus import BusDriver, Inbox
-from micromanip.io.registry import driver_class
 
 from .line_partner import FRAME_BYTES, REPLY, SYNC
 from .plan import Plan

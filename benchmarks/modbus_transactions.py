@@ -14,9 +14,9 @@ from pathlib import Path
 
 from pymodbus.client import ModbusTcpClient
 
+from micromanip.bus.driver import BusDriver, Inbox
+from micromanip.bus.registry import driver_class
 from micromanip.errors import CheckFailed
-from micromanip.io.bus import BusDriver, Inbox
-from micromanip.io.registry import driver_class
 
 from .modbus_unit import REGISTERS_READ, REGISTERS_WRITTEN
 from .plan import Plan

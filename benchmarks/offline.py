@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from micromanip.settings.check import prepare
-from micromanip.sim.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment
 
 from .plan import Plan
 from .results import Result

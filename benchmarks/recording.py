@@ -14,8 +14,8 @@ from micromanip.rt import arming
 from micromanip.rt.records import CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
 from micromanip.rt.states import ARM, NO_COMMAND
 from micromanip.settings.check import Prepared
-from micromanip.sim.experiment import VirtualExperiment
-from micromanip.sim.virtual import VirtualCell
+from micromanip.virtual.cell import VirtualCell
+from micromanip.virtual.experiment import VirtualExperiment
 
 from .replay import replay
 from .twin import compile_twin, require_covered

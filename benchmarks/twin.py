@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.errors import CheckFailed
-from micromanip.rt import hysteresis, reference, shaping
+from micromanip.rt.laws import hysteresis, reference, shaping
 from micromanip.rt.states import STAGE
 
 from .layout import write_header

@@ -20,8 +20,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from micromanip.answers import Audit, Differences, Jogged, Parameter, Saved, Shadow, Status, Swap
-from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
+from .errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
+from .replies import Audit, Differences, Jogged, Parameter, Saved, Shadow, Status, Swap
 
 _TIMEOUT_S = 10.0
 _TRIAL_LOOK_S = 0.1

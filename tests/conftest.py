@@ -38,7 +38,7 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1")
 
 
-REAL = ("bus", "cli", "drivers", "hil", "host", "sim/device", "surprise")
+REAL = ("bus", "cli", "drivers", "hil", "host", "emulation", "surprise")
 """Here are real processes, sockets and pseudo terminals on a machine that others share, which may stall for a while."""
 
 

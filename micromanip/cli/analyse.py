@@ -63,8 +63,8 @@ def command(
     from micromanip.design.loops import cluster
     from micromanip.host.messages import fault_message
     from micromanip.settings.check import prepare
-    from micromanip.sim.experiment import VirtualExperiment
-    from micromanip.sim.variation import VariedCell
+    from micromanip.virtual.experiment import VirtualExperiment
+    from micromanip.virtual.variation import VariedCell
 
     prepared = prepare(config)
     names = list(prepared.configuration.axes)

@@ -6,7 +6,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from micromanip.answers import Shadow
+from micromanip.replies import Shadow
 
 from .parameters import echo_changes
 

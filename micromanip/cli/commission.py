@@ -19,8 +19,8 @@ from .results import keep, publish, results_folder, run_folder
 if TYPE_CHECKING:
     from micromanip.design.commission.cell import CommissionedCell
     from micromanip.design.experiment import Experiment
-    from micromanip.settings.axis import Axis
     from micromanip.settings.check import Prepared
+    from micromanip.settings.schema.axis import Axis
 
 REPORT, TUNED, PREVIOUS = "report.html", "tuned.yaml", "previous.yaml"
 
@@ -130,7 +130,7 @@ def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:
 
 def _virtual(prepared: Prepared) -> Experiment:
     from micromanip.host.messages import fault_message
-    from micromanip.sim.experiment import VirtualExperiment
+    from micromanip.virtual.experiment import VirtualExperiment
 
     return VirtualExperiment(prepared, told=fault_message)
 
@@ -149,7 +149,7 @@ def write_results(
     The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room.
     """
     from micromanip.design.commission.report import write_report
-    from micromanip.settings.commissioned import Commissioned, tuning_hash
+    from micromanip.settings.schema.commissioned import Commissioned, tuning_hash
     from micromanip.settings.write import with_tuning, write_atomically
 
     today = datetime.datetime.now(datetime.UTC).date().isoformat()

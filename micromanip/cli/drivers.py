@@ -12,7 +12,7 @@ from micromanip.errors import CheckFailed
 from .options import StrictCommand, json_option, print_json
 
 if TYPE_CHECKING:
-    from micromanip.io.inspection import Inspected
+    from micromanip.bus.inspection import Inspected
 
 
 @click.command("drivers", cls=StrictCommand, epilog="Example: micromanip drivers")
@@ -24,7 +24,7 @@ def command(as_json: bool) -> None:
     can't be loaded or does not keep its contract. What a driver does on its bus is for its author's conformance tests
     to show (docs/bus-drivers.md).
     """
-    from micromanip.io.inspection import inspected
+    from micromanip.bus.inspection import inspected
 
     found = inspected()
     if as_json:

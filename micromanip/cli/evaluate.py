@@ -46,7 +46,7 @@ def command(
     from micromanip.design.evaluation import evaluate, table, with_models
     from micromanip.host.messages import fault_message
     from micromanip.settings.check import prepare
-    from micromanip.sim.experiment import VirtualExperiment
+    from micromanip.virtual.experiment import VirtualExperiment
 
     prepared = prepare(config, seed)
     names = list(prepared.configuration.axes)

@@ -80,7 +80,7 @@ def command(
                 rows = play(prepared, variant(configuration), samples, duration_s, socket_path, line)
         else:
             from micromanip.host.messages import fault_message
-            from micromanip.sim.experiment import VirtualExperiment
+            from micromanip.virtual.experiment import VirtualExperiment
 
             rows = VirtualExperiment(prepared, told=fault_message)(variant(configuration), duration_s, samples)
         columns = recording(configuration, excitation, rows)

@@ -13,8 +13,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from micromanip.answers import Link, Recorded, Status
 from micromanip.host import journal
+from micromanip.replies import Link, Recorded, Status
 
 from .messages import Printer, error_console
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from micromanip.answers import Change, Swap
+from micromanip.replies import Change, Swap
 
 _BRIEF = 60
 

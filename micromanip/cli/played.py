@@ -15,10 +15,10 @@ from micromanip.rt.arming import planned_cycles
 from micromanip.rt.records import CELL_STATE, MAX_AXES
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
-from micromanip.settings.compile import compile_cell
-from micromanip.settings.model import Configuration
-from micromanip.settings.timing import FeedbackPath, feedback_path
-from micromanip.sim.own_time import at_own_time
+from micromanip.settings.compile.cell import compile_cell
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.wiring.timing import FeedbackPath, feedback_path
+from micromanip.virtual.own_time import at_own_time
 
 from .live import LiveLine
 

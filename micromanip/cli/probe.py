@@ -17,7 +17,7 @@ from .options import Quantity, StrictCommand, config_argument, json_option, prin
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from micromanip.io.bus import Answer, BusDriver
+    from micromanip.bus.driver import Answer, BusDriver
 
 
 @click.command("probe", cls=StrictCommand, epilog="Example: micromanip probe config/can.yaml can0 --seconds 5")
@@ -36,9 +36,9 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
 
     Refused (exit code 69) while a controller has the device, and where nothing answers. Ctrl-C ends it early.
     """
-    from micromanip.io.bus import BusDriver
-    from micromanip.io.device_lock import DeviceLocks
-    from micromanip.settings.single_driver import bus_driver
+    from micromanip.bus.device_lock import DeviceLocks
+    from micromanip.bus.driver import BusDriver
+    from micromanip.settings.wiring.single_driver import bus_driver
 
     chosen = bus_driver(config, driver)
     if type(chosen).probe is BusDriver.probe:
@@ -82,7 +82,7 @@ def _look(driver: BusDriver, seconds: float, answers: dict[str, Answer], live: b
 
 
 def _found(driver: BusDriver, seconds: float) -> Iterator[Answer]:
-    from micromanip.io.bus_errors import BusError
+    from micromanip.bus.errors import BusError
 
     try:
         yield from driver.probe(seconds)

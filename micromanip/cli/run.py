@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from micromanip.answers import Status
 from micromanip.errors import CheckFailed
+from micromanip.replies import Status
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
 
@@ -40,7 +40,7 @@ def command(
     Ctrl-C ramps the outputs to park and stops cleanly.
     """
     from micromanip.host.daemon import Options, serve
-    from micromanip.host.recording import require_new_file
+    from micromanip.host.recording.recording import require_new_file
     from micromanip.settings.check import prepare
 
     from .live import LiveLine, summary

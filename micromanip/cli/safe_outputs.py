@@ -33,8 +33,8 @@ def command(config: Path, wait_s: float, from_file: bool, as_json: bool) -> None
 
     Refused (exit code 1) while a controller has one of the devices: use `micromanip disarm`, or stop it.
     """
-    from micromanip.host.safe_outputs import make_safe
-    from micromanip.host.safe_plan import plan_of
+    from micromanip.host.safe.outputs import make_safe
+    from micromanip.host.safe.plan import plan_of
 
     plan = plan_of(config, from_file=from_file)
     for warning in plan.warnings:

@@ -24,7 +24,7 @@ def command(assignments: tuple[str, ...], socket_path: Path, as_json: bool) -> N
     VALUE is written as in the file; a list or a section too: 'axes.x.hysteresis={model: none}'. The file stays as it
     is until `micromanip save`.
     """
-    from micromanip.settings.keys import assignments_of
+    from micromanip.settings.text.keys import assignments_of
 
     changes = assignments_of(assignments)
     with Client(socket_path) as client:

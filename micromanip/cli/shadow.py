@@ -23,7 +23,7 @@ def command(assignments: tuple[str, ...], socket_path: Path, as_json: bool) -> N
     where the candidate stands and how it compares with what runs; the smaller figure is the better one. `micromanip
     promote` puts it in force.
     """
-    from micromanip.settings.keys import assignments_of
+    from micromanip.settings.text.keys import assignments_of
 
     changes = assignments_of(assignments) if assignments else {}
     with Client(socket_path) as client:

@@ -16,7 +16,7 @@ import click
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 
 if TYPE_CHECKING:
-    from micromanip.sim.device.devices import Devices
+    from micromanip.emulation.devices import Devices
 
 _LINE_EVERY_NS = 500_000_000
 
@@ -48,8 +48,8 @@ def command(
 
     Says READY on standard error as soon as a controller may connect.
     """
-    from micromanip.sim.device.devices import Devices
-    from micromanip.sim.device.precedence import take_precedence
+    from micromanip.emulation.devices import Devices
+    from micromanip.emulation.precedence import take_precedence
 
     devices = Devices(config, watchdog_ms, seed)
     take_precedence(devices.loop_cpu)

@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from micromanip.control.system import System
 from micromanip.errors import CheckFailed
-from micromanip.settings.model import Configuration
-from micromanip.settings.reference import Hold
-from micromanip.settings.timing import AT_ONCE, FeedbackPath
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Hold
+from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 from .excitation import band_noise
 from .experiment import Experiment, parked, path_bandwidth, with_axes, with_reference
 from .identification import variant
 from .linear import fit_linear
-from .loops.system import System
 
 Array = NDArray[np.float64]
 

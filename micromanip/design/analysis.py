@@ -10,15 +10,16 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from micromanip.settings.axis import Axis
-from micromanip.settings.hysteresis import PrandtlIshlinskii
-from micromanip.settings.model import Configuration
-from micromanip.settings.reference import Tracker
+from micromanip.design.loops import monte_carlo
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Tracker
 
 from .actuation import identify_actuator
 from .experiment import Experiment
 from .judged import Inverse, Stage, Strain, analyse_inverse, analyse_stage, analyse_strain
-from .loops import Sample, draw, each, monte_carlo
+from .loops import Sample, draw, each
 
 Play = Callable[[Mapping[str, float], int], dict[str, Any]]
 """Runs a whole cell with another plant (factors of a perturbation) and a seed of its noise."""

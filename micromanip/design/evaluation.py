@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.axis import Axis
-from micromanip.settings.hysteresis import NoModel
-from micromanip.settings.model import Configuration
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.hysteresis import NoModel
+from micromanip.settings.schema.model import Configuration
 
 from . import paper
 from .experiment import Experiment, with_reference

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt.records import MAX_AXES
-from micromanip.settings.axis import Axis
-from micromanip.settings.model import Configuration
-from micromanip.settings.reference import Reference
-from micromanip.settings.timing import AT_ONCE, FeedbackPath
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Reference
+from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 _TOLD = 0.2
 """Share of the sampling rate."""

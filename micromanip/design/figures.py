@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from micromanip.rt.records import MAX_AXES
-from micromanip.settings.hysteresis import PrandtlIshlinskii
-from micromanip.settings.model import Configuration
-from micromanip.settings.reference import File, Hold, Step
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import File, Hold, Step
 
 from . import paper
 from .evaluation import Run

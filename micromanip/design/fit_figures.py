@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 from .figures import panels, save
 from .fitting import Fitted

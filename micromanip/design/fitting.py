@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from micromanip.design.hysteresis import fit
 from micromanip.errors import CheckFailed
-from micromanip.settings.hysteresis import Network, PrandtlIshlinskii
+from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
-from .hysteresis import Candidate, HysteresisFit, candidates, choose, fit, structure_of
+from .hysteresis import Candidate, HysteresisFit, candidates, choose, structure_of
 from .network import NetworkFit, smoothed
 from .network_fit import fit_network
 from .record import Record

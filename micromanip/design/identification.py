@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.model import Configuration
-from micromanip.settings.reference import File
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import File
 
 from .excitation import multisine, random_turns, shrinking_triangle, soft
 from .experiment import parked, with_axes, with_reference

@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.axis import Axis
-from micromanip.settings.hysteresis import PrandtlIshlinskii
-from micromanip.settings.outer import outer_gains
-from micromanip.settings.reference import Tracker
+from micromanip.control.margins import margins
+from micromanip.design.describing import limit_cycles, sweep
+from micromanip.design.loops import stage_loop, strain_loop
+from micromanip.settings.compile.outer_gains import outer_gains
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.reference import Tracker
 
 from .actuation import Actuator
 from .describing import (
@@ -25,23 +28,8 @@ from .describing import (
     harmonics,
     inverse_operator,
     judge,
-    limit_cycles,
-    sweep,
 )
-from .loops import (
-    SPREAD,
-    Margins,
-    StageSide,
-    StrainSide,
-    System,
-    grid,
-    margins,
-    model_system,
-    over_path,
-    refined,
-    stage_loop,
-    strain_loop,
-)
+from .loops import SPREAD, Margins, StageSide, StrainSide, System, grid, model_system, over_path, refined
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 
-from micromanip.settings.hysteresis import Network
+from micromanip.settings.schema.hysteresis import Network
 
 from .network_training import Array, Course, mark_reversals, run_network
 

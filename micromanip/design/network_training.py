@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt.jit import Compiler
-from micromanip.rt.network import sigmoid
+from micromanip.rt.laws.network import sigmoid
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from micromanip.settings.axis import Inner
-from micromanip.settings.reference import Sine, Sines
+from micromanip.settings.schema.axis import Inner
+from micromanip.settings.schema.reference import Sine, Sines
 
 FREQUENCIES_HZ = (1.0, 5.0, 10.0)
 OFFSET_UM, AMPLITUDE_UM = 70.0, 30.0

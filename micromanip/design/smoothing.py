@@ -1,8 +1,8 @@
 """Offline state estimation over a recording: Kalman filter and Rauch-Tung-Striebel smoother, by filterpy.
 
-The loop's own filter (`rt/estimator.py`) knows only the past and has a stationary gain; here every sample has its own
-gain, and the smoother also uses what came after it. Where the model is continuous, so is its process noise, and both
-are discretised exactly (van Loan 1978).
+The loop's own filter (`rt/laws/estimator.py`) knows only the past and has a stationary gain; here every sample has its
+own gain, and the smoother also uses what came after it. Where the model is continuous, so is its process noise, and
+both are discretised exactly (van Loan 1978).
 """
 
 from __future__ import annotations

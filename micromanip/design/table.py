@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.regular_file import require_regular
+from micromanip.files.regular_file import require_regular
 
 Array = NDArray[np.float64]
 

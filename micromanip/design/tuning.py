@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.axis import LinearModel, Outer
-from micromanip.settings.hysteresis import Range
-from micromanip.settings.model import Configuration
-from micromanip.settings.reference import File
+from micromanip.design.hysteresis import fit
+from micromanip.settings.schema.axis import LinearModel, Outer
+from micromanip.settings.schema.hysteresis import Range
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import File
 
 from .excitation import band_noise
 from .experiment import Experiment, path_bandwidth, with_axes, with_axis, with_reference, working_points
-from .hysteresis import HysteresisFit, fit, structure_of
+from .hysteresis import HysteresisFit, structure_of
 from .identification import design, recording, samples_for, variant
 from .linear import LinearFit, fit_linear
 

@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
-from micromanip.answers import Audit, AuditEntry, Change
 from micromanip.errors import MicromanipError
+from micromanip.replies import Audit, AuditEntry, Change
 
 from .audit_files import KEEPING, AuditFiles, Keeping
 from .authority import Right

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
-from micromanip.answers import Link
+from micromanip.bus import device_lock
+from micromanip.bus.backoff import RestartLimit
+from micromanip.bus.image import ProcessImage
 from micromanip.errors import DeviceUnavailable
-from micromanip.io import device_lock
-from micromanip.io.backoff import RestartLimit
-from micromanip.io.image import ProcessImage
-from micromanip.rt.image import (
+from micromanip.replies import Link
+from micromanip.rt.bus_image import (
     ALIVE_NS,
     EPOCH,
     FOLLOWING,
@@ -32,7 +32,7 @@ from micromanip.rt.image import (
 )
 from micromanip.settings.check import Prepared
 
-from .segments import Segments
+from .shared_memory import Segments
 
 _START_S = 120.0
 """Time for a process to begin: a small processor takes a minute to import what it needs."""
@@ -72,7 +72,7 @@ class BusWorker:
         """Start the process; what it says that people should know goes to `say`."""
         self._process = await asyncio.create_subprocess_exec(
             sys.executable,
-            *("-m", "micromanip.io.worker_process"),
+            *("-m", "micromanip.bus.worker_process"),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,

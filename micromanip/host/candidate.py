@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Mapping
 from typing import Any
 
-from micromanip.answers import Shadow
 from micromanip.errors import CheckFailed
+from micromanip.replies import Shadow
 from micromanip.rt.states import (
     NO_SHADOW,
     ON_TRIAL,
@@ -18,9 +18,9 @@ from micromanip.rt.states import (
     TRACKING,
     WITHDRAW,
 )
-from micromanip.settings.keys import assigned
-from micromanip.settings.place import Path as KeyPath
-from micromanip.settings.source import Source, key_text
+from micromanip.settings.text.keys import assigned
+from micromanip.settings.text.place import Path as KeyPath
+from micromanip.settings.text.source import Source, key_text
 
 from .comparison import comparison, passed_s, trial, trial_s
 from .running import Running

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from micromanip.answers import Comparison, TrialError, TuningFigures
+from micromanip.replies import Comparison, TrialError, TuningFigures
 from micromanip.rt.states import STAGE, VOLTAGE
 
 

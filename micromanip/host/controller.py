@@ -11,9 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from micromanip.bus.rights import beginning_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
-from micromanip.io.rights import beginning_on_cpu
-from micromanip.rt import words as w
+from micromanip.rt import mailbox as w
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.states import (
     ARM,
@@ -32,9 +32,9 @@ from micromanip.settings.check import Prepared
 
 from .loop_orders import loop_orders
 from .messages import fault_message
-from .parameter_slots import ParameterSlots
+from .parameter_buffers import ParameterSlots
 from .refusals import axis_refusals, output_refusals, refusals
-from .segments import CONTROL, RING, STATUS, Segments, context_layout
+from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0
 _READY_S = 8.0

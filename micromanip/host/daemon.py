@@ -13,27 +13,27 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from micromanip.answers import Status
+from micromanip.bus.device_lock import DeviceLocks
+from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memory
 from micromanip.errors import CheckFailed, MicromanipError
-from micromanip.io.device_lock import DeviceLocks
-from micromanip.io.rights import go_before_ordinary_work, leave_cpu, lock_memory
+from micromanip.host.recording.recording import RecorderProcess
+from micromanip.host.safe.snapshot import SnapshotKeeper
+from micromanip.host.trips.store import KEPT, default_folder
+from micromanip.host.trips.supervisor import LOOP_DEATH, BlackBox
+from micromanip.replies import Status
+from micromanip.rt import mailbox as w
 from micromanip.rt import states
-from micromanip.rt import words as w
 from micromanip.settings.check import Prepared, refuse_real
-from micromanip.settings.commissioned import changes_since
-from micromanip.settings.source import Source
+from micromanip.settings.schema.commissioned import changes_since
+from micromanip.settings.text.source import Source
 
 from .audit import AuditTrail
-from .blackbox.shelf import KEPT, default_folder
-from .blackbox.supervisor import LOOP_DEATH, BlackBox
 from .control_socket import ControlSocket
 from .controller import Controller
 from .messages import LOOP_DIED, LOOP_STUCK
 from .notify import ServiceManager
 from .peer import Peer
 from .realtime import NO_NICE, missing_rights
-from .recording import RecorderProcess
-from .safe_snapshot import SnapshotKeeper
 from .socket_file import Access
 from .state_directory import state_directory
 from .statistics import SignalStatistics, report

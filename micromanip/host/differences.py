@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from micromanip.answers import Change, Difference, Parameter
+from micromanip.replies import Change, Difference, Parameter
 from micromanip.settings.change import ABSENT, changed, needed, values
-from micromanip.settings.keys import selected
-from micromanip.settings.model import Configuration
-from micromanip.settings.source import key_text
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.keys import selected
+from micromanip.settings.text.source import key_text
 
 
 def parameters(configuration: Configuration, keys: Sequence[str]) -> list[Parameter]:

@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.bus.bridge import bridge_functions
+from micromanip.bus.cyclic import CyclicDriver, Functions
+from micromanip.bus.registry import driver_class
 from micromanip.errors import DeviceUnavailable, MicromanipError, PermissionDenied
-from micromanip.io.bridge import bridge_functions
-from micromanip.io.contract import CyclicDriver, Functions
-from micromanip.io.registry import driver_class
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.loop import run_loop
+from micromanip.rt.mailbox import FINISHED, RIGHTS
 from micromanip.rt.records import CELL_STATE, DRIVER, ROW
 from micromanip.rt.states import ARM, READY
 from micromanip.rt.virtual import run_virtual
-from micromanip.rt.words import FINISHED, RIGHTS
 
 from .realtime import enter_real_time, missing_rights
-from .segments import CONTROL, RING, STATUS, Segments
+from .shared_memory import CONTROL, RING, STATUS, Segments
 from .socket_file import remove_stale
 
 _WARM_CYCLES = 3000

@@ -17,9 +17,9 @@ from typing import Any, NoReturn, TypeVar
 from pydantic import BaseModel
 
 from micromanip.errors import ConfigError, MicromanipError, UsageError
-from micromanip.settings.base import Settings
 from micromanip.settings.load import validate_section
-from micromanip.settings.source import Source
+from micromanip.settings.schema.base import Settings
+from micromanip.settings.text.source import Source
 
 from .authority import Right
 from .peer import Peer

@@ -6,8 +6,8 @@ import contextlib
 import gc
 import os
 
-from micromanip.io.rights import lock_memory, stay_on_cpu
-from micromanip.rt.words import NO_FIFO, NO_LOCK, NO_PIN
+from micromanip.bus.rights import lock_memory, stay_on_cpu
+from micromanip.rt.mailbox import NO_FIFO, NO_LOCK, NO_PIN
 
 _LATENCY_WANTED = "/dev/cpu_dma_latency"
 

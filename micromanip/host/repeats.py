@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from micromanip.answers import AuditEntry
+from micromanip.replies import AuditEntry
 
 _WINDOW_S = 60.0
 _DISTINCT = 10

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.words import RING_HEAD
+from micromanip.rt.mailbox import RING_HEAD
 
 
 class RingReader:

@@ -12,9 +12,9 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from micromanip.answers import Change
 from micromanip.errors import CheckFailed, ConfigError
-from micromanip.rt import words as w
+from micromanip.replies import Change
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
     CONFIRMED,
     NO_SHADOW,
@@ -29,11 +29,11 @@ from micromanip.rt.states import (
 from micromanip.settings.change import LIVE, needs
 from micromanip.settings.check import Prepared, revise, validate
 from micromanip.settings.load import validate_document
-from micromanip.settings.model import Configuration
-from micromanip.settings.place import Path as KeyPath
 from micromanip.settings.protection import weakened
-from micromanip.settings.source import Source
-from micromanip.settings.wiring import driver_options
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.place import Path as KeyPath
+from micromanip.settings.text.source import Source
+from micromanip.settings.wiring.places import driver_options
 
 from .differences import changes
 from .messages import FAULTS, advice, fault_message

@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic import Field
 
-from micromanip.answers import Change, Shadow
-from micromanip.settings.base import Settings
-from micromanip.settings.source import Source
+from micromanip.replies import Change, Shadow
+from micromanip.settings.schema.base import Settings
+from micromanip.settings.text.source import Source
 
 from .audit import AuditTrail
 from .authority import Right

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.answers import Durations, Link, PathError, Recorded, SignalFigures, Status
-from micromanip.rt import words as w
+from micromanip.replies import Durations, Link, PathError, Recorded, SignalFigures, Status
+from micromanip.rt import mailbox as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
 

@@ -7,18 +7,18 @@ import difflib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from micromanip.answers import Change, Differences, Jogged, Parameter, Saved, Swap
 from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.replies import Change, Differences, Jogged, Parameter, Saved, Swap
 from micromanip.rt.states import FAULT, OFF, READY, STATE_NAMES, TRACKING
 from micromanip.settings.change import DISARM
 from micromanip.settings.check import validate
-from micromanip.settings.commissioned import changes_since
-from micromanip.settings.keys import assigned
 from micromanip.settings.load import validate_document
-from micromanip.settings.place import Path as KeyPath
 from micromanip.settings.protection import WEAKENS
-from micromanip.settings.reference import Jog
-from micromanip.settings.source import Source, key_text
+from micromanip.settings.schema.commissioned import changes_since
+from micromanip.settings.schema.reference import Jog
+from micromanip.settings.text.keys import assigned
+from micromanip.settings.text.place import Path as KeyPath
+from micromanip.settings.text.source import Source, key_text
 from micromanip.settings.write import write_atomically
 from micromanip.settings.write_values import with_values
 

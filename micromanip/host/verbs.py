@@ -8,11 +8,11 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from micromanip.answers import Audit, Change, Jogged, Saved, Status, Swap
 from micromanip.quantities import Micrometres
+from micromanip.replies import Audit, Change, Jogged, Saved, Status, Swap
 from micromanip.rt import states
-from micromanip.settings.base import Flag, Settings
-from micromanip.settings.source import Source
+from micromanip.settings.schema.base import Flag, Settings
+from micromanip.settings.text.source import Source
 
 from .audit import AuditTrail
 from .peer import Peer

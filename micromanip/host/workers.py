@@ -8,12 +8,12 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from micromanip.answers import Link
 from micromanip.errors import CheckFailed
+from micromanip.replies import Link
 from micromanip.settings.check import Prepared
 
 from .bus_worker import BusWorker
-from .segments import Segments
+from .shared_memory import Segments
 
 _IN_HAND_S, _POLL_S = 5.0, 0.01
 """A device that begins away from rest is brought there first; READY waits for that as long as this."""

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import math
 
-from .course import smooth
+from micromanip.rt.laws.minimum_jerk import smooth
+from micromanip.rt.laws.reference import SIGNAL
+from micromanip.rt.laws.sensor import is_missing, is_silent, may_be_at_end
+
 from .jit import compiled
 from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
 from .records import Record
-from .reference import SIGNAL
-from .sensor import is_missing, is_silent, may_be_at_end
 from .states import (
     AMPLIFIER_MISSING,
     ENABLE_MISSING,

@@ -12,18 +12,19 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .estimator import output, predict_to, remember, start_estimator, update
-from .feedforward import feedforward_voltage, start_feedforward
+from micromanip.rt.laws.estimator import output, predict_to, remember, start_estimator, update
+from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
+from micromanip.rt.laws.limiter import limit
+from micromanip.rt.laws.lqg import outer_setpoint
+from micromanip.rt.laws.pid import pid_output, start_pid, unwind
+from micromanip.rt.laws.reference import JOG, SIGNAL, jog_reference, own_reference, signal_reference, signal_sample
+from micromanip.rt.laws.sensor import read_line, read_signal
+
 from .jit import compiled
-from .limiter import limit
-from .lqg import outer_setpoint
 from .phases import BUMPING, CLOSED, FROZEN, LIFTING, PARKING, PROBING, SWEEPING
-from .pid import pid_output, start_pid, unwind
 from .records import REFERENCE_STATES, Record
-from .reference import JOG, SIGNAL, jog_reference, own_reference, signal_reference, signal_sample
-from .sensor import read_line, read_signal
+from .setpoint_history import forget_wanted, measure_errors, remember_wanted
 from .states import STAGE, VOLTAGE
-from .wanted import forget_wanted, measure_errors, remember_wanted
 
 _ANY_UM = (-math.inf, math.inf)
 

@@ -9,18 +9,19 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from micromanip.rt.laws.minimum_jerk import smooth
+from micromanip.rt.laws.sensor import is_missing, is_on
+
 from .axis import axis_cycle, sample
 from .checks import arming_step, judge_checks, keep_checks, watch_arming
 from .commands import apply_command
-from .course import smooth
+from .digital_io import is_enabled, read_lines, switch
 from .exchange import FIRST_TAKEN
 from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
-from .lines import is_enabled, read_lines, switch
 from .phases import CLOSED, PARKED
 from .records import Record
-from .sensor import is_missing, is_on
 from .states import (
     ARMED,
     DRIVER_ERROR,

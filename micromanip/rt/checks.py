@@ -5,14 +5,15 @@ What a check has found goes on counting until something happens that could chang
 
 from __future__ import annotations
 
+from micromanip.rt.laws.reference import SIGNAL
+from micromanip.rt.laws.sensor import BELIEVED, is_silent
+
 from .arming import answer, check_step, forget_checks, gather, judge, stage_loss, sweep_offset
 from .axis import start_axis
 from .faults import axis_fault, raise_fault
 from .jit import compiled
 from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
 from .records import Record
-from .reference import SIGNAL
-from .sensor import BELIEVED, is_silent
 from .states import (
     AMPLIFIER_FAULT,
     ARMED,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .image import TAKEN
+from .bus_image import TAKEN
 from .intrinsics import call_exchange
 from .jit import compiled
 from .records import MAX_DRIVERS, SIGNAL

@@ -88,7 +88,7 @@ caching.Cache._guard_against_spurious_io_errors = _in_spite_of_the_disk  # type:
 def _digest(folders: tuple[Path, ...]) -> str:
     hashed = hashlib.sha256(f"{numba.__version__} {numba.config.BOUNDSCHECK}".encode())
     for folder in folders:
-        for source in sorted(folder.glob("*.py")):
+        for source in sorted(folder.rglob("*.py")):
             hashed.update(source.read_bytes())
     return hashed.hexdigest()[:16]
 

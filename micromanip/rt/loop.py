@@ -12,21 +12,16 @@ from typing import Any
 
 from numba import types
 
+from micromanip.rt.laws.coordinate_transform import derive_signals
+
 from .cell import cell_cycle, watch_drivers
 from .clock import now_ns, wait_until
 from .exchange import exchange_all
 from .faults import cell_fault
-from .frame import derive_signals
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
-from .shadow import end_trial, shadow_cycle, start_shadow, takes_back
-from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
-from .states import HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
-from .swap import swap_cell
-from .telemetry import write_row
-from .transitions import pass_missed
-from .words import (
+from .mailbox import (
     CANDIDATE,
     CANDIDATE_NUMBER,
     COMMAND,
@@ -51,7 +46,13 @@ from .words import (
     VERSION,
     VERSION_ACTIVE,
 )
-from .words import OVERRUNS as OVERRUNS_WORD
+from .mailbox import OVERRUNS as OVERRUNS_WORD
+from .shadow import end_trial, shadow_cycle, start_shadow, takes_back
+from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
+from .states import HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
+from .swap import swap_cell
+from .telemetry import write_row
+from .transitions import pass_missed
 
 
 @compiled

@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from micromanip.rt.laws.estimator import remember
+from micromanip.rt.laws.pid import unwind
+
 from .axis import axis_cycle
-from .estimator import remember
 from .faults import note
 from .jit import compiled
 from .phases import CLOSED
-from .pid import unwind
 from .records import Record
 from .states import (
     CONFIRMED,

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
+from micromanip.rt.laws.pid import retune, start_pid
+
 from .arming import carry_checks
-from .feedforward import feedforward_voltage, start_feedforward
 from .jit import compiled
-from .pid import retune, start_pid
 from .records import MAX_STATES, Record
 from .states import STAGE
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .estimator import output
+from micromanip.rt.laws.estimator import output
+from micromanip.rt.laws.sensor import is_on
+
+from .digital_io import asks_feed_hold, is_enabled
 from .figures import path_error
 from .jit import compiled
-from .lines import asks_feed_hold, is_enabled
 from .records import Record
-from .sensor import is_on
 from .states import STAGE
 
 

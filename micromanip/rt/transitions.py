@@ -12,8 +12,9 @@ at once. A cell that was told to stop (``stopping``) ends in OFF whatever happen
 
 from __future__ import annotations
 
+from micromanip.rt.laws.minimum_jerk import smooth
+
 from .arming import arming_cycles, arming_phase
-from .course import smooth
 from .jit import compiled
 from .phases import CLOSED, FROZEN, PARKED, PARKING
 from .records import Record

@@ -6,9 +6,10 @@ from typing import Any
 
 from numba import types
 
+from micromanip.rt.laws.coordinate_transform import derive_signals
+
 from .cell import cell_cycle, watch_drivers
 from .exchange import exchange_all
-from .frame import derive_signals
 from .jit import compiled
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES
 from .states import NO_COMMAND

@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from micromanip.rt.laws.pid import retune
+from micromanip.rt.laws.reference import SAMPLES, SIGNAL
+from micromanip.rt.laws.sensor import is_missing
+
 from .faults import axis_fault, warn
 from .jit import compiled
 from .phases import BUMPING, CLOSED, LIFTING, SWEEPING
-from .pid import retune
 from .records import Record
-from .reference import SAMPLES, SIGNAL
-from .sensor import is_missing
 from .states import (
     AMPLIFIER_FAULT,
     COASTING,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from .model import Configuration
-from .place import Path
-from .reference import File
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import File
+from micromanip.settings.text.place import Path
 
 LIVE, DISARM, RESTART = "live", "needs disarm", "needs restart"
 

@@ -12,20 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .buses import bus_findings
-from .compile import compile_cell
+from micromanip.settings.compile.cell import compile_cell
+from micromanip.settings.compile.outer_gains import dc_gain, outer_gains, tracker_gain
+from micromanip.settings.compile.waveform import load_samples
+from micromanip.settings.schema.frame import PREFIX, frame_findings, frame_of
+from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, attainable_um
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from micromanip.settings.text.source import Source
+from micromanip.settings.wiring.buses import bus_findings
+from micromanip.settings.wiring.places import Wiring, wire
+from micromanip.settings.wiring.simulated import simulated_findings
+from micromanip.settings.wiring.simulation import build_plant
+
 from .feedback import feedback_findings
-from .frame import PREFIX, frame_findings, frame_of
-from .hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from .load import validate_document
-from .model import Configuration
-from .outer import dc_gain, outer_gains, tracker_gain
-from .plant import build_plant
-from .reference import File, Hold, Jog, Reference, Sines, Step, Tracker
-from .simulated import simulated_findings
-from .source import Source
-from .waveform import load_samples
-from .wiring import Wiring, wire
 
 ROLES = (
     *("strain", "stage", "deviation", "acceleration", "true_strain", "true_stage", "path_error", "uncompensated"),

@@ -18,16 +18,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.io.bus import Channel
-from micromanip.rt.feedforward import feedforward_voltage, start_feedforward
+from micromanip.bus.driver import Channel
+from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
 from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
-
-from .axis import Axis, Inner
-from .compile import fill_hysteresis
-from .hysteresis import NoModel
-from .model import Configuration
-from .timing import cycles_between, output_timing, sensor_timing, signal_timing
-from .wiring import Wiring
+from micromanip.settings.compile.cell import fill_hysteresis
+from micromanip.settings.schema.axis import Axis, Inner
+from micromanip.settings.schema.hysteresis import NoModel
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.wiring.places import Wiring
+from micromanip.settings.wiring.timing import cycles_between, output_timing, sensor_timing, signal_timing
 
 Finding = tuple[tuple[str | int, ...], str]
 

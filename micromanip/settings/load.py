@@ -9,11 +9,11 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from . import problems
-from .faults import with_limits
-from .model import Configuration
-from .place import Path as KeyPath
-from .source import Source
+from micromanip.settings.schema.faults import with_limits
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text import problems
+from micromanip.settings.text.place import Path as KeyPath
+from micromanip.settings.text.source import Source
 
 __all__ = ["Source", "load", "load_with_source", "validate_document", "validate_section"]
 

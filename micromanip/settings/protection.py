@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from micromanip.settings.compile.cell import PLAUSIBLE_UM
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.place import Path
+
 from .change import ABSENT, changed, fits
-from .compile import PLAUSIBLE_UM
-from .model import Configuration
-from .place import Path
 
 WEAKENS = "would weaken a protection and needs disarm"
 

@@ -12,11 +12,10 @@ from pydantic import BaseModel
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from micromanip.io.held_folder import held, linked_file
-
-from .axis import Axis
-from .digits import rounded
-from .model import Configuration
+from micromanip.files.held_folder import held, linked_file
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.digits import rounded
 
 _WIDTH = 110
 

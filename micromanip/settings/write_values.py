@@ -11,10 +11,10 @@ from typing import Any
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from micromanip.errors import ConfigError
+from micromanip.settings.text.place import Path
+from micromanip.settings.text.source import Source
 
 from .change import ABSENT, differing, leaves
-from .place import Path
-from .source import Source
 from .write import edited
 
 _PASSES = 3

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from micromanip.io.bus import Inbox, Sample
-from micromanip.io.image import ProcessImage
-from micromanip.rt.image import IMAGE
+from micromanip.bus.driver import Inbox, Sample
+from micromanip.bus.image import ProcessImage
+from micromanip.rt.bus_image import IMAGE
 
 
 def published(fill):

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.io.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput, SafeState
-from micromanip.rt.image import FOLLOWING, RESTING, SAFE_RAMP
+from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput, SafeState
+from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
 
 MS = 1_000_000
 PERIOD_S, RAMP_S, DEAD_NS = 0.01, 0.5, 5 * MS

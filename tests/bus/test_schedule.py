@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.io.backoff import BackOff, RestartLimit
-from micromanip.io.bus import Task
-from micromanip.io.schedule import Schedule
+from micromanip.bus.backoff import BackOff, RestartLimit
+from micromanip.bus.driver import Task
+from micromanip.bus.schedule import Schedule
 
 
 def test_each_task_at_its_own_rate():

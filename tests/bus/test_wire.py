@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from hil.step_cells import BUSES, CUTS, RAMP_S, RANGE_V, step_cell, step_V
 
-from micromanip.io.image import ProcessImage
-from micromanip.io.last_given import LastGiven
-from micromanip.io.worker import Rules, Worker
-from micromanip.rt.image import FOLLOWING, IMAGE, RESTING, exchange_image
+from micromanip.bus.image import ProcessImage
+from micromanip.bus.last_given import LastGiven
+from micromanip.bus.worker import Rules, Worker
+from micromanip.emulation.devices import Devices
+from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING, exchange_image
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.settings.check import prepare
-from micromanip.sim.device.devices import Devices
 
 NEVER_MS, PATIENCE_S, RESOLVED_V = 1e9, 60.0, 0.01
 DEAD_NS, PATIENCE_NS = 300_000_000, 300_000_000

@@ -8,13 +8,13 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from micromanip.io.bus import BusDriver, BusOptions, Channel, Load, Outcome, Task
-from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
-from micromanip.io.image import ProcessImage
-from micromanip.io.last_given import LastGiven
-from micromanip.io.safe_state import SWITCH, VOLTAGE, SafeOutput
-from micromanip.io.worker import Rules, Worker
-from micromanip.rt.image import FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN, exchange_image
+from micromanip.bus.driver import BusDriver, BusOptions, Channel, Load, Outcome, Task
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.image import ProcessImage
+from micromanip.bus.last_given import LastGiven
+from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
+from micromanip.bus.worker import Rules, Worker
+from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN, exchange_image
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
 MS = 1_000_000
@@ -110,7 +110,7 @@ class Bench:
 @pytest.fixture
 def said(monkeypatch):
     said = []
-    monkeypatch.setattr("micromanip.io.worker.say", said.append)
+    monkeypatch.setattr("micromanip.bus.worker.say", said.append)
     return said
 
 
@@ -187,7 +187,7 @@ def test_errors_now_and_then_are_counted_many_are_a_lost_link(bench):
 
 
 def test_a_device_that_is_not_the_right_one_is_not_tried_again(bench, monkeypatch):
-    monkeypatch.setattr("micromanip.io.worker._UNREACHED_S", 0.2)  # nobody waits for it to come back
+    monkeypatch.setattr("micromanip.bus.worker._UNREACHED_S", 0.2)  # nobody waits for it to come back
     bench.follow(10.0)
     bench.driver.open_errors = [IdentityMismatch("it says E-727, not E-709")]
     bench.driver.errors.append(LinkError("unplugged"))

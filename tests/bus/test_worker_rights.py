@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from micromanip.io.worker_process import take_rights
+from micromanip.bus.worker_process import take_rights
 
 PRIORITY = 10
 

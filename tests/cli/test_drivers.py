@@ -3,16 +3,16 @@
 import json
 
 import pytest
+from conformance.example import UdpStage
 from micromanip_drivers.simulated.driver import SimulatedCell
-from sim.conformance.example import UdpStage
 
+from micromanip.bus import inspection
+from micromanip.bus.inspection import findings, kind_of
+from micromanip.bus.registry import driver_class
 from micromanip.cli.main import main
-from micromanip.io import inspection
-from micromanip.io.inspection import findings, kind_of
-from micromanip.io.registry import driver_class
 
 BUS = '''
-from micromanip.io.bus import BusDriver, BusOptions
+from micromanip.bus.driver import BusDriver, BusOptions
 class Driver(BusDriver):
     """A driver of nothing."""
     Options = BusOptions
@@ -74,7 +74,7 @@ def test_good_ones_of_both_kinds(announce, only, capsys):
     [
         (None, "can't be loaded: ModuleNotFoundError: No module named 'driver_of_nothing'"),
         ("1 / 0", "can't be loaded: ZeroDivisionError"),
-        ("import sys; Driver = 5", "is not a class derived from micromanip.io.contract.CyclicDriver or"),
+        ("import sys; Driver = 5", "is not a class derived from micromanip.bus.cyclic.CyclicDriver or"),
         (BUS.replace("def close", "def shut"), "does not have close"),
         (BUS.replace('"""A driver of nothing."""', ""), "has no docstring"),
         (BUS.replace("task, values, inbox", "task, values"), "perform does not take (task, values, inbox)"),

@@ -10,8 +10,8 @@ import yaml
 
 from micromanip.cli.main import main
 from micromanip.design.hysteresis import predict
-from micromanip.settings.hysteresis import PrandtlIshlinskii
 from micromanip.settings.load import load_with_source
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 STEP_S = 2e-3

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from host.cell import MICROMANIP, PATIENCE_S, TAG, changed, command_line, descriptor_of, tagged, until
 
 from micromanip.cli.main import main
-from micromanip.host.segments import STATUS, Segment
-from micromanip.rt import words as w
+from micromanip.host.shared_memory import STATUS, Segment
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import TRACKING
+from tools.running_controller import MICROMANIP, PATIENCE_S, TAG, changed, command_line, descriptor_of, tagged, until
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 SHORT = (

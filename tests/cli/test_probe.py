@@ -3,13 +3,13 @@
 import json
 
 import pytest
-from sim.conformance.example import UdpPeer, UdpStage
+from conformance.example import UdpPeer, UdpStage
 
+from micromanip.bus import device_lock
+from micromanip.bus.device_lock import DeviceLocks
+from micromanip.bus.driver import Answer, BusDriver
+from micromanip.bus.errors import LinkError
 from micromanip.cli.main import main
-from micromanip.io import device_lock
-from micromanip.io.bus import Answer, BusDriver
-from micromanip.io.bus_errors import LinkError
-from micromanip.io.device_lock import DeviceLocks
 
 
 class Stage(UdpStage):

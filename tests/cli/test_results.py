@@ -9,12 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from host.cell import MICROMANIP
 
 from micromanip.cli import results
 from micromanip.cli.main import main
 from micromanip.cli.results import Pictures, publish, results_folder, run_folder
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
+from tools.running_controller import MICROMANIP
 
 CONFIG = Path(__file__).parents[2] / "config"
 FACTORY, SIMULATED = CONFIG / "factory.yaml", CONFIG / "simulated.yaml"
@@ -50,7 +50,7 @@ def test_a_place_that_takes_nothing_is_refused_before_the_work(command, place, c
     def moved(*_):
         raise AssertionError("it moved")
 
-    monkeypatch.setattr("micromanip.sim.experiment.VirtualExperiment.__call__", moved)
+    monkeypatch.setattr("micromanip.virtual.experiment.VirtualExperiment.__call__", moved)
     assert code_of(*WRITERS[command], "--out", place) == code
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith(f"micromanip: --out {place}: ")

@@ -11,7 +11,7 @@ from micromanip.design.actuation import fit_actuator, identify_actuator, working
 from micromanip.design.describing import harmonics, inverse_operator
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
-from micromanip.sim.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 

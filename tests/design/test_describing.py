@@ -18,7 +18,7 @@ from micromanip.design.describing import (
     sweep,
 )
 from micromanip.design.hysteresis import inverse, predict
-from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 TANH = {"shaping": "tanh", "coefficients": (180.0, 0.0036, -0.11, 18.0)}
 AFFINE = {"shaping": "affine", "coefficients": (0.63, -1.2)}

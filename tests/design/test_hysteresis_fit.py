@@ -8,7 +8,7 @@ import pytest
 from micromanip.design.fitting import Request, fit_record
 from micromanip.design.hysteresis import choose, fit, predict, structure_of
 from micromanip.design.record import load_record
-from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "yan9a_piezo"
 STEP_S, NOISE_UM = 2e-3, 0.05

@@ -8,11 +8,11 @@ from pydantic import ValidationError
 
 from micromanip.design.hysteresis import inverse, predict, structure_of
 from micromanip.design.hysteresis.kernel import respond
-from micromanip.rt.hysteresis import model_output
+from micromanip.rt.laws.hysteresis import model_output
+from micromanip.rt.laws.shaping import shape
 from micromanip.rt.records import HYSTERESIS_PARAMETERS, MAX_PLAYS
-from micromanip.rt.shaping import shape
-from micromanip.settings.compile import fill_hysteresis
-from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.compile.cell import fill_hysteresis
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 KINDS = [(kind, creep) for kind in ("pi-affine", "pi-tanh", "pi-free", "rate") for creep in (False, True)]
 STEP_S = 2e-3

@@ -8,7 +8,7 @@ import pytest
 from micromanip.design.identification import design, recording, samples_for, variant, write_csv
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import prepare
-from micromanip.sim.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 KINDS = ("multisine", "turns", "triangle", "step")

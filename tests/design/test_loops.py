@@ -7,22 +7,14 @@ import pytest
 from rt.builders import PERIOD_S, record
 from rt.outer_loops import designed
 
-from micromanip.design.loops import (
-    System,
-    delay,
-    margins,
-    model_system,
-    over_path,
-    pid_system,
-    stage_loop,
-    strain_loop,
-)
-from micromanip.rt.pid import pid_output
+from micromanip.control.margins import margins
+from micromanip.design.loops import System, delay, model_system, over_path, pid_system, stage_loop, strain_loop
+from micromanip.rt.laws.pid import pid_output
 from micromanip.rt.records import PID_PARAMETERS, PID_STATE
-from micromanip.settings.axis import Inner
+from micromanip.settings.compile.outer_gains import outer_gains
 from micromanip.settings.load import load_with_source
-from micromanip.settings.outer import outer_gains
-from micromanip.settings.timing import AT_ONCE, FeedbackPath
+from micromanip.settings.schema.axis import Inner
+from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from micromanip.design.loops import System, curve_margins, delay, from_state_space, grid, margins, refined
+from micromanip.control.margins import margins
+from micromanip.design.loops import System, curve_margins, delay, from_state_space, grid, refined
 
 PERIOD_S = 1e-3
 

@@ -14,10 +14,10 @@ from micromanip.design.network import reversals, smoothed
 from micromanip.design.network_fit import fit_network
 from micromanip.design.network_training import Course, gradient
 from micromanip.design.record import load_record
-from micromanip.rt.network import start_network
+from micromanip.rt.laws.network import start_network
 from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
-from micromanip.settings.compile import fill_hysteresis
-from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.compile.cell import fill_hysteresis
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 pytestmark = pytest.mark.xdist_group("network")  # what the tests share is made once, not by each worker
 

@@ -41,8 +41,9 @@ def worker_of(seed):
 @pytest.mark.filterwarnings("ignore")
 def test_drawn_plants_are_the_same_on_a_cluster():
     distributed = pytest.importorskip("distributed")
-    from design.test_perturbation import PERIOD_S, sides
     from micromanip.design.loops import monte_carlo
+
+    from .test_perturbation import PERIOD_S, sides
 
     with (
         distributed.LocalCluster(

@@ -8,6 +8,7 @@ from rt.builders import PERIOD_S
 from rt.outer_loops import designed
 from scipy.linalg import expm
 
+from micromanip.control.margins import margins
 from micromanip.design.loops import (
     SPREAD,
     Perturbation,
@@ -17,15 +18,14 @@ from micromanip.design.loops import (
     closed_ratio,
     delay,
     draw,
-    margins,
     monte_carlo,
     pid_system,
     strain_loop,
     worst,
 )
 from micromanip.design.loops.perturbation import model_dynamics, perturbed, section_ratio, shift
-from micromanip.settings.axis import Inner
-from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.axis import Inner
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 OMEGA = 2 * np.pi * np.geomspace(2.0, 1500.0, 200)
 PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)

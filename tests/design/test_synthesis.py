@@ -4,11 +4,12 @@ import control
 import numpy as np
 import pytest
 
-from micromanip.design.loops import System, delay, margins, model_system, stage_loop, strain_loop
+from micromanip.control.margins import margins
+from micromanip.design.loops import System, delay, model_system, stage_loop, strain_loop
 from micromanip.design.synthesis import tune_outer, tune_pid
 from micromanip.errors import CheckFailed
-from micromanip.settings.axis import LinearModel
-from micromanip.settings.outer import outer_gains
+from micromanip.settings.compile.outer_gains import outer_gains
+from micromanip.settings.schema.axis import LinearModel
 
 T = 1e-4
 SLOPES = (0.75, 1.0, 1.3)

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from micromanip.bus.inspection import findings
+from micromanip.bus.registry import driver_class
 from micromanip.errors import ConfigError
-from micromanip.io.inspection import findings
-from micromanip.io.registry import driver_class
 from micromanip.rt.intrinsics import call_context
 from micromanip.settings.check import prepare, validate
-from micromanip.settings.single_driver import bus_driver
-from micromanip.settings.source import Source
-from micromanip.sim.virtual import VirtualCell
+from micromanip.settings.text.source import Source
+from micromanip.settings.wiring.single_driver import bus_driver
+from micromanip.virtual.cell import VirtualCell
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"

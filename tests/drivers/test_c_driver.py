@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ConfigDict
 
-from micromanip.io.contract import CyclicDriver, Functions
+from micromanip.bus.cyclic import CyclicDriver, Functions
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.states import ARM, DRIVER_ERROR, FAULT, READY, TRACKING
-from micromanip.settings.compile import compile_cell
-from micromanip.settings.faults import AxisFaults, StrainInvalid
-from micromanip.settings.reference import Hold
-from micromanip.sim.virtual import VirtualCell
+from micromanip.settings.compile.cell import compile_cell
+from micromanip.settings.schema.faults import AxisFaults, StrainInvalid
+from micromanip.settings.schema.reference import Hold
+from micromanip.virtual.cell import VirtualCell
 
 from .simulated_bench import tuned_cell
 

@@ -9,9 +9,9 @@ from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.options import Options
 
 from micromanip.design.experiment import with_axes, with_reference
-from micromanip.settings.faults import AxisFaults, StrainInvalid
-from micromanip.settings.reference import Hold, Step
-from micromanip.sim.experiment import VirtualExperiment
+from micromanip.settings.schema.faults import AxisFaults, StrainInvalid
+from micromanip.settings.schema.reference import Hold, Step
+from micromanip.virtual.experiment import VirtualExperiment
 
 from .simulated_bench import PERIOD_NS, quiet, tuned_cell
 

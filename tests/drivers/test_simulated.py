@@ -10,9 +10,9 @@ from micromanip_drivers.simulated.records import AXIS_STATE, CHANNELS
 from pydantic import ValidationError
 from scipy import signal, stats
 
+from micromanip.bus.cyclic import CyclicDriver
+from micromanip.bus.registry import driver_class, installed
 from micromanip.errors import ConfigError
-from micromanip.io.contract import CyclicDriver
-from micromanip.io.registry import driver_class, installed
 
 from .simulated_bench import NO_FORCE, PERIOD_NS, QUIET_PLANT, QUIET_TRACKER, STILL, Bench, quiet
 

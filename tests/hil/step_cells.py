@@ -2,7 +2,7 @@
 
 import os
 
-from .cells import CONFIG, free_port
+from tools.bus_faults.cells import CONFIG, free_port
 
 HELD_V, PARK_V, RANGE_V = 60.0, 0.0, (-20.0, 100.0)
 SLEW_V_PER_S, RAMP_S = 1500.0, 0.2

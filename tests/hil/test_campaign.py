@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from .campaign import campaign
-from .cases import CASES
-from .cells import PATIENT_WATCHDOG_MS, patient_can_cell
+from tools.bus_faults.campaign import campaign
+from tools.bus_faults.cases import CASES
+from tools.bus_faults.cells import PATIENT_WATCHDOG_MS, patient_can_cell
 
 TRIED = (
     "10 % of all frames dropped",

@@ -7,11 +7,11 @@ import uuid
 from contextlib import contextmanager
 
 import pytest
-from host.cell import MICROMANIP, until
 
-from .bench import Bench
-from .cells import gcs_cell, serial_cell
-from .device import Device
+from tools.bus_faults.bench import Bench
+from tools.bus_faults.cells import gcs_cell, serial_cell
+from tools.emulated_device import Device
+from tools.running_controller import MICROMANIP, until
 
 SLEW_V_PER_MS = 0.5
 GCS_STEP_V, SERIAL_STEP_V = SLEW_V_PER_MS * 10.0, SLEW_V_PER_MS * 0.5

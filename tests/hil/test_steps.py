@@ -9,9 +9,10 @@ import time
 from contextlib import contextmanager
 
 import pytest
-from host.cell import until
 
-from .bench import Bench
+from tools.bus_faults.bench import Bench
+from tools.running_controller import until
+
 from .step_cells import BUSES, CUTS, HELD_V, PARK_V, RAMP_S, RANGE_V, step_cell, step_V
 
 NEVER_MS = 3.6e6

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from micromanip.host.blackbox.box import FORMAT, Box
+from micromanip.host.trips.box import FORMAT, Box
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENT, ROW
 from micromanip.rt.states import RAMPING, STAGE, STRAIN, STRAIN_INVALID, TRACKING
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from .cell import Running, command_line, until
+from tools.running_controller import Running, command_line, until
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for the groups

@@ -10,10 +10,10 @@ from micromanip.errors import CheckFailed
 from micromanip.host.audit import AuditTrail
 from micromanip.host.peer import Peer
 from micromanip.host.protocol import Request
-from micromanip.host.segments import STATUS
+from micromanip.host.shared_memory import STATUS
 from micromanip.host.verbs import Verbs
+from micromanip.rt import mailbox as w
 from micromanip.rt import states
-from micromanip.rt import words as w
 from micromanip.settings.check import prepare
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"

@@ -8,10 +8,9 @@ import pytest
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
-from micromanip.rt import words as w
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import ARM
-
-from .cell import SLOW, WAITING, Running, calm, reset, until
+from tools.running_controller import SLOW, WAITING, Running, calm, reset, until
 
 STATUS = b'{"version": 1, "verb": "status"}'
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from micromanip.host import journal
-from micromanip.host.blackbox import supervisor
-from micromanip.host.segments import STATUS
-from micromanip.rt import words as w
+from micromanip.host.shared_memory import STATUS
+from micromanip.host.trips import supervisor
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import HOST_DEAD, STRAIN_INVALID
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, DeviceUnavailable
-
-from .cell import QUICK, WAITING, calm, rows_of, simulated, until
+from tools.running_controller import QUICK, WAITING, calm, rows_of, simulated, until
 
 
 def test_a_dead_capacitive_sensor_after_an_earlier_session(run):

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from micromanip.errors import CheckFailed, PermissionDenied, UsageError
-from micromanip.host.blackbox import process, shelf
-from micromanip.host.blackbox.box import Box
+from micromanip.host.trips import process
+from micromanip.host.trips import store as shelf
+from micromanip.host.trips.box import Box
 
 from .boxes import box
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from micromanip.host import bus_rest
-from micromanip.host.bus_rest import BusRest
-from micromanip.io import device_lock, output_writer
-from micromanip.io.bus import BusDriver, BusOptions, Channel, Outcome, Task
-from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
-from micromanip.io.last_given import LastGiven
-from micromanip.io.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput
+from micromanip.bus import device_lock, output_writer
+from micromanip.bus.driver import BusDriver, BusOptions, Channel, Outcome, Task
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.last_given import LastGiven
+from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput
+from micromanip.host.safe import bus_rest
+from micromanip.host.safe.bus_rest import BusRest
 
 RATE_HZ = 500.0
 STEP_V = 4.0

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.records import CONTEXT
 
-from micromanip.host.blackbox.box import Box
-from micromanip.host.blackbox.shelf import trips
-from micromanip.host.segments import Segment
+from micromanip.host.shared_memory import Segment
 from micromanip.host.socket_file import remove_stale
-from micromanip.rt import words as w
+from micromanip.host.trips.box import Box
+from micromanip.host.trips.store import trips
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
-
-from .cell import SLOW, WAITING, calm, descriptor_of, rows_of, until
+from tools.running_controller import SLOW, WAITING, calm, descriptor_of, rows_of, until
 
 SLEW_V = 4.0  # 40 V/ms, a cycle
 RAMP_CYCLES = 5000

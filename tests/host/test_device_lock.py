@@ -14,11 +14,10 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from micromanip.bus.cyclic import CyclicDriver
+from micromanip.bus.device_lock import DeviceLocks
 from micromanip.errors import DeviceUnavailable, PermissionDenied
-from micromanip.io.contract import CyclicDriver
-from micromanip.io.device_lock import DeviceLocks
-
-from .cell import LOCKS_ELSEWHERE, WAITING, calm, changed
+from tools.running_controller import LOCKS_ELSEWHERE, WAITING, calm, changed
 
 BENCH = ("    driver: simulated\n", "    driver: simulated\n    device: bench\n")
 

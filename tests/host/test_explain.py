@@ -10,9 +10,9 @@ from click.testing import CliRunner
 
 from micromanip.cli.explain import command
 from micromanip.errors import CheckFailed, UsageError
-from micromanip.host.blackbox.evidence import observations
-from micromanip.host.blackbox.shelf import file_name
-from micromanip.host.blackbox.story import lines, story
+from micromanip.host.trips.evidence import observations
+from micromanip.host.trips.report import lines, story
+from micromanip.host.trips.store import file_name
 from micromanip.rt.states import OVERRUNS, STAGE_INVALID, STRAIN_INVALID
 
 from .boxes import BEFORE, TRIP, box, event, tracking_rows
@@ -161,7 +161,7 @@ def test_plot(shelf, tmp_path, suffix):
 
 
 def test_figure_shows_errors_voltages_and_states():
-    from micromanip.host.blackbox.figure import draw
+    from micromanip.host.trips.figure import draw
 
     rows = tracking_rows()
     figure = draw(box(rows))

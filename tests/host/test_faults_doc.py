@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from micromanip.host.faults_doc import render
+from micromanip.host.faults_page import render
 from micromanip.host.messages import ALL, FAULTS, fault_message
 from micromanip.rt import states
 
@@ -10,7 +10,7 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "faults.md"
 
 
 def test_page_is_up_to_date():
-    assert DOCUMENT.read_text() == render(), "run: python -m micromanip.host.faults_doc > docs/faults.md"
+    assert DOCUMENT.read_text() == render(), "run: python -m micromanip.host.faults_page > docs/faults.md"
 
 
 def test_every_fault_is_told_completely():

@@ -7,10 +7,9 @@ import json
 
 import pytest
 
-from micromanip.rt import words as w
-
-from .cell import WAITING, Running, calm
-from .garbage import lines
+from micromanip.rt import mailbox as w
+from tools.garbage import lines
+from tools.running_controller import WAITING, Running, calm
 
 BATCH = 200
 

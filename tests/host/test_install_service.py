@@ -11,9 +11,8 @@ from micromanip.cli.main import main
 from micromanip.errors import CheckFailed, DeviceUnavailable
 from micromanip.host.service import layout, plan
 from micromanip.host.service.steps import Run
-
-from .cell import SLOW as ARMING
-from .cell import changed
+from tools.running_controller import SLOW as ARMING
+from tools.running_controller import changed
 
 SLOW = changed(ARMING, ("arm_on_start: true", "arm_on_start: false"))
 

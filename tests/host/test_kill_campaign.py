@@ -4,13 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from micromanip.host.segments import RING, RING_ROWS
+from micromanip.host.shared_memory import RING, RING_ROWS
+from micromanip.rt.mailbox import RING_HEAD
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import READY, TRACKING
-from micromanip.rt.words import RING_HEAD
-
-from .campaign import VICTIMS, campaign
-from .envelope import Envelope
+from tools.kills.campaign import VICTIMS, campaign
+from tools.kills.envelope import Envelope
 
 
 def test_each_process_once(tmp_path):

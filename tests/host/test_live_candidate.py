@@ -9,9 +9,8 @@ from click.testing import CliRunner
 from micromanip.cli.main import cli
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
-from micromanip.rt import words as w
-
-from .cell import Running, calm, rows_of, until
+from micromanip.rt import mailbox as w
+from tools.running_controller import Running, calm, rows_of, until
 
 TRIAL = ("arm_on_start: true", "shadow: {trial_s: 1.0, error_factor: 3.0}\narm_on_start: true")
 MOVING = (

@@ -11,9 +11,8 @@ from click.testing import CliRunner
 from micromanip.cli.main import cli
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, ConfigError
-from micromanip.rt import words as w
-
-from .cell import Running, calm, rows_of, until
+from micromanip.rt import mailbox as w
+from tools.running_controller import Running, calm, rows_of, until
 
 OWN = ("arm_on_start: true", 'control: {socket_mode: "0600"}\narm_on_start: true')
 K = "axes.x.inner.K_V_per_um"

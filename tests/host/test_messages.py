@@ -8,8 +8,7 @@ import time
 import pytest
 
 from micromanip.cli.messages import Printer, _Descriptor
-
-from .cell import calm
+from tools.running_controller import calm
 
 GONE_ON_CYCLES = 25_000
 

@@ -10,8 +10,7 @@ from contextlib import suppress
 import pytest
 
 from micromanip.host.notify import ServiceManager
-
-from .cell import calm, until
+from tools.running_controller import calm, until
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from micromanip.errors import CheckFailed
-from micromanip.host.parameter_slots import ParameterSlots
-from micromanip.host.segments import CONTROL, SLOTS
-from micromanip.rt import words as w
+from micromanip.host.parameter_buffers import ParameterSlots
+from micromanip.host.shared_memory import CONTROL, SLOTS
+from micromanip.rt import mailbox as w
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import CONFIRMED, NO_SHADOW, ON_TRIAL, SHADOWING, TAKEN_BACK
 

@@ -8,7 +8,7 @@ import pytest
 from micromanip.errors import CheckFailed
 from micromanip.host import controller as module
 from micromanip.host.controller import Controller
-from micromanip.rt import words as w
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import ARM, READY, STOP
 from micromanip.settings.check import prepare
 

@@ -15,11 +15,10 @@ import pytest
 
 from micromanip.client import Client
 from micromanip.design.table import read_table
-from micromanip.host.recorder import Recording
-from micromanip.host.unclosed import checksum, close_unclosed
+from micromanip.host.recording.recorder import Recording
+from micromanip.host.recording.unclosed import checksum, close_unclosed
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, ROW
-
-from .cell import calm, until
+from tools.running_controller import calm, until
 
 GONE_ON_CYCLES = 20_000
 """Two seconds: more than the loop lives without a sign of life of its host."""

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from .cell import SLOW, WAITING, changed, simulated
+from tools.running_controller import SLOW, WAITING, changed, simulated
 
 RIGHTS = "-sys_nice,-ipc_lock,-sys_resource"
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from .cell import WAITING, Running, simulated
+from tools.running_controller import WAITING, Running, simulated
 
 DURATIONS = {"p50", "p99", "p99_9", "p99_99", "max"}
 

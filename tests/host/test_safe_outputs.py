@@ -6,22 +6,23 @@ import threading
 
 import pytest
 
+from micromanip.bus import device_lock
+from micromanip.bus.bridge import BusBridge
+from micromanip.bus.cyclic import Functions
+from micromanip.bus.device_lock import DeviceLocks
+from micromanip.bus.driver import BusOptions
+from micromanip.bus.errors import DeviceFault
 from micromanip.cli.main import main
 from micromanip.errors import CheckFailed
-from micromanip.host import safe_outputs, safe_plan
-from micromanip.host.safe_outputs import make_safe
-from micromanip.host.safe_plan import SafePlan, plan_of
-from micromanip.host.safe_snapshot import write
-from micromanip.io import device_lock
-from micromanip.io.bridge import BusBridge
-from micromanip.io.bus import BusOptions
-from micromanip.io.bus_errors import DeviceFault
-from micromanip.io.contract import Functions
-from micromanip.io.device_lock import DeviceLocks
-from micromanip.settings.source import Source
-from micromanip.settings.wiring import Wiring
+from micromanip.host.safe import outputs as safe_outputs
+from micromanip.host.safe import plan as safe_plan
+from micromanip.host.safe.outputs import make_safe
+from micromanip.host.safe.plan import SafePlan, plan_of
+from micromanip.host.safe.snapshot import write
+from micromanip.settings.text.source import Source
+from micromanip.settings.wiring.places import Wiring
+from tools.running_controller import SLOW, changed
 
-from .cell import SLOW, changed
 from .test_bus_rest import OUTPUTS, RAMP_S, SAFE, Bus
 
 TEXT = changed(SLOW, ("driver: simulated, axes: [x]", "driver: simulated, device: bench, axes: [x]"))
@@ -213,7 +214,7 @@ def test_one_driver_keeps_no_other_one_from_rest(config, driver, monkeypatch):
     """A bug in one, a device that refuses one task in another, a good one, a cyclic one that fails."""
     calls = Calls(monkeypatch, safe=7)
     monkeypatch.setattr(type(driver), "functions", lambda self: calls.functions)
-    monkeypatch.setattr("micromanip.host.bus_rest.PATIENCE_S", 0.15)
+    monkeypatch.setattr("micromanip.host.safe.bus_rest.PATIENCE_S", 0.15)
     outputs = OUTPUTS
     good, half = Bus(voltage_x=80.0), Bus(voltage_x=80.0, voltage_y=80.0)
     good.device, half.device = "good", "half"

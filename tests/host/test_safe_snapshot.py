@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from micromanip.errors import ConfigError
-from micromanip.host import safe_plan, safe_snapshot
-from micromanip.host.safe_plan import plan_of
-from micromanip.host.safe_snapshot import NotUsable, SnapshotKeeper, path_of, read, write
+from micromanip.host.safe import plan as safe_plan
+from micromanip.host.safe import snapshot as safe_snapshot
+from micromanip.host.safe.plan import plan_of
+from micromanip.host.safe.snapshot import NotUsable, SnapshotKeeper, path_of, read, write
 from micromanip.settings.check import prepare
-from micromanip.settings.source import Source
-
-from .cell import SLOW, changed
+from micromanip.settings.text.source import Source
+from tools.running_controller import SLOW, changed
 
 OURS = {0, os.geteuid()}
 CAN = Path(__file__).parents[2] / "config"

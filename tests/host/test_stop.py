@@ -7,11 +7,10 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from micromanip.rt import words as w
+from micromanip.rt import mailbox as w
 from micromanip.rt.phases import PARKING
 from micromanip.rt.states import RAMPING
-
-from .cell import calm, rows_of, simulated, until
+from tools.running_controller import calm, rows_of, simulated, until
 
 
 def interrupt(cell):

@@ -11,16 +11,15 @@ import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
-from micromanip.host.recorder import Recording
-from micromanip.host.recording import PARAMETERS, ROWS, STATE, RecorderProcess
+from micromanip.host.recording.recorder import Recording
+from micromanip.host.recording.recording import PARAMETERS, ROWS, STATE, RecorderProcess
 from micromanip.host.ring import RingReader
-from micromanip.rt import words as w
+from micromanip.rt import mailbox as w
 from micromanip.rt.records import CELL_PARAMETERS, ROW
 from micromanip.rt.states import ARM, STOP, TRACKING
 from micromanip.settings.check import prepare
-from micromanip.settings.compile import compile_cell
-
-from .cell import PATIENCE_S, QUICK, WAITING, calm, rows_of, simulated
+from micromanip.settings.compile.cell import compile_cell
+from tools.running_controller import PATIENCE_S, QUICK, WAITING, calm, rows_of, simulated
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,11 @@ import pytest
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
-from micromanip.host.blackbox.box import Box
-from micromanip.host.blackbox.shelf import trips
 from micromanip.host.socket_file import remove_stale
+from micromanip.host.trips.box import Box
+from micromanip.host.trips.store import trips
 from micromanip.rt.states import RAMPING, TRACKING
-
-from .cell import MICROMANIP, WAITING, calm, reset, until
+from tools.running_controller import MICROMANIP, WAITING, calm, reset, until
 
 PERIOD_MS = 0.1
 
@@ -60,7 +59,7 @@ def assert_whole(box, before_ms, after_ms):
 def test_trip_is_on_disk_before_a_reset(run):
     """The black box is held up: no reset; it goes on: nothing is missing, for the ring remembers."""
     cell = run(failing(2.3)).reach("TRACKING")
-    helper = until(lambda: cell.child("blackbox"), cell.last_words)
+    helper = until(lambda: cell.child("trips.process"), cell.last_words)
     until(lambda: cell.cycles > 15_000, cell.last_words)  # it has started
     os.kill(helper, signal.SIGSTOP)
     try:
@@ -104,7 +103,7 @@ def test_black_box_killed_between_its_halves(run):
     """The half that it had written is completed by the one that follows."""
     cell = run(failing(2.3)).reach("TRACKING")
     until(lambda: trips(folder(cell)), cell.last_words)
-    os.kill(cell.child("blackbox"), signal.SIGKILL)
+    os.kill(cell.child("trips.process"), signal.SIGKILL)
     assert not box_of(cell, complete=False).meta["complete"]
     assert_whole(box_of(cell), 2000.0, 500.0)
     cell.end()
@@ -115,8 +114,8 @@ def test_black_box_that_keeps_dying(run):
     """Started again three times, then given up, and said so; the loop does not care, nor does a reset wait."""
     cell = run(calm()).reach("TRACKING")
     for _ in range(4):
-        os.kill(until(lambda: cell.child("blackbox"), cell.last_words), signal.SIGKILL)
-        until(lambda: not cell.child("blackbox"), "its end")
+        os.kill(until(lambda: cell.child("trips.process"), cell.last_words), signal.SIGKILL)
+        until(lambda: not cell.child("trips.process"), "its end")
     until(lambda: "died again; trips leave no black box any more" in cell.said, cell.last_words)
     assert cell.said.count("the black box process died; it is started again") == 3
     assert cell.state == "TRACKING"
@@ -126,7 +125,7 @@ def test_black_box_that_keeps_dying(run):
 def test_host_killed(run):
     """The box of the host's death is finished without it, and nobody stays behind."""
     cell = run(calm()).reach("TRACKING")
-    until(lambda: cell.child("blackbox"), cell.last_words)
+    until(lambda: cell.child("trips.process"), cell.last_words)
     cell.go_on(5000)
     cell.process.kill()
     cell.wait()
@@ -183,7 +182,7 @@ def test_loop_killed(run):
 def test_loop_and_host_killed(run):
     """Nobody tells it: that no cycle passes any more tells enough."""
     cell = run(calm(*WAITING)).reach("READY")
-    until(lambda: cell.child("blackbox"), cell.last_words)
+    until(lambda: cell.child("trips.process"), cell.last_words)
     cell.go_on(5000)
     loop = cell.loop
     os.kill(loop, signal.SIGSTOP)  # or it would see the host's death and end in order
@@ -201,7 +200,7 @@ def test_no_room_and_a_black_box_that_dies(run, tmp_path):
     blocked.write_text("a file where the folder should be")
     place = blocked / "trips"
     cell = run(failing(4.0), "--trips", str(place)).reach("TRACKING")
-    first = until(lambda: cell.child("blackbox"), cell.last_words)
+    first = until(lambda: cell.child("trips.process"), cell.last_words)
     os.kill(first, signal.SIGKILL)
     until(lambda: "the black box process died; it is started again" in cell.said, cell.last_words)
     cell.reach("FAULT")

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from micromanip.rt.cell import cell_cycle
+from micromanip.rt.laws.reference import SINES
 from micromanip.rt.records import CELL_STATE, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
-from micromanip.rt.reference import SINES
 from micromanip.rt.states import ARM, NO_COMMAND, READY, TRACKING, VOLTAGE
 from micromanip.settings.check import prepare
-from micromanip.settings.limits import NEVER
+from micromanip.settings.compile.limits import NEVER
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 X, Y, Z = range(3)

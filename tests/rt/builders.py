@@ -3,8 +3,8 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from micromanip.rt import shaping
-from micromanip.rt.hysteresis import PRANDTL_ISHLINSKII, inverse_parameters
+from micromanip.rt.laws import shaping
+from micromanip.rt.laws.hysteresis import PRANDTL_ISHLINSKII, inverse_parameters
 from micromanip.rt.records import (
     HYSTERESIS_PARAMETERS,
     LIMITER_PARAMETERS,

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from micromanip.rt.records import OUTER_PARAMETERS
-from micromanip.settings.axis import LinearModel, Outer
-from micromanip.settings.limits import NEVER
-from micromanip.settings.outer import outer_gains
+from micromanip.settings.compile.limits import NEVER
+from micromanip.settings.compile.outer_gains import outer_gains
+from micromanip.settings.schema.axis import LinearModel, Outer
 
 from .builders import PERIOD_S, record
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from micromanip.rt.course import smooth
 from micromanip.rt.faults import axis_fault, cell_fault
-from micromanip.rt.limiter import limit
+from micromanip.rt.laws.limiter import limit
+from micromanip.rt.laws.minimum_jerk import smooth
 from micromanip.rt.states import (
     ARM,
     ARMED,

@@ -6,7 +6,7 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.estimator import output, predict_to, remember, start_estimator, update
+from micromanip.rt.laws.estimator import output, predict_to, remember, start_estimator, update
 from micromanip.rt.records import ESTIMATOR_STATE, INPUT_HISTORY
 
 from .builders import record

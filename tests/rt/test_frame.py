@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.rt.frame import derive_signals
+from micromanip.rt.laws.coordinate_transform import derive_signals
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_SIGNALS, SIGNAL
 
 SOURCES, FIRST = (7, 2, 4), 40

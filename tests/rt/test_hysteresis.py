@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt import shaping
-from micromanip.rt.feedforward import feedforward_voltage, start_feedforward
-from micromanip.rt.hysteresis import admit, inverse_output, inverse_state, model_output
+from micromanip.rt.laws import shaping
+from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
+from micromanip.rt.laws.hysteresis import admit, inverse_output, inverse_state, model_output
+from micromanip.rt.laws.shaping import shape, unshape
 from micromanip.rt.records import HYSTERESIS_STATE, SHAPING
-from micromanip.rt.shaping import shape, unshape
 
 from .builders import VOLTS, admissible, courses, hysteresis, models, plays, record, shapes
 from .kernels import inverse_course, model_course

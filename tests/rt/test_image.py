@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt import image as im
+from micromanip.rt import bus_image as im
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
 

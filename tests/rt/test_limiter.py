@@ -12,8 +12,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from micromanip.rt import limiter as module
-from micromanip.rt.limiter import limit
+from micromanip.rt.laws import limiter as module
+from micromanip.rt.laws.limiter import limit
 
 from .builders import limiter
 

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from micromanip.rt.hysteresis import play
+from micromanip.rt.laws.hysteresis import play
 
 from .kernels import play_course
 

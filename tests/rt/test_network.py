@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.hysteresis import NETWORK
-from micromanip.rt.network import sigmoid, start_network
+from micromanip.rt.laws.hysteresis import NETWORK
+from micromanip.rt.laws.network import sigmoid, start_network
 from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE, MAX_NEURONS
 
 from .builders import courses, record

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from micromanip.rt.estimator import output
-from micromanip.rt.lqg import outer_setpoint
+from micromanip.rt.laws.estimator import output
+from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.records import ESTIMATOR_STATE, OUTER_PARAMETERS
-from micromanip.settings.outer import reference_transition
-from micromanip.settings.reference import Tracker
+from micromanip.settings.compile.outer_gains import reference_transition
+from micromanip.settings.schema.reference import Tracker
 
 from .builders import PERIOD_S, record
 from .kernels import outer_course
@@ -195,7 +195,7 @@ def test_law_is_a_sum_of_products():
 
 
 def test_reference_transition_is_that_of_extrapolate():
-    from micromanip.rt.reference import extrapolate
+    from micromanip.rt.laws.reference import extrapolate
 
     omega, w, out = 2 * np.pi * 8.0, np.array([1.0, 20.0, 300.0, 4.0, 50.0]), np.zeros(5)
     extrapolate(w, omega, PERIOD_S, out)

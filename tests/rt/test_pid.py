@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.pid import pid_output, retune, start_pid, unwind
+from micromanip.rt.laws.pid import pid_output, retune, start_pid, unwind
 
 from .builders import PERIOD_S, courses, pid, pid_state
 from .kernels import pid_course, saturated_course

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.hysteresis import play
+from micromanip.rt.laws.hysteresis import play
 
 from .builders import courses
 from .kernels import play_course

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 
-from micromanip.rt.records import REFERENCE_PARAMETERS, REFERENCE_STATE
-from micromanip.rt.reference import (
+from micromanip.rt.laws.reference import (
     HOLD,
     SAMPLES,
     SIGNAL,
@@ -23,8 +22,9 @@ from micromanip.rt.reference import (
     signal_reference,
     signal_sample,
 )
-from micromanip.settings.outer import reference_transition, tracker_gain
-from micromanip.settings.reference import Tracker
+from micromanip.rt.records import REFERENCE_PARAMETERS, REFERENCE_STATE
+from micromanip.settings.compile.outer_gains import reference_transition, tracker_gain
+from micromanip.settings.schema.reference import Tracker
 
 from .builders import record
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from micromanip.rt.records import INPUT_HISTORY
+from micromanip.rt.setpoint_history import remember_wanted, stage_error, strain_error
 from micromanip.rt.states import COASTING, FALLBACK, NO_FAULT, OSCILLATION, TRACKING
-from micromanip.rt.wanted import remember_wanted, stage_error, strain_error
-from micromanip.settings.faults import AxisFaults, Oscillation
-from micromanip.settings.limits import fill_axis_limits
-from micromanip.settings.reference import Hold
+from micromanip.settings.compile.limits import fill_axis_limits
+from micromanip.settings.schema.faults import AxisFaults, Oscillation
+from micromanip.settings.schema.reference import Hold
 
 from .bench_cell import BenchCell, Y, forgive, parameters
 

@@ -17,7 +17,7 @@ from micromanip.rt.states import (
     RESET,
     TRACKING,
 )
-from micromanip.settings.limits import NEVER
+from micromanip.settings.compile.limits import NEVER
 
 from .bench_cell import BenchCell, parameters
 

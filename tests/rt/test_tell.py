@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from micromanip.rt.mailbox import WORDS
 from micromanip.rt.tell import ask, tell
-from micromanip.rt.words import WORDS
 
 from .native import llvm_of
 

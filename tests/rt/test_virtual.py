@@ -9,11 +9,11 @@ from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip.design.experiment import with_axes
 from micromanip.rt.states import STRAIN, TRACKING
 from micromanip.rt.swap import swap_cell
-from micromanip.settings.axis import Inner
-from micromanip.settings.compile import compile_cell
-from micromanip.settings.hysteresis import NoModel
-from micromanip.settings.reference import Hold, Sine, Sines
-from micromanip.sim.virtual import VirtualCell
+from micromanip.settings.compile.cell import compile_cell
+from micromanip.settings.schema.axis import Inner
+from micromanip.settings.schema.hysteresis import NoModel
+from micromanip.settings.schema.reference import Hold, Sine, Sines
+from micromanip.virtual.cell import VirtualCell
 
 from .bench_cell import prepared
 

@@ -5,7 +5,7 @@ import functools
 from pathlib import Path
 
 from micromanip.settings.check import prepared
-from micromanip.settings.source import Source
+from micromanip.settings.text.source import Source
 
 CONFIG = Path(__file__).parents[2] / "config"
 

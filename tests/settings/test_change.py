@@ -7,9 +7,9 @@ import pytest
 from micromanip.settings.change import ABSENT, DISARM, LIVE, RESTART, RULES, changed, needed, needs, rule
 from micromanip.settings.check import prepare, revise, validate
 from micromanip.settings.load import load
-from micromanip.settings.model import Configuration
-from micromanip.settings.shape import Shape
-from micromanip.settings.source import Source
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.shape import Shape
+from micromanip.settings.text.source import Source
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 

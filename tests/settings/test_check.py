@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from micromanip.bus import registry
+from micromanip.bus.cyclic import CyclicDriver
+from micromanip.bus.registry import driver_class, installed
 from micromanip.cli.main import main
 from micromanip.design.hysteresis import predict
 from micromanip.errors import ConfigError
-from micromanip.io import registry
-from micromanip.io.contract import CyclicDriver
-from micromanip.io.registry import driver_class, installed
-from micromanip.settings import wiring
 from micromanip.settings.check import prepare, refuse_real
-from micromanip.settings.hysteresis import PrandtlIshlinskii, attainable_um
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, attainable_um
+from micromanip.settings.wiring import places as wiring
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 TEXT = CONFIG.read_text(encoding="utf-8")
@@ -293,7 +293,7 @@ def test_a_waveform_is_brought_to_the_loops_rate(tmp_path):
     assert list(samples[:4]) == pytest.approx([60.0, 61.0, 62.0, 63.0])
 
 
-NO_DRIVER = "is neither a micromanip.io.contract.CyclicDriver nor a micromanip.io.bus.BusDriver"
+NO_DRIVER = "is neither a micromanip.bus.cyclic.CyclicDriver nor a micromanip.bus.driver.BusDriver"
 
 
 @pytest.mark.parametrize(

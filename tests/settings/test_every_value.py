@@ -17,16 +17,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.errors import ConfigError, UsageError
-from micromanip.settings.buses import budget
 from micromanip.settings.change import RESTART, leaves, needs
 from micromanip.settings.check import prepared, revise, validate
-from micromanip.settings.commissioned import changes_since
 from micromanip.settings.feedback import feedback_warnings, strain_loops
-from micromanip.settings.keys import assigned
-from micromanip.settings.model import Configuration
-from micromanip.settings.shape import Shape
-from micromanip.settings.source import Source, key_text
-from micromanip.settings.wiring import driver_options
+from micromanip.settings.schema.commissioned import changes_since
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.keys import assigned
+from micromanip.settings.text.shape import Shape
+from micromanip.settings.text.source import Source, key_text
+from micromanip.settings.wiring.buses import budget
+from micromanip.settings.wiring.places import driver_options
 
 NASTY = [
     *(1e300, -1e300, 1e-300, 1e18, 1e9, 1e6, 1e4, 1e3, 1.0, 0.5, 1e-3, 1e-6, 1e-9, 0.0, -0.0, -1.0, -1e-9, math.nan),

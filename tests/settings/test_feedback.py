@@ -17,7 +17,7 @@ from micromanip.settings.feedback import (
     mean_slope,
     strain_loop,
 )
-from micromanip.settings.timing import output_cycles, output_timing, signal_timing
+from micromanip.settings.wiring.timing import output_cycles, output_timing, signal_timing
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 BUS = {"input_rate_Hz": 1000.0, "input_latency_us": 0.0, "output_rate_Hz": 1000.0, "output_latency_us": 0.0}

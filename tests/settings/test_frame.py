@@ -8,7 +8,7 @@ import yaml
 
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
-from micromanip.sim.virtual import VirtualCell
+from micromanip.virtual.cell import VirtualCell
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 TURN = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]

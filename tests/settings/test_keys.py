@@ -5,7 +5,7 @@ import re
 import pytest
 
 from micromanip.errors import UsageError
-from micromanip.settings.keys import assigned, key_path, selected, yaml_value
+from micromanip.settings.text.keys import assigned, key_path, selected, yaml_value
 
 DOCUMENT = {
     "loop": {"rate_hz": 10000},

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from micromanip.errors import ConfigError
-from micromanip.settings.hysteresis import PrandtlIshlinskii
 from micromanip.settings.load import load
-from micromanip.settings.model import Configuration
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.model import Configuration
 
 
 def test_good_configuration_loads(cell):

@@ -1,10 +1,10 @@
 """A loop that is only late must keep the outputs of its buses: `faults.link.loop_silent_ms` against its period."""
 
 import pytest
-from hil.cells import patient_can_cell
 
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
+from tools.bus_faults.cells import patient_can_cell
 
 STANDS = "reference: {source: hold, offset_um: 60}"
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from micromanip.errors import ConfigError
-from micromanip.settings.keys import assigned
 from micromanip.settings.load import validate_document
-from micromanip.settings.source import Source
+from micromanip.settings.text.keys import assigned
+from micromanip.settings.text.source import Source
 from micromanip.settings.write_values import with_values
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from micromanip.errors import ConfigError
 from micromanip.settings.load import load
-from micromanip.settings.model import Configuration
+from micromanip.settings.schema.model import Configuration
 
 NUMBERS = {"1e-3": 1e-3, "+.5": 0.5, "1.": 1.0, "1E+2": 100.0, "0x10": 16, "0o10": 8, "010": 10, "-7": -7}
 

@@ -2,12 +2,12 @@
 
 import yaml
 
-from . import plan as plans
-from .acts import ACTS
-from .cells import CELLS
-from .plan import plan
-from .spoilt_files import SPOILT, spoil
-from .wire import CUTS
+from tools.surprise import plan as plans
+from tools.surprise.acts import ACTS
+from tools.surprise.cells import CELLS
+from tools.surprise.plan import plan
+from tools.surprise.spoilt_files import SPOILT, spoil
+from tools.surprise.wire import CUTS
 
 
 def test_same_seed_same_steps():

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from .arrivals import Arrival, Arrivals
-from .referee import Bounds, Referee
+from tools.surprise.arrivals import Arrival, Arrivals
+from tools.surprise.referee import Bounds, Referee
 
 MS = 1_000_000
 BOUNDS = {"x": Bounds(-20.0, 100.0, 5.0, 0.0, 1e-3), "y": Bounds(-20.0, 100.0, 5.0, 10.0, 1e-3)}

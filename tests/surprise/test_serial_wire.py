@@ -7,9 +7,9 @@ import tty
 import pytest
 import serial
 
-from .arrivals import Arrivals
-from .serial_wire import SerialWire
-from .taps import GcsTap
+from tools.surprise.arrivals import Arrivals
+from tools.surprise.serial_wire import SerialWire
+from tools.surprise.taps import GcsTap
 
 
 class Ends:

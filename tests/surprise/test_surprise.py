@@ -2,10 +2,10 @@
 
 import pytest
 
-from .campaign import interleave
-from .cells import CELLS
-from .plan import Step
-from .yard import Yard
+from tools.surprise.campaign import interleave
+from tools.surprise.cells import CELLS
+from tools.surprise.plan import Step
+from tools.surprise.yard import Yard
 
 LONG_MS, SHORT_MS = 900, 100
 """Longer and shorter than start.ramp_s."""

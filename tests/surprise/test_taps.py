@@ -6,8 +6,8 @@ import struct
 import pytest
 from fastcrc import crc16
 
-from .arrivals import Arrivals
-from .taps import BoardTap, GcsTap, ModbusTap
+from tools.surprise.arrivals import Arrivals
+from tools.surprise.taps import BoardTap, GcsTap, ModbusTap
 
 
 def pieces(data, length):

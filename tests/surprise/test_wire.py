@@ -7,9 +7,9 @@ from contextlib import suppress
 
 import pytest
 
-from .arrivals import Arrivals
-from .taps import GcsTap
-from .wire import Wire
+from tools.surprise.arrivals import Arrivals
+from tools.surprise.taps import GcsTap
+from tools.surprise.wire import Wire
 
 
 class Answering:

@@ -8,7 +8,8 @@ import shutil
 import time
 
 import pytest
-from host.cell import WAITING, calm, changed
+
+from tools.running_controller import WAITING, calm, changed
 
 from .machine import PROGRAM, UNIT, Service, done, ok
 from .vcan import set_link

@@ -5,11 +5,10 @@ import os
 import subprocess
 from pathlib import Path
 
-from host.cell import command_line, descriptor_of, until
-
-from micromanip.host.segments import RING, STATUS, Segment
-from micromanip.rt import words as w
+from micromanip.host.shared_memory import RING, STATUS, Segment
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import STATE_NAMES
+from tools.running_controller import command_line, descriptor_of, until
 
 PROGRAM = "/opt/micromanip/bin/micromanip"
 UNIT = "micromanip.service"

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from host.cell import rows_of, until
 
-from micromanip.rt import words as w
+from micromanip.rt import mailbox as w
 from micromanip.rt.states import RAMPING, TRACKING
+from tools.running_controller import rows_of, until
 
 from .machine import CONFIG, PROGRAM, UNIT, done, ok
 

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import cantools
 import pytest
-from host.cell import command_line, rows_of, until
+
+from tools.running_controller import command_line, rows_of, until
 
 from .can_devices import CACHE, DATABASE, OPERATOR, PATIENCE_S, ForeignDevice, PlayedDevice
 from .machine import CONFIG, PROGRAM, UNIT, done, ok
@@ -102,7 +103,7 @@ def test_loop_has_fifo_locked_memory_and_its_cpu_without_being_root(service):
 
 
 def test_worker_has_fifo_below_the_loop_and_leaves_its_cpu_without_being_root(service):
-    [worker] = [pid for pid in service.processes if "micromanip.io.worker" in command_line(pid)]
+    [worker] = [pid for pid in service.processes if "micromanip.bus.worker" in command_line(pid)]
     rights_of(worker)
     assert os.sched_getscheduler(worker) == os.SCHED_FIFO
     assert os.sched_getparam(worker).sched_priority == 70
@@ -179,7 +180,7 @@ def test_stops_with_a_ramp_and_leaves_nothing_behind(service, played):
     assert sent_V[-1] == 0.0
     assert any(0.5 < voltage_V < 50 for voltage_V in sent_V)
     assert rows_of(service.ring)["axis"]["voltage_V"][-1, 0] == 0.0
-    assert not [entry for entry in Path("/proc").iterdir() if "micromanip.io.worker" in command_line(entry.name)]
+    assert not [entry for entry in Path("/proc").iterdir() if "micromanip.bus.worker" in command_line(entry.name)]
 
 
 def test_operator_probes_the_bus_and_sees_the_device(service, played):

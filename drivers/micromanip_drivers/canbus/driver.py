@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import can
 
+from micromanip.bus.can_bits import worst_case_s
+from micromanip.bus.driver import Answer, BusDriver, Channel, Inbox, Load, Task
+from micromanip.bus.errors import BusError, DeviceFault, LinkError
 from micromanip.errors import ConfigError
-from micromanip.io.bus import Answer, BusDriver, Channel, Inbox, Load, Task
-from micromanip.io.bus_errors import BusError, DeviceFault, LinkError
-from micromanip.io.can_bits import worst_case_s
 
 from .database import Database, switches_bitrate
 from .link import CanLink

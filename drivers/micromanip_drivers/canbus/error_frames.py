@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import can
 
-from micromanip.io.bus_errors import LinkError
+from micromanip.bus.errors import LinkError
 
 TRANSMIT_TIMEOUT = 0x001
 CONTROLLER = 0x004

@@ -8,8 +8,8 @@ from typing import Annotated
 import can
 from pydantic import Field, field_validator, model_validator
 
-from micromanip.io.bus import BusOptions
-from micromanip.io.device_identity import real_because
+from micromanip.bus.device_identity import real_because
+from micromanip.bus.driver import BusOptions
 
 _WITHIN_THIS_MACHINE = ("micromanip", "virtual")
 _OWN_KEYS = {"interface", "channel", "bitrate", "data_bitrate", "fd", "can_filters"}

@@ -7,9 +7,9 @@ from typing import Any
 
 import can
 
+from micromanip.bus.driver import Channel
+from micromanip.bus.errors import OutputRefused
 from micromanip.errors import ConfigError
-from micromanip.io.bus import Channel
-from micromanip.io.bus_errors import OutputRefused
 
 from .bit_field import bit_field
 from .database import identity, switches_bitrate, whole_number

@@ -13,7 +13,7 @@ from pathlib import Path
 from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODArray, ODVariable, import_od
 
 from micromanip.errors import ConfigError
-from micromanip.regular_file import require_regular
+from micromanip.files.regular_file import require_regular
 
 logging.getLogger("canopen").addHandler(logging.NullHandler())  # what goes wrong comes as an exception
 

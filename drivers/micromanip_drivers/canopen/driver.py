@@ -17,8 +17,8 @@ from pathlib import Path
 
 import can
 
-from micromanip.io.bus import Answer, BusDriver, Channel, Inbox, Load, Task
-from micromanip.io.bus_errors import BusError, LinkError, TransientError
+from micromanip.bus.driver import Answer, BusDriver, Channel, Inbox, Load, Task
+from micromanip.bus.errors import BusError, LinkError, TransientError
 
 from ..canbus.link import CanLink
 from .boot import boot

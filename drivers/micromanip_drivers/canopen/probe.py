@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import can
 
-from micromanip.io.bus import Answer
-from micromanip.io.bus_errors import TransientError
+from micromanip.bus.driver import Answer
+from micromanip.bus.errors import TransientError
 
 from ..canbus.link import CanLink
 from .options import CanOpenOptions

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from micromanip.io.bus import Channel, Inbox
-from micromanip.io.bus_errors import TransientError
+from micromanip.bus.driver import Channel, Inbox
+from micromanip.bus.errors import TransientError
 
 from .options import CanOpenOptions
 from .plan import SYNC, NodePlan, PdoPlan

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from micromanip.io.bus import Load
-from micromanip.io.can_bits import worst_case_s
+from micromanip.bus.can_bits import worst_case_s
+from micromanip.bus.driver import Load
 
 from .options import CanOpenOptions
 from .plan import SYNC, NodePlan, PdoPlan

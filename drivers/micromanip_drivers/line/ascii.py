@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.io.bus import Answer, Channel, Inbox, Load, Outcome, Task
-from micromanip.io.bus_errors import DeviceFault, TransientError
+from micromanip.bus.driver import Answer, Channel, Inbox, Load, Outcome, Task
+from micromanip.bus.errors import DeviceFault, TransientError
 
 from .ascii_conversation import Conversation
 from .ascii_exchange import Exchange, Step

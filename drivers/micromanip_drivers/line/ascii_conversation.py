@@ -11,8 +11,8 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.io.bus import Answer
-from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError, TransientError
+from micromanip.bus.driver import Answer
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
 
 from . import ascii_presets
 from .ascii_options import Ascii

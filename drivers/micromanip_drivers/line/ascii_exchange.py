@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from micromanip.bus.driver import Channel
+from micromanip.bus.errors import OutputRefused
 from micromanip.errors import ConfigError
-from micromanip.io.bus import Channel
-from micromanip.io.bus_errors import OutputRefused
 
 from . import ascii_presets
 from .ascii_options import Ascii, AsciiOutput, Read, Write

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from micromanip.io.bus_errors import OutputRefused
+from micromanip.bus.errors import OutputRefused
 
 from .ascii_options import AsciiOutput
 

@@ -6,7 +6,7 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 
-from micromanip.io.bus_errors import OutputRefused
+from micromanip.bus.errors import OutputRefused
 
 from .field_options import InputField, Number, OutputField
 

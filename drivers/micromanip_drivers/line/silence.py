@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from micromanip.io.bus_errors import LinkError
+from micromanip.bus.errors import LinkError
 
 
 class Silence:

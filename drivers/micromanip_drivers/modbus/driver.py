@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from micromanip.io.bus import Answer as Found
-from micromanip.io.bus import BusDriver, Channel, Inbox, Load, Outcome, Task
-from micromanip.io.bus_errors import BusError, TransientError
+from micromanip.bus.driver import Answer as Found
+from micromanip.bus.driver import BusDriver, Channel, Inbox, Load, Outcome, Task
+from micromanip.bus.errors import BusError, TransientError
 
 from .answers import Answers
 from .client import Answer, Client

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
+from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
 
 from .client import Client
 from .codec import Field

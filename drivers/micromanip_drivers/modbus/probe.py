@@ -7,8 +7,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from micromanip.io.bus import Answer
-from micromanip.io.bus_errors import DeviceFault, TransientError
+from micromanip.bus.driver import Answer
+from micromanip.bus.errors import DeviceFault, TransientError
 
 from .client import Client
 from .codec import Field, ReadPlan

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from micromanip.bus.driver import Load
 from micromanip.errors import ConfigError
-from micromanip.io.bus import Load
 
 from .exchange import Exchange
 from .framing import RtuFraming, TcpFraming

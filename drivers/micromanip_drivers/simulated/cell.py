@@ -8,8 +8,8 @@ import numba
 from numba import types
 
 from micromanip.rt.clock import now_ns, sleep_until
-from micromanip.rt.course import smooth
 from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
+from micromanip.rt.laws.minimum_jerk import smooth
 from micromanip.rt.records import SIGNAL
 
 from .bus import receive_samples, send_outputs, send_samples, write

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from micromanip.settings.timing import AT_ONCE
+from micromanip.design import paper
+from micromanip.settings.wiring.timing import AT_ONCE
 
-from .. import paper
 from ..analysis import AxisAnalysis
 from ..criteria import Criterion, criteria
 from ..evaluation import Run

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.settings.model import Configuration
-from micromanip.settings.timing import AT_ONCE, FeedbackPath
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 from ..actuation import Actuator, identify_actuator
 from ..experiment import Experiment, with_axis

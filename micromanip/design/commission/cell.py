@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from micromanip.settings.model import Configuration
+from micromanip.settings.schema.model import Configuration
 
 from ..analysis import analyse_axis
 from ..evaluation import evaluate

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from micromanip.errors import CheckFailed
-from micromanip.settings.model import Configuration
+from micromanip.settings.schema.model import Configuration
 
 from ..experiment import Experiment, parked
 from ..identification import variant

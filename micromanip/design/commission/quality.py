@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.settings.hysteresis import Range
+from micromanip.settings.schema.hysteresis import Range
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.model import Configuration
-from micromanip.settings.outer import OuterGains, outer_gains
-from micromanip.settings.reference import File
+from micromanip.settings.compile.outer_gains import OuterGains, outer_gains
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import File
 
 from ..experiment import Experiment, with_axes, with_axis, with_reference, working_points
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 from .operator import Array, inverse_operator
 

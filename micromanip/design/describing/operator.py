@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt.jit import Compiler
+from micromanip.rt.laws.shaping import shape, unshape
 from micromanip.rt.records import HYSTERESIS_PARAMETERS
-from micromanip.rt.shaping import shape, unshape
-from micromanip.settings.compile import fill_prandtl_ishlinskii
-from micromanip.settings.hysteresis import PrandtlIshlinskii, phi_range
+from micromanip.settings.compile.cell import fill_prandtl_ishlinskii
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, phi_range
 
 Array = NDArray[np.float64]
 

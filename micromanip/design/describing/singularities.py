@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from micromanip.settings.hysteresis import PrandtlIshlinskii, Range, phi_range
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range, phi_range
 
 from .operator import Array, Operator, inverse_operator
 from .quadrature import harmonics

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.hysteresis import PrandtlIshlinskii, Range
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
 from .operator import Array, Operator, inverse_operator
 from .quadrature import harmonics

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.hysteresis import Range
+from micromanip.settings.schema.hysteresis import Range
 
 from .fit import HysteresisFit, fit, structure_of
 from .structure import Structure

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from micromanip.settings.hysteresis import PrandtlIshlinskii, Range
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
 from .shapings import Affine, Table, Tanh
 from .structure import Structure

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from micromanip.settings.hysteresis import PrandtlIshlinskii, Range
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
 from .kernel import respond
 from .shapings import Shaping

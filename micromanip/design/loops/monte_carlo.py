@@ -15,18 +15,18 @@ from typing import Any, TypeVar
 import joblib
 import numpy as np
 
+from micromanip.control.margins import Margins, margins
+from micromanip.control.system import System, delay
 from micromanip.errors import DeviceUnavailable, UsageError
-from micromanip.settings.axis import Inner, LinearModel
-from micromanip.settings.hysteresis import PrandtlIshlinskii, Range
-from micromanip.settings.outer import OuterGains
-from micromanip.settings.timing import AT_ONCE, FeedbackPath
+from micromanip.settings.compile.outer_gains import OuterGains
+from micromanip.settings.schema.axis import Inner, LinearModel
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
+from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 from ..describing import harmonics, inverse_operator
-from .margins import Margins, margins
 from .perturbation import Perturbation, draw, model_dynamics, perturbed, perturbed_delay, shift
 from .stage_loop import stage_loop
 from .strain_loop import closed_ratio, over_path, strain_loop
-from .system import System, delay
 
 Result = TypeVar("Result")
 _SMALLEST_UM = 0.5

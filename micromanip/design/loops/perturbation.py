@@ -7,10 +7,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.linalg import eigvals
 
+from micromanip.control.system import Complex, System, delay
 from micromanip.design.linear import Modes
-from micromanip.settings.axis import LinearModel
-
-from .system import Complex, System, delay
+from micromanip.settings.schema.axis import LinearModel
 
 _LIGHTLY, _NEAR = 0.3, 0.3
 

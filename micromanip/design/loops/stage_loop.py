@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from micromanip.settings.axis import LinearModel
-from micromanip.settings.outer import OuterGains
-
-from .system import System, delay
+from micromanip.control.system import System, delay
+from micromanip.settings.compile.outer_gains import OuterGains
+from micromanip.settings.schema.axis import LinearModel
 
 
 def model_system(model: LinearModel, period_s: float, extra_delay: float = 0.0) -> System:

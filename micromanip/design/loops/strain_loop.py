@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from micromanip.settings.axis import Inner
-from micromanip.settings.timing import FeedbackPath
+from micromanip.control.system import System, delay
+from micromanip.settings.schema.axis import Inner
+from micromanip.settings.wiring.timing import FeedbackPath
 
 from .perturbation import Shift, section_ratio, shifted
-from .system import System, delay
 
 
 def pid_system(inner: Inner, period_s: float) -> System:

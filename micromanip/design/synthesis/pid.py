@@ -13,10 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.margins import margins
+from micromanip.design.loops import strain_loop
 from micromanip.errors import CheckFailed
-from micromanip.settings.axis import Inner
+from micromanip.settings.schema.axis import Inner
 
-from ..loops import Margins, System, grid, margins, refined, strain_loop
+from ..loops import Margins, System, grid, refined
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, PermissionDenied
 from micromanip.settings.check import prepare
-from micromanip.settings.model import Configuration
-from micromanip.settings.reference import File
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import File
 
 from .layout import CONFIG, STATE, UNIT, USER, Machine
 from .steps import Remove, Run, Step, WriteFile

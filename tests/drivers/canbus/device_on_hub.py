@@ -7,8 +7,8 @@ import contextlib
 import itertools
 import os
 
-from micromanip.sim.canbus.frame import Frame, pack, unpack
-from micromanip.sim.conformance import Peer
+from micromanip.conformance import Peer
+from micromanip.testbus.frame import Frame, pack, unpack
 
 from .hub_in_thread import bench
 

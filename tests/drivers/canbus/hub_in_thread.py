@@ -5,9 +5,9 @@ import os
 import queue
 import threading
 
-from micromanip.sim.canbus.frame import Frame
-from micromanip.sim.canbus.hub import CanHub
-from micromanip.sim.event_loop import EventLoop
+from micromanip.testbus.event_loop import EventLoop
+from micromanip.testbus.frame import Frame
+from micromanip.testbus.hub import CanHub
 
 BITRATE, DATA_BITRATE = 1_000_000, 5_000_000
 

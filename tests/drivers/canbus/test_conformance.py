@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from micromanip_drivers.canbus.driver import CanBus
 
-from micromanip.io.can_bits import FD_LENGTHS
-from micromanip.sim.canbus.frame import Frame
-from micromanip.sim.conformance import BusDriverContract, Golden
-from micromanip.sim.conformance.lifetime import LifetimeChecks
-from micromanip.sim.conformance.link import LinkChecks
+from micromanip.bus.can_bits import FD_LENGTHS
+from micromanip.conformance import BusDriverContract, Golden
+from micromanip.conformance.lifetime import LifetimeChecks
+from micromanip.conformance.link import LinkChecks
+from micromanip.testbus.frame import Frame
 
 from .device_on_hub import BusPeer, Gate, channel_name, cut, strange, unit
 from .hub_in_thread import BITRATE, DATA_BITRATE, bench

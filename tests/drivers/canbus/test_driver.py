@@ -10,9 +10,9 @@ import pytest
 from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 from pydantic import ValidationError
 
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import DeviceFault, OutputRefused, TransientError
 from micromanip.errors import ConfigError
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import DeviceFault, OutputRefused, TransientError
 
 FOLDER = Path(__file__).parents[3] / "config"
 DATABASE = cantools.database.load_file(FOLDER / "can/manipulator.dbc")

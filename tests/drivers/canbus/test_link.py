@@ -8,7 +8,7 @@ import pytest
 from micromanip_drivers.canbus.link import CanLink, LinkOptions
 from pydantic import ValidationError
 
-from micromanip.io.bus_errors import LinkError, TransientError
+from micromanip.bus.errors import LinkError, TransientError
 
 BITRATE = 1_000_000
 

@@ -8,9 +8,9 @@ import cantools
 import pytest
 from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import LinkError, TransientError
-from micromanip.sim.canbus.faults import Babble, BusOff, ErrorPassive
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import LinkError, TransientError
+from micromanip.testbus.faults import Babble, BusOff, ErrorPassive
 
 from .hub_in_thread import BITRATE, DATA_BITRATE, bench
 

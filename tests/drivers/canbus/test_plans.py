@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from micromanip_drivers.canbus.bit_field import bit_field
 from micromanip_drivers.canbus.plan import PackPlan, UnpackPlan
 
-from micromanip.io.bus_errors import OutputRefused
+from micromanip.bus.errors import OutputRefused
 
 from .layouts import messages
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from micromanip_drivers.canopen.driver import CanOpen
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import TransientError
-from micromanip.sim.canbus.canopen_node import CanOpenNode
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import TransientError
+from micromanip.emulation.can.canopen_node import CanOpenNode
 
 from ..canbus.hub_in_thread import bench
 from ..changed_options import put

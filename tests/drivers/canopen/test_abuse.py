@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import BusError, DeviceFault, IdentityMismatch, LinkError
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError
 
 from .cell import AMPLIFIER, SENSOR, cell, run
 

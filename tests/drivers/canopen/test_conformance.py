@@ -7,9 +7,9 @@ from types import MappingProxyType
 import pytest
 from micromanip_drivers.canopen.driver import CanOpen
 
-from micromanip.sim.canbus.canopen_node import CanOpenNode
-from micromanip.sim.conformance import BusDriverContract, Golden
-from micromanip.sim.conformance.link import LinkChecks
+from micromanip.conformance import BusDriverContract, Golden
+from micromanip.conformance.link import LinkChecks
+from micromanip.emulation.can.canopen_node import CanOpenNode
 
 from ..canbus.device_on_hub import BusPeer, Gate, channel_name, cut, strange, unit
 from ..canbus.hub_in_thread import bench

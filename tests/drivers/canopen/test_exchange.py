@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
-from micromanip.sim.canbus.canopen_node import OPERATIONAL, PRE_OPERATIONAL
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.emulation.can.canopen_node import OPERATIONAL, PRE_OPERATIONAL
 
 from .cell import AMPLIFIER, AXES, EDS, SENSOR, cell, run, wait_for
 

@@ -5,10 +5,10 @@ import contextlib
 import canopen
 import pytest
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import LinkError
-from micromanip.sim.canbus.canopen_node import OPERATIONAL
-from micromanip.sim.canbus.client import HubBus
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import LinkError
+from micromanip.emulation.can.canopen_node import OPERATIONAL
+from micromanip.testbus.client import HubBus
 
 from .cell import AMPLIFIER, EDS, SENSOR, cell, run, wait_for
 

@@ -2,7 +2,7 @@
 
 import time
 
-from micromanip.io.bus_errors import BusError
+from micromanip.bus.errors import BusError
 
 
 def raised(call, passing=(), seconds=3.0):

@@ -4,7 +4,7 @@ import threading
 import time
 from types import MappingProxyType
 
-from micromanip.sim.conformance import Peer
+from micromanip.conformance import Peer
 
 
 class LinePeer(Peer):

@@ -13,8 +13,8 @@ from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
 from micromanip_drivers.line.silence import Silence
 
-from micromanip.io.bus import Inbox, Outcome
-from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
+from micromanip.bus.driver import Inbox, Outcome
+from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
 
 from .again import raised
 from .board import FRAMING, Board, frame

@@ -11,7 +11,7 @@ import yaml
 from micromanip_drivers.line.driver import Line
 
 from micromanip.errors import ConfigError
-from micromanip.settings.single_driver import bus_driver
+from micromanip.settings.wiring.single_driver import bus_driver
 
 from ..changed_options import DELETE, put
 from .board import FRAMING

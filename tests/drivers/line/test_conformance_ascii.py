@@ -2,7 +2,7 @@
 
 from micromanip_drivers.line.driver import Line
 
-from micromanip.sim.conformance import BusDriverContract, Golden
+from micromanip.conformance import BusDriverContract, Golden
 
 from .gcs_controller import FRAMING, GcsController
 from .wires import TcpWire

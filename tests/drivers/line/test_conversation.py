@@ -10,14 +10,8 @@ from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
 from micromanip_drivers.line.silence import Silence
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import (
-    DeviceFault,
-    IdentityMismatch,
-    LinkError,
-    OutputRefused,
-    TransientError,
-)
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
 
 from .again import raised
 from .gcs_controller import IDN

@@ -11,7 +11,7 @@ from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumbe
 from micromanip_drivers.line.packet_counter import PacketCounter
 from micromanip_drivers.line.status import StatusWord
 
-from micromanip.io.bus_errors import OutputRefused
+from micromanip.bus.errors import OutputRefused
 
 GOLDEN = [
     ("int8", "little", "80", -128),

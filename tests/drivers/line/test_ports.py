@@ -15,7 +15,7 @@ from micromanip_drivers.line.serial_port import SerialLine
 from micromanip_drivers.line.tcp_port import TcpConnection
 from micromanip_drivers.line.udp_port import UdpDatagrams
 
-from micromanip.io.bus_errors import LinkError, TransientError
+from micromanip.bus.errors import LinkError, TransientError
 
 from .again import raised
 from .wires import PtyWire, free_port

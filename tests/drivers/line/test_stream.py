@@ -17,8 +17,8 @@ from micromanip_drivers.line.silence import Silence
 from micromanip_drivers.line.stream import StreamFraming
 from micromanip_drivers.line.stream_options import Stream
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import IdentityMismatch, LinkError, TransientError
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
 
 from .again import raised
 from .scripted_port import ScriptedPort

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from micromanip.sim.device.devices import Devices
+from micromanip.emulation.devices import Devices
 
 from ..line.wires import free_port, socket
 

@@ -4,8 +4,8 @@ import time
 
 from micromanip_drivers.modbus.driver import Modbus
 
-from micromanip.io.bus import Inbox
-from micromanip.sim.device.modbus_frames import RtuFrames, TcpFrames
+from micromanip.bus.driver import Inbox
+from micromanip.emulation.modbus.frames import RtuFrames, TcpFrames
 
 from ..line.scripted_port import ScriptedPort
 

@@ -11,9 +11,9 @@ from micromanip_drivers.modbus import options as options_module
 from micromanip_drivers.modbus.driver import Modbus
 
 from micromanip.errors import ConfigError
-from micromanip.settings.buses import bus_findings
 from micromanip.settings.check import prepare
-from micromanip.settings.single_driver import bus_driver
+from micromanip.settings.wiring.buses import bus_findings
+from micromanip.settings.wiring.single_driver import bus_driver
 
 from ..changed_options import DELETE, put
 

@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 from micromanip_drivers.modbus.driver import Modbus
 
-from micromanip.sim.conformance import BusDriverContract, Golden
+from micromanip.conformance import BusDriverContract, Golden
 
 from ..line.wires import PtyWire, TcpWire
 from .unit_peer import Raw, RtuPeer, UnitPeer, units

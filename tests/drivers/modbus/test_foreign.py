@@ -12,8 +12,8 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import LinkError
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import LinkError
 
 from ..line.wires import free_port, socket
 from .played import keys_of, played, until

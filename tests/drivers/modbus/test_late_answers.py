@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from micromanip.io.bus_errors import DeviceFault, LinkError, TransientError
+from micromanip.bus.errors import DeviceFault, LinkError, TransientError
 
 from .scripted import READ, WRITE, Scripted
 

@@ -6,8 +6,8 @@ import time
 import pytest
 from micromanip_drivers.modbus.driver import Modbus
 
-from micromanip.io.bus import Inbox
-from micromanip.io.bus_errors import DeviceFault, IdentityMismatch, LinkError, TransientError
+from micromanip.bus.driver import Inbox
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
 
 from .played import keys_of, played, until
 

@@ -5,8 +5,8 @@ import json
 import pytest
 import yaml
 
+from micromanip.bus import device_lock
 from micromanip.cli.main import main
-from micromanip.io import device_lock
 
 from .played import keys_of, played
 

@@ -9,10 +9,10 @@ from micromanip_drivers.modbus.options import ModbusOptions
 from micromanip_drivers.modbus.plan import MOST, plan_tasks
 from micromanip_drivers.modbus.task_options import REGISTERS
 
+from micromanip.emulation.modbus.register import DeviceRegister
+from micromanip.emulation.modbus.server import answer
+from micromanip.emulation.modbus.unit import HOLDING, ModbusUnit
 from micromanip.errors import ConfigError
-from micromanip.sim.device.modbus_register import DeviceRegister
-from micromanip.sim.device.modbus_server import answer
-from micromanip.sim.device.modbus_unit import HOLDING, ModbusUnit
 
 WORDS = [kind for kind in REGISTERS if kind not in ("coil", "bits")]
 KEYS = {"tcp": {"host": "h", "port": 502}, "timeout_ms": 20, "response_ms": 1}

@@ -10,8 +10,8 @@ from micromanip_drivers.modbus.codec import CoilPlan, Field, ReadPlan, WritePlan
 from micromanip_drivers.modbus.task_options import REGISTERS, Input, Output, Register
 from pymodbus.client.mixin import ModbusClientMixin
 
-from micromanip.io.bus_errors import OutputRefused
-from micromanip.sim.device.modbus_register import DeviceRegister
+from micromanip.bus.errors import OutputRefused
+from micromanip.emulation.modbus.register import DeviceRegister
 
 NUMBERS = [kind for kind in REGISTERS if kind not in ("coil", "bits")]
 INTEGERS = [kind for kind in NUMBERS if "int" in kind]

@@ -1,9 +1,9 @@
 """A Modbus unit in a thread, on either wire, that notes what it hears and fails when it is told to."""
 
-from micromanip.sim.device.modbus_frames import RtuFrames, TcpFrames, sealed
-from micromanip.sim.device.modbus_register import DeviceRegister
-from micromanip.sim.device.modbus_server import answer
-from micromanip.sim.device.modbus_unit import HOLDING, ModbusUnit
+from micromanip.emulation.modbus.frames import RtuFrames, TcpFrames, sealed
+from micromanip.emulation.modbus.register import DeviceRegister
+from micromanip.emulation.modbus.server import answer
+from micromanip.emulation.modbus.unit import HOLDING, ModbusUnit
 
 from ..line.line_peer import LinePeer
 

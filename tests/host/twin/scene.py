@@ -6,7 +6,7 @@ import numpy as np
 
 from micromanip.rt.records import EVENTS, MAX_OUTPUTS, MAX_SIGNALS
 from micromanip.rt.states import WARN
-from micromanip.settings.limits import NEVER
+from micromanip.settings.compile.limits import NEVER
 
 TRACKING_CYCLES = 2000
 SHORT = {

@@ -7,10 +7,10 @@ import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.rt import states as st
+from micromanip.rt.laws.reference import JOG
 from micromanip.rt.records import INPUT_HISTORY
-from micromanip.rt.reference import JOG
 from micromanip.rt.states import ARMED, FAULT, HOLDING, OFF, RAMPING, READY, TRACKING
-from micromanip.settings.limits import NEVER
+from micromanip.settings.compile.limits import NEVER
 
 from .scene import SHORT, TRACKING_CYCLES, Scene, codes, course
 

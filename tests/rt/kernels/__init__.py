@@ -2,14 +2,14 @@
 
 from typing import Any
 
-from micromanip.rt.estimator import output, predict, predict_to, remember, start_estimator, update
 from micromanip.rt.histogram import bin_of, lower_edge
-from micromanip.rt.hysteresis import inverse_output, model_output, play
 from micromanip.rt.jit import Compiler
-from micromanip.rt.lqg import outer_setpoint
-from micromanip.rt.network import network_output
-from micromanip.rt.pid import pid_output, unwind
-from micromanip.rt.reference import extrapolate
+from micromanip.rt.laws.estimator import output, predict, predict_to, remember, start_estimator, update
+from micromanip.rt.laws.hysteresis import inverse_output, model_output, play
+from micromanip.rt.laws.lqg import outer_setpoint
+from micromanip.rt.laws.network import network_output
+from micromanip.rt.laws.pid import pid_output, unwind
+from micromanip.rt.laws.reference import extrapolate
 
 compiled = Compiler(__file__)
 

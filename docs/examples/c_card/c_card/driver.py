@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from micromanip.bus.cyclic import CyclicDriver, Functions
 from micromanip.errors import ConfigError
-from micromanip.io.contract import CyclicDriver, Functions
 
 CONTEXT = np.dtype([("um_per_V", "f8"), ("output_V", "f8"), ("is_open", "i8")], align=True)
 

@@ -5,7 +5,7 @@ import numpy as np
 from numba import types
 from pydantic import BaseModel, ConfigDict, Field
 
-from micromanip.io.contract import CyclicDriver, Functions
+from micromanip.bus.cyclic import CyclicDriver, Functions
 from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
 from micromanip.rt.jit import Compiler
 from micromanip.rt.records import SIGNAL

@@ -7,8 +7,8 @@ import time
 
 from pydantic import Field
 
-from micromanip.io.bus import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Task
-from micromanip.io.bus_errors import IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Task
+from micromanip.bus.errors import IdentityMismatch, LinkError, OutputRefused, TransientError
 
 from . import wire
 

@@ -1,0 +1,103 @@
+"""The contract of a cyclic driver: four C functions that the loop calls, and what they must keep.
+
+    int32_t open(void *context)
+    int32_t exchange(void *context, const double *outputs, struct signal *inputs,
+                     int64_t now_ns, int64_t periods)
+    int32_t safe(void *context)
+    int32_t close(void *context)
+
+    struct signal { double value; int64_t time_ns; int64_t sequence; int64_t status; };
+
+Each returns 0, or a code of the driver's own that ends in a fault. ``exchange`` is called once a
+cycle: it writes the outputs decided in the cycle before and leaves the newest sample of each
+input, adding one to ``sequence`` where the sample is fresh; ``time_ns`` is when it was taken
+(CLOCK_MONOTONIC), ``status`` is 0 for a good one. ``periods`` is 1, or more after an overrun. It may
+not allocate, block, or call Python. ``safe`` brings every output to its safe value; the host calls it in *its* own
+process when the loop is dead, so all that it needs lives in the context.
+
+``docs/drivers.md`` has a complete example.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from .driver import Channel
+
+
+@dataclass(frozen=True)
+class Functions:
+    """Addresses of a driver's C functions, valid in this process."""
+
+    open: int
+    exchange: int
+    safe: int
+    close: int
+
+
+class CyclicDriver(ABC):
+    """A driver whose ``exchange`` runs inside the loop, found by an entry point in ``micromanip.drivers``."""
+
+    Options: ClassVar[type[BaseModel]]
+    """Model of the driver's own keys in the configuration; unknown keys must be refused (extra="forbid")."""
+
+    simulated: ClassVar[bool] = False
+    """True where nothing real moves: only then is `arm_on_start` accepted."""
+
+    watchdog: ClassVar[str | None] = None
+    """The hardware watchdog that covers a dead loop, in a few words; None if there is none."""
+
+    @property
+    def virtual(self) -> bool:
+        """True where the cell can run in virtual time: all that answers is computed in ``exchange``."""
+        return self.simulated
+
+    @property
+    def device(self) -> str | None:
+        """The hardware that it owns, e.g. "/dev/comedi0" (forms as of ``BusDriver.device``): a second owner is refused.
+
+        None where there is none. A driver that does not say counts as the owner of one device of its kind.
+        """
+        return None if self.simulated else type(self).__name__
+
+    @abstractmethod
+    def __init__(self, options: Any, period_ns: int) -> None:
+        """`options` is a validated ``Options``; raises ConfigError for what only the driver can know."""
+
+    @property
+    @abstractmethod
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the input channels, in the order in which ``exchange`` fills them."""
+
+    @property
+    @abstractmethod
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the output channels, in the order in which ``exchange`` takes them."""
+
+    @property
+    def slow_inputs(self) -> tuple[Channel, ...]:
+        """Rate and latency of the inputs that are not fresh, of this very moment, in every cycle."""
+        return ()
+
+    @property
+    def slow_outputs(self) -> tuple[Channel, ...]:
+        """Rate and latency of the outputs that are not in force in the cycle in which they are written."""
+        return ()
+
+    @abstractmethod
+    def context(self) -> NDArray[np.uint8]:
+        """First contents of the context, a block of bytes that the loop and the host share; no pointers in it."""
+
+    def without_process(self) -> CyclicDriver:
+        """The driver for an experiment without machining: a simulation leaves its process force out."""
+        return self
+
+    @abstractmethod
+    def functions(self) -> Functions:
+        """Addresses of the four functions in the calling process; compiles or loads them if need be."""

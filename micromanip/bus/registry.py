@@ -1,0 +1,37 @@
+"""Finding drivers by entry point."""
+
+from __future__ import annotations
+
+import difflib
+from importlib.metadata import EntryPoint, entry_points
+
+from micromanip.errors import ConfigError
+
+from .cyclic import CyclicDriver
+from .driver import BusDriver
+
+GROUP = "micromanip.drivers"
+
+
+def installed() -> dict[str, EntryPoint]:
+    """All installed drivers by name."""
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def driver_class(name: str) -> type[CyclicDriver] | type[BusDriver]:
+    """Class of the driver called `name`; raises ConfigError where it is not there or is no driver."""
+    points = installed()
+    if name not in points:
+        near = difflib.get_close_matches(name, points, 1)
+        hint = f"did you mean {near[0]}?" if near else f"installed are: {', '.join(sorted(points)) or 'none'}"
+        raise ConfigError(f"no driver called {name} is installed; {hint}")
+    try:
+        found = points[name].load()
+    except (ImportError, AttributeError) as problem:
+        raise ConfigError(f"driver {name} can't be loaded from {points[name].value}: {problem}") from problem
+    if not (isinstance(found, type) and issubclass(found, CyclicDriver | BusDriver)):
+        raise ConfigError(
+            f"driver {name} ({points[name].value}) is neither a micromanip.bus.cyclic.CyclicDriver "
+            "nor a micromanip.bus.driver.BusDriver"
+        )
+    return found

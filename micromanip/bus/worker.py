@@ -1,0 +1,278 @@
+"""What the worker of a bus does: opens the driver, does its tasks in time, keeps the outputs safe, comes back."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import random
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from micromanip.rt.bus_image import (
+    ALIVE_NS,
+    EPOCH,
+    LINK,
+    LINK_DOWN,
+    LINK_LATCHED,
+    LINK_UP,
+    OUTPUT_STATE,
+    RESTING,
+    UNKNOWN,
+)
+
+from .backoff import BackOff
+from .driver import BusDriver, Inbox, Outcome
+from .errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
+from .image import ProcessImage
+from .last_given import LastGiven
+from .output_writer import OutputWriter
+from .safe_state import SafeOutput, SafeState, Values
+from .schedule import Schedule
+
+LOOK_NS = 1_000_000
+"""The worker looks whether the loop still lives so often at most; five times while that is in doubt."""
+_REPORT_NS = 500_000_000
+_ERRORS, _AMONG = 10, 40
+"""So many errors among the last calls are a lost link."""
+_COUNTERS = ("received", "lost", "performed", "held", "errors", "refused", "links", "skipped")
+_UNREACHED_S = 30.0
+"""With nobody left, a device that can't be reached is given up after so long."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What may be changed while the worker runs."""
+
+    outputs: Sequence[SafeOutput]
+    ramp_s: float
+    dead_ns: int
+    """A loop that is silent for longer is dead."""
+    patience_ns: int
+    """Errors that come and go are put up with for so long before the link counts as lost."""
+
+    @property
+    def look_ns(self) -> int:
+        """With nothing to do, the worker looks after the loop so often."""
+        return max(LOOK_NS, min(self.dead_ns, self.patience_ns) // 5)
+
+
+class Worker:
+    """Serves one driver until it is told to end."""
+
+    def __init__(
+        self,
+        driver: BusDriver,
+        image: ProcessImage,
+        rules: Rules,
+        memory: LastGiven | None = None,
+        while_opening: Callable[[], AbstractContextManager[None]] = nullcontext,
+    ) -> None:
+        """What the device was given is noted in `memory` too; the driver is opened inside of `while_opening`."""
+        self._driver, self._image, self._memory, self._while_opening = driver, image, memory, while_opening
+        tasks = driver.tasks
+        periods_s = {i: 1.0 / task.rate_hz for task in tasks for i in task.outputs}
+        count = len(rules.outputs)
+        self._rules, self._next_rules = rules, rules
+        self.safe = SafeState(rules.outputs, [periods_s[i] for i in range(count)], rules.ramp_s, rules.dead_ns)
+        known = memory.read() if memory is not None else image.known(len(rules.outputs))
+        self._is_known = known is not None
+        if known is not None:
+            self.safe.remember(known)
+        self._values = [output.safe for output in rules.outputs]
+        self._given = np.full(len(image.wanted()[0]), math.nan)  # as long as the image's, the driver's outputs first
+        self._writer = OutputWriter(driver, self.safe, self._note_given)
+        """Values of each task that the device has not confirmed yet."""
+        self._decided_ns = 0
+        self._inbox = Inbox()
+        self._schedule = Schedule((), 0)
+        self._failures: deque[bool] = deque(maxlen=_AMONG)
+        self._good_ns = 0
+        self._down_ns = time.monotonic_ns()
+        self._counts = dict.fromkeys(_COUNTERS, 0)
+        self._reported_ns = 0
+        self._ends = threading.Event()
+
+    def end(self) -> None:
+        """Come to an end: as soon as the loop is silent and the outputs are at rest."""
+        self._ends.set()
+
+    def adopt(self, rules: Rules) -> None:
+        """Go by these rules from the next turn on; may be called from another thread."""
+        self._next_rules = rules
+
+    def run(self) -> None:
+        """Keep the link up; returns when it is to end, raises what is a bug."""
+        back_off = BackOff(random.Random())
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
+        while not self._may_leave():
+            opened = time.monotonic()
+            try:
+                self._serve()
+            except IdentityMismatch as problem:
+                self._lose(LINK_LATCHED)
+                self._tell("latched", str(problem))
+                self._wait(math.inf)
+            except BusError as problem:
+                self._lose(LINK_DOWN)
+                wait_s = back_off.lost(time.monotonic() - opened)
+                self._tell("lost", str(problem), retry_s=round(wait_s, 3))
+                self._wait(wait_s)
+            finally:
+                self._driver.close()
+
+    def _serve(self) -> None:
+        """One life of the link: until an error, or the end."""
+        with self._while_opening():
+            self._driver.open()
+            self._read_back()
+        self._writer.forget()
+        self._failures.clear()
+        self._good_ns = time.monotonic_ns()
+        self._inbox.clear()
+        self._counts["links"] += 1
+        self._schedule = Schedule(self._driver.tasks, time.monotonic_ns())
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
+        self._image.tell(EPOCH, self._image.ask(EPOCH) + 1)
+        self._image.tell(OUTPUT_STATE, self.safe.state)
+        self._image.tell(LINK, LINK_UP)
+        self._tell("up", self._driver.device)
+        while not self._may_leave():
+            self._turn()
+        self._part()
+
+    def _read_back(self) -> None:
+        """Begin where the device says that its outputs are; say so where nobody knows."""
+        values, names = self._driver.read_outputs(), [channel.name for channel in self._driver.outputs]
+        for i in self.safe.outside(values):
+            self._tell("outputs", f"{names[i]} reads {values[i]:g}, which is outside of its range")
+        self.safe.read_back(values)
+        if not self._is_known and any(value is None for value in values):
+            self._tell("outputs", "nobody knows what its outputs were given last: they begin at their safe values")
+        self._is_known = True
+
+    def _part(self) -> None:
+        """Leave the device with the safe values: every task is tried, each failure is told."""
+        self._decide(time.monotonic_ns())
+        for number, task in enumerate(self._driver.tasks):
+            if task.outputs:
+                try:
+                    self._perform(number)
+                except BusError as problem:
+                    self._tell("unsafe", f"{task.name} was not given its safe values once more: {problem}")
+
+    def _turn(self) -> None:
+        """Do what is due, or listen for a moment; hand over what came."""
+        now_ns = time.monotonic_ns()
+        task = self._schedule.take(now_ns)
+        if task is not None or now_ns - self._decided_ns >= self._rules.look_ns:
+            self._decide(now_ns)
+        failed = False
+        try:
+            if task is not None:
+                self._perform(task)
+            else:
+                due_ns = self._schedule.next_ns()
+                look_ns = now_ns + self._rules.look_ns
+                self._driver.receive(self._inbox, look_ns if due_ns is None else min(due_ns, look_ns))
+        except (TransientError, OutputRefused) as problem:
+            failed = True
+            self._counts["errors"] += 1
+            self._judge(problem)
+        if task is not None or failed or len(self._inbox) > 0:
+            self._failures.append(failed)
+            if sum(self._failures) < _ERRORS - 1:
+                self._good_ns = now_ns
+        self._hand_over()
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
+        self._report(now_ns)
+
+    def _perform(self, number: int) -> None:
+        """Do a task with what was decided. Raises what the driver does."""
+        outcome = self._writer.perform(number, self._values, self._inbox)
+        self._counts["held" if outcome is Outcome.HELD else "performed"] += 1
+
+    def _note_given(self, last: Values) -> None:
+        """The device has taken something: `last` is what its outputs were given."""
+        self._given[: len(last)] = last
+        self._image.remember_sent(self._given, time.monotonic_ns())
+        if self._memory is not None:
+            self._memory.write(last)
+        if self.safe.state != self._image.ask(OUTPUT_STATE):
+            self._image.tell(OUTPUT_STATE, self.safe.state)
+
+    def _judge(self, problem: BusError) -> None:
+        impatient = time.monotonic_ns() - self._good_ns >= self._rules.patience_ns
+        if impatient and sum(self._failures) >= _ERRORS - 1:
+            raise LinkError(f"{_ERRORS} errors in the last {_AMONG} calls; the last: {problem}") from problem
+
+    def _hand_over(self) -> None:
+        self._writer.take_confirmed(self._inbox)
+        self._counts["received"] += len(self._inbox)
+        self._counts["lost"] += self._inbox.lost
+        self._image.publish(self._inbox)
+
+    def _decide(self, now_ns: int) -> None:
+        """What the device is to be given next, by the rules that are in force now."""
+        if self._next_rules is not self._rules:
+            self._rules = self._next_rules
+            self.safe.adopt(self._rules.outputs, self._rules.ramp_s, self._rules.dead_ns)
+        wanted, written_ns = self._image.wanted()
+        was = self.safe.state
+        self._values = self.safe.values(wanted[: len(self._values)].tolist(), written_ns, now_ns)
+        self._decided_ns = now_ns
+        if self.safe.state != was:
+            self._image.tell(OUTPUT_STATE, self.safe.state)
+
+    def _lose(self, link: int) -> None:
+        self._down_ns = time.monotonic_ns()
+        self._image.tell(LINK, link)
+        self.safe.leave()
+        self._image.tell(OUTPUT_STATE, UNKNOWN)
+
+    def _wait(self, seconds: float) -> None:
+        """Let time pass without a link."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not self._may_leave():
+            now_ns = time.monotonic_ns()
+            self._image.tell(ALIVE_NS, now_ns)
+            self._report(now_ns)
+            time.sleep(min(0.005, max(0.0, end - time.monotonic())))
+
+    def _may_leave(self) -> bool:
+        """Whether it is to end, the loop is silent, and the outputs are at rest, or were never or long not reached."""
+        if not self._ends.is_set():
+            return False
+        _, written_ns = self._image.wanted()
+        now_ns = time.monotonic_ns()
+        if not self.safe.is_dead(written_ns, now_ns):
+            return False
+        if self.safe.state == RESTING or not self._counts["links"]:
+            return True
+        return self._image.ask(LINK) != LINK_UP and now_ns - self._down_ns > _UNREACHED_S * 1e9
+
+    def _report(self, now_ns: int) -> None:
+        if now_ns - self._reported_ns < _REPORT_NS:
+            return
+        self._reported_ns = now_ns
+        self._counts["refused"], self._counts["skipped"] = self.safe.refused, self._schedule.skipped
+        counts = {**self._counts, **self._driver.statistics()}
+        say({"event": "statistics", "counts": counts, "cpu_s": round(time.process_time(), 3)})
+
+    def _tell(self, event: str, text: str, **more: Any) -> None:
+        say({"event": event, "text": text, **more})
+
+
+def say(document: dict[str, Any]) -> None:
+    """Tell the host, a JSON document a line."""
+    try:
+        os.write(1, json.dumps(document).encode() + b"\n")
+    except (BlockingIOError, BrokenPipeError):
+        return  # nobody listens, or not fast enough: the bus comes first

@@ -1,0 +1,1 @@
+"""Control theory that configuration and design share: one formula, one place."""

@@ -1,0 +1,1 @@
+"""Devices on CAN: frames of their own, and CANopen nodes."""

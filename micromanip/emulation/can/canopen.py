@@ -1,0 +1,159 @@
+"""The devices of a driver `canopen`: a node for each that the configuration names, with the bus that they are on."""
+
+from __future__ import annotations
+
+import configparser
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from canopen.objectdictionary import ObjectDictionaryError
+
+from micromanip.emulation.amplifier import Amplifier
+from micromanip.emulation.cell import PlayedCell
+from micromanip.emulation.emulated import PlayedDevice, Surroundings
+from micromanip.emulation.plain_options import Place, section, value
+from micromanip.emulation.wires import Wires, wires_of
+from micromanip.errors import UsageError
+
+from .can_bus import CanBus, read_bus_settings
+from .canopen_node import CanOpenNode
+
+_IDLE_NS = 5_000_000
+_NUMBER = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?:sub([0-9A-Fa-f]{1,2}))?")
+
+
+class PlayedCanOpen:
+    """Nodes that boot, obey NMT and watch their commander by themselves."""
+
+    def __init__(
+        self,
+        bus: CanBus,
+        surroundings: Surroundings,
+        nodes: dict[str, CanOpenNode],
+        wires: Wires,
+        pdos: tuple[int, int],
+    ) -> None:
+        self.bus, self._nodes, self._pdos = bus, nodes, pdos
+        self._loop, self._cell = surroundings.loop, surroundings.cell
+        self._off: set[str] = set()
+        self.signals = list(wires.signals.values())
+        self.messages: list[str] = []  # a PDO has no counter; one is silenced by dropping its identifier on the bus
+
+    @property
+    def ready(self) -> str:
+        return f"{self.bus.ready(*self._pdos)}, nodes {', '.join(self._nodes)}"
+
+    def start(self, now_ns: int) -> None:
+        self.bus.start(now_ns)
+        self._go_on()
+
+    def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
+        raise UsageError(f"{message} has no counter")
+
+    def silence(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
+        raise UsageError(f"{message} can't be silenced by name: drop its identifier on the bus")
+
+    def reboot(self, for_s: float) -> None:
+        for name in self._nodes.keys() - self._off:
+            self._nodes[name].detach()
+            self._off.add(name)
+        self._loop.call_at(self._loop.now_ns() + round(for_s * 1e9), self._power_on)
+
+    def inject(self, fault: Mapping[str, Any]) -> None:
+        self.bus.inject(fault)
+
+    def clear(self) -> None:
+        self.bus.clear()
+
+    def report(self) -> dict[str, Any]:
+        return {**self.bus.report(), "states": {name: node.state for name, node in self._nodes.items()}}
+
+    def close(self) -> None:
+        self.bus.close()
+
+    def _go_on(self) -> None:
+        """The plant moves too while nobody asks what it measures."""
+        now_ns = self._loop.now_ns()
+        self._cell.advance_to(now_ns)
+        self._loop.call_at(now_ns + _IDLE_NS, self._go_on)
+
+    def _power_on(self) -> None:
+        for name in self._off:
+            self.bus.line.attach(self._nodes[name])
+            self._nodes[name].reboot()
+        self._off.clear()
+
+
+def play_canopen(name: str, surroundings: Surroundings) -> PlayedDevice:
+    """Bus and nodes of the driver called `name`."""
+    source, cell, loop = surroundings.source, surroundings.cell, surroundings.loop
+    place, options = ("drivers", name), surroundings.configuration.drivers[name].options
+    settings = read_bus_settings(place, options, source)
+    wires = wires_of(name, surroundings.configuration, source, cell)
+    sections = {
+        node: (value(source, (*place, "nodes", node), entry, "node_id", int), _eds(surroundings, place, node, entry))
+        for node, entry in section(source, place, options, "nodes").items()
+    }
+    # the nodes watch their commander themselves, and what is behind them does as they say
+    amplifier = Amplifier(cell.plant, wires.rest_V, None)
+    bus = CanBus(settings, loop)
+    cell.amplifiers.append(amplifier)
+    nodes: dict[str, CanOpenNode] = {}
+    try:
+        for node, (node_id, eds) in sections.items():
+            entry = options["nodes"][node]
+            behind = _Behind(cell, amplifier, dict(_named(node, entry, wires)))
+            try:
+                nodes[node] = CanOpenNode(bus.line, loop, eds, node_id, behind.read, behind.write)
+            except (OSError, ValueError, KeyError, TypeError, configparser.Error, ObjectDictionaryError) as problem:
+                raise source.error((*place, "nodes", node, "eds"), f"{eds} can't be used: {problem}") from problem
+            behind.resolve(nodes[node])
+    except BaseException:
+        bus.close()
+        raise
+    pdos = [len(entry.get(kind, ())) for kind in ("tpdo", "rpdo") for entry in options["nodes"].values()]
+    return PlayedCanOpen(bus, surroundings, nodes, wires, (sum(pdos[: len(nodes)]), sum(pdos[len(nodes) :])))
+
+
+class _Behind:
+    """What stands behind one node: its objects' names to the cell's."""
+
+    def __init__(self, cell: PlayedCell, amplifier: Amplifier, names: dict[str, str]) -> None:
+        self._cell, self._amplifier, self._names = cell, amplifier, names
+
+    def resolve(self, node: CanOpenNode) -> None:
+        """Objects that were given by number go by their name in the EDS too."""
+        for given, name in list(self._names.items()):
+            if match := _NUMBER.fullmatch(given):
+                self._names[node.objects.variable(int(match[1], 16), int(match[2] or "0", 16)).name] = name
+
+    def read(self, name: str) -> float:
+        """Value of a measured object."""
+        self._cell.advance_to(self._cell.clock())
+        return self._cell.read(self._names.get(name, name))
+
+    def write(self, name: str, volts: float) -> None:
+        """Value of an output; one that the cell doesn't have does nothing."""
+        output = self._names.get(name, name)
+        if output in self._cell.plant.outputs:
+            now_ns = self._cell.clock()
+            self._amplifier.take({output: volts}, now_ns)
+            self._cell.advance_to(now_ns)
+
+
+def _named(node: str, entry: Mapping[str, Any], wires: Wires) -> Iterator[tuple[str, str]]:
+    """Objects of a node, by name or number in its EDS, with the names that the configuration gives them."""
+    for kind in ("tpdo", "rpdo"):
+        for pdo in entry.get(kind, {}).values():
+            for signal, keys in pdo.get("signals", {}).items():
+                channel = f"{node}.{signal}"
+                name = wires.signals.get(channel) or wires.outputs.get(channel) or signal
+                eds_name = str(keys.get("object") or signal)
+                yield eds_name, name
+                yield eds_name.rsplit(".", 1)[-1], name
+
+
+def _eds(surroundings: Surroundings, place: Place, node: str, entry: Any) -> Any:
+    source = surroundings.source
+    return source.path.parent / value(source, (*place, "nodes", node), entry, "eds", str)

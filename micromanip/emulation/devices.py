@@ -1,0 +1,153 @@
+"""All devices of a configuration, played in one process with one plant behind them."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from micromanip.errors import MicromanipError, UsageError
+from micromanip.settings.check import validate
+from micromanip.settings.text.source import Source
+from micromanip.settings.wiring.simulation import build_plant
+from micromanip.testbus.event_loop import EventLoop
+
+from .amplifier import WATCHDOG_MS
+from .cell import PlayedCell
+from .commands import (
+    Clear,
+    DeviceCommand,
+    Drift,
+    Freeze,
+    NotANumber,
+    Offset,
+    Reboot,
+    Silence,
+    StopCounter,
+    device_command,
+    parsed,
+)
+from .emulated import PlayedDevice, Surroundings
+from .plant import PERIOD_NS, PlantInRealTime
+from .protocols import play_all
+
+_ENABLE = "amplifier_enable"
+
+
+class Devices:
+    """On their buses at once, talking from `start` on, while the loop runs."""
+
+    def __init__(
+        self, file: Path, watchdog_ms: float = WATCHDOG_MS, seed: int | None = None, loop: EventLoop | None = None
+    ) -> None:
+        """Open all buses of the configuration in `file`; `seed` replaces the plant's, `loop` runs them.
+
+        Raises ConfigError with file, line and key, and DeviceUnavailable for a channel that is in use.
+        """
+        source = Source.read(file)
+        configuration = validate(source)
+        driver = build_plant(configuration, source, PERIOD_NS, seed)
+        self.loop_cpu = configuration.loop.cpu
+        """The controller's, if it has one of its own."""
+        self.loop = EventLoop() if loop is None else loop
+        self.cell = PlayedCell(PlantInRealTime(driver), self.loop.now_ns)
+        if configuration.switches.amplifier_enable is None and _ENABLE in self.cell.plant.outputs:
+            self.cell.wired_on = (_ENABLE,)
+        self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
+        surroundings = Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
+        try:
+            self.played: dict[str, PlayedDevice] = play_all(surroundings)
+        except BaseException:
+            self.loop.close()
+            raise
+
+    def start(self) -> None:
+        """Begin to talk; the plant's time begins too."""
+        self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
+        self.cell.plant.begin(self._began_ns)
+        for device in self.played.values():
+            device.start(self._began_ns)
+
+    def close(self) -> None:
+        """Let go of the buses, and of the loop."""
+        for device in self.played.values():
+            device.close()
+        self.loop.close()
+
+    def command(self, line: str) -> dict[str, Any]:
+        """Do what a line of JSON says; the answer, with ``error`` where it could not be done."""
+        try:
+            document = parsed(line)
+            if "report" in document:
+                return self._report(self.cell.report_since_last())
+            if "inject" in document:
+                self._inject(document)
+            else:
+                self._do(device_command(document))
+        except MicromanipError as problem:
+            return {"error": str(problem)}
+        return {"ok": True}
+
+    def report(self) -> dict[str, Any]:
+        """Figures since the start."""
+        return self._report(self.cell.report())
+
+    def _report(self, cell: dict[str, Any]) -> dict[str, Any]:
+        return {
+            "elapsed_s": (self.loop.now_ns() - self._began_ns) * 1e-9,
+            "cpu_s": time.process_time() - self._began_cpu_s,
+            "devices": {name: device.report() for name, device in self.played.items()},
+            **cell,
+        }
+
+    def _inject(self, document: dict[str, Any]) -> None:
+        driver = document.get("driver")
+        fault = {"kind": document["inject"]} | {k: v for k, v in document.items() if k not in ("inject", "driver")}
+        for device in self._devices(driver):
+            device.inject(fault)
+
+    def _do(self, command: DeviceCommand) -> None:
+        match command:
+            case Freeze():
+                self._spoil(command.signal, "freeze", 0.0, command.for_s)
+            case Offset():
+                self._spoil(command.signal, "offset", command.value, command.for_s)
+            case Drift():
+                self._spoil(command.signal, "drift", command.per_s, command.for_s)
+            case NotANumber():
+                self._spoil(command.signal, "nan", 0.0, command.for_s)
+            case StopCounter():
+                for device, message in self._messages(command.message):
+                    device.stop_counter(message, command.for_s)
+            case Silence():
+                for device, message in self._messages(command.message):
+                    device.silence(message, command.for_s)
+            case Reboot():
+                for device in self._devices(command.driver):
+                    device.reboot(command.for_s)
+            case Clear():
+                self.cell.faults.clear()
+                for device in self.played.values():
+                    device.clear()
+
+    def _spoil(self, name: str | None, kind: str, value: float, for_s: float | None) -> None:
+        """One signal, or all of them."""
+        known = [signal for device in self.played.values() for signal in device.signals]
+        if name is not None and name not in known:
+            raise UsageError(f"no device sends a signal {name}; there are {', '.join(known)}")
+        for signal in known if name is None else [name]:
+            self.cell.faults.begin(signal, kind, value, self.loop.now_ns(), for_s)
+
+    def _devices(self, driver: Any) -> list[PlayedDevice]:
+        if driver is None:
+            return list(self.played.values())
+        if driver not in self.played:
+            raise UsageError(f"no driver {driver} is played; there are {', '.join(self.played)}")
+        return [self.played[driver]]
+
+    def _messages(self, name: str | None) -> list[tuple[PlayedDevice, str]]:
+        known = [(device, message) for device in self.played.values() for message in device.messages]
+        chosen = [(device, message) for device, message in known if name in (None, message)]
+        if not chosen:
+            raise UsageError(f"no device sends a message {name}; there are {', '.join(m for _, m in known)}")
+        return chosen

@@ -1,0 +1,85 @@
+"""A device that takes lines of text and answers them, one after the other."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from micromanip.testbus.event_loop import EventLoop
+
+from .device import Behind, LineDevice
+from .device_line import DeviceLine
+from .fault import LineFault
+from .port import Peer
+
+_LONGEST = 1024
+"""A line that is longer is no line of anybody who knows the protocol."""
+
+
+class Interpreter(Protocol):
+    """What knows the commands."""
+
+    description: str
+    faults: tuple[type[LineFault], ...]
+    single_bytes: bytes
+    """Commands of one byte, that no line end follows."""
+    signals: list[str]
+
+    def step(self) -> None:
+        """What it does by itself, a thousand times a second."""
+
+    def answer(self, line: str) -> str:
+        """What comes back for a line, with its line ends; empty for nothing."""
+
+    def reboot(self) -> None:
+        """Forget what was set."""
+
+
+class AsciiDevice(LineDevice):
+    """Lines end in CR, LF or both."""
+
+    def __init__(
+        self, loop: EventLoop, line: DeviceLine, behind: Behind, interpreter: Interpreter, turnaround_ns: int
+    ) -> None:
+        """An answer begins `turnaround_ns` after the end of its line."""
+        super().__init__(loop, line, behind)
+        self.faults, self.signals = interpreter.faults, interpreter.signals
+        self._interpreter, self._turnaround_ns = interpreter, turnaround_ns
+        self._begun: dict[Peer, bytes] = {}
+
+    @property
+    def description(self) -> str:
+        return self._interpreter.description
+
+    def hear(self, data: bytes, peer: Peer) -> None:
+        if not data:
+            self._begun.pop(peer, None)
+            return
+        rest = self._begun.get(peer, b"")
+        for i in range(len(data)):
+            byte = data[i : i + 1]
+            if byte in b"\r\n":
+                if rest.strip():
+                    self._answer(peer, rest)
+                rest = b""
+            elif byte in self._interpreter.single_bytes:
+                self._answer(peer, byte)
+            else:
+                rest = (rest + byte)[-_LONGEST:]
+        self._begun[peer] = rest
+
+    def tick(self) -> None:
+        self._interpreter.step()
+
+    def reboot(self, until_ns: int) -> None:
+        super().reboot(until_ns)
+        self._interpreter.reboot()
+        self._begun.clear()
+
+    def _answer(self, peer: Peer, line: bytes) -> None:
+        self.figures.received += 1
+        self._behind.advance_to(self._loop.now_ns())
+        answer = self._interpreter.answer(line.decode("latin-1")).encode("latin-1")
+        if answer:
+            self.figures.sent += 1
+            ready_ns = self._loop.now_ns() + self._turnaround_ns
+            self._loop.call_at(ready_ns, lambda: self._line.answer(peer, answer))

@@ -1,0 +1,116 @@
+"""What all simulated devices on lines of their own have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from micromanip.emulation.amplifier import Amplifier
+from micromanip.emulation.cell import PlayedCell
+from micromanip.emulation.messages import Due, MessageFigures, Periodic
+from micromanip.emulation.wires import Wires
+from micromanip.testbus.event_loop import EventLoop
+
+from .device_line import DeviceLine
+from .fault import LineFault
+from .port import Peer
+
+_TICK_NS = 1_000_000
+
+
+class Behind:
+    """The cell behind a device, by the names of the driver's channels."""
+
+    def __init__(self, cell: PlayedCell, wires: Wires, amplifier: Amplifier | None) -> None:
+        self.amplifier = amplifier
+        self._cell, self._wires = cell, wires
+
+    def signal(self, channel: str) -> str:
+        """What a channel is called in the cell: as configured, else as it is."""
+        return self._wires.signals.get(channel, channel)
+
+    def advance_to(self, time_ns: int) -> None:
+        """Let time pass in the cell."""
+        self._cell.advance_to(time_ns)
+
+    def has(self, channel: str) -> bool:
+        """Whether the cell measures it."""
+        return self._cell.has(self.signal(channel))
+
+    def read(self, channel: str) -> float:
+        """What the sensor behind a channel says; 0 where there is none."""
+        return self._cell.read(self.signal(channel))
+
+    def voltage_V(self, channel: str) -> float:
+        """What the amplifier puts out at an output; 0 for one that nobody uses."""
+        if self.amplifier is None:
+            return 0.0
+        return self.amplifier.in_force.get(self._wires.outputs.get(channel, ""), 0.0)
+
+    def write(self, values: Mapping[str, float]) -> None:
+        """A command for some outputs, now; those that the cell doesn't have do nothing."""
+        named = {self._wires.outputs[name]: value for name, value in values.items() if name in self._wires.outputs}
+        if self.amplifier is not None and named:
+            now_ns = self._cell.clock()
+            self.amplifier.take(named, now_ns)
+            self._cell.advance_to(now_ns)
+
+    def trip(self, now_ns: int) -> None:
+        """The amplifier is switched off."""
+        if self.amplifier is not None:
+            self.amplifier.trip(now_ns)
+
+
+class LineDevice:
+    """One device on one line."""
+
+    faults: tuple[type[LineFault], ...] = ()
+    """Those that it plays itself."""
+
+    def __init__(self, loop: EventLoop, line: DeviceLine, behind: Behind) -> None:
+        self.figures = MessageFigures()
+        self.periodic: list[Periodic] = []
+        self.signals: list[str] = []
+        self._loop, self._line, self._behind = loop, line, behind
+        self._off_until_ns: float = 0
+        line.attach(self._arrived)
+
+    @property
+    def description(self) -> str:
+        """What it is, and does: "binary board, 1 message out, 1 in"."""
+        raise NotImplementedError
+
+    def sends(self, message: Due, send: Callable[[Due], None]) -> None:
+        """Call `send` whenever `message` is due, the cell being where it is then."""
+        self.periodic.append(Periodic(self._loop, self.figures, message, self._behind.advance_to, send))
+
+    def start(self, now_ns: int) -> None:
+        """Begin to talk."""
+        for periodic in self.periodic:
+            periodic.start(now_ns)
+        if all(periodic.message.period_ns > _TICK_NS for periodic in self.periodic):
+            self._tick()
+
+    def tick(self) -> None:
+        """A millisecond has passed, for a device that sends nothing more often than that."""
+
+    def hear(self, data: bytes, peer: Peer) -> None:
+        """Bytes came from `peer`; none at all mean that it has gone."""
+
+    def reboot(self, until_ns: int) -> None:
+        """Be off until then, with the amplifier; counters begin anew."""
+        self._off_until_ns = until_ns
+        self._behind.trip(self._loop.now_ns())
+        for periodic in self.periodic:
+            periodic.off_until_ns = until_ns
+            periodic.message.count = 0
+
+    def _arrived(self, data: bytes, peer: Peer) -> None:
+        if not data or self._loop.now_ns() >= self._off_until_ns:
+            self.hear(data, peer)
+
+    def _tick(self) -> None:
+        """Amplifiers and plant go on also while nobody talks."""
+        now_ns = self._loop.now_ns()
+        self._behind.advance_to(now_ns)
+        self.tick()
+        self._loop.call_at(now_ns + _TICK_NS, self._tick)

@@ -1,0 +1,123 @@
+"""A line between a simulated device and whoever it talks to, with the faults that are injected into it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+from micromanip.errors import UsageError
+from micromanip.testbus.event_loop import EventLoop
+
+from .fault import LineFault, MessageFault
+from .faults import Disconnect, Echo, Hang, LineFaults, Stranger, Unplug
+from .port import Hear, LinePort, Peer
+from .tcp_port import TcpPort
+from .udp_port import UdpPort
+
+_Kind = TypeVar("_Kind", bound=LineFault)
+
+
+def _hear_nothing(data: bytes, peer: Peer) -> None:
+    """Until a device is attached."""
+
+
+class DeviceLine(Peer):
+    """The device sends whole messages, to all or to one peer, and hears bytes as they come."""
+
+    def __init__(self, loop: EventLoop, make_port: Callable[[Hear], LinePort], seed: int = 0) -> None:
+        """`make_port` gets what hears for the port; `seed` is that of the injected faults."""
+        self._loop = loop
+        self._hear: Hear = _hear_nothing
+        self._faults = LineFaults(loop, seed)
+        self._latest_ns = {"sent": 0, "received": 0}
+        self._strangers_message = b""
+        self.port = make_port(self._arrived)
+        self._echoes = self.port.echo
+
+    def attach(self, hear: Hear) -> None:
+        """Let the device hear."""
+        self._hear = hear
+
+    def send(self, data: bytes) -> None:
+        """One message, to all that are connected."""
+        self.answer(self.port, data)
+
+    def answer(self, peer: Peer, message: bytes) -> None:
+        """One message, to one peer."""
+        if not self._faults.any:
+            self._pass(peer.send, message, 0, "sent")
+            return
+        if self._faults.active(Hang):
+            return
+        if self._faults.active(Stranger) and isinstance(self.port, UdpPort):
+            self._strangers_message = self._strangers_message or message
+            self.port.send_as_stranger(self._strangers_message)
+        for after_ns, part in self._faults.through(message, "sent"):
+            self._pass(peer.send, part, after_ns, "sent")
+
+    def active(self, kind: type[_Kind]) -> _Kind | None:
+        """The fault of a kind that is active now, for a device that has to play it itself."""
+        return self._faults.active(kind) if self._faults.any else None
+
+    def inject(self, fault: LineFault) -> None:
+        """Let a fault begin now. Raises UsageError for one that this port can't have."""
+        end: Callable[[], None] = lambda: None  # noqa: E731
+        match fault:
+            case MessageFault():
+                fault = fault.model_copy(deep=True)  # it keeps what it holds back
+                end = partial(self._let_go, fault)
+            case Unplug():
+                self.port.unplug()
+                end = self.port.plug_in
+            case Disconnect():
+                if not isinstance(self.port, TcpPort):
+                    raise UsageError(f"fault disconnect: {self.port.name} has no connection")
+                self.port.disconnect()
+                return
+            case Echo():
+                self.port.echo = True
+                end = self._echo_as_before
+            case Stranger():
+                if not isinstance(self.port, UdpPort):
+                    raise UsageError(f"fault stranger: to {self.port.name} nobody else can send")
+                self._strangers_message = b""
+        self._faults.begin(fault, end)
+
+    def clear(self) -> None:
+        """End what was injected."""
+        self._faults.clear()
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.port.close()
+
+    def _arrived(self, data: bytes, peer: Peer) -> None:
+        if not self._faults.any or not data:
+            self._pass(partial(self._heard, peer), data, 0, "received")
+        elif not self._faults.active(Hang):
+            for after_ns, part in self._faults.through(data, "received"):
+                self._pass(partial(self._heard, peer), part, after_ns, "received")
+
+    def _heard(self, peer: Peer, data: bytes) -> None:
+        self._hear(data, peer)
+
+    def _pass(self, to: Callable[[bytes], None], data: bytes, after_ns: int, direction: str) -> None:
+        """At once if it can be; nothing overtakes what was delayed before."""
+        now_ns = self._loop.now_ns()
+        time_ns = max(now_ns + after_ns, self._latest_ns[direction])
+        if time_ns <= now_ns:
+            to(data)
+        else:
+            self._latest_ns[direction] = time_ns
+            self._loop.call_at(time_ns, partial(to, data))
+
+    def _let_go(self, fault: MessageFault) -> None:
+        if held := fault.held():
+            if fault.direction == "sent":
+                self._pass(self.port.send, held, 0, "sent")
+            else:
+                self._pass(partial(self._heard, self.port), held, 0, "received")
+
+    def _echo_as_before(self) -> None:
+        self.port.echo = self._echoes

@@ -1,0 +1,85 @@
+"""What a simulated device sends by itself over and over: when it is due, and what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from micromanip.testbus.event_loop import EventLoop
+
+MOST_BEHIND_NS = 5_000_000
+"""A machine that is late makes up for it: messages come late, but each with its own sample and time. Beyond this they
+would be too old to be of use, and keep the machine busy: they are lost, which their counter shows.
+"""
+
+
+@dataclass
+class MessageFigures:
+    """Messages, since the start."""
+
+    sent: int = 0
+    received: int = 0
+    not_sent: int = 0
+    """Due while the machine stalled, or the queue was full."""
+    not_understood: int = 0
+    silent: int = 0
+    """Due while it was switched off or silenced."""
+
+
+@dataclass
+class Due:
+    """A message, and what befalls it."""
+
+    name: str
+    period_ns: int
+    count: int = 0
+    counts_from_ns: float = 0
+    """Until then its counter stands still."""
+    silent_until_ns: float = 0
+    due_ns: int = 0
+
+    def counted(self) -> int:
+        """The number of the one that is sent now."""
+        count = self.count
+        if self.due_ns >= self.counts_from_ns:
+            self.count += 1
+        return count
+
+
+class Periodic:
+    """Calls for a message each time when it is due, also late, with the time for which it was due."""
+
+    def __init__(
+        self,
+        loop: EventLoop,
+        figures: MessageFigures,
+        message: Due,
+        advance_to: Callable[[int], None],
+        send: Callable[[Due], None],
+    ) -> None:
+        """`advance_to` is called before each, also before those that aren't sent."""
+        self._loop, self._figures, self.message = loop, figures, message
+        self._advance_to, self._send = advance_to, send
+        self.off_until_ns: float = 0
+
+    def start(self, now_ns: int) -> None:
+        """The first one comes a period from now."""
+        self.message.due_ns = now_ns + self.message.period_ns
+        self._schedule()
+
+    def _schedule(self) -> None:
+        self._loop.call_at(self.message.due_ns, self._is_due)
+
+    def _is_due(self) -> None:
+        message = self.message
+        late = self._loop.now_ns() - message.due_ns > MOST_BEHIND_NS
+        self._advance_to(message.due_ns)
+        if message.due_ns < max(message.silent_until_ns, self.off_until_ns):
+            self._figures.silent += 1
+        elif late:  # one after the other all the same: commands that came meanwhile act in between
+            message.counted()
+            self._figures.not_sent += 1
+        else:
+            self._send(message)
+        message.due_ns += message.period_ns
+        self._schedule()

@@ -1,0 +1,1 @@
+"""Modbus units, on a serial line or behind a TCP address."""

@@ -1,0 +1,121 @@
+"""The memory of a simulated Modbus unit: tables of registers and coils, filled by sensors, watched for commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from micromanip.emulation.line.device import Behind
+
+from .register import DeviceRegister
+
+COILS, INPUTS, HOLDING, INPUT_REGISTERS = "coils", "discrete inputs", "holding registers", "input registers"
+COUNT_EVERY_NS = 1_000_000
+"""It measures anew so often: so its counters go."""
+
+
+class ModbusUnit:
+    """Registers that no configuration names do not exist."""
+
+    def __init__(self, name: str, behind: Behind) -> None:
+        self.name = name
+        self.silent_until_ns: float = 0
+        self.counts_from_ns: float = 0
+        """Until then its counters stand still."""
+        self.is_another = False
+        """It says that it is another device."""
+        self._behind = behind
+        self._measured: dict[str, list[tuple[DeviceRegister, str]]] = {}
+        self._constant: dict[str, list[tuple[DeviceRegister, int]]] = {}
+        self._counters: dict[str, list[DeviceRegister]] = {}
+        self._outputs: dict[str, list[tuple[DeviceRegister, str]]] = {}
+        self._memory: dict[str, dict[int, int]] = {}
+        self._plans: dict[tuple[str, int, int], list[tuple[DeviceRegister, str]]] = {}
+        self._count = 0
+
+    @property
+    def registers(self) -> int:
+        """How many there are, in all tables."""
+        return sum(map(len, self._memory.values()))
+
+    def add_measured(self, table: str, register: DeviceRegister, channel: str) -> None:
+        """A register that a sensor fills, by the driver's name for it."""
+        self._measured.setdefault(table, []).append((register, channel))
+        self._exists(table, register)
+
+    def add_constant(self, table: str, register: DeviceRegister, code: int) -> None:
+        """A register that always says the same."""
+        self._constant.setdefault(table, []).append((register, code))
+        self._exists(table, register)
+
+    def add_counter(self, table: str, register: DeviceRegister) -> None:
+        """A register that counts the measurements."""
+        self._counters.setdefault(table, []).append(register)
+        self._exists(table, register)
+
+    def add_output(self, table: str, register: DeviceRegister, channel: str) -> None:
+        """A register that commands an output, by the driver's name for it."""
+        self._outputs.setdefault(table, []).append((register, channel))
+        self._exists(table, register)
+
+    def read(self, table: str, first: int, count: int, now_ns: int) -> list[int] | None:
+        """Registers, or coils, from `first` on, as they are now; None where one of them doesn't exist."""
+        memory = self._memory.get(table, {})
+        if any(address not in memory for address in range(first, first + count)):
+            return None
+        self._refresh(table, first, count, now_ns)
+        return [memory[address] for address in range(first, first + count)]
+
+    def write(self, table: str, first: int, words: Sequence[int]) -> bool:
+        """Take registers, or coils, into force; False where one of them doesn't exist or can't be written."""
+        memory, outputs = self._memory.get(table, {}), self._outputs.get(table, [])
+        touched = range(first, first + len(words))
+        writable = {at for register, _ in outputs for at in range(register.address, register.address + register.width)}
+        if any(address not in writable for address in touched):
+            return False
+        memory.update(zip(touched, words, strict=True))
+        self._behind.write(
+            {
+                channel: register.value([memory[register.address + i] for i in range(register.width)])
+                for register, channel in outputs
+                if register.address < touched.stop and register.address + register.width > first
+            }
+        )
+        return True
+
+    def _exists(self, table: str, register: DeviceRegister) -> None:
+        memory = self._memory.setdefault(table, {})
+        for address in range(register.address, register.address + register.width):
+            memory.setdefault(address, 0)
+
+    def _refresh(self, table: str, first: int, count: int, now_ns: int) -> None:
+        """Measure what lies in that part of the table."""
+        self._behind.advance_to(now_ns)
+        if now_ns >= self.counts_from_ns:
+            self._count = now_ns // COUNT_EVERY_NS
+        for register, channel in self._measured.get(table, ()):
+            if _meets(register, first, count):
+                self._put(table, register, register.words(self._behind.read(channel)))
+        for register, code in self._constant.get(table, ()):
+            if _meets(register, first, count):
+                self._put(table, register, register.code_words(code ^ self.is_another))
+        for register in self._counters.get(table, ()):
+            if _meets(register, first, count):
+                bits = register.bit_count if register.kind == "bits" else 16 * register.width
+                self._put(table, register, register.code_words(self._count & (1 << bits) - 1))
+
+    def _put(self, table: str, register: DeviceRegister, words: Sequence[int]) -> None:
+        memory = self._memory[table]
+        if register.kind == "bits":
+            mask = register.mask if register.big_bytes else (register.mask & 0xFF) << 8 | register.mask >> 8
+            memory[register.address] = memory[register.address] & ~mask | words[0]
+            return
+        for i, word in enumerate(words):
+            memory[register.address + i] = word
+
+
+def _meets(register: DeviceRegister, first: int, count: int) -> bool:
+    return register.address < first + count and register.address + register.width > first
+
+
+Units = Mapping[int, ModbusUnit]
+"""By their number on the line."""

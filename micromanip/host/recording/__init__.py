@@ -1,0 +1,1 @@
+"""Telemetry to files, in a process of its own."""

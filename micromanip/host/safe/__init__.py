@@ -1,0 +1,1 @@
+"""Outputs to their safe value while no controller runs."""

@@ -1,0 +1,211 @@
+"""The outputs of one bus brought to rest without a worker and without a loop."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+from micromanip.bus.driver import BusDriver, Inbox
+from micromanip.bus.errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.last_given import LastGiven
+from micromanip.bus.output_writer import OutputWriter
+from micromanip.bus.safe_state import LAST_SWITCH, VOLTAGE, SafeOutput, SafeState
+from micromanip.bus.schedule import Schedule
+from micromanip.errors import PermissionDenied
+from micromanip.rt.bus_image import RESTING
+
+PATIENCE_S, _TURNS = 3.0, 2
+"""A task whose outputs the device has not taken for so long, and so many turns, is given up."""
+_SPARE_S = 10.0
+"""Time beside that of ramp and slew, for links that come and go."""
+_AGAIN_S, _LOOK_NS = 0.05, 20_000_000
+_VERIFY_S, _VERIFY_SHARE = 0.5, 0.01
+"""So long after the last write a device may take to read back the safe value, to within this share of the range."""
+
+
+class BusRest:
+    """The way of a bus' outputs to their safe values."""
+
+    def __init__(self, bus: BusDriver, outputs: Sequence[SafeOutput], ramp_s: float) -> None:
+        """`outputs` are those of the driver, in its order."""
+        self._bus, self._outputs = bus, outputs
+        self._task_of = {i: number for number, task in enumerate(bus.tasks) for i in task.outputs}
+        periods_s = [1.0 / bus.tasks[self._task_of[i]].rate_hz for i in range(len(outputs))]
+        self._safe = SafeState(outputs, periods_s, ramp_s, dead_ns=0)
+        self._writer = OutputWriter(bus, self._safe, self._note)
+        self._inbox = Inbox()
+        self._memory: LastGiven | None = None
+        self._is_told = False
+        self._problems: dict[int, str] = {}
+        self._begun_s: float
+        self._since_s: dict[int, float] = {}
+        """When each task was passed over last."""
+        self._breaking: set[int] = set()
+        """Tasks at which the link was lost."""
+        self._reads_back: bool
+        slowest_s = max((_span(each) / each.slew_V_per_s for each in outputs if each.kind == VOLTAGE), default=0.0)
+        self._longest_s = ramp_s + slowest_s + _SPARE_S
+        self.notes: list[str] = []
+        """What should be known, and is no failure."""
+
+    def run(self) -> list[str]:
+        """Bring them to rest; what is not known to be there, and why, a line each."""
+        self._recall()
+        self._begun_s = time.monotonic()
+        problem: BusError | None = None
+        try:
+            while not self._is_over():
+                try:
+                    self._bus.open()
+                    self._serve()
+                except BusError as found:
+                    problem = found
+                    if isinstance(found, IdentityMismatch):
+                        break  # whatever answers, it is not ours to write to
+                    time.sleep(_AGAIN_S)
+                finally:
+                    self._bus.close()
+        finally:
+            if self._memory is not None:
+                self._memory.close()
+        if self._safe.state == RESTING:
+            return self._verified() if self._reads_back else []
+        return [self._line(i, problem) for i in self._safe.unsafe]
+
+    def _recall(self) -> None:
+        """Begin from what the outputs were given last by whoever it was."""
+        try:
+            self._memory = LastGiven.open(self._bus.device, [channel.name for channel in self._bus.outputs])
+        except PermissionDenied as problem:
+            self.notes.append(str(problem))
+            return
+        if (known := self._memory.read()) is not None:
+            self._safe.remember(known)
+
+    def _note(self, last: Sequence[float]) -> None:
+        if self._memory is not None:
+            self._memory.write(last)
+
+    def _read_back(self) -> None:
+        values = self._bus.read_outputs()
+        self._reads_back = any(value is not None for value in values)
+        self._safe.read_back(values)
+        last = zip(self._bus.outputs, self._outputs, self._safe.last, strict=True)
+        unknown = [channel.name for channel, output, value in last if output.kind == VOLTAGE and math.isnan(value)]
+        if unknown and not self._is_told:
+            self.notes.append(f"nobody knows what {', '.join(unknown)} had: the first value is the safe one")
+        self._is_told = True
+
+    def _serve(self) -> None:
+        """One life of the link. Raises BusError once it is lost and every task has had its turn."""
+        self._writer.forget()
+        self._inbox.clear()
+        self._read_back()
+        self._problems.clear()
+        schedule = Schedule(self._bus.tasks, time.monotonic_ns())
+        untried = set(self._task_of.values())
+        lost: BusError | None = None
+        while not self._is_over():
+            if lost is not None and not untried:
+                raise lost
+            now_ns = time.monotonic_ns()
+            number = schedule.take(now_ns)
+            try:
+                if number is None:
+                    self._listen(schedule, now_ns, lost)
+                else:
+                    untried.discard(number)
+                    self._turn(number, now_ns)
+            except (TransientError, OutputRefused) as problem:
+                self._failed(number, problem)
+            except BusError as problem:
+                if not isinstance(lost, LinkError):  # after that, nothing new is learnt
+                    self._failed(number, problem)
+                if lost is None and number is not None:
+                    self._breaking.add(number)
+                lost = lost or problem
+            self._writer.take_confirmed(self._inbox)
+            self._inbox.clear()
+
+    def _turn(self, number: int, now_ns: int) -> None:
+        """Do a task; one that has broken the link before comes when the others are at rest. Raises BusError."""
+        if number in self._breaking and self._on_their_way() - self._breaking:
+            self._since_s[number] = now_ns * 1e-9
+            return
+        self._writer.perform(number, self._next(now_ns), self._inbox)
+        self._problems.pop(number, None)
+
+    def _on_their_way(self) -> set[int]:
+        """Tasks with outputs that are not at rest and don't wait for others."""
+        unsafe = self._safe.unsafe
+        first = [i for i in unsafe if self._outputs[i].kind != LAST_SWITCH] or unsafe
+        return {self._task_of[i] for i in first}
+
+    def _next(self, now_ns: int) -> list[float]:
+        """The next values on the way to rest: of a loop that never was nothing is taken."""
+        return self._safe.values((), 0, now_ns)
+
+    def _listen(self, schedule: Schedule, now_ns: int, lost: BusError | None) -> None:
+        due_ns = min(schedule.next_ns() or now_ns, now_ns + _LOOK_NS)
+        if lost is None:
+            self._bus.receive(self._inbox, due_ns)
+        else:
+            time.sleep(max(0, due_ns - now_ns) * 1e-9)
+
+    def _failed(self, number: int | None, problem: BusError) -> None:
+        if number is not None:
+            self._problems.setdefault(number, str(problem))
+
+    def _is_over(self) -> bool:
+        """Whether all is at rest, or nothing can be hoped for any more."""
+        now_s = time.monotonic()
+        if now_s - self._begun_s > self._longest_s:
+            return True
+        taken_s = self._writer.taken_s
+        return all(
+            now_s - max(taken_s.get(number, 0.0), self._since_s.get(number, self._begun_s))
+            > PATIENCE_S + _TURNS / self._bus.tasks[number].rate_hz
+            for number in self._on_their_way()
+        )
+
+    def _verified(self) -> list[str]:
+        """What the device, asked anew, has instead of what it has taken."""
+        end_s = time.monotonic() + _VERIFY_S
+        while True:
+            try:
+                self._bus.open()
+                differing = [
+                    f"{self._named(i)} was given and reads {value:g}{self._unit(i)}"
+                    for i, value in enumerate(self._bus.read_outputs())
+                    if value is not None and self._differs(i, value)
+                ]
+            except BusError as problem:
+                differing = [f"its outputs were given their safe values, but can't be read back: {problem}"]
+            finally:
+                self._bus.close()
+            if not differing or time.monotonic() > end_s:
+                return differing
+            time.sleep(_AGAIN_S)
+
+    def _differs(self, i: int, value: float) -> bool:
+        output = self._outputs[i]
+        return output.kind == VOLTAGE and not abs(value - output.safe) <= _VERIFY_SHARE * _span(output)
+
+    def _line(self, i: int, problem: BusError | None) -> str:
+        last = self._safe.last[i]
+        what = "nobody knows what it has" if math.isnan(last) else f"unknown, last {last:g}{self._unit(i)}"
+        why = self._problems.get(self._task_of[i]) or problem or "it was not acknowledged"
+        if self._outputs[i].kind == LAST_SWITCH and any(self._outputs[k].kind == VOLTAGE for k in self._safe.unsafe):
+            why = "it waits for the voltages to be at rest"
+        return f"{self._named(i)} can't be called safe: {what}; {why}"
+
+    def _named(self, i: int) -> str:
+        return f"{self._bus.outputs[i].name} (safe: {self._outputs[i].safe:g}{self._unit(i)})"
+
+    def _unit(self, i: int) -> str:
+        return " V" if self._outputs[i].kind == VOLTAGE else ""
+
+
+def _span(output: SafeOutput) -> float:
+    return output.high - output.low

@@ -1,0 +1,101 @@
+"""Outputs to their safe value while no controller runs: after a crash, by hand or by the service manager.
+
+What a worker does when its loop has died, without the loop: each value passes the same gate, from what the device reads
+back or was given last. Every output of every driver is tried; what the device has not acknowledged is not called safe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+from micromanip.bus.bridge import BusBridge
+from micromanip.bus.cyclic import CyclicDriver
+from micromanip.bus.device_lock import DeviceLocks
+from micromanip.bus.safe_state import SafeOutput
+from micromanip.errors import CheckFailed, DeviceUnavailable
+from micromanip.rt.intrinsics import call_context
+
+from .bus_rest import BusRest
+from .plan import SafePlan
+
+
+@dataclass
+class SafeReport:
+    """What became of the outputs."""
+
+    safe: list[str] = field(default_factory=list)
+    """Drivers whose outputs have taken their safe values."""
+    failed: list[str] = field(default_factory=list)
+    """What can't be called safe and why, a line each."""
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What is to be said of one driver."""
+
+    failed: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+
+def make_safe(plan: SafePlan, wait_s: float = 0.0) -> SafeReport:
+    """Open each driver, bring its outputs to their safe values, close it again; does no harm twice.
+
+    Waits up to `wait_s` for a controller that is ramping down. Raises CheckFailed where a controller still has one of
+    the devices: then nothing was touched.
+    """
+    wiring = plan.wiring
+    outputs = {name: wiring.safe_outputs(name, plan.configuration) for name in wiring.buses}
+    try:
+        locks = DeviceLocks(wiring.devices, wait_s=wait_s)
+    except DeviceUnavailable as problem:
+        raise CheckFailed(f"nothing was touched: {problem}") from problem
+    with locks:
+        return _reported(_all_safe(wiring.drivers, outputs, plan.configuration.start.ramp_s))
+
+
+def _all_safe(
+    drivers: Mapping[str, CyclicDriver], outputs: Mapping[str, Sequence[SafeOutput]], ramp_s: float
+) -> dict[str, Found]:
+    """All that have outputs, at the same time: none waits until another one's device has been given up."""
+    with ThreadPoolExecutor(len(drivers)) as threads:
+        tasks = {
+            name: threads.submit(_one_safe, name, driver, outputs.get(name, ()), ramp_s)
+            for name, driver in drivers.items()
+            if driver.outputs
+        }
+    return {name: task.result() for name, task in tasks.items()}
+
+
+def _one_safe(name: str, driver: CyclicDriver, outputs: Sequence[SafeOutput], ramp_s: float) -> Found:
+    try:
+        if not isinstance(driver, BusBridge):
+            return Found(failed=_make_safe(name, driver))
+        rest = BusRest(driver.bus, outputs, ramp_s)
+        return Found(
+            [f"driver {name}: {line}" for line in rest.run()], [f"driver {name}: {line}" for line in rest.notes]
+        )
+    except Exception as problem:  # a driver's bug keeps no other one's outputs from their safe values
+        return Found([f"driver {name}: its outputs are unknown, bug: {type(problem).__name__}: {problem}"])
+
+
+def _reported(found: Mapping[str, Found]) -> SafeReport:
+    report = SafeReport([name for name, each in found.items() if not each.failed])
+    for each in found.values():
+        report.failed += each.failed
+        report.notes += each.notes
+    return report
+
+
+def _make_safe(name: str, driver: CyclicDriver) -> list[str]:
+    """The same of a cyclic driver, which says itself whether it has done it."""
+    functions, context = driver.functions(), driver.context()
+    at = context.ctypes.data
+    if code := call_context(functions.open, at):
+        return [f"driver {name} could not be opened: code {code}"]
+    unsafe = call_context(functions.safe, at)
+    unclosed = call_context(functions.close, at)
+    failed = [f"driver {name}: its outputs could not be made safe, code {unsafe}"] if unsafe else []
+    return failed + ([f"driver {name} could not be closed: code {unclosed}"] if unclosed else [])

@@ -1,0 +1,194 @@
+"""What was valid when a controller last ran: a copy of its configuration, for ``safe-outputs``.
+
+The daemon writes it once its drivers are up, and again where a change concerns the outputs. It lies in the state
+directory, named for the configuration's real path, and is believed only where nobody else can have written it. The
+files that the drivers have read besides, message databases, are not copied: their hashes are, and a snapshot whose
+files have changed is not used (``docs/decisions/0020-safe-outputs-from-a-snapshot.md``).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import json
+import os
+import re
+import stat
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from micromanip.settings.check import Prepared
+from micromanip.settings.text.source import Source
+
+_FOLDER, _FORMAT = "safe-outputs", 1
+_MOST_BYTES = 4_000_000
+_CONCERNS = ("schema_version", "loop", "start", "drivers", "outputs", "switches")
+
+
+class NotUsable(Exception):  # noqa: N818
+    """A snapshot that is there and can't be believed; its text says why."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A configuration as it was in force."""
+
+    taken: str
+    """UTC, ISO 8601."""
+    source: Source
+    file: Path
+
+
+def path_of(config: Path, folder: Path) -> Path:
+    """Where the snapshot of `config` lies in the state directory `folder`."""
+    real = os.path.realpath(config)
+    stem = re.sub(r"[^A-Za-z0-9.-]", "_", Path(real).stem)[:60]
+    return folder / _FOLDER / f"{stem}-{hashlib.sha256(real.encode()).hexdigest()[:16]}.json"
+
+
+def read(config: Path, folder: Path, owners: Collection[int]) -> Snapshot | None:
+    """The snapshot of `config` in the state directory `folder`, None where there is none.
+
+    Raises NotUsable where it is not one of `owners`, or others can write it, or it has been damaged or overtaken.
+    """
+    path = path_of(config, folder)
+    try:
+        document = json.loads(_content(path, owners))
+        if document["format"] != _FORMAT or document["configuration"] != os.path.realpath(config):
+            raise NotUsable(f"{path} is not a snapshot of {config}")
+        for name, digest in document["files"].items():
+            if _digest(Path(name)) != digest:
+                raise NotUsable(f"{name} has been changed since {path} was written")
+        return Snapshot(str(document["taken"]), Source.of(document["document"], Path(document["path"])), path)
+    except FileNotFoundError:
+        return None
+    except OSError as problem:
+        raise NotUsable(f"{path} can't be read: {problem.strerror}") from problem
+    except (ValueError, TypeError, KeyError, AttributeError) as problem:
+        raise NotUsable(f"{path} is damaged") from problem
+
+
+def write(source: Source, files: Mapping[str, str | None], folder: Path) -> None:
+    """Put the snapshot of `source` in place, whole or not at all, and on the disk. Raises OSError, NotUsable."""
+    path = path_of(source.path, folder)
+    document = {
+        "format": _FORMAT,
+        "taken": datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+        "configuration": os.path.realpath(source.path),
+        "path": os.path.abspath(source.path),  # noqa: PTH100 (a link's own folder is where its files are seen from)
+        "files": dict(files),
+        "document": source.data,
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(FileExistsError):
+        path.parent.mkdir(mode=0o750)
+    at = _opened_folder(path.parent, {os.geteuid()})
+    own = f".{path.name}.{os.getpid()}"
+    try:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(own, dir_fd=at)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        try:
+            with open(os.open(own, flags, 0o640, dir_fd=at), "wb") as stream:  # noqa: PTH123 (of a descriptor)
+                stream.write(json.dumps(document).encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.rename(own, path.name, src_dir_fd=at, dst_dir_fd=at)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(own, dir_fd=at)
+            raise
+        os.fsync(at)
+    finally:
+        os.close(at)
+
+
+class SnapshotKeeper:
+    """Keeps the snapshot of what runs up to date."""
+
+    def __init__(self, prepared: Prepared, folder: Path, say: Callable[[str], None]) -> None:
+        """`say` gets a warning where it can't be written: the run goes on."""
+        self._folder, self._say = folder, say
+        self._path = prepared.source.path
+        self._files = {
+            os.path.abspath(file): _digest(file)  # noqa: PTH100 (links stay links)
+            for bridge in prepared.wiring.buses.values()
+            for file in bridge.bus.files
+        }
+        self._written: Any = None
+        self._one_at_a_time = asyncio.Lock()
+        self._writing: set[asyncio.Task[None]] = set()
+
+    async def keep(self, source: Source) -> None:
+        """`source` is what runs."""
+        async with self._one_at_a_time:
+            concerns = [source.data.get(key) for key in _CONCERNS]
+            if concerns == self._written:
+                return
+            try:
+                await asyncio.to_thread(write, source, self._files, self._folder)
+                self._written = concerns
+            except (OSError, NotUsable) as problem:
+                why = problem.strerror if isinstance(problem, OSError) else problem
+                self._say(
+                    f"WARNING: no snapshot for `micromanip safe-outputs` in {self._folder}: {why}; it will go by an "
+                    f"older one, or by {self._path} as it is then"
+                )
+
+    def follow(self, source: Source) -> None:
+        """The same, without waiting for the disk."""
+        task = asyncio.get_running_loop().create_task(self.keep(source))
+        self._writing.add(task)
+        task.add_done_callback(self._writing.discard)
+
+    async def settle(self) -> None:
+        """Wait until what was asked for has been written."""
+        await asyncio.gather(*self._writing)
+
+
+def _digest(file: Path) -> str | None:
+    """SHA-256 of a file, None where it can't be read."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def _content(path: Path, owners: Collection[int]) -> bytes:
+    """Raises OSError, NotUsable."""
+    at = _opened_folder(path.parent, owners)
+    try:
+        descriptor = os.open(path.name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=at)
+    finally:
+        os.close(at)
+    with open(descriptor, "rb") as stream:  # noqa: PTH123 (of a descriptor)
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+            raise NotUsable(f"{path} is no plain file")
+        _refuse_strangers(path, found, owners)
+        content = stream.read(_MOST_BYTES + 1)
+    if len(content) > _MOST_BYTES:
+        raise NotUsable(f"{path} is larger than {_MOST_BYTES // 1_000_000} MB")
+    return content
+
+
+def _opened_folder(folder: Path, owners: Collection[int]) -> int:
+    """A descriptor of a folder in which nobody else writes. Raises OSError, NotUsable."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        _refuse_strangers(folder, os.fstat(descriptor), owners)
+    except NotUsable:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _refuse_strangers(path: Path, found: os.stat_result, owners: Collection[int]) -> None:
+    if found.st_uid not in owners:
+        raise NotUsable(f"{path} belongs to user {found.st_uid}")
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise NotUsable(f"{path} can be written by others")

@@ -1,0 +1,120 @@
+"""The shared memory of one running controller: anonymous files, inherited by descriptor.
+
+``memfd_create`` gives memory without a name: nothing is left behind after kill -9 of any process.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.rt.histogram import BINS
+from micromanip.rt.mailbox import WORDS
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
+
+RING_ROWS = 1 << 16
+"""At 20 kHz 3.3 s: the black box of a trip needs 2.5 s, and time to fetch them."""
+
+SLOTS = 64
+"""Two would do for the loop; the recorder finds the sets of a burst of swaps here."""
+
+CONTROL = np.dtype([("words", "i8", (WORDS,)), ("parameters", CELL_PARAMETERS, (SLOTS,))], align=True)
+"""Written by the host only."""
+STATUS = np.dtype(
+    [
+        ("words", "i8", (WORDS,)),
+        ("state", CELL_STATE, (1,)),
+        ("shadow", CELL_STATE, (1,)),
+        ("snapshot", CELL_STATE, (1,)),
+        ("lateness", "i8", (BINS,)),
+        ("compute", "i8", (BINS,)),
+        ("timespec", "i8", (2,)),
+        ("signals", SIGNAL, (MAX_SIGNALS,)),
+        ("outputs", "f8", (MAX_OUTPUTS,)),
+    ],
+    align=True,
+)
+"""Written by the loop only."""
+RING = np.dtype([("words", "i8", (WORDS,)), ("rows", ROW, (RING_ROWS,))], align=True)
+"""Telemetry, written by the loop only; any number of readers, none of which the loop waits for."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One piece of shared memory and its descriptor."""
+
+    descriptor: int
+    memory: mmap.mmap
+
+    @classmethod
+    def create(cls, name: str, size: int) -> Segment:
+        """New zeroed memory of `size` bytes; `name` shows in /proc only."""
+        descriptor = os.memfd_create(name)
+        os.ftruncate(descriptor, max(size, 1))
+        return cls(descriptor, mmap.mmap(descriptor, max(size, 1)))
+
+    @classmethod
+    def attach(cls, descriptor: int, *, writable: bool) -> Segment:
+        """Map inherited memory."""
+        access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
+        return cls(descriptor, mmap.mmap(descriptor, os.fstat(descriptor).st_size, access=access))
+
+    def record(self, dtype: np.dtype[Any]) -> Any:
+        """The memory as one record of `dtype`."""
+        return np.frombuffer(self.memory, dtype, 1)[0]
+
+    def bytes(self) -> NDArray[np.uint8]:
+        """The memory as plain bytes."""
+        return np.frombuffer(self.memory, np.uint8)
+
+
+@dataclass(frozen=True)
+class Segments:
+    """All segments of one controller, in the order in which their descriptors are handed on."""
+
+    control: Segment
+    status: Segment
+    ring: Segment
+    contexts: Segment
+    samples: Segment
+
+    @classmethod
+    def create(cls, context_bytes: int, samples: NDArray[np.float64]) -> Segments:
+        """Fresh memory for one run."""
+        segments = cls(
+            Segment.create("micromanip-control", CONTROL.itemsize),
+            Segment.create("micromanip-status", STATUS.itemsize),
+            Segment.create("micromanip-ring", RING.itemsize),
+            Segment.create("micromanip-contexts", context_bytes),
+            Segment.create("micromanip-samples", samples.nbytes),
+        )
+        segments.samples.bytes()[:] = np.ascontiguousarray(samples).view(np.uint8).ravel()
+        return segments
+
+    @property
+    def descriptors(self) -> tuple[int, ...]:
+        """Descriptors to pass to a child."""
+        return tuple(s.descriptor for s in (self.control, self.status, self.ring, self.contexts, self.samples))
+
+    @classmethod
+    def attach(cls, descriptors: list[int], *, writable: bool) -> Segments:
+        """Map inherited segments: writable in the loop process, for reading anywhere else."""
+        return cls(*(Segment.attach(d, writable=writable) for d in descriptors))
+
+    def sample_table(self) -> NDArray[np.float64]:
+        """Samples (n, MAX_AXES) of the reference source `file`."""
+        return np.frombuffer(self.samples.memory, np.float64).reshape(-1, MAX_AXES)
+
+
+def context_layout(sizes: list[int]) -> tuple[list[int], int]:
+    """Offsets of the drivers' contexts, each on a cache line of its own, and the total size."""
+    offsets, total = [], 0
+    for size in sizes:
+        offsets.append(total)
+        total += -(-size // 64) * 64
+    return offsets, total

@@ -1,0 +1,177 @@
+"""A trip in plain words: what tripped, the order of causes, what the loop did, where the axes were, what to do next."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from micromanip.files.regular_file import open_regular
+from micromanip.host.messages import ALL, FAULTS, seen
+from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
+
+from .box import Box
+from .evidence import Moment, at_end_of_range, error_um, milliseconds, observations, parameters_of
+
+_MEANING = {
+    "READY": "disarmed, outputs at park",
+    "ARMED": "arming",
+    "TRACKING": "the loops follow the reference",
+    "HOLDING": "correction frozen",
+    "RAMPING": "smoothly to the park voltage",
+    "FAULT": "latched; nothing moves before a reset",
+    "OFF": "the loop ends",
+}
+_BEFORE_MS = -1000.0
+
+
+def story(box: Box, file: Path) -> dict[str, Any]:
+    """The whole explanation as plain data; `lines` makes text of it."""
+    trip = box.trip
+    text = next((text for text in ALL if text.code == trip["code"]), None)
+    return {
+        "trip": file.stem,
+        "file": str(file),
+        "code": trip["code"],
+        "axis": trip["axis"],
+        "value": trip["value"],
+        "limit": trip["limit"],
+        "message": trip["message"],
+        "utc": box.meta["utc"],
+        "cycle": trip["cycle"],
+        "complete": box.meta["complete"],
+        "cycles": len(box.rows),
+        "timeline": [{"ms": round(m.ms, 3), "axis": m.axis, "text": m.text} for m in _timeline(box)],
+        "states": [{"ms": round(ms, 3), "state": name} for ms, name in states(box)],
+        "axes": {name: _axis(box, i) for i, name in enumerate(box.meta["axes"])},
+        "configuration": {
+            "path": box.meta["path"],
+            "sha256": box.meta["sha256"],
+            "now": _present(Path(box.meta["path"]), box.meta["sha256"]),
+            "parameter_versions": box.parameters["version"].tolist(),
+        },
+        "likely_causes": list(text.likely_causes) if text else [],
+        "next_step": text.next_step if text else "",
+    }
+
+
+def states(box: Box) -> list[tuple[float, str]]:
+    """Each state of the cell and the time (ms from the trip) at which the rows first show it."""
+    if not len(box.rows):
+        return []
+    state, ms = box.rows["state"], milliseconds(box)
+    changes = [0, *(np.flatnonzero(np.diff(state)) + 1).tolist()]
+    return [(float(ms[k]), STATE_NAMES[state[k]]) for k in changes]
+
+
+def _timeline(box: Box) -> list[Moment]:
+    """Evidence, faults and warnings, and states; at the same time in this order."""
+    changes = [
+        Moment(ms, None, f"{name}{'' if k else ' already'}: {_MEANING.get(name, '')}")
+        for k, (ms, name) in enumerate(states(box))
+    ]
+    return sorted([*observations(box), *_raised(box), *changes], key=lambda moment: moment.ms)
+
+
+def _raised(box: Box) -> list[Moment]:
+    """Faults and warnings of the time that the box holds, the trip at 0."""
+    trip, moments, told = box.trip, [], False
+    for event in box.events:
+        code, axis, cycle = int(event["code"]), int(event["axis"]), int(event["cycle"])
+        own = code == trip["number"] and abs(cycle - trip["cycle"]) <= 1
+        told |= own
+        if len(box.rows) and not box.rows["cycle"][0] - 1 <= cycle <= box.rows["cycle"][-1]:
+            continue
+        ms = 0.0 if own else (cycle - trip["cycle"]) * box.meta["period_ns"] * 1e-6
+        name = box.meta["axes"][axis] if axis >= 0 else None
+        told_of = _noticed(code, float(event["value"]), float(event["limit"]))
+        reaction = int(event["reaction"])
+        moments.append(Moment(ms, name, f"{told_of} -> {REACTION_NAMES[reaction]}" if reaction != WARN else told_of))
+    if not told:
+        moments.append(Moment(0.0, trip["axis"], _first_sentence(trip["message"])))
+    return moments
+
+
+def _noticed(code: int, value: float, limit: float) -> str:
+    """What a fault or a warning saw; one that this version does not know has its number."""
+    return seen(FAULTS[code], value, limit) if code in FAULTS else f"event {code}, {value:g} (limit {limit:g})"
+
+
+def _first_sentence(message: str) -> str:
+    """A message without causes and next step."""
+    return message.split(". Likely:")[0]
+
+
+def _axis(box: Box, axis: int) -> dict[str, float | list[float] | None]:
+    """Where the axis was at the trip: the last cycle before it, in which it was still controlled."""
+    if not len(box.rows):
+        return {}
+    ms, error = milliseconds(box), error_um(box, axis)
+    at = max(0, int(np.searchsorted(ms, 0.0)) - 1)
+    before = ms <= 0.0
+    last_second = before & (ms > _BEFORE_MS)
+    limiter, row = parameters_of(box, axis)["limiter"], box.rows["axis"][at, axis]
+    known = np.abs(error[before & np.isfinite(error)])
+    return {
+        "error_um": _number(error[at]),
+        "max_error_um": _number(known.max()) if len(known) else None,
+        "setpoint_um": _number(row["setpoint_um"]),
+        "strain_um": _number(row["strain_um"]),
+        "stage_um": _number(row["stage_um"]),
+        "voltage_V": _number(row["voltage_V"]),
+        "range_V": [float(limiter["low_V"]), float(limiter["high_V"])],
+        "saturated_percent": round(100.0 * float(at_end_of_range(box, axis)[last_second].mean()), 1),
+    }
+
+
+def _number(value: Any) -> float | None:
+    return round(float(value), 3) if np.isfinite(value) else None
+
+
+def _present(file: Path, sha256: str) -> str:
+    """What has become of the configuration's file: unchanged, changed or missing."""
+    try:
+        with open_regular(file) as stream:
+            text = stream.read().decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError):
+        return "missing"
+    return "unchanged" if hashlib.sha256(text.encode()).hexdigest() == sha256 else "changed"
+
+
+def lines(told: dict[str, Any]) -> list[str]:
+    """The story as text, a line each."""
+    text = [_first_sentence(told["message"]), f"{told['utc']} (cycle {told['cycle']})", ""]
+    text += ["What happened, in ms from the trip:"]
+    for moment in told["timeline"]:
+        where = f"{moment['axis']}: " if moment["axis"] and f"axis {moment['axis']}" not in moment["text"] else ""
+        text.append(f"{moment['ms']:10.1f}  {where}{moment['text']}")
+    if not told["complete"]:
+        text.append("            (what came after is missing: the black box could not be completed)")
+    text += ["", "Axes in the last cycle before it:"]
+    text += [f"  {name}: {_axis_words(axis)}" for name, axis in told["axes"].items() if axis]
+    configuration = told["configuration"]
+    now = {
+        "unchanged": "the file is the same today",
+        "changed": "the file is another one today",
+        "missing": "the file is not there any more",
+    }[configuration["now"]]
+    versions = ", ".join(str(version) for version in configuration["parameter_versions"])
+    text += ["", f"Configuration: {configuration['path']}, sha256 {configuration['sha256'][:16]}; {now}"]
+    text += [f"Parameter versions in force: {versions}"]
+    if told["likely_causes"]:
+        text += [f"Likely: {'; or '.join(told['likely_causes'])}"]
+    if told["next_step"]:
+        text += [f"Next: {told['next_step']}"]
+    return [*text, f"Black box: {told['file']}"]
+
+
+def _axis_words(axis: dict[str, Any]) -> str:
+    low, high = axis["range_V"]
+    voltage = f"{axis['voltage_V']:.1f} V of {low:g} to {high:g} V"
+    if axis["saturated_percent"] > 0:
+        voltage += f", at an end of it {axis['saturated_percent']:g} % of the last second"
+    if axis["error_um"] is None:
+        return voltage
+    return f"error {axis['error_um']:.2f} um (largest before {axis['max_error_um']:.2f} um), {voltage}"

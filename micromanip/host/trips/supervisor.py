@@ -1,0 +1,237 @@
+"""The host's side of the black box: starts the process, hears what became of each trip, tells people."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from micromanip.errors import CheckFailed
+from micromanip.host import journal
+from micromanip.host.controller import Controller
+from micromanip.host.messages import FAULTS, code_of
+from micromanip.rt import mailbox as w
+from micromanip.rt.states import NO_FAULT
+from micromanip.settings.text.source import Source
+
+LOOP_DEATH = -1
+"""The key of the trip that the loop's death is; every other trip has its number."""
+_STUCK_S = {"hardware": 0.5, "simulation": 3.0}
+_TELL_WITHIN_S = 1.0
+_SETTLE_S = 2.0
+_GIVE_UP_S = 30.0
+_RESTART_S = 1.0
+_RESTARTS, _RECENT_S = 3, 600.0
+"""It is started again so often within that time; one that dies by every trip must not keep a CPU busy."""
+_END_S = 20.0
+
+
+class BlackBox:
+    """One black-box process, started anew where it dies; the controller never waits for it but in `settle`."""
+
+    def __init__(self, controller: Controller, folder: Path, kept: int, say: Callable[[str], None]) -> None:
+        self._controller, self._folder, self._kept, self._say = controller, folder, kept, say
+        self._source = controller.prepared.source
+        self._process: asyncio.subprocess.Process | None = None
+        self._following: asyncio.Task[None] | None = None
+        self._ready = self._stopping = self._gone = False
+        self._settled: dict[int, dict[str, Any]] = {}
+        self._told: int | None = None
+        self._noticed: tuple[int, float] | None = None
+
+    def start(self) -> None:
+        """Start it, without waiting: a trip that comes before it is ready is still in the ring."""
+        self._following = asyncio.create_task(self._keep_alive())
+
+    async def stop(self, died: str | None = None) -> None:
+        """Let it finish and end; `died` is what happened to a loop that did not end by itself, its code first."""
+        if self._following is None or self._stopping:
+            return
+        self._stopping = True
+        if self._process is None or (not self._ready and died is None and self._latched() is None):
+            self._kill()  # it had nothing to do
+        else:
+            if died is not None:
+                self._tell({"died": died})
+            assert self._process.stdin is not None
+            self._process.stdin.close()
+        done, _ = await asyncio.wait({self._following}, timeout=_END_S)
+        if not done:
+            self._say(f"WARNING: the black box did not end within {_END_S:g} s; {self._folder} may lack the last trip")
+            self._kill()
+            await self._following
+        if died is not None and journal.is_connected():
+            file = self._settled.get(LOOP_DEATH, {}).get("file")
+            code = code_of(died)
+            journal.send(journal.trip_fields(died + self.where(LOOP_DEATH), code, None, None, None, file))
+
+    def configured(self, source: Source) -> None:
+        """From now on the controller runs another configuration."""
+        self._source = source
+        self._tell(self._cell())
+
+    async def settle(self) -> None:
+        """Return once the box of the latched fault is on disk, or its failure told; CheckFailed where it is not yet."""
+        end = time.monotonic() + _SETTLE_S
+        while not self._gone and (key := self._latched()) is not None and key not in self._settled:
+            if time.monotonic() > end:
+                raise CheckFailed("reset refused: the black box of this trip is not on disk yet; try again in a moment")
+            await asyncio.sleep(0.01)
+
+    def announce(self, *, last: bool = False) -> None:
+        """Tell the latched fault in full, once: as soon as its box is on disk, or without it after a second.
+
+        Where it ended the run while another was latched that nobody has heard of yet, that one first; the `last` time
+        there is nothing to wait for.
+        """
+        key, fault = self._latched(), self._controller.fault()
+        if key is None or fault is None:
+            self._told = self._noticed = None
+            return
+        if self._noticed is None or self._noticed[0] != key:
+            self._noticed = (key, time.monotonic())
+        waited_s = time.monotonic() - self._noticed[1]
+        if waited_s > _GIVE_UP_S and key not in self._settled:
+            self._give_up(key)
+        waits = not (last or key in self._settled or waited_s > _TELL_WITHIN_S or self._gone)
+        if key == self._told or waits:
+            return
+        if self._controller.status["state"][0]["former"] != NO_FAULT and self._told != key - 1:
+            self._publish(key - 1, "former", self._controller.faults()[0] + self.where(key - 1))
+        self._told = key
+        self._publish(key, "fault", fault + self.where(key))
+
+    def _give_up(self, key: int) -> None:
+        """A disk that hangs must not keep the cell in FAULT for ever."""
+        code = FAULTS[int(self._controller.words[w.FAULT_CODE])].code
+        problem = f"nothing was heard of it for {_GIVE_UP_S:g} s"
+        self._hear({"key": key, "code": code, "file": str(self._folder), "problem": problem})
+
+    def _publish(self, key: int, name: str, message: str) -> None:
+        """To the journal with its fields where there is one, else as any message; `name` is its place in the state."""
+        state, box = self._controller.status["state"][0], self._settled.get(key, {})
+        axes = list(self._controller.prepared.configuration.axes)
+        axis = axes[state[f"{name}_axis"]] if state[f"{name}_axis"] >= 0 else None
+        code, file = FAULTS[int(state[name])].code, None if "problem" in box else box.get("file")
+        value, limit = float(state[f"{name}_value"]), float(state[f"{name}_limit"])
+        fields = journal.trip_fields(message, code, axis, value, limit, file)
+        if not (journal.is_connected() and journal.send(fields)):
+            self._say(message)
+
+    def where(self, key: int) -> str:
+        """`` Black box: FILE`` for a message about the trip; empty where there is none."""
+        box = self._settled.get(key)
+        return f" Black box: {box['file']}" if box and "problem" not in box else ""
+
+    def report(self) -> list[dict[str, Any]]:
+        """``[{code, file, complete, problem}]`` of all trips so far; `problem` is None where the box is on disk."""
+        return [
+            {
+                "code": box["code"],
+                "file": box["file"],
+                "complete": box.get("complete", False),
+                "problem": box.get("problem"),
+            }
+            for box in self._settled.values()
+        ]
+
+    def _latched(self) -> int | None:
+        """The number of the trip that is latched; None without one."""
+        if self._controller.words[w.FAULT_CODE] == NO_FAULT:
+            return None
+        return int(self._controller.words[w.TRIPS])
+
+    def _cell(self) -> dict[str, Any]:
+        configuration = self._controller.prepared.configuration
+        return {
+            "configuration": self._source.text,
+            "sha256": self._source.hash,
+            "path": str(self._source.path),
+            "axes": list(configuration.axes),
+            "drivers": list(configuration.drivers),
+            "period_ns": configuration.loop.period_ns,
+        }
+
+    async def _keep_alive(self) -> None:
+        deaths: list[float] = []
+        while True:
+            await self._follow()
+            if self._stopping or self._controller.words[w.FINISHED]:
+                return
+            deaths = [died for died in deaths if time.monotonic() - died < _RECENT_S] + [time.monotonic()]
+            if len(deaths) > _RESTARTS:
+                break
+            self._say("WARNING: the black box process died; it is started again")
+            await asyncio.sleep(_RESTART_S)
+            if self._stopping:
+                return
+        self._say("WARNING: the black box process died again; trips leave no black box any more")
+        self._gone = True
+
+    async def _follow(self) -> None:
+        """One process from its start to its end."""
+        segments = self._controller.segments
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *("-m", "micromanip.host.trips.process"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            pass_fds=segments.descriptors,
+            start_new_session=True,
+        )
+        orders = self._cell() | {
+            "descriptors": segments.descriptors,
+            "folder": str(self._folder.absolute()),
+            "kept": self._kept,
+            "known": self._known(),
+            "begun": self._begun(),
+            "stuck_s": _STUCK_S[self._controller.prepared.configuration.loop.limits],
+        }
+        self._tell(orders)
+        assert self._process.stdout is not None
+        async for line in self._process.stdout:
+            self._hear(json.loads(line))
+        await self._process.wait()
+        self._ready = False
+
+    def _known(self) -> int:
+        """The newest trip that a new process need not look at; one that is latched and was kept in memory was lost."""
+        latched = self._latched()
+        return max((key for key, box in self._settled.items() if key != latched or "problem" not in box), default=0)
+
+    def _begun(self) -> dict[str, Any] | None:
+        """The newest trip, where only its first half is on disk: ``{key, file}``."""
+        newest = max(self._settled, default=0)
+        box = self._settled.get(newest, {"complete": True})
+        return None if "problem" in box or box["complete"] else {"key": newest, "file": box["file"]}
+
+    def _tell(self, message: dict[str, Any]) -> None:
+        if self._process is not None and self._process.stdin is not None:
+            with contextlib.suppress(ConnectionError):
+                self._process.stdin.write(json.dumps(message).encode() + b"\n")
+
+    def _hear(self, message: dict[str, Any]) -> None:
+        if "ready" in message:
+            self._ready = True
+            return
+        key = message["key"]
+        if "lost" in message:
+            self._say(f"WARNING: the black box of {message['code']} is lost: {message['lost']}")
+            return
+        if "problem" in message:
+            self._say(
+                f"WARNING: the black box of {message['code']} can't be written to {message['file']}: "
+                f"{message['problem']}. It is kept in memory and tried again: make room, or start with another --trips"
+            )
+        elif "problem" in self._settled.get(key, {}):
+            self._say(f"Black box: {message['file']}")
+        self._settled[key] = message
+
+    def _kill(self) -> None:
+        if self._process is not None and self._process.returncode is None:
+            self._process.kill()

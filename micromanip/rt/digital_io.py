@@ -1,0 +1,43 @@
+"""Digital inputs and outputs of the cell: enable, interlock, retracted; amplifier on, feed-hold, heartbeat."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from micromanip.rt.laws.sensor import read_line
+
+from .jit import compiled
+from .records import Record
+from .states import ARMED, HOLDING, NO_FAULT, RAMPING, TRACKING
+
+
+@compiled
+def read_lines(p: Record, s: Record, signals: Any, now_ns: int) -> None:
+    """Digital inputs of the cell."""
+    read_line(p["enable"], s["enable"], signals, now_ns)
+    read_line(p["interlock"], s["interlock"], signals, now_ns)
+    read_line(p["retracted"], s["retracted"], signals, now_ns)
+
+
+@compiled
+def asks_feed_hold(s: Record) -> bool:
+    """Whether the machine is asked to stop feeding: the path is not corrected, or not for long."""
+    return s["state"] == HOLDING or s["fault"] != NO_FAULT
+
+
+@compiled
+def is_enabled(s: Record) -> bool:
+    """Whether the amplifier is asked to be on."""
+    state = s["state"]
+    return state in (ARMED, TRACKING, HOLDING, RAMPING)
+
+
+@compiled
+def switch(p: Record, s: Record, outputs: Any) -> None:
+    """Digital outputs: amplifier on, feed-hold asked of the machine, heartbeat of the loop."""
+    if p["amplifier_enable"] >= 0:
+        outputs[p["amplifier_enable"]] = 1.0 if is_enabled(s) else 0.0
+    if p["feed_hold"] >= 0:
+        outputs[p["feed_hold"]] = 1.0 if asks_feed_hold(s) else 0.0
+    if p["heartbeat"] >= 0:
+        outputs[p["heartbeat"]] = float(s["cycle"] // p["heartbeat_cycles"] % 2)

@@ -1,0 +1,1 @@
+"""The laws of the cycle: parameters, state and step of one idea in one file."""

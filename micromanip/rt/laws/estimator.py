@@ -1,0 +1,144 @@
+"""Kalman filter of one axis: predicts in every cycle, updates only on a fresh sample, at its own age.
+
+Model per cycle ``x+ = A x + B u``, ``y = C x``: identified dynamics, actuation delay, random-walk
+input disturbance and tooth-passing oscillator; u is the actuator set-point that was really given
+(after its limits), relative to the working point, y the capacitive sensor, both in um.
+
+``filtered`` is the estimate at the cycle of the last fresh sample, ``x`` its prediction to now.
+A sample taken `age` cycles ago is applied where it belongs: ``filtered`` is carried to the
+sample's cycle with the set-points remembered, corrected there, and predicted to now again. The
+gain is the stationary one for the sensor's sampling interval; the error dynamics
+``(I - L C) A^m`` are checked to be stable with the configuration.
+
+No sample moves the estimate by more than is plausible at once: an innovation beyond what sensor and process together
+bring (``innovation_um``) is cut down to that. While more comes the limit opens, threefold a sample, and closes slowly
+again, so that the filter is soon the linear one: what really happened is followed a few samples later, a reading that
+was late, held or false for a moment leaves no disturbance behind. One that is exactly the same for the third time
+counts for no more than the sensor's noise: it is held somewhere, or nothing moves. After a gap the states of motion
+take all of the innovation, because nobody knows what went on; the disturbances don't.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.records import INPUT_HISTORY, Record
+
+_MASK = INPUT_HISTORY - 1
+_OPENS, _CLOSES = 2.0, 0.9
+"""How much more than usual may come after an innovation, in terms of it; what is left of that a sample later."""
+
+
+_REPEATED = 2
+
+
+@compiled
+def predict(p: Record, x: Any, scratch: Any, u: float) -> None:
+    """One cycle of the model: ``x <- A x + B u``.
+
+    Four states at a time over the padded length, their sums in registers: the compiler can't know that `scratch` lies
+    apart from `p`, and turns only sums that it need not store at each term into vector instructions. The padding is
+    zero and stays zero.
+    """
+    a, b = p["a_columns"], p["b"]
+    for i in range(0, p["states"], 4):
+        s0, s1, s2, s3 = b[i] * u, b[i + 1] * u, b[i + 2] * u, b[i + 3] * u
+        for j in range(p["states"]):
+            s0 += a[j, i] * x[j]
+            s1 += a[j, i + 1] * x[j]
+            s2 += a[j, i + 2] * x[j]
+            s3 += a[j, i + 3] * x[j]
+        scratch[i], scratch[i + 1], scratch[i + 2], scratch[i + 3] = s0, s1, s2, s3
+    for i in range(p["states"]):
+        x[i] = scratch[i]
+
+
+@compiled
+def output(p: Record, x: Any) -> float:
+    """``C x``: the sensor reading (um) that the estimate `x` expects."""
+    y = 0.0
+    for i in range(p["states"]):
+        y += p["c"][i] * x[i]
+    return y
+
+
+@compiled
+def _advance(p: Record, s: Record, x: Any, first: int, last: int) -> None:
+    for cycle in range(first, last):
+        predict(p, x, s["scratch"], s["history"][cycle & _MASK])
+
+
+@compiled
+def start_estimator(p: Record, s: Record, cycle: int, u: float, y: float) -> None:
+    """State at rest that agrees with set-point `u` held and sensor reading `y`."""
+    for i in range(p["states"]):
+        s["filtered"][i] = p["steady_u"][i] * u + p["steady_y"][i] * y
+        s["x"][i] = s["filtered"][i]
+    for k in range(INPUT_HISTORY):
+        s["history"][k] = u
+    s["filtered_cycle"] = cycle
+    s["cycle"] = cycle
+    s["innovation_um"] = s["opened_um"] = 0.0
+    s["reading_um"] = y
+    s["repeated"] = 0
+    s["running"] = 1
+
+
+@compiled
+def remember(s: Record, u: float) -> None:
+    """Note the set-point `u` that is given in the present cycle."""
+    s["history"][s["cycle"] & _MASK] = u
+
+
+@compiled
+def predict_to(p: Record, s: Record, cycle: int) -> None:
+    """Carry ``x`` to `cycle`; cycles that an overrun skipped held the set-point before them."""
+    held = s["history"][s["cycle"] & _MASK]
+    for skipped in range(s["cycle"] + 1, min(cycle, s["cycle"] + INPUT_HISTORY)):
+        s["history"][skipped & _MASK] = held
+    _advance(p, s, s["x"], max(s["cycle"], cycle - INPUT_HISTORY + 1), cycle)
+    s["cycle"] = cycle
+
+
+@compiled
+def believed(p: Record, s: Record, innovation: float) -> float:
+    """What of an innovation (um) is applied; the limit opens or closes for the next one."""
+    limit_um = p["innovation_um"] + s["opened_um"] if s["repeated"] < _REPEATED else p["repeated_um"]
+    applied = max(-limit_um, min(limit_um, innovation))
+    s["opened_um"] = max(_OPENS * abs(applied), _CLOSES * s["opened_um"])
+    return applied
+
+
+@compiled
+def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
+    """Apply the sample `y` taken at `sample_cycle`; False where it is too old to be of use.
+
+    ``x`` must have been carried to the present cycle. A sample not younger than the one before is
+    refused (out of order); after a gap longer than the memory the filter starts anew.
+    """
+    now = s["cycle"]
+    if sample_cycle <= s["filtered_cycle"] or sample_cycle > now or now - sample_cycle >= INPUT_HISTORY:
+        return False
+    if now - s["filtered_cycle"] >= INPUT_HISTORY:
+        start_estimator(p, s, now, s["history"][(now - 1) & _MASK], y)
+        return True
+    n = p["states"]
+    gap = sample_cycle - s["filtered_cycle"] > p["gap_cycles"]
+    s["repeated"] = s["repeated"] + 1 if y == s["reading_um"] else 0
+    s["reading_um"] = y
+    if sample_cycle == now:
+        for i in range(n):
+            s["filtered"][i] = s["x"][i]
+    else:
+        _advance(p, s, s["filtered"], s["filtered_cycle"], sample_cycle)
+    innovation = y - output(p, s["filtered"])
+    applied = believed(p, s, innovation)
+    motion = innovation if gap else applied
+    for i in range(n):
+        s["filtered"][i] += p["gain"][i] * (motion if i < p["slow"] else applied)
+        s["x"][i] = s["filtered"][i]
+    _advance(p, s, s["x"], sample_cycle, now)
+    s["filtered_cycle"] = sample_cycle
+    s["innovation_um"] = innovation
+    return True

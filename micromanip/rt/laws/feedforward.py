@@ -1,0 +1,58 @@
+"""Feedforward of one axis: the voltage at which the hysteresis model gives the set-point.
+
+The set-point is clipped to the attainable range *before* the inverse: clipping the voltage after
+it would let the memories of the model and of the actuator drift apart.
+
+Two extensions of (7), both off by default. Creep: the actuator also follows ``sum g_m L_m[u]``, first-order
+lags of the plays' input u; the inverse is asked for what is left of the set-point. Rate dependence:
+thresholds grow with the speed of u; the speed is that of the cycle before.
+"""
+
+from __future__ import annotations
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.records import Record
+
+from .hysteresis import NETWORK, PRANDTL_ISHLINSKII, admit, inverse_plays
+from .network import network_output, start_network
+from .shaping import shape, unshape
+
+
+@compiled
+def inverse_with_creep(p: Record, s: Record, y: float) -> float:
+    """Plays' input u (um) at which hysteresis and creep together give displacement `y`."""
+    for m in range(p["creeps"]):
+        y -= p["creep_gain"][m] * s["creep_um"][m]
+    u = inverse_plays(p, s["z"], y, p["alpha"] * p["rate_cycles"] * abs(s["change_um"]))
+    for m in range(p["creeps"]):
+        s["creep_um"][m] += p["creep_step"][m] * (u - s["creep_um"][m])
+    s["change_um"] = u - s["u_um"]
+    s["u_um"] = u
+    return u
+
+
+@compiled
+def feedforward_voltage(p: Record, s: Record, setpoint_um: float) -> float:
+    """Voltage (V) for `setpoint_um`; 0 without a model (pure feedback, configuration A)."""
+    y = max(p["low_um"], min(p["high_um"], setpoint_um))
+    v = 0.0
+    if p["kind"] == PRANDTL_ISHLINSKII:
+        v = unshape(p["shaping"], inverse_with_creep(p, s, y))
+    elif p["kind"] == NETWORK:
+        v = network_output(p, s, y)
+    s["output_V"] = v
+    return v
+
+
+@compiled
+def start_feedforward(p: Record, s: Record, y_um: float, v: float) -> None:
+    """Take over at displacement `y_um` and voltage `v`: memory made consistent, whatever it was."""
+    y = max(p["low_um"], min(p["high_um"], y_um))
+    u = shape(p["shaping"], v)
+    for m in range(p["creeps"]):
+        s["creep_um"][m] = u
+        y -= p["creep_gain"][m] * u
+    admit(p, s["z"], y)
+    s["u_um"] = u
+    s["change_um"] = 0.0
+    start_network(s, y, v)

@@ -1,0 +1,100 @@
+"""Hysteresis of one actuator: play operator, generalised Prandtl-Ishlinskii model and its inverse.
+
+Play operator (2)-(3), model (6), inverse (7)-(9); the recurrent-network inverse (10)-(12) is in
+``network.py``, the shaping functions are in ``shaping.py``. Displacements in um, voltages in V.
+
+The inverse exists while every partial sum ``alpha + rho_1 + .. + rho_i`` is positive and the
+``r_hat`` increase; ``micromanip.settings`` refuses a model that breaks this.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.records import Record
+
+from .shaping import shape, unshape
+
+NONE, PRANDTL_ISHLINSKII, NETWORK = 0, 1, 2
+
+
+@compiled
+def play(x: float, r: float, w: float) -> float:
+    """Play operator, equation (2): output after input `x`, threshold `r`, from output `w`."""
+    return max(x - r, min(x + r, w))
+
+
+@compiled
+def model_output(p: Record, w: Any, v: float) -> float:
+    """Displacement (um) of model (6) after voltage `v`; advances the play states `w` (on phi(v))."""
+    u = shape(p["shaping"], v)
+    y = p["alpha"] * u
+    for i in range(p["plays"]):
+        w[i] = play(u, p["r"][i], w[i])
+        y += p["rho"][i] * w[i]
+    return y
+
+
+@compiled
+def inverse_plays(p: Record, z: Any, y: float, widening: float) -> float:
+    """Argument of phi^-1 in (7), in um, for displacement `y`; advances the play states `z`.
+
+    `widening` (um, 0 without rate dependence) is added to every threshold: thresholds ``r_i + e`` of the
+    model are ``r_hat_i + alpha e`` of its inverse, the weights (9) stay.
+    """
+    u = y / p["alpha"]
+    for i in range(p["plays"]):
+        z[i] = play(y, p["r_hat"][i] + widening, z[i])
+        u += p["rho_hat"][i] * z[i]
+    return u
+
+
+@compiled
+def inverse_output(p: Record, z: Any, y: float) -> float:
+    """Voltage (V) of the inverse (7) for displacement `y` (um); advances its play states `z`."""
+    return unshape(p["shaping"], inverse_plays(p, z, y, 0.0))
+
+
+@compiled
+def inverse_parameters(p: Record) -> None:
+    """Fill ``r_hat`` (8) and ``rho_hat`` (9) of `p` from ``alpha``, ``r`` and ``rho``."""
+    before = p["alpha"]
+    for i in range(p["plays"]):
+        r_hat = p["alpha"] * p["r"][i]
+        for j in range(i):
+            r_hat += p["rho"][j] * (p["r"][i] - p["r"][j])
+        after = before + p["rho"][i]
+        p["r_hat"][i] = r_hat
+        p["rho_hat"][i] = -p["rho"][i] / (after * before)
+        before = after
+
+
+@compiled
+def inverse_state(p: Record, w: Any, z: Any) -> None:
+    """State `z` from which the inverse undoes a model whose play states are `w` (any admissible ones).
+
+    ``z_i = (alpha + sum_{j<=i} rho_j) w_i + sum_{j>i} rho_j w_j``. Started anywhere else the
+    inverse is micrometres off until the states have been wiped out.
+    """
+    tail = 0.0
+    partial = p["alpha"]
+    for i in range(p["plays"]):
+        partial += p["rho"][i]
+    for i in range(p["plays"] - 1, -1, -1):
+        z[i] = partial * w[i] + tail
+        tail += p["rho"][i] * w[i]
+        partial -= p["rho"][i]
+
+
+@compiled
+def admit(p: Record, z: Any, y: float) -> None:
+    """Move the inverse's states `z` into the admissible set around displacement `y` (um).
+
+    Admissible is ``|z_1 - y| <= r_hat_1`` and ``|z_{i+1} - z_i| <= r_hat_{i+1} - r_hat_i``: the
+    only states that an input history can leave behind.
+    """
+    inner, r_inner = y, 0.0
+    for i in range(p["plays"]):
+        z[i] = play(inner, p["r_hat"][i] - r_inner, z[i])
+        inner, r_inner = z[i], p["r_hat"][i]

@@ -1,0 +1,28 @@
+"""Outer loop of one axis (section 4.5): state feedback on the estimate, with reference feedforward.
+
+``u = G w - K x``: x is the estimate of ``estimator.py`` and w the reference's own state (position,
+velocity, acceleration, oscillation; ``reference.py``). Integral action is the gain on the
+estimated input disturbance; G and the gains on disturbances solve the regulator equations, so
+that, in the model, every such reference is followed and every such disturbance cancelled
+without error. The actuation delay is part of the model. Gains come from
+``micromanip.settings.compile.outer_gains``, which refuses a loop whose closed-loop poles are not inside the
+unit circle.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.records import REFERENCE_STATES, Record
+
+
+@compiled
+def outer_setpoint(p: Record, x: Any, w: Any) -> float:
+    """Actuator set-point (um, relative to the working point) for estimate `x` and reference `w`."""
+    u = 0.0
+    for i in range(REFERENCE_STATES):
+        u += p["reference"][i] * w[i]
+    for i in range(p["states"]):
+        u -= p["feedback"][i] * x[i]
+    return u

@@ -1,0 +1,62 @@
+"""Recurrent-network inverse of the hysteresis, equations (10)-(12), displacement to voltage.
+
+Input ``X = [y_k, y_{k-1}, v_{k-1}]``, one hidden layer of sigmoid neurons, output ``v_k`` (section
+3.4: y as the input, v as the output). Weights are in physical units (um, V): the scaling used in
+training is folded into them.
+
+The memory ``(y_m, v_m)`` is the last turning point of y, not the sample before: the sample before y has come
+back by more than ``reversal_um`` from its extreme. The branch that leaves a turning point is a smooth function of y
+alone, at any speed and any loop rate (``design/network.py`` trains just that).
+"""
+
+from __future__ import annotations
+
+import math
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.records import Record
+
+
+@compiled
+def sigmoid(x: float) -> float:
+    """Activation of (11), ``1/(1 + exp(-x))``; finite for any finite `x`."""
+    return 1.0 / (1.0 + math.exp(-x)) if x > -700.0 else 0.0
+
+
+@compiled
+def has_turned(s: Record, y: float, reversal_um: float) -> bool:
+    """Whether `y` has just come back by more than `reversal_um` from its extreme, which `s` follows."""
+    way = y - s["y_extreme"]
+    if s["direction"] * way >= 0.0:
+        if s["direction"] == 0.0:
+            s["direction"] = math.copysign(1.0, way) if way != 0.0 else 0.0
+        s["y_extreme"] = y
+        return False
+    if abs(way) <= reversal_um:
+        return False
+    s["y_extreme"] = y
+    s["direction"] = -s["direction"]
+    return True
+
+
+@compiled
+def network_output(p: Record, s: Record, y: float) -> float:
+    """Voltage (V) for displacement `y` (um); advances the memory in `s`."""
+    if has_turned(s, y, p["reversal_um"]):
+        s["y_memory"], s["v_memory"] = s["y_last"], s["v_last"]
+    v = p["b_out"]
+    for m in range(p["neurons"]):
+        activation = (
+            p["b_in"][m] + p["w_in"][m, 0] * y + p["w_in"][m, 1] * s["y_memory"] + p["w_in"][m, 2] * s["v_memory"]
+        )
+        v += p["w_out"][m] * sigmoid(activation)
+    s["y_last"], s["v_last"] = y, v
+    return v
+
+
+@compiled
+def start_network(s: Record, y: float, v: float) -> None:
+    """Memory point at displacement `y` (um) and voltage `v`, as if y had just turned there."""
+    s["y_memory"] = s["y_last"] = s["y_extreme"] = y
+    s["v_memory"] = s["v_last"] = v
+    s["direction"] = 0.0

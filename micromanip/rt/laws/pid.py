@@ -1,0 +1,59 @@
+"""PID on the strain gauge, equation (17), with filtered derivative and back-calculation.
+
+``u = K [e + 1/Ti int e + Td de/dt]``, e in um, u in V. The integrator is kept in V, so that a
+change of Ti is bumpless by itself; ``retune`` covers a change of K. The derivative passes a
+first-order filter of time constant Tf (backward Euler, stable for every Tf >= 0 and period).
+``tracking`` is period/Tt of the back-calculation, stable for 0 <= tracking < 2.
+
+A step covers `periods` cycles, normally one: with a slow sensor the cycles since its last sample. The
+periods that an overrun skipped, or for which the sensor was given up, do not count: the error seen after them did not
+stand all the while, and integrated over them would kick the output. A held sample is never integrated or
+differentiated: the caller does not step then.
+"""
+
+from __future__ import annotations
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.records import Record
+
+
+@compiled
+def pid_output(p: Record, s: Record, error_um: float, periods: int) -> float:
+    """Feedback voltage (V) for `error_um`, `periods` cycles after the step before."""
+    elapsed_s = periods * p["period_s"]
+    s["derivative"] = (p["filter_s"] * s["derivative"] + p["derivative"] * (error_um - s["error"])) / (
+        p["filter_s"] + elapsed_s
+    )
+    s["integrator"] += p["integral"] * periods * error_um
+    s["error"] = error_um
+    s["output_V"] = p["gain"] * error_um + s["integrator"] + s["derivative"]
+    return s["output_V"]
+
+
+@compiled
+def unwind(p: Record, s: Record, excess_V: float) -> None:
+    """Back-calculation in every cycle: `excess_V` is what the limiter took away (requested minus applied).
+
+    The output held until the next sample gives way as well: else a slow sensor's integrator would be unwound by the
+    same excess again and again, and overshoot.
+    """
+    s["integrator"] -= p["tracking"] * excess_V
+    s["output_V"] -= p["tracking"] * excess_V
+
+
+@compiled
+def start_pid(p: Record, s: Record, error_um: float, output_V: float) -> None:
+    """Bumpless start: the next step at the same error continues from `output_V`."""
+    s["derivative"] = 0.0
+    s["error"] = error_um
+    s["integrator"] = output_V - p["gain"] * error_um
+    s["output_V"] = output_V
+
+
+@compiled
+def retune(old: Record, new: Record, s: Record) -> None:
+    """Bumpless change of parameters: the output of the last step is what `new` would have given."""
+    s["integrator"] += (old["gain"] - new["gain"]) * s["error"]
+    if old["derivative"] != new["derivative"] or old["filter_s"] != new["filter_s"]:
+        s["integrator"] += s["derivative"]
+        s["derivative"] = 0.0

@@ -1,0 +1,125 @@
+"""The reference of one axis: position, velocity, acceleration and oscillation at this very moment.
+
+Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle, and a position that is
+jogged by hand. A signal
+(laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o, o']`` (o
+an oscillation of known frequency) is corrected at each sample's own time and extrapolated to now in
+closed form; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken, and none
+that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was. A signal that
+stays where it jumped to is believed after the horizon, but not while the axis follows it (``followed``): once it has
+been ``doubted`` for so long it goes on being silent until the watch calls it lost, wherever it wanders.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.records import REFERENCE_STATES, Record
+
+HOLD, SINES, STEP, SIGNAL, SAMPLES, JOG = range(6)
+
+
+@compiled
+def extrapolate(w: Any, omega: float, tau_s: float, out: Any) -> None:
+    """`out` = `w` after `tau_s` seconds: constant acceleration plus an undamped oscillation."""
+    sine, cosine = math.sin(omega * tau_s), math.cos(omega * tau_s)
+    o, o_dot = w[3], w[4]
+    out[0] = w[0] + tau_s * (w[1] + 0.5 * tau_s * w[2])
+    out[1] = w[1] + tau_s * w[2]
+    out[2] = w[2]
+    out[3] = cosine * o + sine / omega * o_dot
+    out[4] = -omega * sine * o + cosine * o_dot
+
+
+@compiled
+def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
+    """Fill `w` from the axis' own source, `t_s` seconds after tracking began.
+
+    `samples` (n, axes) are um, one a cycle; the first and the last are held, at rest, before and after.
+    """
+    for i in range(REFERENCE_STATES):
+        w[i] = 0.0
+    w[0] = p["offset_um"]
+    t = t_s - p["start_s"]
+    if p["kind"] == SAMPLES:
+        last = len(samples) - 1
+        place = t * p["samples_per_s"]
+        k = max(0, min(last, int(place + 0.5)))
+        w[0] = samples[k, p["column"]]
+        if 0.0 <= place <= last:
+            w[1] = (
+                0.5
+                * p["samples_per_s"]
+                * (samples[min(last, k + 1), p["column"]] - samples[max(0, k - 1), p["column"]])
+            )
+        return
+    if t < 0.0:
+        return
+    if p["kind"] == STEP:
+        w[0] += p["step_um"]
+    elif p["kind"] == SINES:
+        for i in range(p["sines"]):
+            omega, angle = p["omega"][i], p["omega"][i] * t + p["phase"][i]
+            sine, cosine = math.sin(angle), math.cos(angle)
+            w[0] += p["amplitude_um"][i] * (sine - math.sin(p["phase"][i]))
+            w[1] += p["amplitude_um"][i] * omega * cosine
+            w[2] -= p["amplitude_um"][i] * omega * omega * sine
+
+
+@compiled
+def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
+    """Take a fresh sample of the reference signal, measured at `time_ns`; one out of order is ignored."""
+    if not (math.isfinite(value_um) and p["low_um"] <= value_um <= p["high_um"]):
+        s["rejected"] += 1
+        return
+    gap_s = (time_ns - s["time_ns"]) * 1e-9
+    if s["time_ns"] != 0 and gap_s <= 0.0:
+        return
+    filtered, innovation = s["filtered"], math.nan
+    if s["time_ns"] != 0 and gap_s <= p["horizon_s"]:
+        extrapolate(filtered, p["oscillator"], gap_s, s["w"])
+        innovation = value_um - s["w"][0] - s["w"][3]
+    # once nothing is expected any more, whoever follows it stands where it was last
+    lost = s["followed"] != 0 and not math.isfinite(innovation)
+    moved_um = value_um - s["sampled_um"] if lost else 0.0
+    if abs(innovation if math.isfinite(innovation) else moved_um) > p["jump_um"] or (lost and s["doubted"] != 0):
+        s["rejected"] += 1
+        s["doubted"] = 1
+        return
+    s["silent"] = s["doubted"] = 0
+    if math.isfinite(innovation):
+        for i in range(REFERENCE_STATES):
+            filtered[i] = s["w"][i] + p["gain"][i] * innovation
+    else:  # the first sample, the first after a gap, or a memory that was lost
+        for i in range(REFERENCE_STATES):
+            filtered[i] = 0.0
+        filtered[0] = value_um
+    s["sampled_um"] = value_um
+    s["time_ns"] = time_ns
+
+
+@compiled
+def signal_reference(p: Record, s: Record, now_ns: int) -> None:
+    """Fill ``s["w"]`` with the signal's reference now; past the horizon its last position is held."""
+    age_s = (now_ns - s["time_ns"]) * 1e-9
+    if p["predict"] and s["time_ns"] > 0 and age_s <= p["horizon_s"]:
+        extrapolate(s["filtered"], p["oscillator"], age_s, s["w"])
+        return
+    for i in range(REFERENCE_STATES):
+        s["w"][i] = 0.0
+    s["w"][0] = s["sampled_um"]
+
+
+@compiled
+def jog_reference(p: Record, s: Record, moves: bool) -> None:
+    """Go on towards ``target_um``: at most ``speed_um`` a cycle, the speed itself smoothed."""
+    wanted = p["target_um"] - s["jog_um"] if moves else 0.0
+    # slow enough to come to rest at the target: the smoothing lets the speed of `smoothing` cycles run on
+    step = max(-p["speed_um"], min(p["speed_um"], 0.25 * p["smoothing"] * wanted))
+    s["jog_step_um"] += p["smoothing"] * (step - s["jog_step_um"])
+    s["jog_um"] += s["jog_step_um"]
+    for i in range(REFERENCE_STATES):
+        s["w"][i] = 0.0
+    s["w"][0] = s["jog_um"]

@@ -1,0 +1,87 @@
+"""Reading one signal of the process image: fresh or held, how old, plausible or not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.records import Record
+
+BELIEVED = 1000
+"""Unusable cycles in a row after which a reading that jumped away is believed: then it is a sensor that was moved."""
+_END = 0.01
+"""The ends of a range, as a share of it."""
+_ANY = (-math.inf, math.inf)
+
+
+@compiled
+def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_um: Any, rate_um_per_ns: float) -> bool:
+    """Update sensor state `s` from `signal`; True for a fresh, good sample.
+
+    ``value`` keeps the last good sample. ``bad`` counts cycles in a row without a usable one: not finite,
+    outside `range_um` (low, high), further from the last good one than `rate_um_per_ns` allows in the time since
+    the one before was taken, or arrived, whichever is longer; flagged by the driver, never arrived, or older than
+    `max_age_ns`. A sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts samples
+    in a row that read exactly the same, ``lost`` those that came and went unseen; a driver that starts
+    its sequence over has lost none. ``silent_ns`` is the time since anything arrived, usable or not.
+    """
+    arrived = signal["sequence"] != s["sequence"]
+    value = signal["value"]
+    good = signal["status"] == 0 and math.isfinite(value) and range_um[0] <= value <= range_um[1]
+    s["fresh"] = 0
+    if arrived:
+        taken_ns = min(signal["time_ns"], now_ns)
+        if s["sequence"] > 0:
+            s["lost"] += max(0, signal["sequence"] - s["sequence"] - 1)
+            if good and math.isfinite(rate_um_per_ns) and s["bad"] < BELIEVED:
+                passed_ns = max(now_ns - s["arrived_ns"], taken_ns - s["taken_ns"])
+                good = abs(value - s["value"]) <= rate_um_per_ns * passed_ns
+        s["identical"] = s["identical"] + 1 if value == s["reading"] else 0
+        s["sequence"] = signal["sequence"]
+        s["reading"] = value
+        s["arrived_ns"], s["taken_ns"] = now_ns, taken_ns
+        if good:
+            s["value"] = value
+            s["time_ns"] = taken_ns
+            s["fresh"] = 1
+    s["silent_ns"] = now_ns - s["arrived_ns"]
+    s["age_ns"] = now_ns - s["time_ns"]
+    if (arrived and not good) or s["sequence"] == 0 or s["age_ns"] > max_age_ns:
+        s["bad"] += 1
+    elif arrived:
+        s["bad"] = 0
+    return s["fresh"] == 1
+
+
+@compiled
+def is_silent(s: Record, longest_ns: int) -> bool:
+    """Whether nothing has arrived for longer than `longest_ns`, or ever."""
+    return s["sequence"] == 0 or s["silent_ns"] > longest_ns
+
+
+@compiled
+def may_be_at_end(s: Record, range_um: Any) -> bool:
+    """Whether the reading is a number that does not count, or at an end of the range: the truth may be beyond."""
+    margin_um = _END * (range_um[1] - range_um[0])
+    inside = range_um[0] + margin_um < s["reading"] < range_um[1] - margin_um
+    return math.isfinite(s["reading"]) and (s["bad"] > 0 or not inside)
+
+
+@compiled
+def read_line(line: Record, s: Record, signals: Any, now_ns: int) -> None:
+    """Update the state `s` of a digital input; one that is not wired is left alone."""
+    if line["signal"] >= 0:
+        read_signal(signals[line["signal"]], s, now_ns, line["age_ns"], _ANY, math.inf)
+
+
+@compiled
+def is_on(line: Record, s: Record) -> bool:
+    """Whether a digital input says 1, by a sample that may be trusted."""
+    return line["signal"] >= 0 and s["bad"] == 0 and s["value"] > 0.5
+
+
+@compiled
+def is_missing(line: Record, s: Record) -> bool:
+    """Whether a digital input that is wired does not say 1: a broken wire counts as 0."""
+    return line["signal"] >= 0 and not is_on(line, s)

@@ -1,0 +1,278 @@
+"""From the validated configuration to the loop's record: physical units become gains a sample."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from micromanip.rt.laws import hysteresis as rt_hysteresis
+from micromanip.rt.laws import reference as rt_reference
+from micromanip.rt.laws import shaping as rt_shaping
+from micromanip.rt.records import CELL_PARAMETERS, HYSTERESIS_PARAMETERS
+from micromanip.rt.states import MODE_NAMES, VOLTAGE
+from micromanip.settings.schema.axis import Axis, Outer
+from micromanip.settings.schema.frame import frame_of
+from micromanip.settings.schema.hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
+from micromanip.settings.schema.model import Configuration, Output, Signal, Start
+from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from micromanip.settings.wiring.places import Wiring
+from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
+
+from .limits import NEVER, fill_axis_limits, fill_cell_limits
+from .outer_gains import OuterGains, dc_gain, outer_gains, process_innovation, tracker_gain
+
+_BLEND_S = 0.05
+_FIGURES_S = 1.0
+_JOG_SMOOTHING_S = 0.05
+_SWEEP_MARGIN = 1.3
+"""The amplitude has fallen a little when the sweep first reaches its peak."""
+_SWEEP_SHARE = 0.25
+_PROCESS_MARGIN = 2.0
+"""The model of the stage is not the stage: so many times the mean square that it expects of the process."""
+_NOISE_SIGMA, _PLAUSIBLE_SIGMA, _GAP_SAMPLES = 3.0, 5.0, 4
+_LONGEST_MEAN_S = 1.0
+"""Over more than this the mean of what a contact makes only falls."""
+PLAUSIBLE_UM = (-1000.0, 1000.0)
+
+_SCORE_AFTER_S = 1.0
+
+
+def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1) -> Any:
+    """Record array (1,) of CELL_PARAMETERS for a configuration that `check` has accepted."""
+    record = np.zeros(1, CELL_PARAMETERS)
+    p = record[0]
+    loop, start = configuration.loop, configuration.start
+    period_s = loop.period_ns * 1e-9
+
+    def cycles(seconds: float) -> int:
+        return max(1, round(seconds / period_s))
+
+    p["version"], p["axes"], p["period_ns"] = version, len(configuration.axes), loop.period_ns
+    p["enable_cycles"] = cycles(start.enable_s) if configuration.switches.amplifier_enable is not None else 0
+    closes = any(axis.mode != "voltage" for axis in configuration.axes.values())
+    p["check_cycles"] = cycles(start.check_s) if start.check_s is not None and closes else 0
+    p["sweep_cycles"], p["sweep_turns"] = round(start.sweep_s / period_s) if closes else 0, start.sweep_turns
+    p["lift_cycles"], p["settle_cycles"] = cycles(start.lift_s), cycles(start.settle_s)
+    p["authority_cycles"], p["ramp_cycles"] = cycles(start.authority_s), cycles(start.ramp_s)
+    p["score_cycles"] = cycles(_SCORE_AFTER_S)
+    fill_cell_limits(p, configuration.faults, loop.rate_hz)
+    _fill_frame(p["frame"], configuration, wiring)
+    for name in ("enable", "interlock", "retracted"):
+        _fill_line(p[name], name, configuration, wiring)
+    for name in ("amplifier_enable", "feed_hold", "heartbeat"):
+        p[name] = wiring.switches.get(name, -1)
+    trial = configuration.shadow
+    p["figures_step"], p["trial_step"] = 1.0 / cycles(_FIGURES_S), 1.0 / cycles(trial.window_s)
+    p["trial_cycles"], p["trial_rest"] = cycles(trial.trial_s), cycles(_BLEND_S)
+    p["trial_factor"], p["trial_floor"] = trial.error_factor, trial.error_floor_um
+    beat = configuration.switches.heartbeat
+    p["heartbeat_cycles"] = cycles(beat.period_ms * 0.5e-3) if beat is not None else 1
+    for i, (name, axis) in enumerate(configuration.axes.items()):
+        _fill_wiring(p["axis"][i], name, configuration, wiring)
+        _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
+        _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
+        p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
+        _fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
+        _fill_timing(p["axis"][i], name, configuration, wiring)
+        if axis.outer is not None:
+            tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
+            gains = outer_gains(axis.outer, tracker, period_s)
+            _fill_outer(p["axis"][i]["outer"], axis.outer, gains)
+            _fill_innovation(p["axis"][i], axis, axis.outer, gains, cycles)
+    return record
+
+
+def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:
+    """What depends on how often the axis' sensors are fresh, and on the way of its output."""
+    rate_hz, faults = configuration.loop.rate_hz, configuration.axes[name].faults
+    strain, stage = (sensor_timing(configuration, wiring, role, name) for role in ("strain", "stage"))
+    between = cycles_between(configuration, stage)
+    fill_axis_limits(a, faults, configuration.reference, rate_hz, strain.rate_hz, between)
+    a["answer_cycles"] = output_cycles(configuration, output_timing(configuration, wiring, f"voltage_{name}"))
+
+
+def _max_age_ns(signal: Signal | None) -> int:
+    if signal is None or signal.max_age_us is None:
+        return NEVER
+    return round(signal.max_age_us * 1e3)
+
+
+def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:
+    for role in ("strain", "stage", "deviation", "true_strain", "true_stage", "path_error", "uncompensated"):
+        a[role] = wiring.signal(f"{role}_{name}")
+    a["voltage"] = wiring.outputs[f"voltage_{name}"]
+    a["strain_age_ns"] = _max_age_ns(configuration.signals.get(f"strain_{name}"))
+    a["stage_age_ns"] = _max_age_ns(configuration.signals.get(f"stage_{name}"))
+    frame = frame_of(configuration)
+    followed = (f"deviation_{name}",) if frame is None else frame.signals
+    a["reference_age_ns"] = min(_max_age_ns(configuration.signals.get(each)) for each in followed)
+    for role in ("strain", "stage"):
+        signal = configuration.signals.get(f"{role}_{name}")
+        a[f"{role}_range_um"] = (signal and signal.range_um) or PLAUSIBLE_UM
+    a["cycles_per_ns"] = 1.0 / configuration.loop.period_ns
+    for role in ("amplifier_ok", "temperature_ok"):
+        _fill_line(a[role], f"{role}_{name}", configuration, wiring)
+
+
+def _fill_frame(f: Any, configuration: Configuration, wiring: Wiring) -> None:
+    """How the deviations come of the tracker's own coordinates."""
+    frame = frame_of(configuration)
+    if frame is None:
+        return
+    rows, columns = np.shape(frame.matrix)
+    f["sources"], f["source"][:columns] = columns, [wiring.signal(name) for name in frame.signals]
+    f["derived"], f["first"] = rows, wiring.signal(f"deviation_{next(iter(configuration.axes))}")
+    f["matrix"][:rows, :columns] = frame.matrix
+    f["offset"][:rows] = frame.offset_um or 0.0
+
+
+def _fill_line(line: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:
+    line["signal"] = wiring.signal(name)
+    line["age_ns"] = _max_age_ns(configuration.signals.get(name))
+
+
+def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
+    a["mode"] = MODE_NAMES.index(axis.mode)
+    a["centre_um"] = axis.centre_um
+    a["setpoint_low_um"], a["setpoint_high_um"] = axis.setpoint.range_um
+    a["setpoint_slew_um"] = axis.setpoint.slew_um_per_ms * 1e3 * period_s
+    if a["mode"] == VOLTAGE:
+        a["setpoint_low_um"], a["setpoint_high_um"] = output.range_V
+        a["setpoint_slew_um"] = output.slew_V_per_ms * 1e3 * period_s
+    a["blend_decay"] = math.exp(-period_s / _BLEND_S)
+    a["feedback"] = axis.inner.mode != "feedforward"
+    limiter = a["limiter"]
+    limiter["low_V"], limiter["high_V"] = output.range_V
+    limiter["slew_V"], limiter["park_V"] = output.slew_V_per_ms * 1e3 * period_s, output.park_V
+    inner, pid = axis.inner, a["pid"]
+    pid["gain"], pid["period_s"] = inner.K_V_per_um, period_s
+    pid["integral"] = inner.K_V_per_um * period_s / (inner.Ti_ms * 1e-3)
+    pid["derivative"] = inner.K_V_per_um * inner.Td_ms * 1e-3
+    pid["filter_s"] = inner.filter_ms * 1e-3
+    pid["tracking"] = min(1.0, period_s / (inner.tracking_ms * 1e-3))
+    a["fallback"] = pid
+    for gain in ("gain", "integral", "derivative"):
+        a["fallback"][gain] = axis.faults.oscillation.fallback * pid[gain]
+    a["authority"] = axis.authority_percent / 100.0
+    fill_hysteresis(a["hysteresis"], NoModel(model="none") if inner.mode == "pid" else axis.hysteresis, period_s)
+
+
+def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:
+    """What a small step must do, and how wide the sweep is."""
+    (low_um, high_um), (low_V, high_V) = axis.setpoint.range_um, output.range_V
+    expected = {"strain_check": (high_um - low_um) / (high_V - low_V), "stage_check": dc_gain(axis)}
+    for name, step in (("strain_check", start.check_V), ("stage_check", start.check_um)):
+        bounds = sorted((expected[name] / start.check_factor, expected[name] * start.check_factor))
+        a[name]["step"], a[name]["low"], a[name]["high"] = step, *bounds
+    # towards the middle of the range: where it is parked may be an end of it
+    a["strain_check"]["step"] *= 1.0 if output.park_V <= 0.5 * (low_V + high_V) else -1.0
+    a["sweep_um"] = sweep_um(axis) if start.sweep_um is None else start.sweep_um
+
+
+def sweep_um(axis: Axis) -> float:
+    """Amplitude of the decaying sweep that wipes the memory of the axis' hysteresis model."""
+    model = axis.hysteresis
+    if isinstance(model, PrandtlIshlinskii):
+        h = np.zeros(1, HYSTERESIS_PARAMETERS)[0]
+        fill_prandtl_ishlinskii(h, model, 1e-4)
+        return _SWEEP_MARGIN * float(h["r_hat"][: h["plays"]].max(initial=0.0))
+    return 0.0 if isinstance(model, NoModel) else _SWEEP_SHARE * (model.range_um[1] - model.range_um[0])
+
+
+def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
+    """Fill a HYSTERESIS_PARAMETERS record from `model`."""
+    h["kind"] = rt_hysteresis.NONE
+    if isinstance(model, NoModel):
+        return
+    h["low_um"], h["high_um"] = model.range_um
+    if isinstance(model, Network):
+        n = len(model.input_weights)
+        h["kind"], h["neurons"] = rt_hysteresis.NETWORK, n
+        h["reversal_um"] = model.reversal_um
+        h["w_in"][:n], h["b_in"][:n] = model.input_weights, model.input_biases
+        h["w_out"][:n], h["b_out"] = model.output_weights, model.output_bias
+        return
+    fill_prandtl_ishlinskii(h, model, period_s)
+
+
+def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -> None:
+    """Fill model and inverse (8)-(9), creep and rate dependence a step of `period_s`."""
+    n = len(model.thresholds_um)
+    h["kind"], h["plays"], h["alpha"] = rt_hysteresis.PRANDTL_ISHLINSKII, n, model.alpha
+    h["r"][:n], h["rho"][:n] = model.thresholds_um, model.weights
+    shaping = h["shaping"]
+    shaping["kind"] = {
+        "identity": rt_shaping.IDENTITY,
+        "affine": rt_shaping.AFFINE,
+        "tanh": rt_shaping.TANH,
+        "table": rt_shaping.TABLE,
+    }[model.shaping]
+    shaping["c"][: len(model.coefficients)] = model.coefficients
+    points = len(model.table_V)
+    shaping["points"] = points
+    shaping["v"][:points], shaping["u"][:points] = model.table_V, model.table_um
+    h["rate_cycles"] = model.rate_ms * 1e-3 / period_s
+    creeps = len(model.creep_s)
+    h["creeps"] = creeps
+    h["creep_gain"][:creeps] = model.creep_gains
+    h["creep_step"][:creeps] = -np.expm1(-period_s / np.array(model.creep_s, dtype=float))
+    rt_hysteresis.inverse_parameters(h)
+
+
+def _fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_hz: int) -> None:
+    r["oscillator"] = 2 * math.pi
+    r["jump_um"] = math.inf
+    if isinstance(reference, Tracker):
+        r["kind"], r["predict"] = rt_reference.SIGNAL, reference.predict
+        r["oscillator"] = 2 * math.pi * reference.oscillation_Hz
+        r["gain"] = tracker_gain(reference)
+        r["horizon_s"] = reference.horizon_ms * 1e-3
+        r["low_um"], r["high_um"] = reference.range_um
+        r["jump_um"] = math.inf if reference.jump_um is None else reference.jump_um
+        return
+    if isinstance(reference, File):
+        r["kind"], r["column"], r["samples_per_s"] = rt_reference.SAMPLES, column, rate_hz
+        return
+    r["offset_um"], r["start_s"] = reference.offset_um, reference.start_s
+    if isinstance(reference, Hold):
+        r["kind"] = rt_reference.HOLD
+    elif isinstance(reference, Jog):
+        r["kind"] = rt_reference.JOG
+        r["target_um"] = reference.target_um.get(axis, reference.offset_um)
+        r["speed_um"] = reference.speed_um_per_s / rate_hz
+        r["smoothing"] = -math.expm1(-1.0 / (_JOG_SMOOTHING_S * rate_hz))
+    elif isinstance(reference, Step):
+        r["kind"], r["step_um"] = rt_reference.STEP, reference.step_um
+    elif isinstance(reference, Sines):
+        r["kind"], r["sines"] = rt_reference.SINES, len(reference.sines)
+        for k, sine in enumerate(reference.sines):
+            r["amplitude_um"][k] = sine.amplitude_um
+            r["omega"][k] = 2 * math.pi * sine.frequency_Hz
+            r["phase"][k] = math.radians(sine.phase_deg)
+
+
+def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles: Callable[[float], int]) -> None:
+    """How large the innovation may be: what the filter expects at rest, and what the process brings.
+
+    As a mean square over a while, for the watch; and at once, for the filter.
+    """
+    said, gain, variance = axis.faults.disagreement, abs(dc_gain(axis)), gains.innovation_variance
+    step_um = said.process_um / gain if math.isfinite(gain) and gain > 0.0 else 0.0
+    rise, time = cycles(said.process_ms * 1e-3), min(cycles(said.time_ms * 1e-3), cycles(_LONGEST_MEAN_S))
+    brought = _PROCESS_MARGIN * process_innovation(outer, gains, step_um, rise, time)
+    a["watch"]["innovation_variance"] = variance
+    a["watch"]["innovation_ratio"] += brought / variance
+    a["outer"]["repeated_um"] = _NOISE_SIGMA * math.sqrt(variance)
+    a["outer"]["innovation_um"] = math.sqrt(_PLAUSIBLE_SIGMA**2 * variance + brought)
+
+
+def _fill_outer(o: Any, outer: Outer, gains: OuterGains) -> None:
+    n = len(gains.A)
+    o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
+    o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
+    o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
+    o["gain"][:n], o["feedback"][:n], o["reference"] = gains.observer, gains.feedback, gains.reference
+    o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y

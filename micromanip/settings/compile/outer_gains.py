@@ -1,0 +1,219 @@
+"""Gains of the outer loop from its linear model and a few knobs: stationary Kalman filter and LQG.
+
+Augmented model per cycle, states in this order: n of the identified dynamics, the delayed set-points, one
+random-walk disturbance and, where asked for, two of an oscillator, both entering with the set-point
+after its delay:
+
+    x+ = A x + B (u[k-d] + w + o),   y = C x
+
+The regulator minimises ``sum y^2 + effort u^2`` on the controllable states. References and disturbances are
+handled by the regulator equations ``Pi S = A Pi + B Gamma + E``, ``C Pi = C_ref``, so that they
+are followed, or cancelled, without error in the model: ``u = -K x + (Gamma + K Pi) w``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, solve_discrete_are
+
+from micromanip.settings.schema.axis import Axis, Outer
+from micromanip.settings.schema.reference import Tracker
+
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OuterGains:
+    """The augmented model (n, n), (n,), (n,) and its gains, all per loop cycle."""
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    observer: Matrix
+    feedback: Matrix
+    reference: Matrix
+    steady_u: Matrix
+    steady_y: Matrix
+    closed_loop_poles: NDArray[np.complex128]
+    innovation_variance: float
+    """Variance (um^2) of the stationary filter's innovation."""
+
+
+def rotation(omega: float, period_s: float) -> Matrix:
+    """Transition over one period of an oscillation's (value, rate)."""
+    s, c = np.sin(omega * period_s), np.cos(omega * period_s)
+    return np.array([[c, s / omega], [-omega * s, c]])
+
+
+def reference_transition(omega: float, period_s: float) -> Matrix:
+    """Transition of (p, v, a, o, o') over one period."""
+    h = period_s
+    moving = np.array([[1.0, h, h * h / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
+    return np.asarray(block_diag(moving, rotation(omega, h)))
+
+
+def augment(outer: Outer, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]:
+    """Augmented ``A, B, C`` and the number of controllable states (they come first)."""
+    a, b, c = (np.array(m, dtype=float) for m in (outer.model.A, outer.model.B, outer.model.C))
+    n, delay = len(a), outer.model.delay_cycles
+    controllable = n + delay
+    oscillating = outer.oscillation_Hz is not None
+    size = controllable + 1 + 2 * oscillating
+    A, B, C = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    A[:n, :n], C[:n] = a, c
+    if delay:
+        A[:n, controllable - 1] = b
+        A[range(n + 1, controllable), range(n, controllable - 1)] = 1.0
+        B[n] = 1.0
+    else:
+        B[:n] = b
+    A[:n, controllable] = b
+    A[controllable, controllable] = 1.0
+    if outer.oscillation_Hz is not None:
+        omega = 2 * np.pi * outer.oscillation_Hz
+        turn = rotation(omega, period_s)
+        A[-2:, -2:] = np.array([[turn[0, 0], turn[0, 1] * omega], [turn[1, 0] / omega, turn[1, 1]]])
+        A[:n, -2] = b
+    return A, B, C, controllable
+
+
+def observer_gain(outer: Outer, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
+    """Stationary Kalman gain (n,) for a sample every ``sample_cycles`` cycles, and the innovation's variance (um^2)."""
+    n = len(outer.model.A)
+    noise = np.zeros((len(A), len(A)))
+    b = np.array(outer.model.B, dtype=float)
+    noise[:n, :n] = outer.input_noise_um**2 * np.outer(b, b)
+    noise[controllable, controllable] = outer.disturbance_um**2
+    for i in range(controllable + 1, len(A)):
+        noise[i, i] = outer.oscillation_um**2
+    step, total = np.eye(len(A)), np.zeros_like(noise)
+    for _ in range(outer.sample_cycles):
+        total = A @ total @ A.T + noise
+        step = A @ step
+    # a trace of noise on the delay states keeps the Riccati equation solvable: they are known exactly
+    total += 1e-12 * np.eye(len(A))
+    r = np.array([[outer.sensor_noise_um**2]])
+    P = solve_discrete_are(step.T, C[:, None], total, r)
+    variance = float(C @ P @ C + r[0, 0])
+    return np.asarray((P @ C) / variance, dtype=np.float64), variance
+
+
+def regulate(
+    A: Matrix, B: Matrix, C: Matrix, controllable: int, effort: float, S: Matrix
+) -> tuple[Matrix, Matrix, Matrix]:
+    """LQR gain K (nc,), feedforward (nd,) of the disturbances and (5,) of the reference with transition `S`."""
+    Ac, Bc, Cc = A[:controllable, :controllable], B[:controllable, None], C[:controllable]
+    P = solve_discrete_are(Ac, Bc, np.outer(Cc, Cc), np.array([[effort]]))
+    K = np.linalg.solve(Bc.T @ P @ Bc + effort, Bc.T @ P @ Ac)[0]
+    E, D = A[:controllable, controllable:], A[controllable:, controllable:]
+    exo = np.asarray(block_diag(D, S))
+    forcing = np.hstack([E, np.zeros((controllable, len(S)))])
+    target = np.zeros(len(exo))
+    target[len(D)] = target[len(D) + 3] = 1.0
+    m = len(exo)
+    # unknowns: Pi column by column, then Gamma
+    dynamics = np.hstack([np.kron(exo.T, np.eye(controllable)) - np.kron(np.eye(m), Ac), -np.kron(np.eye(m), Bc)])
+    output = np.hstack([np.kron(np.eye(m), Cc[None, :]), np.zeros((m, m))])
+    solution = np.linalg.solve(np.vstack([dynamics, output]), np.concatenate([forcing.T.ravel(), target]))
+    Pi = solution[: m * controllable].reshape(m, controllable).T
+    gain = solution[m * controllable :] + K @ Pi
+    return K, gain[: len(D)], gain[len(D) :]
+
+
+def outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> OuterGains:
+    """All gains of one axis; `reference` tells the oscillation to be followed, if any.
+
+    Raises LinAlgError, ValueError or FloatingPointError where there are none.
+    """
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        return _outer_gains(outer, reference, period_s)
+
+
+def _outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> OuterGains:
+    A, B, C, controllable = augment(outer, period_s)
+    omega = 2 * np.pi * (reference.oscillation_Hz if reference else 1.0)
+    S = reference_transition(omega, period_s)
+    K, disturbance, following = regulate(A, B, C, controllable, outer.effort, S)
+    L, variance = observer_gain(outer, A, C, controllable)
+    n = len(outer.model.A)
+    b = np.array(outer.model.B, dtype=float)
+    rest = np.linalg.solve(np.eye(n) - A[:n, :n], b)
+    dc_gain = float(C[:n] @ rest)
+    steady_u, steady_y = np.zeros(len(A)), np.zeros(len(A))
+    steady_u[n:controllable], steady_u[controllable] = 1.0, -1.0
+    steady_y[:n], steady_y[controllable] = rest / dc_gain, 1.0 / dc_gain
+    Ac, Bc = A[:controllable, :controllable], B[:controllable]
+    sampled = np.linalg.matrix_power(A, outer.sample_cycles)
+    poles = np.concatenate(
+        [np.linalg.eigvals(Ac - np.outer(Bc, K)), np.linalg.eigvals((np.eye(len(A)) - np.outer(L, C)) @ sampled)]
+    )
+    feedback = np.concatenate([K, -disturbance])
+    return OuterGains(A, B, C, L, feedback, following, steady_u, steady_y, poles, variance)
+
+
+def process_innovation(outer: Outer, gains: OuterGains, step_um: float, rise_cycles: int, time_cycles: int) -> float:
+    """Largest mean square (um^2) of the innovation, over `time_cycles`, while the tool comes into contact.
+
+    What it pushes is `step_um` in terms of the set-point, 95 % of it there after `rise_cycles`; half of it swings on
+    top at the tooth-passing frequency. The filter is the one of `gains`, which knows nothing of it beforehand.
+    """
+    cycles = np.arange(rise_cycles + 3 * time_cycles)
+    grown = step_um * -np.expm1(-3.0 * cycles / rise_cycles)
+    if outer.oscillation_Hz is not None:
+        grown = grown + 0.5 * np.sign(grown) * step_um * np.sin(_angle(gains) * cycles)
+    n = len(outer.model.A)
+    b = np.array(outer.model.B, dtype=float)
+    error, mean, largest = np.zeros(len(gains.A)), 0.0, 0.0
+    share = min(1.0, outer.sample_cycles / time_cycles)
+    for cycle, pushed_um in enumerate(grown, start=1):
+        error = gains.A @ error
+        error[:n] += b * pushed_um
+        if cycle % outer.sample_cycles == 0:
+            innovation = float(gains.C @ error)
+            error -= gains.observer * innovation
+            mean += share * (innovation**2 - mean)
+            largest = max(largest, mean)
+    return largest
+
+
+def _angle(gains: OuterGains) -> float:
+    """Angle (rad) that the oscillation turns by in a cycle."""
+    return math.acos(min(1.0, float(gains.A[-2, -2])))
+
+
+def dc_gain(axis: Axis) -> float:
+    """Steady stage position (um) per um of set-point; 1 without an outer loop, infinite for a model that integrates."""
+    if axis.outer is None:
+        return 1.0
+    model = axis.outer.model
+    a = np.array(model.A)
+    try:
+        return float(np.array(model.C) @ np.linalg.solve(np.eye(len(a)) - a, np.array(model.B)))
+    except np.linalg.LinAlgError:
+        return math.inf
+
+
+def tracker_gain(reference: Tracker) -> Matrix:
+    """Stationary Kalman gain (5,) of the reference's predictor at the signal's own rate; raises as `outer_gains`."""
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        return _tracker_gain(reference)
+
+
+def _tracker_gain(reference: Tracker) -> Matrix:
+    h = 1.0 / reference.sample_rate_Hz
+    omega = 2 * np.pi * reference.oscillation_Hz
+    F = reference_transition(omega, h)
+    moving = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
+    # the oscillation's amplitude walks by oscillation_um_per_s per root second, in both its states
+    walking = np.diag([1.0, omega**2]) * h
+    Q = np.asarray(block_diag(reference.jerk_um_per_s3**2 * moving, reference.oscillation_um_per_s**2 * walking))
+    H = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
+    # in units in which all states are of like size: the plain equation is too badly scaled
+    scale = np.array([1.0, omega, omega**2, 1.0, omega])
+    Fs, Qs = F * scale[None, :] / scale[:, None], Q / np.outer(scale, scale)
+    P = solve_discrete_are(Fs.T, H[:, None], Qs, np.array([[reference.noise_um**2]]))
+    return np.asarray(scale * (P @ H) / (H @ P @ H + reference.noise_um**2), dtype=np.float64)

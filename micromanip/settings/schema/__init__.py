@@ -1,0 +1,1 @@
+"""Every key of the configuration: type, unit, bounds, default and meaning."""

@@ -1,0 +1,61 @@
+"""Which tuning a commissioning report belongs to: a hash in the configuration file, compared when it is loaded."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from pydantic import Field
+
+from micromanip.settings.text.digits import rounded
+
+from .base import Settings
+
+if TYPE_CHECKING:
+    from .axis import Axis
+
+_HASH_DIGITS = 16
+
+
+class Commissioned(Settings):
+    """What `commission` notes beside the tuning that it wrote; `check` and `run` warn where the two differ."""
+
+    hash: str = Field(
+        pattern=f"^[0-9a-f]{{{_HASH_DIGITS}}}$",
+        description="Of the axis' tuning: its keys with their values, without limits, authority and this section.",
+    )
+    report: str = Field(min_length=1, description="File name of the report.")
+    date: str = Field(min_length=1, description="Day of the commissioning.")
+
+
+def tuning_hash(axis: Axis) -> str:
+    """First 16 hexadecimal digits of the SHA-256 over all keys of `axis` that a report is about.
+
+    The note of the commissioning itself, limits and authority are not.
+
+    Canonical JSON, keys sorted, numbers rounded as where they are written to a file: a file that was written
+    and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out.
+    """
+    tuning = _canonical(axis.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"}))
+    text = json.dumps(tuning, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:_HASH_DIGITS]
+
+
+def changes_since(axes: Mapping[str, Axis]) -> list[str]:
+    """A sentence for each axis whose tuning is not the one that its report is about."""
+    return [
+        f"axis {name} was changed after it was commissioned (report {axis.commissioned.report}, "
+        f"{axis.commissioned.date}): commission it again, or remove the section commissioned"
+        for name, axis in axes.items()
+        if axis.commissioned is not None and axis.commissioned.hash != tuning_hash(axis)
+    ]
+
+
+def _canonical(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _canonical(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_canonical(entry) for entry in value]
+    return rounded(value) + 0.0 if isinstance(value, float) else value  # + 0.0: there is no negative zero

@@ -1,0 +1,1 @@
+"""The configuration as text: YAML with the line of every key, and messages that point at it."""

@@ -1,0 +1,1 @@
+"""Names of the configuration resolved to drivers, channels and places of the bus image."""

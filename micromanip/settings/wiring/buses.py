@@ -1,0 +1,57 @@
+"""What a bus must carry, and names that mean the same wire: judged before anything is switched on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from micromanip.bus.device_identity import identities
+from micromanip.bus.driver import Load
+from micromanip.settings.schema.model import Configuration
+
+from .places import Wiring
+
+Finding = tuple[tuple[str | int, ...], str]
+
+_POSITIONS = ("strain_", "stage_", "deviation_", "tracker_")
+
+
+def budget(wiring: Wiring) -> dict[str, list[Load]]:
+    """Loads of each bus by the name of its driver."""
+    return {name: list(bridge.bus.loads()) for name, bridge in wiring.buses.items()}
+
+
+def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
+    """Buses that are overloaded, devices with two drivers, positions that are read from the same channel."""
+    for name, loads in budget(wiring).items():
+        full = [load for load in loads if load.share > load.limit]
+        if full:
+            each = (
+                f"{load.name} would be busy for {100 * load.share:.0f} % of the time ({load.detail})" for load in full
+            )
+            yield (
+                ("drivers", name),
+                f"{', '.join(each)}, at most {100 * full[0].limit:.0f} % can be relied on; lower a rate, pack signals "
+                "into fewer messages, or use a faster bus",
+            )
+    yield from _shared_devices(wiring)
+    sources: dict[int, str] = {}
+    for name in configuration.signals:
+        if not name.startswith(_POSITIONS) or configuration.signals[name].driver not in wiring.buses:
+            continue  # a line may serve several axes; a cell in memory has no wire that could be counted
+        first = sources.setdefault(wiring.signal(name), name)
+        if first != name:
+            yield ("signals", name), f"it reads the same channel as {first}"
+
+
+def _shared_devices(wiring: Wiring) -> Iterator[Finding]:
+    owners: dict[str, tuple[str, str]] = {}
+    for name, driver in wiring.drivers.items():
+        if driver.device is None:
+            continue
+        known = identities(driver.device)
+        others = [owners[identity] for identity in known if identity in owners]
+        if others:
+            owner, called = min(others)
+            here = "" if called == driver.device else f", here called {driver.device}"
+            yield ("drivers", name), f"driver {owner} owns {called} already{here}; one driver has a device alone"
+        owners |= {identity: (name, driver.device) for identity in known if identity not in owners}

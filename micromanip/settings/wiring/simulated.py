@@ -1,0 +1,22 @@
+"""Devices that are called simulated, and aren't: what stands behind their names is looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from .places import Wiring
+
+Finding = tuple[tuple[str | int, ...], str]
+
+
+def simulated_findings(wiring: Wiring) -> Iterator[Finding]:
+    """Buses with wide limits, no watchdog and perhaps nobody asked, whose device may move something real.
+
+    What is not there yet (a link that simulate-device is going to make) can't be judged: look again once it is up.
+    """
+    for name, bridge in wiring.buses.items():
+        if bridge.simulated and (why := bridge.bus.real_because):
+            yield (
+                ("drivers", name, "simulated"),
+                f"{why}: it may move a real stage; take simulated away, and set loop.limits: hardware",
+            )

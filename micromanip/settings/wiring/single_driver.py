@@ -1,0 +1,45 @@
+"""One driver out of a configuration, whatever else is wrong in the file."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+
+from micromanip.bus.driver import BusDriver
+from micromanip.bus.registry import driver_class
+from micromanip.errors import ConfigError, UsageError
+from micromanip.settings.load import validate_section
+from micromanip.settings.schema.model import Driver
+from micromanip.settings.text.source import Source
+
+
+def bus_driver(file: Path, name: str) -> BusDriver:
+    """The bus driver that the configuration calls `name`, not opened.
+
+    Reads its entry in the section drivers only. Raises ConfigError, and UsageError where the file has no such driver or
+    it is a cyclic one.
+    """
+    source = Source.read(file)
+    entries = source.data.get("drivers") if isinstance(source.data, Mapping) else None
+    if not isinstance(entries, Mapping):
+        raise source.error(("drivers",), "this section is missing, or not a mapping")
+    if name not in entries:
+        near = difflib.get_close_matches(name, map(str, entries), 1)
+        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(map(str, entries))}"
+        raise UsageError(f"{file} has no driver called {name}; {hint}")
+    entry = validate_section(source, ("drivers", name), Driver, entries[name])
+    try:
+        kind = driver_class(entry.driver)
+    except ConfigError as problem:
+        raise source.error(("drivers", name, "driver"), str(problem)) from problem
+    if not issubclass(kind, BusDriver):
+        raise UsageError(
+            f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "
+            "its signals"
+        )
+    options = validate_section(source, ("drivers", name), kind.Options, entry.options)
+    try:
+        return kind(options, file.parent)
+    except ConfigError as problem:
+        raise source.error_below(("drivers", name), str(problem)) from problem

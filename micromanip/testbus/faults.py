@@ -1,0 +1,111 @@
+"""Faults of a simulated bus: injected while it runs, each for a time, the same ones for the same seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from random import Random
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field, TypeAdapter
+
+from micromanip.errors import UsageError
+
+from .controller_faults import Babble, BusOff, Enobufs, ErrorPassive
+from .event_loop import EventLoop, Timer
+from .fault import ClientFault, Delivery, Fault, FrameFault, Verdict
+from .fault_document import validated
+from .frame_faults import Burst, Corrupt, Delay, Drop, Duplicate, Reorder, Silence
+from .port import Transmission
+
+if TYPE_CHECKING:
+    from .hub import CanHub
+
+__all__ = [
+    *("Babble", "Burst", "BusOff", "Corrupt", "Delay", "Drop", "Duplicate", "Enobufs", "ErrorPassive", "Faults"),
+    *("Reorder", "Silence", "parsed"),
+]
+
+_ANY: TypeAdapter[Fault] = TypeAdapter(
+    Annotated[
+        Drop | Silence | Delay | Reorder | Burst | Corrupt | Duplicate | Babble | BusOff | ErrorPassive | Enobufs,
+        Field(discriminator="kind"),
+    ]
+)
+
+
+def parsed(document: object) -> Fault:
+    """The fault that a mapping describes, e.g. ``{"kind": "drop", "share": 0.1, "for_s": 2.0, "identifier": 257}``.
+
+    Raises UsageError with the first thing that is wrong with it.
+    """
+    return validated(_ANY, document)
+
+
+class Faults:
+    """Those that are active on one bus."""
+
+    def __init__(self, hub: CanHub, loop: EventLoop, seed: int) -> None:
+        self._hub = hub
+        self._loop = loop
+        self._random = Random(seed)
+        self._active: list[tuple[Fault, Timer | None]] = []
+        self._striking: list[FrameFault] = []
+        self._latest_ns = 0
+
+    def inject(self, fault: Fault) -> None:
+        """Let `fault` begin now; it ends by itself after its ``for_s``.
+
+        Raises UsageError for a fault of a client if that isn't connected.
+        """
+        fault = fault.model_copy(deep=True)  # what it has taken hold of is kept in it
+        if isinstance(fault, ClientFault) and not any(fault.struck(self._hub)):
+            who = "no client is" if fault.client is None else f"process {fault.client} is not"
+            raise UsageError(f"fault {fault.kind}: {who} connected to channel {self._hub.channel}")
+        if isinstance(fault, FrameFault):
+            fault.draw_from(self._random)
+        fault.begin(self._hub)
+        timer = None
+        if fault.for_s is not None:
+            timer = self._loop.call_at(self._loop.now_ns() + round(fault.for_s * 1e9), partial(self._end, fault))
+        self._active.append((fault, timer))
+        self._note_striking()
+
+    def clear(self) -> None:
+        """End all of them."""
+        for fault, timer in list(self._active):
+            if timer is not None:
+                timer.cancel()
+            self._end(fault)
+
+    def verdict(self, transmission: Transmission) -> Verdict:
+        """What becomes of a frame at its end: the first fault that strikes it decides."""
+        for fault in self._striking:
+            if fault.strikes(transmission):
+                verdict = fault.verdict()
+                if verdict is not Verdict.GOOD:
+                    return verdict
+        return Verdict.GOOD
+
+    def through(self, delivery: Delivery) -> Sequence[Delivery]:
+        """What the receivers get in place of `delivery`: passed through one fault after the other, then in order."""
+        if not self._striking and delivery.time_ns >= self._latest_ns:
+            return (delivery,)
+        deliveries = [delivery]
+        for fault in self._striking:
+            if fault.strikes(delivery.transmission):
+                deliveries = [passed for each in deliveries for passed in fault.through(each)]
+        return [self._in_order(each) for each in deliveries]
+
+    def _in_order(self, delivery: Delivery) -> Delivery:
+        """Nothing overtakes what was delayed, also when the delay is over."""
+        self._latest_ns = max(self._latest_ns, delivery.time_ns)
+        return delivery if delivery.time_ns == self._latest_ns else delivery.put_off(self._latest_ns)
+
+    def _end(self, fault: Fault) -> None:
+        self._active = [(other, timer) for other, timer in self._active if other is not fault]
+        self._note_striking()
+        fault.end(self._hub)
+
+    def _note_striking(self) -> None:
+        self._striking = [fault for fault, _ in self._active if isinstance(fault, FrameFault)]

@@ -1,0 +1,116 @@
+"""What a device was given last: it outlives whoever wrote it, and nobody else can say it."""
+
+import math
+import os
+import signal
+import time
+
+import pytest
+
+from micromanip.bus import last_given
+from micromanip.bus.last_given import LastGiven, path_of
+from micromanip.errors import PermissionDenied
+
+DEVICE = "udp 10.0.0.5:5005"
+NAMES = ("voltage_x", "voltage_y")
+
+
+def reopened(folder, names=NAMES):
+    return LastGiven.open(DEVICE, names, folder).read()
+
+
+def test_nothing_was_given_yet(tmp_path):
+    assert reopened(tmp_path) is None
+
+
+def test_what_was_given_is_there_for_the_next_one(tmp_path):
+    given = LastGiven.open(DEVICE, NAMES, tmp_path)
+    for k in range(5):
+        given.write([80.0 + k, math.nan])
+        assert reopened(tmp_path) == [80.0 + k, None]
+
+
+def test_a_writer_that_was_killed_leaves_whole_values(tmp_path):
+    child = os.fork()
+    if not child:
+        given, k = LastGiven.open(DEVICE, NAMES, tmp_path), 0.0
+        while True:
+            k += 1.0
+            given.write([k, -k])
+    time.sleep(0.3)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    x, y = reopened(tmp_path)
+    assert x == -y > 0.0
+
+
+def test_a_slot_that_was_half_written_does_not_count(tmp_path):
+    given = LastGiven.open(DEVICE, NAMES, tmp_path)
+    given.write([1.0, 2.0])
+    given.write([3.0, 4.0])
+    whole = path_of(DEVICE, tmp_path).read_bytes()
+    newest = given._place(given._turn % 2)
+    path_of(DEVICE, tmp_path).write_bytes(whole[:newest] + (99).to_bytes(8, "little") + whole[newest + 8 :])
+    assert reopened(tmp_path) == [1.0, 2.0]
+
+
+def test_outputs_keep_their_values_where_the_configuration_has_others(tmp_path):
+    LastGiven.open(DEVICE, NAMES, tmp_path).write([80.0, 20.0])
+    assert reopened(tmp_path, ("voltage_z", "voltage_x")) == [None, 80.0]
+
+
+def test_an_earlier_start_of_the_machine_does_not_count(tmp_path, monkeypatch):
+    LastGiven.open(DEVICE, NAMES, tmp_path).write([80.0, 20.0])
+    monkeypatch.setattr(last_given, "_start_of_machine", lambda: "another")
+    assert reopened(tmp_path) is None
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 40000, b"[1, 2]", b'{"names": 3}', b'{"names": ["voltage_x"]}'])
+def test_a_file_that_is_damaged_is_replaced(tmp_path, content):
+    path_of(DEVICE, tmp_path).write_bytes(content)
+    assert reopened(tmp_path) is None
+
+
+def test_a_link_is_not_followed_and_nothing_is_written_through_it(tmp_path):
+    LastGiven.open(DEVICE, NAMES, tmp_path / ".").write([80.0, 20.0])
+    elsewhere = tmp_path / "elsewhere"
+    path_of(DEVICE, tmp_path).rename(elsewhere)
+    before = elsewhere.read_bytes()
+    path_of(DEVICE, tmp_path).symlink_to(elsewhere)
+    given = LastGiven.open(DEVICE, NAMES, tmp_path)
+    assert given.read() is None
+    given.write([1.0, 2.0])
+    assert elsewhere.read_bytes() == before
+
+
+def test_a_pipe_in_its_place_hangs_nobody(tmp_path):
+    os.mkfifo(path_of(DEVICE, tmp_path))
+    assert reopened(tmp_path) is None
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to somebody else")
+@pytest.mark.parametrize(("mode", "believed"), [(0o1777, False), (0o2770, True)])
+def test_what_somebody_else_wrote_counts_only_in_a_folder_of_a_group(tmp_path, mode, believed):
+    folder = tmp_path / "locks"
+    folder.mkdir()
+    folder.chmod(mode)
+    LastGiven.open(DEVICE, NAMES, folder).write([80.0, 20.0])
+    os.chown(path_of(DEVICE, folder), 1234, -1)
+    assert reopened(folder) == ([80.0, 20.0] if believed else None)
+
+
+def test_a_folder_that_is_not_there_is_one_clear_refusal(tmp_path):
+    with pytest.raises(PermissionDenied, match=r"what device udp .* can't be remembered in .*No such file"):
+        LastGiven.open(DEVICE, NAMES, tmp_path / "nowhere")
+
+
+def test_it_is_the_device_s_and_not_the_name_s(tmp_path):
+    (tmp_path / "by-id").symlink_to("tty0")
+    for first, second in (
+        ("tcp localhost:502", "tcp 127.0.0.1:502"),
+        (str(tmp_path / "by-id"), str(tmp_path / "tty0")),
+    ):
+        memory = LastGiven.open(first, ["x"], tmp_path)
+        memory.write([80.0])
+        memory.close()
+        assert LastGiven.open(second, ["x"], tmp_path).read() == [80.0]

@@ -1,0 +1,41 @@
+"""What a process asks of the kernel, tried in a process of its own."""
+
+import resource
+import subprocess
+import sys
+
+import pytest
+
+LOCKED = """
+import sys
+from micromanip.bus import rights
+if "limited" in sys.argv:
+    rights._has_capability = lambda number: False
+got = rights.lock_memory(once_touched="touched" in sys.argv)
+more = bytearray(8 << 20)
+locked = next(line for line in open("/proc/self/status") if line.startswith("VmLck"))
+print(got, locked.split()[1])
+"""
+
+
+def locked(*how, before=None):
+    command = [sys.executable, "-c", LOCKED, *how]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60, preexec_fn=before)
+    got, kilobytes = done.stdout.split()
+    return got == "True", int(kilobytes)
+
+
+@pytest.mark.parametrize("how", ["touched", "all"])
+def test_all_memory_is_locked_that_which_comes_later_too(how):
+    got, kilobytes = locked(how)
+    if not got:
+        pytest.skip("no right to lock memory here")
+    assert kilobytes > 8 << 10
+
+
+def test_with_a_limit_nothing_is_locked_and_nothing_fails_later():
+    def limit():
+        _, most = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+        resource.setrlimit(resource.RLIMIT_MEMLOCK, (1 << 16, most))
+
+    assert locked("touched", "limited", before=limit) == (False, 0)

@@ -1,0 +1,150 @@
+"""Drivers that describe themselves wrongly."""
+
+import math
+import socket
+from dataclasses import replace
+
+from pydantic import model_validator
+
+from conformance.example import UdpStage, UdpStageOptions
+from micromanip.bus.driver import Load, Task
+
+from . import broken
+
+
+@broken("test_class_keeps_the_contract")
+class Undocumented(UdpStage):
+    pass
+
+
+class Options(UdpStageOptions):
+    gain: float = 1.0
+
+
+@broken("test_class_keeps_the_contract")
+class UndescribedOption(UdpStage):
+    """Undescribed option."""
+
+    Options = Options
+
+
+@broken("test_class_keeps_the_contract")
+class OtherArguments(UdpStage):
+    """Perform takes something else."""
+
+    def perform(self, values, inbox):
+        super().perform(0, values, inbox)
+
+
+@broken("test_building_opens_nothing")
+class OpensWhenBuilt(UdpStage):
+    """Takes its socket too early."""
+
+    def __init__(self, options, folder):
+        super().__init__(options, folder)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def __del__(self):
+        self.close()
+
+
+class Forgiving(UdpStageOptions):
+    """Says that it forbids unknown keys, and drops them."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def drop(cls, data):
+        return {key: value for key, value in data.items() if key in cls.model_fields}
+
+
+@broken("test_unknown_option_is_refused")
+class SwallowsTypingErrors(UdpStage):
+    """A wrong key passes."""
+
+    Options = Forgiving
+
+
+def inputs(**changed):
+    """A driver whose second input is changed."""
+
+    class Changed(UdpStage):
+        """Wrong input."""
+
+        @property
+        def inputs(self):
+            first, second = super().inputs
+            return [first, replace(second, **changed)]
+
+    return broken("test_channels")(Changed)
+
+
+SameName = inputs(name="strain_x")
+NoName = inputs(name="")
+NoRate = inputs(rate_hz=0.0)
+EndlessRate = inputs(rate_hz=math.inf)
+NegativeLatency = inputs(latency_s=-1e-3)
+UnknownLatency = inputs(latency_s=math.nan)
+
+
+def tasks(check, *described):
+    """A driver with these tasks."""
+
+    class Changed(UdpStage):
+        """Wrong tasks."""
+
+        @property
+        def tasks(self):
+            return list(described)
+
+    return broken(check)(Changed)
+
+
+Unwritten = tasks("test_every_output_is_written_by_one_task", Task("voltages", 500.0, (0,)))
+Twice = tasks("test_every_output_is_written_by_one_task", Task("a", 500.0, (0, 1)), Task("b", 500.0, (1,)))
+Stray = tasks("test_every_output_is_written_by_one_task", Task("voltages", 500.0, (0, 1, 2)))
+Namesakes = tasks("test_tasks_have_names_and_rates", Task("v", 500.0, (0,)), Task("v", 500.0, (1,)))
+RatelessTask = tasks("test_tasks_have_names_and_rates", Task("voltages", 0.0, (0, 1)))
+OtherRate = tasks("test_tasks_have_names_and_rates", Task("voltages", 250.0, (0, 1)))
+
+
+def loads(*described):
+    """A driver with these loads."""
+
+    class Changed(UdpStage):
+        """Wrong loads."""
+
+        def loads(self):
+            return list(described)
+
+    return broken("test_loads")(Changed)
+
+
+NoLoads = loads()
+Overloaded = loads(Load("link", 0.9, "too much"))
+NoLoad = loads(Load("link", 0.0, "nothing"))
+UnknownLoad = loads(Load("link", math.nan, "who knows"))
+Unexplained = loads(Load("link", 0.5, ""))
+HalfLoads = loads(Load("link", 0.02, "inputs"), Load("link", 0.02, "outputs"))
+
+
+@broken("test_device_and_watchdog_are_named")
+class Nameless(UdpStage):
+    """No device."""
+
+    device = ""
+
+
+@broken("test_device_and_watchdog_are_named")
+class EmptyWatchdog(UdpStage):
+    """A watchdog without a word."""
+
+    watchdog = ""
+
+
+@broken("test_description_never_changes")
+class FindsChannelsWhenOpened(UdpStage):
+    """Knows its inputs only from the device."""
+
+    @property
+    def inputs(self):
+        return super().inputs[: 1 if self.socket is None else 2]

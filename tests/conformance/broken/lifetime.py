@@ -1,0 +1,164 @@
+"""Drivers that open and close wrongly."""
+
+import contextlib
+import mmap
+import os
+import threading
+import time
+from typing import ClassVar
+
+from conformance.example import UdpStage
+from micromanip.bus.errors import LinkError, TransientError
+
+from . import broken
+
+
+@broken("test_opened_100_times_leaves_nothing_behind")
+class LeaksDescriptors(UdpStage):
+    """A descriptor an open."""
+
+    left: ClassVar = []
+
+    def open(self):
+        super().open()
+        self.left.append(os.dup(self.socket.fileno()))
+
+    @classmethod
+    def tidy(cls):
+        for descriptor in cls.left:
+            os.close(descriptor)
+        cls.left.clear()
+
+
+@broken("test_opened_100_times_leaves_nothing_behind")
+class LeaksThreads(UdpStage):
+    """A thread an open."""
+
+    left: ClassVar = []
+
+    def open(self):
+        super().open()
+        end = threading.Event()
+        thread = threading.Thread(target=end.wait)
+        thread.start()
+        self.left.append((end, thread))
+
+    @classmethod
+    def tidy(cls):
+        for end, thread in cls.left:
+            end.set()
+            thread.join()
+        cls.left.clear()
+
+
+@broken("test_opened_100_times_leaves_nothing_behind")
+class LeaksMaps(UdpStage):
+    """A memory map an open."""
+
+    left: ClassVar = []
+
+    def open(self):
+        super().open()
+        access = (
+            mmap.PROT_READ if len(self.left) % 2 else mmap.PROT_READ | mmap.PROT_WRITE
+        )  # the kernel joins like ones
+        self.left.append(mmap.mmap(-1, 4096, prot=access))
+
+    @classmethod
+    def tidy(cls):
+        for left in cls.left:
+            left.close()
+        cls.left.clear()
+
+
+@broken("test_closing_twice_and_unopened")
+class ClosesOnce(UdpStage):
+    """Close assumes that it is open."""
+
+    def close(self):
+        self.socket.close()
+        self.socket = None
+
+
+@broken("test_no_device_is_a_lost_link_within_a_second")
+class CallsItTransient(UdpStage):
+    """No device is no link, for good."""
+
+    def open(self):
+        try:
+            super().open()
+        except LinkError as problem:
+            raise TransientError(str(problem)) from problem
+
+
+@broken("test_no_device_is_a_lost_link_within_a_second")
+class Patient(UdpStage):
+    """Waits for long."""
+
+    def open(self):
+        try:
+            super().open()
+        except LinkError:
+            time.sleep(1.6)
+            raise
+
+
+@broken("test_no_device_is_a_lost_link_within_a_second")
+class Speechless(UdpStage):
+    """Does not say what is wrong."""
+
+    def open(self):
+        try:
+            super().open()
+        except LinkError:
+            raise LinkError from None
+
+
+@broken("test_closing_after_a_failed_open")
+class ForgetsWhatFailed(UdpStage):
+    """Its close knows nothing of an open that failed."""
+
+    left: ClassVar = []
+
+    def open(self):
+        try:
+            super().open()
+        except LinkError:
+            self.left.append(self.socket)
+            self.socket = None
+            raise
+
+    @classmethod
+    def tidy(cls):
+        for left in cls.left:
+            left.close()
+        cls.left.clear()
+
+
+@broken("test_another_device_is_refused")
+class TakesAnyDevice(UdpStage):
+    """Does not look at the serial number."""
+
+    def ask_who(self):
+        super().ask_who()
+        return self.options.serial_number
+
+
+@broken("test_opening_and_closing_move_nothing")
+class ZeroesWhenOpened(UdpStage):
+    """Makes its outputs safe by itself, with a step."""
+
+    def open(self):
+        super().open()
+        self.perform(0, [0.0, 0.0], None)
+
+
+@broken("test_opening_and_closing_move_nothing")
+class ZeroesWhenClosed(UdpStage):
+    """Says farewell with a step."""
+
+    def close(self):
+        if self.socket is not None:
+            with contextlib.suppress(LinkError):
+                self.perform(0, [0.0, 0.0], None)
+        super().close()

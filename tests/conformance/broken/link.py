@@ -1,0 +1,175 @@
+"""Drivers that take a lost link wrongly, and such as cost or count wrongly."""
+
+import time
+
+from conformance.example import UdpStage, wire
+from micromanip.bus.driver import Answer, Load
+from micromanip.bus.errors import LinkError, TransientError
+
+from . import broken
+
+
+@broken("test_dead_device_is_a_lost_link")
+class NeverGivesUp(UdpStage):
+    """Calls it transient, for ever."""
+
+    is_open = False
+
+    def open(self):
+        super().open()
+        self.is_open = True
+
+    def send(self, datagram):
+        try:
+            super().send(datagram)
+        except LinkError as problem:
+            if self.is_open:
+                raise TransientError(str(problem)) from problem
+            raise
+
+    def receive(self, inbox, until_ns):
+        try:
+            super().receive(inbox, until_ns)
+        except LinkError as problem:
+            raise TransientError(str(problem)) from problem
+
+    def close(self):
+        self.is_open = False
+        super().close()
+
+
+@broken("test_reopened_after_a_lost_link")
+class Resentful(UdpStage):
+    """Can't forget that the link was lost."""
+
+    lost = False
+
+    def open(self):
+        if self.lost:
+            raise LinkError("it was lost before")
+        super().open()
+
+    def receive(self, inbox, until_ns):
+        try:
+            super().receive(inbox, until_ns)
+        except LinkError:
+            self.lost = True
+            raise
+
+    def perform(self, task, values, inbox):
+        try:
+            super().perform(task, values, inbox)
+        except LinkError:
+            self.lost = True
+            raise
+
+
+@broken("test_closed_driver_raises_bus_errors_only")
+class NeedsToBeOpen(UdpStage):
+    """Stumbles over its own socket."""
+
+    def send(self, datagram):
+        self.socket.fileno()
+        super().send(datagram)
+
+
+@broken("test_flapping_device_raises_bus_errors_only")
+class BareErrors(UdpStage):
+    """Lets the operating system's error out."""
+
+    def send(self, datagram):
+        try:
+            super().send(datagram)
+        except LinkError as problem:
+            raise (problem.__cause__ or problem) from None
+
+
+@broken("test_silent_device_is_no_bug")
+class DividesByNothing(UdpStage):
+    """Computes the rate of what came."""
+
+    def receive(self, inbox, until_ns):
+        heard_ns = self.heard_ns
+        super().receive(inbox, until_ns)
+        if time.monotonic_ns() - heard_ns > 100_000_000:
+            self.rate_hz = 1e9 / (self.heard_ns - heard_ns)
+
+
+@broken("test_load_is_at_most_what_is_declared")
+class SendsTwice(UdpStage):
+    """Twice is safer."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, values, inbox)
+        super().perform(task, values, inbox)
+
+
+@broken("test_load_is_at_most_what_is_declared")
+class DeclaresOneDirection(UdpStage):
+    """Forgets what the device sends."""
+
+    def loads(self):
+        (load,) = super().loads()
+        return [Load(load.name, load.share / 3, load.detail)]
+
+
+@broken("test_load_is_at_most_what_is_declared")
+class DeclaresAnother(UdpStage):
+    """Names a resource that nobody knows."""
+
+    def loads(self):
+        (load,) = super().loads()
+        return [Load("bus", load.share, load.detail)]
+
+
+@broken("test_statistics_only_rise")
+class CountsAnew(UdpStage):
+    """Begins from zero with each open."""
+
+    def open(self):
+        self.counts = dict.fromkeys(self.counts, 0)
+        super().open()
+
+
+@broken("test_statistics_only_rise")
+class CountsInFloats(UdpStage):
+    """Counts 1.0, 2.0."""
+
+    def statistics(self):
+        return {name: float(count) for name, count in super().statistics().items()}
+
+
+@broken("test_probe_finds_the_device")
+class FindsNothing(UdpStage):
+    """Looks, and says nothing."""
+
+    def probe(self, seconds):
+        list(super().probe(seconds))
+        yield from ()
+
+
+@broken("test_probe_finds_the_device")
+class FindsBareValues(UdpStage):
+    """Yields what is no Answer."""
+
+    def probe(self, seconds):
+        for answer in super().probe(seconds):
+            yield dict(answer.values)
+
+
+@broken("test_probe_finds_the_device")
+class ProbesForLong(UdpStage):
+    """Does not look at the clock."""
+
+    def probe(self, seconds):
+        yield from super().probe(seconds + 1.6)
+
+
+@broken("test_probe_writes_nothing")
+class ProbesByMoving(UdpStage):
+    """Tries whether something moves."""
+
+    def probe(self, seconds):
+        for answer in super().probe(seconds):
+            self.send(wire.sealed(wire.VOLTAGES.pack(b"V", 100, 100)))
+            yield answer if isinstance(answer, Answer) else None

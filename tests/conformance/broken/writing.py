@@ -1,0 +1,248 @@
+"""Drivers that write wrongly."""
+
+import math
+import struct
+import time
+
+from conformance.example import UdpPeer, UdpStage, WatchedDevice, wire
+from micromanip.bus.driver import Outcome
+from micromanip.bus.errors import OutputRefused
+
+from . import broken
+
+
+@broken("test_golden_outputs")
+class CrossedAxes(UdpStage):
+    """Writes x to y."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, values[::-1], inbox)
+
+
+@broken("test_golden_outputs")
+class WrongGain(UdpStage):
+    """One step too much."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, [math.copysign(abs(value) - wire.V_PER_STEP, value) for value in values], inbox)
+
+
+@broken("test_what_is_written_arrives")
+class SendsOnce(UdpStage):
+    """Sends nothing more after the first."""
+
+    sent = False
+
+    def perform(self, task, values, inbox):
+        if not self.sent:
+            super().perform(task, values, inbox)
+            self.sent = all(math.isfinite(value) for value in values)
+
+
+@broken("test_what_is_said_of_a_write_is_true")
+class SaysHeld(UdpStage):
+    """Sends, and says that it did not."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, values, inbox)
+        return Outcome.HELD
+
+
+@broken("test_what_is_said_of_a_write_is_true")
+class NeverConfirms(UdpStage):
+    """Leaves it open for ever whether the device has it."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, values, inbox)
+        return Outcome.SENT
+
+
+@broken("test_what_is_said_of_a_write_is_true")
+class ConfirmsByItself(UdpStage):
+    """Holds the outputs back, and confirms them all the same."""
+
+    def perform(self, task, values, inbox):
+        return Outcome.SENT
+
+    def receive(self, inbox, until_ns):
+        super().receive(inbox, until_ns)
+        inbox.confirm(0)
+
+
+@broken("test_what_is_written_arrives")
+class SaysTrue(UdpStage):
+    """Returns what is no outcome."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, values, inbox)
+        return True
+
+
+@broken("test_what_is_read_back_is_what_was_written")
+class ReadsBackSteps(UdpStage):
+    """Forgets the scale of what it reads back."""
+
+    def read_outputs(self):
+        return [60.0 / wire.V_PER_STEP, None]
+
+
+@broken("test_what_is_read_back_is_what_was_written")
+class ReadsBackOne(UdpStage):
+    """Reads back fewer than there are."""
+
+    def read_outputs(self):
+        return [None]
+
+
+@broken("test_what_is_read_back_is_what_was_written")
+class MovesToReadBack(UdpStage):
+    """Asks by writing."""
+
+    def read_outputs(self):
+        self.perform(0, [0.0, 0.0], None)
+        time.sleep(0.05)
+        return [None, None]
+
+
+@broken("test_value_that_is_no_number_is_refused")
+class NoNumberIsZero(UdpStage):
+    """Writes 0 V for what is no number: a step."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, [value if math.isfinite(value) else 0.0 for value in values], inbox)
+
+
+@broken("test_value_that_is_no_number_is_refused")
+class EndlessIsLarge(UdpStage):
+    """Refuses NaN, and takes infinity for the end of the range."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, [math.copysign(163.0, value) if math.isinf(value) else value for value in values], inbox)
+
+
+@broken("test_value_that_is_no_number_is_refused")
+class RaisesValueError(UdpStage):
+    """Lets the conversion's own error out."""
+
+    def perform(self, task, values, inbox):
+        for value in values:
+            round(value)
+        super().perform(task, values, inbox)
+
+
+@broken("test_value_beyond_the_wire_is_refused")
+class Saturates(UdpStage):
+    """Writes the end of the range, in silence."""
+
+    def perform(self, task, values, inbox):
+        super().perform(task, [min(max(value, -163.84), 163.835) for value in values], inbox)
+
+
+@broken("test_value_beyond_the_wire_is_refused")
+class WrapsAround(UdpStage):
+    """Sends the low 16 bits."""
+
+    def perform(self, task, values, inbox):
+        if all(math.isfinite(value) for value in values):
+            span = 65536 * wire.V_PER_STEP
+            values = [(value + span / 2) % span - span / 2 for value in values]
+        super().perform(task, values, inbox)
+
+
+@broken("test_value_beyond_the_wire_is_refused")
+class RefusesTooLate(UdpStage):
+    """Sends the good axis before it looks at the other."""
+
+    def perform(self, task, values, inbox):
+        try:
+            super().perform(task, values, inbox)
+        except OutputRefused:
+            if all(math.isfinite(value) for value in values):
+                super().perform(task, [0.0, 0.0], inbox)
+            raise
+
+
+@broken("test_latest_value_wins")
+class Queues(UdpStage):
+    """Keeps what it can't send yet, and sends all of it later."""
+
+    def __init__(self, options, folder):
+        super().__init__(options, folder)
+        self.queue = []
+
+    def perform(self, task, values, inbox):
+        silent = self.heard_ns and time.monotonic_ns() - self.heard_ns > 10_000_000
+        real, self.send = self.send, self.queue.append
+        try:
+            super().perform(task, values, inbox)
+        finally:
+            self.send = real
+        while self.queue and not silent:
+            self.send(self.queue.pop(0))
+
+
+class HalvesDevice(WatchedDevice):
+    """Takes voltages byte by byte, too, and tells only where they are when it is asked."""
+
+    def __init__(self, port):
+        super().__init__(port)
+        self.halves = bytearray(4)
+        self.told = None
+
+    def answer(self, datagram, sender):
+        if datagram[:1] == b"B":
+            self.halves[datagram[1]] = datagram[2]
+        super().answer(datagram, sender)
+
+    def state(self):
+        x, y = struct.unpack(">hh", self.halves)
+        return {"voltage_x": x * wire.V_PER_STEP, "voltage_y": y * wire.V_PER_STEP}
+
+
+class HalvesPeer(UdpPeer):
+    """That device, of which only the last state is known."""
+
+    kind = HalvesDevice
+
+    def writes(self):
+        state = self.device.state()
+        changed, self.device.told = state != self.device.told, state
+        return [state] if changed and any(state.values()) else []
+
+
+@broken("test_killed_in_mid_write", peer=lambda self: HalvesPeer())
+class WritesHalves(UdpStage):
+    """Sends the high byte, and then the low one."""
+
+    def perform(self, task, values, inbox):
+        steps = struct.pack(">hh", *(round(value / wire.V_PER_STEP) for value in values))
+        for place, byte in enumerate(steps):
+            self.send(b"B" + bytes([place, byte]))
+            time.sleep(0.003 * (place % 2 == 0))
+
+
+@broken("test_stopped_and_continued")
+class CatchesUp(UdpStage):
+    """Sends once for each period that has passed."""
+
+    done_ns = 0
+
+    def perform(self, task, values, inbox):
+        now_ns, period_ns = time.monotonic_ns(), round(1e9 / self.options.command_rate_hz)
+        missed = min((now_ns - self.done_ns) // period_ns, 1000) if self.done_ns else 1
+        self.done_ns = now_ns
+        for _ in range(max(1, missed)):
+            super().perform(task, values, inbox)
+
+
+@broken("test_stopped_and_continued")
+class Delays(UdpStage):
+    """Writes what was asked for so many calls ago."""
+
+    def __init__(self, options, folder):
+        super().__init__(options, folder)
+        self.last = []
+
+    def perform(self, task, values, inbox):
+        self.last.append(list(values))
+        super().perform(task, self.last[-20:][0], inbox)

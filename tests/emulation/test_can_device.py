@@ -1,0 +1,120 @@
+"""The device on CAN as a foreign controller sees it."""
+
+import numpy as np
+import pytest
+
+from micromanip.testbus.frame import Frame
+
+from .emulated import DATABASE
+
+STEP_UM = 1e-4
+"""Resolution of the sensors in the DBC."""
+
+
+def test_messages_come_at_their_rates_and_count(controller):
+    controller.run(0.5)
+    for name, rate_hz in (("Sensors", 2000), ("Tracker", 1000)):
+        heard = controller.decoded(name)
+        assert len(heard) == pytest.approx(0.5 * rate_hz, abs=1)
+        counts = [values["Count"] for _, values in heard]
+        assert counts == list(range(len(counts)))
+        gaps_us = np.diff([time_ns for time_ns, _ in heard]) * 1e-3
+        assert abs(gaps_us - 1e6 / rate_hz).max() < 150.0, "a frame waits for one other at most"
+
+
+def test_counter_wraps(controller):
+    sent = controller.devices.played["can0"]._device.sent[0]
+    sent.count = 65534
+    controller.run(0.003)
+    assert [values["Count"] for _, values in controller.decoded("Sensors")][:4] == [65534, 65535, 0, 1]
+
+
+def test_frames_hold_what_the_plant_measures(controller):
+    controller.command_for(0.05, voltage_x=40.0, voltage_y=20.0, voltage_z=90.0)
+    plant = controller.devices.cell.plant
+    controller.run(0.0004)
+    values = controller.newest()
+    for name in ("strain_x", "strain_y", "strain_z", "stage_x", "stage_y", "stage_z"):
+        assert values[name] == pytest.approx(plant.value(name), abs=STEP_UM), name
+    assert values["strain_z"] > values["strain_x"] > values["strain_y"] > 5.0
+    assert values["enable"] == values["interlock"] == values["amplifier_ok_y"] == values["temperature_ok_z"] == 1
+    assert values["retracted"] == values["Status"] == 0
+    assert controller.newest("Tracker")["deviation_y"] == pytest.approx(plant.value("deviation_y"), abs=5e-4)
+
+
+def test_sample_time_is_the_plants(controller):
+    """A sample is taken when its frame is due: bus time, not the time at which the loop came to it."""
+    began_ns = controller.devices._began_ns
+    controller.run(0.01)
+    assert controller.devices.cell.plant.read("strain_x")[1] == began_ns + 10_000_000
+    time_ns, _ = controller.decoded("Sensors")[0]
+    assert 500_000 < time_ns - began_ns < 700_000
+
+
+def test_watchdog_over_the_bus(controller):
+    controller.command_for(0.1, voltage_x=60.0)
+    assert controller.newest()["amplifier_ok_x"] == 1
+    up = controller.newest()["strain_x"]
+    controller.run(0.11)
+    assert controller.newest()["amplifier_ok_x"] == 0
+    controller.run(0.3)
+    assert controller.newest()["strain_x"] < 0.2 * up
+    controller.command_for(0.05, voltage_x=60.0)
+    assert controller.newest()["amplifier_ok_x"] == 0, "it waits for commands at rest"
+    controller.command_for(0.01)
+    controller.command_for(0.1, voltage_x=60.0)
+    assert controller.newest()["amplifier_ok_x"] == 1
+    assert controller.newest()["strain_x"] == pytest.approx(up, rel=0.1)
+
+
+def test_watchdog_time_is_an_option(make):
+    controller = make(watchdog_ms=100.0)
+    controller.command_for(0.01, voltage_x=10.0)
+    controller.run(0.09)
+    assert controller.newest()["amplifier_ok_x"] == 1
+    controller.run(0.02)
+    assert controller.newest()["amplifier_ok_x"] == 0
+
+
+def test_a_step_up_moves_its_axis_only(controller):
+    controller.command_for(0.05)
+    before = controller.newest()
+    controller.command_for(0.1, voltage_y=50.0)
+    moved = {axis: controller.newest()[f"strain_{axis}"] - before[f"strain_{axis}"] for axis in "xyz"}
+    assert moved["y"] > 20.0
+    assert abs(moved["x"]) < 1.0 > abs(moved["z"])
+
+
+def test_what_is_not_understood_is_left_alone(controller):
+    line, voltages = controller.devices.played["can0"].bus.line, DATABASE.get_message_by_name("Voltages")
+    line.send(controller, Frame(voltages.frame_id, b"\x01"))
+    line.send(controller, Frame(voltages.frame_id, bytes(8), extended=True))
+    line.send(controller, Frame(0x7FF, bytes(8)))
+    controller.run(0.01)
+    figures = controller.order('{"report": true}')["devices"]["can0"]
+    assert (figures["received"], figures["not_understood"]) == (0, 1)
+
+
+def test_late_machine_sends_every_sample_with_its_own_time(controller):
+    """The loop comes 4 ms late once: no frame is missing, and the bus keeps its order."""
+    controller.run(0.01)
+    controller.devices.loop.time_ns += 4_000_000
+    controller.run(0.066)
+    heard = controller.decoded("Sensors")
+    assert [values["Count"] for _, values in heard] == list(range(len(heard)))
+    assert len(heard) == pytest.approx(160, abs=1)
+    assert controller.order('{"report": true}')["devices"]["can0"]["not_sent"] == 0
+
+
+def test_a_stall_beyond_that_leaves_frames_out_and_says_so(controller):
+    controller.run(0.01)
+    controller.devices.loop.time_ns += 505_000_000  # 5 ms can be made up for
+    controller.run(0.01)
+    figures = controller.order('{"report": true}')
+    assert figures["devices"]["can0"]["not_sent"] == pytest.approx(1500, abs=10)
+    counts = [values["Count"] for _, values in controller.decoded("Sensors")]
+    assert max(np.diff(counts)) == pytest.approx(1000, abs=10), "the controller can't tell that samples are missing"
+    assert figures["stalls"]["count"] == 1
+    assert figures["stalls"]["longest_ms"] == pytest.approx(500, abs=60)
+    assert figures["stalls"]["latest_ms"] == figures["stalls"]["longest_ms"]
+    assert controller.order('{"report": true}')["stalls"]["latest_ms"] == 0.0

@@ -1,0 +1,75 @@
+"""What is wrong in a configuration of a line, from the device's side: one sentence each, with file, line and key."""
+
+import re
+
+import pytest
+from testbus.virtual_bus import VirtualLoop
+
+from micromanip.emulation.devices import Devices
+from micromanip.errors import ConfigError, DeviceUnavailable
+
+from .lines import free_port, write_cell
+from .test_binary_board import BOARD
+from .test_gcs_controller import GCS
+from .test_stream_device import CAPACITIVE
+
+WRONG = {
+    "two ports": (BOARD, ("    serial:", "    tcp: {port: 1}\n    serial:"), "give one of serial, tcp, udp"),
+    "no framing": (BOARD, ("    binary:", "    bnary:"), "give one of binary, ascii, stream; there are none"),
+    "no sync": (BOARD, ("      sync: aa 55\n", ""), "sync is missing"),
+    "sync that is none": (BOARD, ("sync: aa 55", "sync: aa 5"), '"aa 5" is not hexadecimal'),
+    "no such type": (BOARD, ("at: 7, type: int32", "at: 7, type: int31"), "there is no type int31"),
+    "no such order": (BOARD, ("byte_order: big, scale", "byte_order: bg, scale"), "must be little or big, not bg"),
+    "no such checksum": (BOARD, ("crc8.smbus", "crc8.smbis"), "fastcrc has no crc8.smbis"),
+    "no such reply": (BOARD, ("reply: monitor", "reply: monitr"), "no message monitr .*did you mean monitor"),
+    "no rate": (BOARD, ("          rate_hz: 2000\n          counter", "          counter"), "rate_hz is missing"),
+    "rate of 0": (
+        BOARD,
+        ("rate_hz: 2000\n          counter", "rate_hz: 0\n          counter"),
+        "must be greater than 0, not 0",
+    ),
+    "no preset": (GCS, ("preset: gcs", "preset: gsc"), "presets gcs and command,value"),
+    "no baud": (BOARD, (", baud: 4000000", ""), "baud is missing"),
+    "port as text": (CAPACITIVE, ("port: 1}", "port: one}"), "'one' can't be its port"),
+    "no block": (CAPACITIVE, ("      block_bytes: 8\n", ""), "block_bytes is missing"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_says_where_and_what(name, tmp_path):
+    text, (old, new), said = WRONG[name]
+    port = free_port()
+    text = text.format(
+        device=tmp_path / "tty", port=1 if text is CAPACITIVE else f"tcp: {{host: 127.0.0.1, port: {port}}}"
+    )
+    assert old in text
+    with pytest.raises(ConfigError) as caught:
+        Devices(write_cell(tmp_path, text.replace(old, new)), loop=VirtualLoop())
+    assert re.search(said, str(caught.value)), caught.value
+    assert re.search(r"cell\.yaml:\d+", str(caught.value))
+    assert not (tmp_path / "tty").is_symlink(), "nothing is left behind"
+
+
+def test_port_in_use(tmp_path):
+    file = write_cell(tmp_path, GCS.format(port=f"tcp: {{host: 127.0.0.1, port: {free_port()}}}"))
+    first = Devices(file, loop=VirtualLoop())
+    try:
+        with pytest.raises(
+            DeviceUnavailable, match=r"tcp 127\.0\.0\.1:\d+ can't be listened on: Address already in use"
+        ):
+            Devices(file, loop=VirtualLoop())
+    finally:
+        first.close()
+    Devices(file, loop=VirtualLoop()).close()
+
+
+def test_address_of_another_machine(tmp_path):
+    file = write_cell(tmp_path, GCS.format(port="tcp: {host: 192.0.2.1, port: 50000}"))
+    with pytest.raises(DeviceUnavailable, match="at an address of this machine"):
+        Devices(file, loop=VirtualLoop())
+
+
+def test_name_that_nobody_knows(tmp_path):
+    file = write_cell(tmp_path, GCS.format(port="tcp: {host: no.such.host.invalid, port: 50000}"))
+    with pytest.raises(DeviceUnavailable, match="can't be listened on"):
+        Devices(file, loop=VirtualLoop())

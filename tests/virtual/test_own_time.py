@@ -1,0 +1,68 @@
+"""Rows of an experiment behind a bus: every sample at its own time, every voltage when it is in force."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from micromanip.bus.driver import Channel
+from micromanip.rt.records import ROW
+from micromanip.virtual.own_time import at_own_time
+
+PERIOD_NS, COUNT = 100_000, 400
+
+
+def bench(inputs=(), outputs=()):
+    """As much of a configuration and its wiring as tells rates and ways; one axis."""
+    entry = SimpleNamespace(driver="d", channel=None)
+    configuration = SimpleNamespace(
+        axes={"x": None},
+        signals={"strain_x": entry, "stage_x": entry},
+        outputs={"voltage_x": entry},
+        loop=SimpleNamespace(rate_hz=10_000, period_ns=PERIOD_NS),
+    )
+    return configuration, SimpleNamespace(drivers={"d": SimpleNamespace(slow_inputs=inputs, slow_outputs=outputs)})
+
+
+def truth(t_s):
+    return 30.0 + 2.0 * np.sin(2 * np.pi * 20.0 * t_s)
+
+
+def recorded(every, late):
+    """Rows with a gauge that is fresh every `every` cycles, seen `late` cycles after its sample was taken."""
+    rows = np.zeros(COUNT, ROW)
+    rows["time_ns"] = (np.arange(COUNT) + 1) * PERIOD_NS
+    axis = rows["axis"][:, 0]
+    axis["voltage_V"] = np.arange(COUNT)
+    for k in range(COUNT):
+        taken = max(0, (k - late) // every * every)
+        axis["strain_um"][k], axis["stage_um"][k] = truth(taken * 1e-4), -truth(taken * 1e-4)
+        axis["strain_age_ns"][k] = axis["stage_age_ns"][k] = (k - taken) * PERIOD_NS
+        axis["fresh"][k] = 3 if k >= late and (k - late) % every == 0 else 0
+    return rows
+
+
+def test_samples_of_their_own_cycle_are_left_alone():
+    rows = recorded(1, 0)
+    assert at_own_time(rows, *bench()) is rows
+
+
+@pytest.mark.parametrize(("every", "late"), [(5, 4), (10, 12)])
+def test_late_samples_stand_where_they_were_taken(every, late):
+    rate = 10_000.0 / every
+    inputs = tuple(Channel(name, rate, late * 1e-4) for name in ("strain_x", "stage_x"))
+    rows = recorded(every, late)
+    moved = at_own_time(rows, *bench(inputs))["axis"][:, 0]
+    expected = truth(np.arange(COUNT) * 1e-4)
+    inside = slice(0, COUNT - every - late)
+    assert np.abs(moved["strain_um"] - expected)[inside].max() < 0.01
+    assert np.abs(moved["stage_um"] + expected)[inside].max() < 0.01
+    assert np.abs(rows["axis"]["strain_um"][:, 0] - expected)[inside].max() > 0.1
+    assert (moved["voltage_V"] == np.arange(COUNT)).all()
+
+
+def test_a_voltage_stands_where_it_is_in_force():
+    outputs = (Channel("voltage_x", 1000.0, 0.0007),)
+    moved = at_own_time(recorded(1, 0), *bench(outputs=outputs))["axis"]["voltage_V"][:, 0]
+    # 7 cycles of way, and half of the 10 for which it is held
+    assert (moved[12:] == np.arange(COUNT - 12)).all()

@@ -1,0 +1,94 @@
+"""Moments in which machine or bus stood still, recorded in ``stalls.csv`` and played again in virtual time.
+
+``held``: for so long the capacitive sensor's samples say what they said before, dated as fresh, as where a device or
+its bus stood still and the loop did not. ``false``: one sample belongs to another time, 20 um away. ``missed``: the
+loop stood still, the machining went on. Beside each moment stands what the stage did on c9ccc00 in the 100 ms after it:
+largest and rms departure (um) from a run without the moment; of those that were missed, the path error itself, because
+nobody could have prevented what happened meanwhile.
+"""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.rt.states import NO_FAULT, TRACKING
+from micromanip.settings.check import prepare
+from micromanip.virtual.cell import VirtualCell
+
+ROOT = Path(__file__).parents[2]
+RECORDED = Path(__file__).with_name("stalls.csv")
+WINDOW_S = 0.1
+
+
+def recorded(name, kind):
+    """The moments of one cell and kind."""
+    with RECORDED.open(encoding="utf-8", newline="") as file:
+        return [row for row in csv.DictReader(file) if (row["cell"], row["kind"]) == (name, kind)]
+
+
+def cell(folder, name, faults=""):
+    """The example, tracking, with `faults` scheduled."""
+    text = (ROOT / "config" / f"{name}.yaml").read_text(encoding="utf-8")
+    file = folder / "cell.yaml"
+    file.write_text(text.replace("    seed: 1\n", f"    seed: 1\n{faults}", 1), encoding="utf-8")
+    prepared = prepare(file)
+    tracking = VirtualCell(prepared.parameters, prepared.wiring)
+    tracking.arm()
+    return tracking
+
+
+def until(tracking, at_s):
+    """Rows of the time until `at_s` after the start."""
+    return tracking.run(at_s - float(tracking.state[0]["cycle"]) * 1e-4)
+
+
+def courses(folder, name, kind, moments):
+    """What axis x did in the time after each moment (moments, cycles): um."""
+    if kind == "missed":
+        tracking, found = cell(folder, name), []
+        for moment in moments:
+            until(tracking, float(moment["at_s"]))
+            rows = tracking.run(WINDOW_S, periods=1 + round(10 * float(moment["ms"])))
+            found.append(rows["axis"]["path_error_um"][:, 0])
+        return tracking, np.array(found)
+    what = {"held": "kind: freeze, for_s: {:g}", "false": "kind: spike, value: 20.0"}[kind]
+    lines = [
+        f"      - {{at_s: {moment['at_s']}, channel: stage_x, {what.format(1e-3 * float(moment['ms']))}}}\n"
+        for moment in moments
+    ]
+    upset, calm = cell(folder, name, "    faults:\n" + "".join(lines)), cell(folder, name)
+    found = []
+    for moment in moments:
+        until(upset, float(moment["at_s"])), until(calm, float(moment["at_s"]))
+        rows, usual = upset.run(WINDOW_S), calm.run(WINDOW_S)
+        found.append((rows["axis"]["true_stage_um"] - usual["axis"]["true_stage_um"])[:, 0])
+    return upset, np.array(found)
+
+
+def figures(found):
+    """Largest and rms departure of each moment."""
+    return np.abs(found).max(axis=1), np.sqrt(np.mean(found**2, axis=1))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "share"),
+    [
+        ("simulated", "held", 1.0 / 3.0),
+        ("simulated", "false", 1.0 / 3.0),
+        ("simulated_1khz", "false", 1.0 / 3.0),
+        ("simulated_1khz", "held", 1.0),
+        ("simulated", "missed", 1.1),
+        ("simulated_1khz", "missed", 1.1),
+    ],
+)
+def test_what_a_stall_leaves_behind(tmp_path, name, kind, share):
+    moments = recorded(name, kind)
+    assert len(moments) == 8
+    tracking, found = courses(tmp_path, name, kind, moments)
+    assert (tracking.state[0]["state"], tracking.state[0]["fault"]) == (TRACKING, NO_FAULT)
+    for column, now in zip(("max_um", "rms_um"), figures(found), strict=True):
+        before = np.array([float(moment[column]) for moment in moments])
+        assert np.sqrt(np.mean(now**2)) <= share * np.sqrt(np.mean(before**2)), (column, now, before)
+        assert now.max() <= share * before.max(), (column, now, before)

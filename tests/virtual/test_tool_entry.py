@@ -1,0 +1,136 @@
+"""The tool's first contact is no disagreement of the sensors, on any make of cell; a sensor that is off is."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from micromanip.design.commission.axis import commission_axis
+from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
+from micromanip.settings.check import prepare
+from micromanip.settings.compile.cell import compile_cell
+from micromanip.virtual.drawn_plants import drawn_cell
+from micromanip.virtual.experiment import VirtualExperiment
+
+from .protected import CONFIG
+
+FOLDER = CONFIG.parent
+AT_S = 4.0
+CONTACT = "{start_s: 4.0, static_N: 60.0, rise_ms: 7.0, tooth_N: 40.0, noise_N: 5.0}"
+"""60 N, 95 % of them there within 20 ms."""
+MAKES = {
+    "soft": {"flexure_N_per_um": 1.0},
+    "light": {"stage_kg": 6.0, "flexure_N_per_um": 3.0},
+    "quiet sensors": {"stage_noise_nm": 2.0, "strain_noise_nm": 10.0},
+}
+
+
+def made(prepared, make):
+    """The factory's cell with the plant of `make` in axis x: a name, or the seed of a drawn one."""
+    if isinstance(make, int):
+        return drawn_cell(prepared, "x", make)[0]
+    wiring = prepared.wiring
+    options = wiring.options["cell"]
+    plant = options.plant.model_copy(update=MAKES[make])
+    options = options.model_copy(update={"variation": options.variation | {"x": plant}})
+    driver = type(wiring.drivers["cell"])(options, prepared.configuration.loop.period_ns)
+    options_of = {**wiring.options, "cell": options}
+    return replace(prepared, wiring=replace(wiring, drivers=wiring.drivers | {"cell": driver}, options=options_of))
+
+
+def on_hardware(folder, make, force=CONTACT, fault=""):
+    """The factory's cell of that make, with the limits of hardware."""
+    text = (FOLDER / "factory.yaml").read_text(encoding="utf-8").replace("limits: simulation", "limits: hardware")
+    scheduled = f"    faults: [{{at_s: {AT_S}, {fault}}}]\n" if fault else ""
+    text = text.replace("    driver: simulated\n", f"    driver: simulated\n    force: {force}\n{scheduled}", 1)
+    file = folder / f"{make}.yaml"
+    file.write_text(text, encoding="utf-8")
+    return made(prepare(file), make)
+
+
+@pytest.fixture(scope="module", params=[*MAKES, 0, 1], ids=str)
+def commissioned(request):
+    """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
+    prepared = made(prepare(FOLDER / "factory.yaml"), request.param)
+    configuration = prepared.configuration
+    found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None)
+    return request.param, found.configuration.axes["x"].model_copy(update={"mode": "stage"})
+
+
+def run(prepared, axis, seconds=0.6):
+    """Rows from the contact, or the fault, on; the cell."""
+    configuration = prepared.configuration
+    reference = configuration.reference.model_copy(update={"offset_um": 0.0})
+    axes = {**configuration.axes, "x": axis.model_copy(update={"faults": configuration.axes["x"].faults})}
+    # the other axes rest at their working points
+    for name in "yz":
+        axes[name] = axes[name].model_copy(update={"mode": "voltage"})
+    configuration = configuration.model_copy(update={"axes": axes, "reference": reference})
+    cell = VirtualExperiment(prepared, process=True).cell(configuration)
+    cell.arm()
+    cell.run(AT_S - float(cell.state[0]["cycle"]) * 1e-4)
+    assert cell.state[0]["fault"] == NO_FAULT
+    return cell.run(seconds), cell
+
+
+def test_the_tool_comes_into_contact(commissioned, tmp_path):
+    make, axis = commissioned
+    rows, cell = run(on_hardware(tmp_path, make), axis)
+    assert (cell.state[0]["state"], cell.state[0]["fault"]) == (TRACKING, NO_FAULT)
+    error_um = rows["axis"]["reference_um"][:, 0] - rows["axis"]["stage_um"][:, 0]
+    assert np.abs(error_um).max() < 10.0
+    assert error_um[3000:].std() < 1.0
+
+
+@pytest.mark.parametrize("offset_um", [3.0, -3.0])
+def test_a_sensor_that_is_off_is_found(commissioned, tmp_path, offset_um):
+    """Within a millisecond, with the tool in the cut."""
+    make, axis = commissioned
+    cutting = CONTACT.replace("start_s: 4.0", "start_s: 2.0")
+    fault = f"channel: stage_x, kind: offset, value: {offset_um}"
+    rows, cell = run(on_hardware(tmp_path, make, cutting, fault), axis)
+    assert (cell.state[0]["fault"], cell.state[0]["fault_axis"]) == (DISAGREEMENT, 0)
+    assert int(np.argmax(rows["fault"] != 0)) <= 10
+
+
+def test_behind_a_bus_the_contact_is_no_disagreement_either(tmp_path):
+    text = (FOLDER / "simulated_1khz.yaml").read_text(encoding="utf-8")
+    text, count = re.subn(r"(?m)^    force: .*$", f"    force: {CONTACT}", text)
+    assert count == 1
+    assert text.count("  axis: {") == 1
+    file = tmp_path / "bus.yaml"
+    file.write_text(text.replace("  axis: {", "  axis: {disagreement: {ratio: 25.0}, "), encoding="utf-8")
+    prepared = prepare(file)
+    cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration)
+    cell.arm()
+    cell.run(2.0 + AT_S - float(cell.state[0]["cycle"]) * 1e-4)
+    assert (cell.state[0]["state"], cell.state[0]["fault"]) == (TRACKING, NO_FAULT)
+
+
+def test_what_the_process_may_do_is_asked_for(tmp_path):
+    """The larger the process, the more may the innovation be; without one it is what the filter expects at rest."""
+    prepared = prepare(FOLDER / "simulated.yaml")
+
+    def limits(**said):
+        configuration = prepared.configuration
+        axes = {
+            name: axis.model_copy(
+                update={
+                    "faults": axis.faults.model_copy(
+                        update={"disagreement": axis.faults.disagreement.model_copy(update=said)}
+                    )
+                }
+            )
+            for name, axis in configuration.axes.items()
+        }
+        record = compile_cell(configuration.model_copy(update={"axes": axes}), prepared.wiring)[0]["axis"][0]
+        return record["watch"]["innovation_ratio"], record["outer"]["innovation_um"]
+
+    (none, at_rest_um), (usual, _), (large, large_um) = (
+        limits(ratio=25.0, process_um=size) for size in (0.0, 60.0, 120.0)
+    )
+    assert none == 25.0
+    assert large - 25.0 == pytest.approx(4.0 * (usual - 25.0))
+    assert large_um > at_rest_um
+    assert limits(ratio=None, process_um=60.0)[0] == np.inf

@@ -1,0 +1,343 @@
+"""A controller in real processes, watched from outside: its shared memory, its children, what it leaves behind."""
+
+import json
+import os
+import re
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+import uuid
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from micromanip.errors import CheckFailed
+from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segment
+from micromanip.rt import mailbox as w
+from micromanip.rt.states import STATE_NAMES
+
+MICROMANIP = Path(sys.executable).with_name("micromanip")
+SIMULATED = Path(__file__).parents[1] / "config" / "simulated.yaml"
+TAG = "MICROMANIP_TEST_TAG"
+PATIENCE_S = 150.0  # compiling anew, on a busy machine, takes a minute
+
+# The program, with the locks of the devices in a folder of the test's own.
+LOCKS_ELSEWHERE = (
+    "import sys, pathlib, micromanip.bus.device_lock as lock; lock.FOLDER = pathlib.Path(sys.argv[1]); "
+    "from micromanip.cli.main import main; main(sys.argv[3:])"
+)
+
+# Two daemons may run at a time (pytest -n 2) on two CPUs: none is pinned, each leaves the CPU to others.
+SHARED = (
+    ("  cpu: 1                  # the loop's own CPU; null leaves it free\n", "  cpu: null\n"),
+    ("spin_us: 60 ", "spin_us: 10 "),
+)
+QUICK = (
+    ("lift_s: 0.5", "check_s: null\n  sweep_s: 0.0\n  lift_s: 0.2"),
+    ("settle_s: 0.2", "settle_s: 0.1"),
+    ("authority_s: 0.5", "authority_s: 0.2"),
+)
+WAITING = (("arm_on_start: true", "arm_on_start: false"),)
+
+# Overruns can be told from a noisy machine's stalls only with a long period: 3 of these are 15 ms.
+SLOW = """\
+schema_version: 1
+loop: {rate_hz: 200, cpu: null, spin_us: 10, limits: hardware}
+start: {lift_s: 0.1, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.2}
+faults: {deadline: {share_percent: null}, hold: {timeout_s: 0.2}}
+drivers: {cell: {driver: simulated, axes: [x]}}
+signals: {strain_x: {driver: cell, max_age_us: null}}
+outputs: {voltage_x: {driver: cell, range_V: [-20, 150], slew_V_per_ms: 40, park_V: 0}}
+reference: {source: hold, offset_um: 60}
+axes:
+  x:
+    mode: voltage
+    centre_um: 66
+    setpoint: {range_um: [2, 128]}
+    inner: {mode: pid, K_V_per_um: 0.6, Ti_ms: 0.571, Td_ms: 0.167, filter_ms: 0.3}
+arm_on_start: true
+"""
+
+
+def changed(text, *changes):
+    """`text` with each (old, new) replaced; each old must single out one place."""
+    for old, new in changes:
+        assert text.count(old) == 1, f"{old!r} must single out one place"
+        text = text.replace(old, new)
+    return text
+
+
+def simulated(*changes):
+    """The tuned configuration, fit to run beside another one."""
+    return changed(SIMULATED.read_text(), *SHARED, *changes)
+
+
+def calm(*changes):
+    """The same, but it holds the actuators without machining: no stall of a busy machine disturbs the inner loops."""
+    text = simulated(*QUICK, *changes)
+    text, references = re.subn(r"(?m)^reference:\n(  .*\n)+", "reference: {source: hold, offset_um: 65}\n", text)
+    text, forces = re.subn(r"(?m)^    force: .*\n", "    force: {static_N: 0, tooth_N: 0, noise_N: 0}\n", text)
+    text, modes = re.subn("    mode: stage  ", "    mode: strain ", text)
+    assert (references, forces, modes) == (1, 1, 3)
+    return text
+
+
+def until(condition, what, patience_s=PATIENCE_S):
+    """Wait for `condition()` to be true, and return it; the test fails if that never happens."""
+    end = time.monotonic() + patience_s
+    while True:
+        found = condition()
+        if found:
+            return found
+        assert time.monotonic() < end, f"waited {patience_s:g} s in vain: {what() if callable(what) else what}"
+        time.sleep(0.01)
+
+
+def reset(client):
+    """As soon as the black box of the trip is on disk."""
+
+    def accepted():
+        try:
+            client.reset()
+        except CheckFailed as refused:
+            if "try again in a moment" not in str(refused):
+                raise
+            return False
+        return True
+
+    until(accepted, "no reset: the black box is not on disk")
+
+
+def tagged(tag):
+    """Process numbers of all that inherited `tag` and are alive."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            with suppress(OSError):
+                if f"{TAG}={tag}".encode() in (entry / "environ").read_bytes().split(b"\0"):
+                    found.append(int(entry.name))
+    return found
+
+
+def command_line(pid):
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    return ""
+
+
+def descriptor_of(pid, memory):
+    """A descriptor of our own on the shared memory called `memory` of process `pid`; None before it is there."""
+    with suppress(OSError):
+        for entry in Path(f"/proc/{pid}/fd").iterdir():
+            with suppress(OSError):
+                if str(entry.readlink()).startswith(f"/memfd:{memory} "):
+                    return os.open(entry, os.O_RDONLY)
+    return None
+
+
+def rows_of(ring):
+    """All rows that the ring still holds, oldest first."""
+    head, size = int(ring["words"][w.RING_HEAD]), len(ring["rows"])
+    return ring["rows"][np.arange(max(0, head - size + 1), head) % size].copy()
+
+
+class Running:
+    """``micromanip run`` in a session of its own, as from a terminal of its own."""
+
+    def __init__(self, folder, text, *arguments, prefix=(), config=None):
+        """`text` becomes its configuration; with `config`, a file that outlives it, its state is kept beside that."""
+        self.tag = uuid.uuid4().hex
+        self.folder = folder / self.tag[:6]
+        self.folder.mkdir()
+        self.config = self.folder / "cell.yaml" if config is None else config
+        if config is None:
+            self.config.write_text(text)
+        self.socket = self.folder / "control.sock"
+        self._descriptors = []
+        if "--socket" not in arguments:
+            arguments = (*arguments, "--socket", str(self.socket))
+        with (self.folder / "stdout").open("wb") as out, (self.folder / "stderr").open("wb") as err:
+            self.process = subprocess.Popen(
+                [*prefix, str(MICROMANIP), "run", str(self.config), "--json", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                start_new_session=True,
+                cwd=self.folder,
+                env=os.environ
+                | {TAG: self.tag, "TMPDIR": str(self.folder), "COLUMNS": "200"}
+                | {"XDG_STATE_HOME": str(self.config.parent)},
+            )
+
+    @property
+    def out(self):
+        return (self.folder / "stdout").read_text()
+
+    @property
+    def said(self):
+        return (self.folder / "stderr").read_text()
+
+    @property
+    def report(self):
+        return json.loads(self.out)
+
+    def child(self, module):
+        """Process number of the child that runs `module` of the host."""
+        return self.child_of(f"micromanip.host.{module}")
+
+    def child_of(self, module):
+        """Process number of the child that runs `module`."""
+        found = [pid for pid in tagged(self.tag) if module in command_line(pid)]
+        return found[0] if found else None
+
+    @property
+    def command_line(self):
+        return command_line(self.process.pid)
+
+    @property
+    def descriptors(self):
+        """How many the host has open."""
+        return len(list(Path(f"/proc/{self.process.pid}/fd").iterdir()))
+
+    @property
+    def resident_bytes(self):
+        """Memory of the host."""
+        pages = Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]
+        return int(pages) * resource.getpagesize()
+
+    def stall(self, seconds):
+        """Keep the loop from running for so long."""
+        loop = self.loop
+        os.kill(loop, signal.SIGSTOP)
+        try:
+            time.sleep(seconds)
+        finally:
+            os.kill(loop, signal.SIGCONT)
+
+    def talk(self):
+        """A raw connection to the control socket."""
+        return Talk(self.socket)
+
+    @property
+    def loop(self):
+        return until(lambda: self.child("loop_process"), self.last_words)
+
+    def last_words(self):
+        return f"exit {self.process.poll()}, standard error:\n{self.said}"
+
+    def memory(self, name, dtype, pid=None):
+        """The shared memory `name` of the host as a record that outlives its processes."""
+
+        def found():
+            assert self.process.poll() is None, self.last_words()
+            return descriptor_of(pid or self.process.pid, f"micromanip-{name}")
+
+        descriptor = until(found, self.last_words)
+        self._descriptors.append(descriptor)
+        until(lambda: os.fstat(descriptor).st_size >= dtype.itemsize, f"size of {name}")
+        return Segment.attach(descriptor, writable=False).record(dtype)
+
+    def watch(self):
+        """Hold the host's memory from now on."""
+        self.ring = self.memory("ring", RING)
+        self.status = self.memory("status", STATUS)
+        self.control = self.memory("control", CONTROL)
+        return self
+
+    @property
+    def state(self):
+        words = self.status["words"]
+        return STATE_NAMES[words[w.STATE]] if words[w.CYCLES_RUN] else "STARTING"
+
+    @property
+    def cycles(self):
+        return int(self.status["words"][w.CYCLES_RUN])
+
+    def reach(self, state):
+        """Wait for `state`; fails at once where the controller ends before."""
+        if not hasattr(self, "status"):
+            self.watch()
+
+        def reached():
+            if self.state == state and (state != "READY" or "READY" in self.said):  # it says STARTING before
+                return True
+            assert self.process.poll() is None, self.last_words()
+            return False
+
+        until(reached, lambda: f"{state}, it is {self.state}; {self.last_words()}")
+        return self
+
+    def go_on(self, cycles):
+        """Wait until the loop has run so many more cycles."""
+        goal = self.cycles + cycles
+        until(lambda: self.cycles >= goal, lambda: f"{goal} cycles, there are {self.cycles}; {self.last_words()}")
+
+    def end(self, number=signal.SIGTERM):
+        """Ask it to end; the exit code."""
+        self.process.send_signal(number)
+        return self.wait()
+
+    def wait(self):
+        """Wait for the host to end by itself; its exit code."""
+        try:
+            return self.process.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"it does not end; {self.last_words()}") from None
+
+    @property
+    def left(self):
+        """What is alive of it."""
+        return [command_line(pid) for pid in tagged(self.tag)]
+
+    def gone(self):
+        """Wait until no process is left."""
+        until(lambda: not tagged(self.tag), lambda: f"left behind: {self.left}")
+
+    def kill(self):
+        """Whatever is left of it, for the end of a failed test."""
+        left = tagged(self.tag)
+        for pid in left:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self.process.wait()
+        return left
+
+    def release(self):
+        """Close our own descriptors on its memory."""
+        for name in ("ring", "status", "control"):
+            self.__dict__.pop(name, None)
+        while self._descriptors:
+            os.close(self._descriptors.pop())
+
+
+class Talk:
+    """A raw connection to a control socket."""
+
+    def __init__(self, path):
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.socket.connect(str(path))  # waits where the queue is full
+        self.socket.settimeout(PATIENCE_S)
+        self.file = self.socket.makefile("rb")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.file.close()
+        self.socket.close()
+
+    def send(self, line):
+        self.socket.sendall(line)
+
+    def hear(self):
+        """The next answer; None at the end of the connection."""
+        line = self.file.readline()
+        return json.loads(line) if line else None
+
+    def ask(self, line):
+        self.send(line + b"\n")
+        return self.hear()

@@ -105,9 +105,9 @@ static int arming_phase(const struct cell_parameters *p, const struct cell_state
         int64_t cycles;
     } sequence[] = {
         {PARKED, p->enable_cycles},
-        {PROBING, p->check_cycles * s->probes},
+        {CHECKING_GAUGE, p->check_cycles * s->probes},
         {LIFTING, p->lift_cycles},
-        {BUMPING, p->check_cycles * s->bumps},
+        {CHECKING_STAGE, p->check_cycles * s->bumps},
         {SWEEPING, p->sweep_cycles},
         {LIFTING, p->settle_cycles},
     };
@@ -157,23 +157,23 @@ static double sweep_offset(const struct cell_parameters *p, const struct axis_pa
 /* Offsets of the axes in a check or a sweep; the fraction that the axes get. */
 static double arming_step(const struct cell_parameters *p, struct cell_state *s, int phase, double fraction)
 {
-    bool checking = phase == PROBING || phase == BUMPING;
-    int64_t turns = phase == PROBING ? s->probes : s->bumps;
+    bool checking = phase == CHECKING_GAUGE || phase == CHECKING_STAGE;
+    int64_t turns = phase == CHECKING_GAUGE ? s->probes : s->bumps;
     volatile double place = checking ? fraction * (double)turns : 0.0;  /* rounded: not fused with what follows */
     int turn = (int)place;
 
     for (int i = 0; i < p->axes; i++) {
         const struct axis_parameters *axis = &p->axis[i];
         struct axis_state *a = &s->axis[i];
-        if (phase == LIFTING && (s->phase == PARKED || s->phase == PROBING))
+        if (phase == LIFTING && (s->phase == PARKED || s->phase == CHECKING_GAUGE))
             start_axis(axis, a);
         a->offset = phase == SWEEPING ? sweep_offset(p, axis, fraction) : 0.0;
-        const struct check_parameters *limits = phase == PROBING ? &axis->strain_check : &axis->stage_check;
-        struct check_state *c = phase == PROBING ? &a->strain_check : &a->stage_check;
+        const struct check_parameters *limits = phase == CHECKING_GAUGE ? &axis->strain_check : &axis->stage_check;
+        struct check_state *c = phase == CHECKING_GAUGE ? &a->strain_check : &a->stage_check;
         if (!checking || c->turn != turn + 1)
             continue;
         a->offset = limits->step * check_step(place - turn);
-        gather(c, place - turn, phase == PROBING ? a->strain.value : a->stage.value);
+        gather(c, place - turn, phase == CHECKING_GAUGE ? a->strain.value : a->stage.value);
     }
     return checking || phase == SWEEPING ? 1.0 : fraction;
 }

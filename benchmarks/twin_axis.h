@@ -163,7 +163,7 @@ static double open_voltage(const struct axis_parameters *p, const struct axis_st
     switch (phase) {
     case FROZEN:
         return s->voltage_V;
-    case PROBING:
+    case CHECKING_GAUGE:
         return s->start_V + s->offset;
     default:
         return s->start_V + fraction * (p->limiter.park_V - s->start_V);
@@ -173,7 +173,7 @@ static double open_voltage(const struct axis_parameters *p, const struct axis_st
 static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns, bool tracks,
                        int phase, double fraction)
 {
-    if (phase == PARKED || phase == PROBING || phase == PARKING || phase == FROZEN) {
+    if (phase == PARKED || phase == CHECKING_GAUGE || phase == PARKING || phase == FROZEN) {
         measure_errors(p, s, cycle);
         s->request_V = open_voltage(p, s, phase, fraction);
         s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V, phase != PARKED);

@@ -13,13 +13,13 @@ static void read_lines(const struct cell_parameters *p, struct cell_state *s, co
 
 static bool is_moving(const struct cell_state *s)
 {
-    return s->state == ARMED || s->state == TRACKING || s->state == HOLDING || s->state == RAMPING;
+    return s->state == ARMING || s->state == TRACKING || s->state == HOLDING || s->state == RAMPING;
 }
 
 static void watch_cell(const struct cell_parameters *p, struct cell_state *s)
 {
     bool moving = is_moving(s), closed = moving && !(s->state == RAMPING && !s->soft);
-    bool enabled = moving && !(s->state == ARMED && s->phase == PARKED);
+    bool enabled = moving && !(s->state == ARMING && s->phase == PARKED);
 
     cell_fault(p, s, ENABLE_LOST, moving && is_missing(&p->enable, &s->enable), 0.0, 1.0);
     cell_fault(p, s, INTERLOCK_OPEN, closed && is_missing(&p->interlock, &s->interlock), 0.0, 1.0);
@@ -41,7 +41,7 @@ static void begin_arming(const struct cell_parameters *p, struct cell_state *s)
         s->axis[i].closed = 0;
         s->axis[i].figures = none;
     }
-    enter(s, ARMED);
+    enter(s, ARMING);
 }
 
 static bool apply_command(const struct cell_parameters *p, struct cell_state *s, int64_t command)
@@ -55,7 +55,7 @@ static bool apply_command(const struct cell_parameters *p, struct cell_state *s,
         begin_arming(p, s);
         return true;
     case HOLD:
-        if (state == TRACKING || (state == ARMED && s->phase == CLOSED))
+        if (state == TRACKING || (state == ARMING && s->phase == CLOSED))
             begin_hold(p, s);
         else if (state != HOLDING)
             return false;
@@ -66,7 +66,7 @@ static bool apply_command(const struct cell_parameters *p, struct cell_state *s,
     case DISARM:
         if (state == TRACKING)
             begin_soft_stop(p, s);
-        else if (state == ARMED || state == HOLDING)
+        else if (state == ARMING || state == HOLDING)
             begin_ramp(p, s);
         else if (command == DISARM && state != READY)
             return false;
@@ -87,19 +87,19 @@ static void judge_checks(const struct cell_parameters *p, struct cell_state *s, 
 {
     int64_t was = s->phase;
 
-    if (s->state != ARMED || phase == was || (was != PROBING && was != BUMPING))
+    if (s->state != ARMING || phase == was || (was != CHECKING_GAUGE && was != CHECKING_STAGE))
         return;
     for (int i = 0; i < p->axes; i++) {
         const struct axis_parameters *axis = &p->axis[i];
         struct axis_state *a = &s->axis[i];
-        const struct check_parameters *limits = was == BUMPING ? &axis->stage_check : &axis->strain_check;
-        struct check_state *c = was == BUMPING ? &a->stage_check : &a->strain_check;
+        const struct check_parameters *limits = was == CHECKING_STAGE ? &axis->stage_check : &axis->strain_check;
+        struct check_state *c = was == CHECKING_STAGE ? &a->stage_check : &a->strain_check;
         if (c->turn == 0)
             continue;
         c->found = answer(c, limits->step);
         c->passed = limits->low <= c->found && c->found <= limits->high;
         double nearest = c->found > limits->high ? limits->high : limits->low;
-        axis_fault(p, s, i, was == BUMPING ? STAGE_CHECK : STRAIN_CHECK, !c->passed, c->found, nearest);
+        axis_fault(p, s, i, was == CHECKING_STAGE ? STAGE_CHECK : STRAIN_CHECK, !c->passed, c->found, nearest);
     }
 }
 
@@ -115,7 +115,7 @@ static void watch_arming(const struct cell_parameters *p, struct cell_state *s, 
 {
     bool closing = phase == CLOSED && s->phase != CLOSED;
 
-    if (s->state != ARMED || s->resumed || (phase == CLOSED && !closing))
+    if (s->state != ARMING || s->resumed || (phase == CLOSED && !closing))
         return;
     for (int i = 0; i < p->axes; i++) {
         const struct axis_parameters *axis = &p->axis[i];
@@ -191,7 +191,7 @@ static bool cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
     bool accepted = command == NO_COMMAND || apply_command(p, s, command);
     finish_phase(p, s, is_on(&p->retracted, &s->retracted));
     int phase = phase_of(p, s, &fraction);
-    if (s->state == ARMED) {
+    if (s->state == ARMING) {
         judge_checks(p, s, phase);
         watch_arming(p, s, phase);
         phase = phase_of(p, s, &fraction);

@@ -33,7 +33,7 @@ static void react(const struct cell_parameters *p, struct cell_state *s, int64_t
     } else if (reaction == HOLDS && state == HOLDING) {
         if (s->fault_cycle == s->cycle)
             enter(s, HOLDING);  /* one that was asked for: from now on its time is limited */
-    } else if (reaction == HOLDS && (state == TRACKING || (state == ARMED && s->phase == CLOSED))) {
+    } else if (reaction == HOLDS && (state == TRACKING || (state == ARMING && s->phase == CLOSED))) {
         begin_hold(p, s);
     } else if (state != FAULT) {
         begin_ramp(p, s);

@@ -62,7 +62,7 @@ static void finish_phase(const struct cell_parameters *p, struct cell_state *s, 
     int64_t passed = s->cycle - s->entered_cycle;
     bool waits_for_nobody = s->fault != NO_FAULT || s->stopping;
 
-    if (s->state == ARMED && passed >= arming_cycles(p, s)) {
+    if (s->state == ARMING && passed >= arming_cycles(p, s)) {
         s->tracking_cycle = s->cycle;
         enter(s, TRACKING);
     } else if ((s->state == HOLDING && waits_for_nobody && (retracted || passed >= p->hold_cycles)) ||
@@ -80,7 +80,7 @@ static int phase_of(const struct cell_parameters *p, const struct cell_state *s,
     double passed = (double)(s->cycle - s->entered_cycle);
 
     switch (s->state) {
-    case ARMED:
+    case ARMING:
         return arming_phase(p, s, passed, fraction);
     case TRACKING:
         *fraction = 1.0;
@@ -105,7 +105,7 @@ static int phase_of(const struct cell_parameters *p, const struct cell_state *s,
 static void pass_missed(struct cell_state *s, int64_t missed)
 {
     s->cycle += missed;
-    if (s->state == ARMED || s->state == RAMPING)
+    if (s->state == ARMING || s->state == RAMPING)
         s->entered_cycle += missed;
 }
 

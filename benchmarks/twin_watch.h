@@ -206,7 +206,7 @@ static void watch_swing(const struct cell_parameters *p, struct cell_state *s, i
 static void watch_axis(const struct cell_parameters *p, struct cell_state *s, int i, bool moving, bool enabled)
 {
     int64_t phase = s->phase;
-    bool inner = moving && (phase == LIFTING || phase == BUMPING || phase == SWEEPING || phase == CLOSED);
+    bool inner = moving && (phase == LIFTING || phase == CHECKING_STAGE || phase == SWEEPING || phase == CLOSED);
     bool outer = moving && phase == CLOSED, tracking = moving && s->state == TRACKING;
 
     watch_strain(p, s, i, inner);

@@ -26,7 +26,7 @@ _STYLES = {
     "FAULT": "bold red",
     "HOLDING": "bold yellow",
     "RAMPING": "yellow",
-    "ARMED": "yellow",
+    "ARMING": "yellow",
 }
 
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 
-from micromanip.rt.laws.minimum_jerk import smooth
+from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.laws.sensor import is_missing, is_silent, may_be_at_end
 
 from .jit import compiled
-from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
+from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from .records import Record
 from .states import (
     AMPLIFIER_MISSING,
@@ -145,13 +145,13 @@ def arming_phase(p: Record, s: Record, passed: float) -> tuple[int, float]:
         if passed < 0.0:
             return PARKED, 0.0
         if passed < probing:
-            return PROBING, passed / probing
+            return CHECKING_GAUGE, passed / probing
         passed -= probing
         if passed < p["lift_cycles"]:
-            return LIFTING, smooth(passed / p["lift_cycles"])
+            return LIFTING, minimum_jerk(passed / p["lift_cycles"])
         passed -= p["lift_cycles"]
         if passed < bumping:
-            return BUMPING, passed / bumping
+            return CHECKING_STAGE, passed / bumping
         passed -= bumping
         if passed < p["sweep_cycles"]:
             return SWEEPING, passed / p["sweep_cycles"]
@@ -159,13 +159,13 @@ def arming_phase(p: Record, s: Record, passed: float) -> tuple[int, float]:
         if passed < p["settle_cycles"]:
             return LIFTING, 1.0
         passed -= p["settle_cycles"]
-    return CLOSED, smooth(passed / p["authority_cycles"])
+    return CLOSED, minimum_jerk(passed / p["authority_cycles"])
 
 
 @compiled
 def check_step(place: float) -> float:
     """Course of one axis' step (0..1) for `place` 0..1: rest, up, rest, down, a quarter each."""
-    return smooth(4.0 * place - 1.0) - smooth(4.0 * place - 3.0)
+    return minimum_jerk(4.0 * place - 1.0) - minimum_jerk(4.0 * place - 3.0)
 
 
 @compiled
@@ -193,7 +193,7 @@ def sweep_offset(p: Record, axis: Record, target_um: float, fraction: float) -> 
     room = min(target_um - axis["setpoint_low_um"], axis["setpoint_high_um"] - target_um)
     amplitude = max(0.0, min(axis["sweep_um"], room))
     turns = p["sweep_turns"] * fraction
-    return amplitude * smooth(2.0 * turns) * (1.0 - fraction) * math.sin(2.0 * math.pi * turns)
+    return amplitude * minimum_jerk(2.0 * turns) * (1.0 - fraction) * math.sin(2.0 * math.pi * turns)
 
 
 @compiled

@@ -21,7 +21,7 @@ from micromanip.rt.laws.reference import JOG, SIGNAL, jog_reference, own_referen
 from micromanip.rt.laws.sensor import read_line, read_signal
 
 from .jit import compiled
-from .phases import BUMPING, CLOSED, FROZEN, LIFTING, PARKING, PROBING, SWEEPING
+from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, FROZEN, LIFTING, PARKING, SWEEPING
 from .records import REFERENCE_STATES, Record
 from .setpoint_history import forget_wanted, measure_errors, remember_wanted
 from .states import STAGE, VOLTAGE
@@ -40,7 +40,7 @@ def axis_cycle(
     `fraction` runs 0..1 through a lift or a parking ramp, or is the correction's authority; `t_s` and `samples` are
     the own source's. ``offset`` (um, or V while probing) comes on top in a check or a sweep.
     """
-    if phase in (LIFTING, BUMPING, SWEEPING, CLOSED):
+    if phase in (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED):
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
         finite = move_setpoint(p, s, demand(p, s, phase, fraction))
@@ -55,12 +55,12 @@ def axis_cycle(
         measure_errors(p, s, cycle)
         if phase == FROZEN:
             s["request_V"] = s["voltage_V"]
-        elif phase == PROBING:
+        elif phase == CHECKING_GAUGE:
             s["request_V"] = s["start_V"] + s["offset"]
         else:
             s["request_V"] = s["start_V"] + fraction * (p["limiter"]["park_V"] - s["start_V"])
         finite = math.isfinite(s["request_V"])
-        permitted = phase in (PARKING, PROBING, FROZEN)
+        permitted = phase in (PARKING, CHECKING_GAUGE, FROZEN)
         s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], permitted)
     return finite
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from micromanip.rt.laws.minimum_jerk import smooth
+from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.laws.sensor import is_missing, is_on
 
 from .axis import axis_cycle, sample
@@ -23,7 +23,7 @@ from .jit import compiled
 from .phases import CLOSED, PARKED
 from .records import Record
 from .states import (
-    ARMED,
+    ARMING,
     DRIVER_ERROR,
     ENABLE_LOST,
     HOLDING,
@@ -51,7 +51,7 @@ def watch_cell(p: Record, s: Record) -> None:
     """Look for faults wherever something may be moving."""
     state, moving = s["state"], is_enabled(s)
     closed = moving and not (state == RAMPING and s["soft"] == 0)
-    enabled = moving and not (state == ARMED and s["phase"] == PARKED)  # the amplifier may take its time to come on
+    enabled = moving and not (state == ARMING and s["phase"] == PARKED)  # the amplifier may take its time to come on
     cell_fault(p, s, ENABLE_LOST, moving and is_missing(p["enable"], s["enable"]), 0.0, 1.0)
     cell_fault(p, s, INTERLOCK_OPEN, closed and is_missing(p["interlock"], s["interlock"]), 0.0, 1.0)
     for i in range(p["axes"]):
@@ -69,7 +69,7 @@ def watch_drivers(p: Record, s: Record, code: int) -> None:
     s["link_down"] = 1 if FIRST_TAKEN < code < 0 else 0
     s["outputs_taken"] = 1 if taken else 0
     state = s["state"]
-    parks = (state == RAMPING and s["soft"] == 0) or (state == ARMED and s["phase"] == PARKED)
+    parks = (state == RAMPING and s["soft"] == 0) or (state == ARMING and s["phase"] == PARKED)
     moves = is_enabled(s) and not parks
     cell_fault(p, s, DRIVER_ERROR, code > 0, float(code), 0.0)
     cell_fault(p, s, LINK_LOST, s["link_down"] != 0 and is_enabled(s), float(-1 - code), 0.0)
@@ -82,7 +82,9 @@ def decay_hold(p: Record, s: Record) -> None:
     decays = s["state"] == HOLDING and s["fault"] == REFERENCE_LOST
     passed = float(s["cycle"] - s["entered_cycle"])
     for i in range(p["axes"]):
-        s["axis"][i]["hold_scale"] = 1.0 - smooth(passed / p["axis"][i]["watch"]["decay_cycles"]) if decays else 1.0
+        s["axis"][i]["hold_scale"] = (
+            1.0 - minimum_jerk(passed / p["axis"][i]["watch"]["decay_cycles"]) if decays else 1.0
+        )
 
 
 @compiled
@@ -99,7 +101,7 @@ def cell_cycle(
     accepted = command == NO_COMMAND or apply_command(p, s, command)
     finish_phase(p, s, is_on(p["retracted"], s["retracted"]))
     phase, fraction = phase_of(p, s)
-    if s["state"] == ARMED:
+    if s["state"] == ARMING:
         judge_checks(p, s, phase)
         watch_arming(p, s, phase)
         phase, fraction = phase_of(p, s)

@@ -12,11 +12,11 @@ from .arming import answer, check_step, forget_checks, gather, judge, stage_loss
 from .axis import start_axis
 from .faults import axis_fault, raise_fault
 from .jit import compiled
-from .phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
+from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from .records import Record
 from .states import (
     AMPLIFIER_FAULT,
-    ARMED,
+    ARMING,
     DISAGREEMENT,
     DRIVER_ERROR,
     LINK_LOST,
@@ -47,22 +47,22 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
 
     In a check the axes have their turn one after the other, `fraction` is the place in all of them together.
     """
-    checking = phase in (PROBING, BUMPING)
-    place = fraction * (s["probes"] if phase == PROBING else s["bumps"]) if checking else 0.0
+    checking = phase in (CHECKING_GAUGE, CHECKING_STAGE)
+    place = fraction * (s["probes"] if phase == CHECKING_GAUGE else s["bumps"]) if checking else 0.0
     turn = int(place)
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
-        if phase == LIFTING and (s["phase"] == PARKED or s["phase"] == PROBING):
+        if phase == LIFTING and (s["phase"] == PARKED or s["phase"] == CHECKING_GAUGE):
             start_axis(axis, a)
         a["offset"] = 0.0
         if phase == SWEEPING and axis["mode"] != VOLTAGE:
             follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
             target_um = axis["centre_um"] if follows else a["reference"]["w"][0]
             a["offset"] = sweep_offset(p, axis, target_um, fraction)
-        if phase == PROBING and a["strain_check"]["turn"] == turn + 1:
+        if phase == CHECKING_GAUGE and a["strain_check"]["turn"] == turn + 1:
             a["offset"] = axis["strain_check"]["step"] * check_step(place - turn)
             gather(a["strain_check"], place - turn, a["strain"]["value"])
-        elif phase == BUMPING and a["stage_check"]["turn"] == turn + 1:
+        elif phase == CHECKING_STAGE and a["stage_check"]["turn"] == turn + 1:
             a["offset"] = axis["stage_check"]["step"] * check_step(place - turn)
             gather(a["stage_check"], place - turn, a["stage"]["value"])
     return 1.0 if checking or phase == SWEEPING else fraction
@@ -72,12 +72,12 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
 def judge_checks(p: Record, s: Record, phase: int) -> None:
     """Where the polarity and scale checks of a kind have ended: every answer inside what is expected, or a fault."""
     was = s["phase"]
-    if s["state"] != ARMED or phase == was or was not in (PROBING, BUMPING):
+    if s["state"] != ARMING or phase == was or was not in (CHECKING_GAUGE, CHECKING_STAGE):
         return
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
         code, limits, c = STRAIN_CHECK, axis["strain_check"], a["strain_check"]
-        if was == BUMPING:
+        if was == CHECKING_STAGE:
             code, limits, c = STAGE_CHECK, axis["stage_check"], a["stage_check"]
         if c["turn"] > 0:
             found = answer(c, limits["step"])
@@ -94,7 +94,7 @@ def watch_arming(p: Record, s: Record, phase: int) -> None:
     From then on ``watch.py`` looks after it.
     """
     closing = phase == CLOSED and s["phase"] != CLOSED
-    if s["state"] != ARMED or s["resumed"] != 0 or (phase == CLOSED and not closing):
+    if s["state"] != ARMING or s["resumed"] != 0 or (phase == CLOSED and not closing):
         return
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]

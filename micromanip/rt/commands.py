@@ -11,7 +11,7 @@ from .records import Record
 from .shadow import promote, withdraw
 from .states import (
     ARM,
-    ARMED,
+    ARMING,
     DISARM,
     FAULT,
     HOLD,
@@ -38,7 +38,7 @@ def begin_arming(p: Record, s: Record) -> None:
         a = s["axis"][i]
         a["closed"] = 0
         a["figures"]["error"] = a["figures"]["innovation"] = a["figures"]["feedback"] = 0.0
-    enter(s, ARMED)
+    enter(s, ARMING)
 
 
 @compiled
@@ -50,14 +50,14 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
             return False
         begin_arming(p, s)
     elif command == HOLD:
-        if state == TRACKING or (state == ARMED and s["phase"] == CLOSED):
+        if state == TRACKING or (state == ARMING and s["phase"] == CLOSED):
             begin_hold(p, s)
         elif state != HOLDING:
             return False
     elif command == DISARM:
         if state == TRACKING:
             begin_soft_stop(p, s)
-        elif state in (ARMED, HOLDING):
+        elif state in (ARMING, HOLDING):
             begin_ramp(p, s)
         elif state != READY:
             return False
@@ -65,7 +65,7 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
         s["stopping"] = 1
         if state == TRACKING:
             begin_soft_stop(p, s)
-        elif state in (ARMED, HOLDING):
+        elif state in (ARMING, HOLDING):
             begin_ramp(p, s)
     elif command == PROMOTE:
         return promote(p, s)

@@ -8,7 +8,7 @@ from micromanip.rt.laws.sensor import read_line
 
 from .jit import compiled
 from .records import Record
-from .states import ARMED, HOLDING, NO_FAULT, RAMPING, TRACKING
+from .states import ARMING, HOLDING, NO_FAULT, RAMPING, TRACKING
 
 
 @compiled
@@ -29,7 +29,7 @@ def asks_feed_hold(s: Record) -> bool:
 def is_enabled(s: Record) -> bool:
     """Whether the amplifier is asked to be on."""
     state = s["state"]
-    return state in (ARMED, TRACKING, HOLDING, RAMPING)
+    return state in (ARMING, TRACKING, HOLDING, RAMPING)
 
 
 @compiled

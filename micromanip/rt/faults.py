@@ -14,7 +14,7 @@ from __future__ import annotations
 from .jit import compiled
 from .phases import CLOSED
 from .records import EVENTS, Record
-from .states import ARMED, CUTS, FAULT, HOLDING, HOLDS, HOST_DEAD, NO_FAULT, OFF, READY, TRACKING, WARN
+from .states import ARMING, CUTS, FAULT, HOLDING, HOLDS, HOST_DEAD, NO_FAULT, OFF, READY, TRACKING, WARN
 from .transitions import begin_hold, begin_ramp, cut, enter
 
 
@@ -89,7 +89,7 @@ def react(p: Record, s: Record, reaction: int) -> None:
     elif reaction == HOLDS and state == HOLDING:
         if s["fault_cycle"] == s["cycle"]:
             enter(s, HOLDING)  # one that was asked for: from now on its time is limited
-    elif reaction == HOLDS and (state == TRACKING or (state == ARMED and s["phase"] == CLOSED)):
+    elif reaction == HOLDS and (state == TRACKING or (state == ARMING and s["phase"] == CLOSED)):
         begin_hold(p, s)
     elif state != FAULT:
         begin_ramp(p, s)

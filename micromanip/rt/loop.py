@@ -31,8 +31,6 @@ from .mailbox import (
     COMPUTE_MAX_NS,
     CYCLE,
     CYCLES_RUN,
-    EVENTS,
-    FAULT_AXIS,
     FAULT_CODE,
     HEARTBEAT_NS,
     LATENESS_MAX_NS,
@@ -81,10 +79,8 @@ def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> None:
 def publish(words: Any, s: Any) -> None:
     """Tell the host where the loop is."""
     store_release(words, STATE, s["state"])
-    store_release(words, FAULT_AXIS, s["fault_axis"])
     store_release(words, FAULT_CODE, s["fault"])
     store_release(words, TRIPS, s["trips"])
-    store_release(words, EVENTS, s["events"])
     store_release(words, OVERRUNS_WORD, s["overruns"])
     store_release(words, SHADOW, s["shadow"])
     store_release(words, VERSION_ACTIVE, s["version"])

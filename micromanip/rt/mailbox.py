@@ -15,7 +15,6 @@ its running number, 0 before there is one."""
     CYCLE,
     STATE,
     FAULT_CODE,
-    FAULT_AXIS,
     COMMAND_DONE,
     COMMAND_ACCEPTED,
     VERSION_ACTIVE,
@@ -26,13 +25,12 @@ its running number, 0 before there is one."""
     RIGHTS,
     FINISHED,
     CYCLES_RUN,
-    EVENTS,
     TRIPS,
     SHADOW,
-) = range(17)
+) = range(15)
 """Written by the loop: its cycle, state and fault; number and outcome of the last command; the
 parameter version in force; the last snapshot made; counters and maxima; which real-time rights it
-could not get; 1 when it has ended by itself; cycles really run; events written and faults latched so far; where
+could not get; 1 when it has ended by itself; cycles really run; faults latched so far; where
 the candidate tuning stands."""
 
 NO_FIFO, NO_LOCK, NO_PIN = 1, 2, 4

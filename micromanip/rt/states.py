@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-OFF, STARTING, READY, ARMED, TRACKING, HOLDING, RAMPING, FAULT = range(8)
-STATE_NAMES = ("OFF", "STARTING", "READY", "ARMED", "TRACKING", "HOLDING", "RAMPING", "FAULT")
+OFF, STARTING, READY, ARMING, TRACKING, HOLDING, RAMPING, FAULT = range(8)
+STATE_NAMES = ("OFF", "STARTING", "READY", "ARMING", "TRACKING", "HOLDING", "RAMPING", "FAULT")
 
 NO_COMMAND, ARM, DISARM, STOP, RESET, HOLD, PROMOTE, WITHDRAW = range(8)
 COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset", "hold", "promote", "withdraw")

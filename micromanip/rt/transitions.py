@@ -1,6 +1,6 @@
 """The cell's states, and what its axes do in each.
 
-    OFF -> READY -> ARMED -> TRACKING <-> HOLDING     arm (``arming.py``), hold; arm again resumes a hold
+    OFF -> READY -> ARMING -> TRACKING <-> HOLDING     arm (``arming.py``), hold; arm again resumes a hold
              ^        |         |            |
              +--- RAMPING <-----+------------+        disarm, stop, fault: smoothly to the park voltage
                     |
@@ -12,13 +12,13 @@ at once. A cell that was told to stop (``stopping``) ends in OFF whatever happen
 
 from __future__ import annotations
 
-from micromanip.rt.laws.minimum_jerk import smooth
+from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
 from .arming import arming_cycles, arming_phase
 from .jit import compiled
 from .phases import CLOSED, FROZEN, PARKED, PARKING
 from .records import Record
-from .states import ARMED, FAULT, HOLDING, NO_FAULT, OFF, RAMPING, READY, STAGE, TRACKING
+from .states import ARMING, FAULT, HOLDING, NO_FAULT, OFF, RAMPING, READY, STAGE, TRACKING
 
 
 @compiled
@@ -90,7 +90,7 @@ def finish_phase(p: Record, s: Record, retracted: bool) -> None:
     """Go on to the next state where arming, a hold or a ramp has come to its end."""
     passed = s["cycle"] - s["entered_cycle"]
     state = s["state"]
-    if state == ARMED and passed >= arming_cycles(p, s):
+    if state == ARMING and passed >= arming_cycles(p, s):
         s["tracking_cycle"] = s["cycle"]
         enter(s, TRACKING)
     elif (state == HOLDING and ends_hold(p, s, retracted)) or (
@@ -107,16 +107,16 @@ def finish_phase(p: Record, s: Record, retracted: bool) -> None:
 def phase_of(p: Record, s: Record) -> tuple[int, float]:
     """What the axes do in this cycle, and how far they are with it (0..1)."""
     passed = float(s["cycle"] - s["entered_cycle"])
-    if s["state"] == ARMED:
+    if s["state"] == ARMING:
         return arming_phase(p, s, passed)
     if s["state"] == TRACKING:
         return CLOSED, 1.0
     if s["state"] == HOLDING:
         return CLOSED, 0.0
     if s["state"] == RAMPING and s["soft"] != 0:
-        return CLOSED, 1.0 - smooth(passed / p["authority_cycles"])
+        return CLOSED, 1.0 - minimum_jerk(passed / p["authority_cycles"])
     if s["state"] == RAMPING:
-        return PARKING, smooth(passed / p["ramp_cycles"])
+        return PARKING, minimum_jerk(passed / p["ramp_cycles"])
     return PARKED, 0.0
 
 
@@ -130,5 +130,5 @@ def phase_of_axis(s: Record, a: Record, phase: int) -> int:
 def pass_missed(s: Record, missed: int) -> None:
     """Let `missed` cycles go by; arming and a ramp have waited where they were, so that they never jump."""
     s["cycle"] += missed
-    if s["state"] == ARMED or s["state"] == RAMPING:
+    if s["state"] == ARMING or s["state"] == RAMPING:
         s["entered_cycle"] += missed

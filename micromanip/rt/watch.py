@@ -16,7 +16,7 @@ from micromanip.rt.laws.sensor import is_missing
 
 from .faults import axis_fault, warn
 from .jit import compiled
-from .phases import BUMPING, CLOSED, LIFTING, SWEEPING
+from .phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from .records import Record
 from .states import (
     AMPLIFIER_FAULT,
@@ -259,7 +259,7 @@ def is_excited(axis: Record, a: Record) -> bool:
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
     axis, phase = p["axis"][i], s["phase"]
-    driven = moving and (phase == CLOSED or phase in (LIFTING, BUMPING, SWEEPING))
+    driven = moving and (phase == CLOSED or phase in (LIFTING, CHECKING_STAGE, SWEEPING))
     inner = driven and axis["mode"] != VOLTAGE
     outer = moving and axis["mode"] == STAGE and phase == CLOSED
     tracking = moving and s["state"] == TRACKING

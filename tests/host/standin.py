@@ -60,7 +60,7 @@ class StandIn:
         if command == states.RESET and self.state != "FAULT":
             raise CheckFailed(f"reset refused: the state is {self.state}")
         self.commands.append(command)
-        self.state = {states.ARM: "ARMED", states.DISARM: "RAMPING", states.HOLD: "HOLDING"}[command]
+        self.state = {states.ARM: "ARMING", states.DISARM: "RAMPING", states.HOLD: "HOLDING"}[command]
 
     @property
     def axes(self):

@@ -107,7 +107,7 @@ def test_offer_refused(offered, error, changes, message):
     refused(offered, message, "shadow", error, changes=changes)
 
 
-@pytest.mark.parametrize("state", ["READY", "ARMED", "HOLDING", "FAULT"])
+@pytest.mark.parametrize("state", ["READY", "ARMING", "HOLDING", "FAULT"])
 def test_only_beside_what_tracks(offered, state):
     offered.controller.state = state
     why = f"refused: the state is {state}; a candidate is compared while TRACKING"

@@ -63,9 +63,9 @@ def test_ctrl_c_again_and_again_does_not_cut_the_ramp_short(run):
     assert not rows_of(cell.ring)["axis"]["voltage_V"][-1].any()
 
 
-@pytest.mark.parametrize("state", ["READY", "ARMED"])
+@pytest.mark.parametrize("state", ["READY", "ARMING"])
 def test_ctrl_c_before_tracking(run, state):
-    arm = str(state == "ARMED").lower()
+    arm = str(state == "ARMING").lower()
     cell = run(simulated(("arm_on_start: true", f"arm_on_start: {arm}"))).reach(state)
     interrupt(cell)
     assert_stopped_cleanly(cell)

@@ -92,7 +92,7 @@ def test_trip_is_on_disk_before_a_reset(run):
     texts = [(moment["ms"], moment["axis"], moment["text"]) for moment in told["timeline"]]
     pause = next(t for t in texts if t[1] == "y" and "strain gauge: no good sample" in t[2])
     assert -20.0 < pause[0] < 0.0
-    assert [state["state"] for state in told["states"]][:3] == ["ARMED", "TRACKING", "RAMPING"]
+    assert [state["state"] for state in told["states"]][:3] == ["ARMING", "TRACKING", "RAMPING"]
     assert cell.end() == 0
     assert cell.left == []
     assert "X-201 axis y: " in cell.said

@@ -123,7 +123,7 @@ def test_no_such_section(cell):
     refused(cell, UsageError, message, "set", changes={"axs.x.mode": 1, K: 0.5})
 
 
-@pytest.mark.parametrize("state", ["ARMED", "TRACKING", "HOLDING", "RAMPING"])
+@pytest.mark.parametrize("state", ["ARMING", "TRACKING", "HOLDING", "RAMPING"])
 def test_what_needs_disarm(jogged, state):
     """A live change of mode or working point is refused, and so is all that came with it."""
     jogged.controller.state = state
@@ -135,7 +135,7 @@ def test_what_needs_disarm(jogged, state):
 LIMIT, REACTION = "axes.x.faults.following_error.limit_um", "axes.x.faults.strain.reaction"
 
 
-@pytest.mark.parametrize("state", ["ARMED", "TRACKING", "HOLDING", "RAMPING"])
+@pytest.mark.parametrize("state", ["ARMING", "TRACKING", "HOLDING", "RAMPING"])
 def test_protections_are_not_weakened_under_way(cell, state):
     """Tighter is taken at once; wider, or milder, only at rest, and by no way round: reload, candidate."""
     cell.controller.state = state
@@ -167,11 +167,11 @@ def test_armed_at_the_last_moment(cell):
     adopt = cell.controller.adopt
 
     async def arm_before(prepared, permit):
-        cell.controller.state = "ARMED"
+        cell.controller.state = "ARMING"
         return await adopt(prepared, permit)
 
     cell.controller.adopt = arm_before
-    refused(cell, CheckFailed, f".* the state is ARMED: {CENTRE} needs disarm", "set", changes={CENTRE: 65})
+    refused(cell, CheckFailed, f".* the state is ARMING: {CENTRE} needs disarm", "set", changes={CENTRE: 65})
 
 
 def test_what_needs_a_restart(cell):
@@ -313,7 +313,7 @@ def test_jog(jogged):
 def test_jog_refused(jogged):
     refused(jogged, ConfigError, ".*x 200 is outside range_um 20..110", "jog", axis="x", to_um=200)
     refused(jogged, UsageError, "there is no axis 'q'; there are x, y, z", "jog", axis="q", by_um=1)
-    for state in ("READY", "ARMED", "HOLDING", "FAULT"):
+    for state in ("READY", "ARMING", "HOLDING", "FAULT"):
         jogged.controller.state = state
         refused(jogged, CheckFailed, f"jog refused: the state is {state}; .*", "jog", axis="x", by_um=1)
 
@@ -323,7 +323,7 @@ def test_jog_of_another_source(cell):
 
 
 def test_commands(cell):
-    for verb, state in (("disarm", "RAMPING"), ("arm", "ARMED"), ("hold", "HOLDING")):
+    for verb, state in (("disarm", "RAMPING"), ("arm", "ARMING"), ("hold", "HOLDING")):
         before = cell.controller.state
         assert cell(verb) is None
         assert cell.entries[-1] == (verb, True, {"state": (before, state)}, None)

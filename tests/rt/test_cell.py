@@ -7,10 +7,10 @@ import pytest
 
 from micromanip.rt.faults import axis_fault, cell_fault
 from micromanip.rt.laws.limiter import limit
-from micromanip.rt.laws.minimum_jerk import smooth
+from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.states import (
     ARM,
-    ARMED,
+    ARMING,
     COASTING,
     DEGRADED,
     DISARM,
@@ -96,14 +96,14 @@ REFUSED = False
 TABLE = {
     # from: (how to get there, what it is, {command: the state after it, or that it is refused})
     "OFF": (off, OFF, {ARM: REFUSED, DISARM: REFUSED, STOP: OFF, RESET: REFUSED, HOLD: REFUSED}),
-    "READY": (ready, READY, {ARM: ARMED, DISARM: READY, STOP: OFF, RESET: REFUSED, HOLD: REFUSED}),
-    "ARMED": (armed, ARMED, {ARM: REFUSED, DISARM: TO_READY, STOP: TO_OFF, RESET: REFUSED, HOLD: REFUSED}),
+    "READY": (ready, READY, {ARM: ARMING, DISARM: READY, STOP: OFF, RESET: REFUSED, HOLD: REFUSED}),
+    "ARMING": (armed, ARMING, {ARM: REFUSED, DISARM: TO_READY, STOP: TO_OFF, RESET: REFUSED, HOLD: REFUSED}),
     "TRACKING": (
         tracking,
         TRACKING,
         {ARM: REFUSED, DISARM: FADING, STOP: FADING_TO_OFF, RESET: REFUSED, HOLD: HOLDING},
     ),
-    "HOLDING": (holding, HOLDING, {ARM: ARMED, DISARM: TO_READY, STOP: TO_OFF, RESET: REFUSED, HOLD: HOLDING}),
+    "HOLDING": (holding, HOLDING, {ARM: ARMING, DISARM: TO_READY, STOP: TO_OFF, RESET: REFUSED, HOLD: HOLDING}),
     "fading": (fading, FADING, {ARM: REFUSED, DISARM: REFUSED, STOP: FADING_TO_OFF, RESET: REFUSED, HOLD: REFUSED}),
     "RAMPING to READY": (
         ramping,
@@ -172,7 +172,7 @@ def test_the_way_through_a_shift():
     for _ in range(90):
         cell.step()
         course.append(where(cell))
-    assert course == [ARMED] * 90 + [TRACKING]
+    assert course == [ARMING] * 90 + [TRACKING]
     assert cell.s["tracking_cycle"] == cell.s["cycle"]
     assert cell.step(DISARM)
     course = [where(cell)]
@@ -214,9 +214,9 @@ def test_park_voltages_may_differ():
 
 def test_smooth_is_minimum_jerk():
     x = np.linspace(0.0, 1.0, 1001)
-    y = np.array([smooth(value) for value in x])
-    assert (y[0], y[-1], smooth(0.5)) == (0.0, 1.0, 0.5)
-    assert (smooth(-3.0), smooth(7.0)) == (0.0, 1.0)
+    y = np.array([minimum_jerk(value) for value in x])
+    assert (y[0], y[-1], minimum_jerk(0.5)) == (0.0, 1.0, 0.5)
+    assert (minimum_jerk(-3.0), minimum_jerk(7.0)) == (0.0, 1.0)
     assert (np.diff(y) >= 0.0).all()
     assert y == pytest.approx(10 * x**3 - 15 * x**4 + 6 * x**5, abs=1e-12)
     speed, acceleration = np.gradient(y, x), np.gradient(np.gradient(y, x), x)
@@ -378,7 +378,7 @@ def test_the_stage_may_be_out_of_its_sensors_range_until_the_outer_loop_is_close
     lost.run(10)
     assert lost.step(ARM)
     course = lost.run(699)
-    assert lost.s["state"] == ARMED
+    assert lost.s["state"] == ARMING
     course = np.vstack([course, lost.run(20)])
     assert where(lost) == TO_FAULT
     assert (lost.s["fault"], lost.s["fault_axis"]) == (STAGE_INVALID, X)

@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from micromanip.rt.faults import cell_fault
 from micromanip.rt.states import (
     ARM,
-    ARMED,
+    ARMING,
     DISARM,
     DRIVER_ERROR,
     FAULT,
@@ -35,17 +35,17 @@ from .bench_cell import BenchCell, parameters
 
 SENSORS = [(role, axis) for role in ("strain", "stage", "deviation") for axis in range(3)]
 LINES = ("enable", "interlock", "retracted", "amplifier_ok", "temperature_ok")
-MOVING = (ARMED, TRACKING, HOLDING, RAMPING)
-ARMED_STATES = (ARMED, TRACKING)
+MOVING = (ARMING, TRACKING, HOLDING, RAMPING)
+ARMED_STATES = (ARMING, TRACKING)
 """Only a command leads here from where nothing is tracked."""
 PARKS = (3.0, 0.0, -8.0)
 
 ALLOWED = {
     OFF: {},
-    READY: {ARM: ARMED, STOP: OFF},
-    ARMED: {DISARM: RAMPING, STOP: RAMPING, HOLD: HOLDING, NO_COMMAND: TRACKING},
+    READY: {ARM: ARMING, STOP: OFF},
+    ARMING: {DISARM: RAMPING, STOP: RAMPING, HOLD: HOLDING, NO_COMMAND: TRACKING},
     TRACKING: {DISARM: RAMPING, STOP: RAMPING, HOLD: HOLDING},
-    HOLDING: {ARM: ARMED, DISARM: RAMPING, STOP: RAMPING},
+    HOLDING: {ARM: ARMING, DISARM: RAMPING, STOP: RAMPING},
     RAMPING: {},
     FAULT: {RESET: READY, STOP: OFF},
 }
@@ -94,7 +94,7 @@ class CellMachine(RuleBasedStateMachine):
         if now != state:
             by_command = accepted and ALLOWED[state].get(command) == now
             by_time = ALLOWED[state].get(NO_COMMAND) == now or (state == RAMPING and now in (READY, OFF, FAULT))
-            graver = {ARMED: (HOLDING, RAMPING, FAULT), TRACKING: (HOLDING, RAMPING, FAULT), HOLDING: (RAMPING, FAULT)}
+            graver = {ARMING: (HOLDING, RAMPING, FAULT), TRACKING: (HOLDING, RAMPING, FAULT), HOLDING: (RAMPING, FAULT)}
             by_fault = s["fault"] != NO_FAULT and now in graver.get(state, (FAULT,))
             # one cycle may both carry out a command and finish a phase, and a stop goes on to OFF
             both = now == OFF and s["stopping"]
@@ -103,7 +103,7 @@ class CellMachine(RuleBasedStateMachine):
             assert s["fault"] == fault or (command == RESET and accepted and state == FAULT)
         if now == FAULT:
             assert s["fault"] != NO_FAULT
-        if now in (ARMED, TRACKING, READY):
+        if now in (ARMING, TRACKING, READY):
             assert s["fault"] == NO_FAULT
 
     def check_rest(self, state):

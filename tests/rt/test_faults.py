@@ -15,7 +15,7 @@ from micromanip.rt.faults import axis_fault, begins, cell_fault, forget, note, r
 from micromanip.rt.phases import CLOSED, LIFTING, PARKING
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENTS
 from micromanip.rt.states import (
-    ARMED,
+    ARMING,
     CUTS,
     DISAGREEMENT,
     FAULT,
@@ -240,13 +240,13 @@ def test_after_a_reset_the_next_fault_is_latched():
     assert s["trips"] == 4
 
 
-STATES = (OFF, READY, ARMED, TRACKING, HOLDING, RAMPING, FAULT)
+STATES = (OFF, READY, ARMING, TRACKING, HOLDING, RAMPING, FAULT)
 STAYS = ()
 AFTER = {
     # state: (HOLDS, RAMPS, CUTS)
     OFF: ((entered(FAULT),), (entered(FAULT),), (forgotten,)),
     READY: ((entered(FAULT),), (entered(FAULT),), (dropped,)),
-    ARMED: ((ramping,), (ramping,), (dropped,)),
+    ARMING: ((ramping,), (ramping,), (dropped,)),
     TRACKING: ((held,), (ramping,), (dropped,)),
     HOLDING: (STAYS, (ramping,), (dropped,)),
     RAMPING: (STAYS, STAYS, (dropped,)),
@@ -264,7 +264,7 @@ def test_reactions(state, reaction):
 
 
 def test_armed_with_the_outer_loop_closed_it_can_be_held():
-    p, s = cell(ARMED, phase=CLOSED)
+    p, s = cell(ARMING, phase=CLOSED)
     before = s.copy()
     react(p, s, HOLDS)
     expect(s, before, held)
@@ -272,7 +272,7 @@ def test_armed_with_the_outer_loop_closed_it_can_be_held():
 
 @pytest.mark.parametrize("phase", [LIFTING, PARKING])
 def test_armed_with_the_outer_loop_open_there_is_nothing_to_hold(phase):
-    p, s = cell(ARMED, phase=phase)
+    p, s = cell(ARMING, phase=phase)
     before = s.copy()
     react(p, s, HOLDS)
     expect(s, before, ramping)

@@ -6,7 +6,7 @@ from micromanip.rt.cell import watch_drivers
 from micromanip.rt.exchange import FIRST_TAKEN
 from micromanip.rt.states import (
     ARM,
-    ARMED,
+    ARMING,
     DISARM,
     FAULT,
     HOLD,
@@ -82,7 +82,7 @@ def test_arming_waits_for_outputs_in_the_loops_hand(cell):
     assert (cell.s["state"], cell.s["refused"]) == (READY, OUTPUTS_MISSING)
     cell.code = 0
     assert cell.step(command=ARM)
-    assert cell.s["state"] == ARMED
+    assert cell.s["state"] == ARMING
 
 
 def test_it_is_not_taken_for_a_lost_link_nor_a_lost_link_for_it(cell):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from micromanip.rt.records import EVENTS
-from micromanip.rt.states import ARM, ARMED, HOLDING, RAMPING, READY, TRACKING
+from micromanip.rt.states import ARM, ARMING, HOLDING, RAMPING, READY, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
@@ -77,7 +77,7 @@ class Protected:
         assert (voltage >= -20.0).all()
         assert (voltage <= 150.0).all()
         assert (np.abs(np.diff(voltage, axis=0)) <= 4.0 + 1e-9).all()
-        moving = np.isin(every["state"], (ARMED, TRACKING, HOLDING, RAMPING))
+        moving = np.isin(every["state"], (ARMING, TRACKING, HOLDING, RAMPING))
         # at rest the outputs are at park, 43 cycles of slewing after a cut at the latest
         settled = ~moving & (np.convolve(moving, np.ones(44), "full")[: len(moving)] == 0)
         assert (voltage[settled] == 0.0).all()

@@ -7,10 +7,10 @@ import pytest
 
 from micromanip.host.refusals import axis_refusals, refusals
 from micromanip.rt.arming import forget_checks
-from micromanip.rt.phases import BUMPING, CLOSED, LIFTING, PARKED, PROBING, SWEEPING
+from micromanip.rt.phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from micromanip.rt.states import (
     ARM,
-    ARMED,
+    ARMING,
     DISARM,
     FAULT,
     HOLD,
@@ -55,17 +55,17 @@ def phases(rows):
 def test_the_whole_way_and_again_without_the_checks(tmp_path):
     armed = cell(tmp_path)
     rows = armed.arm()
-    assert phases(rows) == [PARKED, PROBING, LIFTING, BUMPING, SWEEPING, LIFTING, CLOSED]
-    assert states(rows) == [READY, ARMED, TRACKING]
+    assert phases(rows) == [PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, LIFTING, CLOSED]
+    assert states(rows) == [READY, ARMING, TRACKING]
     voltage = rows["axis"]["voltage_V"]
-    probing = rows["phase"] == PROBING
+    probing = rows["phase"] == CHECKING_GAUGE
     # one axis after the other, 5 V each, and the others rest
     moved = np.ptp(voltage[probing], axis=0)
     assert moved == pytest.approx([5.0] * 3, abs=1e-6)
     third = probing.sum() // 3
     first = voltage[probing][:third]
     assert np.ptp(first[:, 1:]) == 0.0
-    bump = rows["axis"]["stage_um"][rows["phase"] == BUMPING]
+    bump = rows["axis"]["stage_um"][rows["phase"] == CHECKING_STAGE]
     assert np.ptp(bump[:, 0]) == pytest.approx(10.0, rel=0.6)  # 2 um of the actuator; it swings, being undamped
     armed.run(1.2, command=DISARM)
     assert armed.state[0]["state"] == READY
@@ -107,7 +107,7 @@ def test_wrong_wiring_is_found_before_a_loop_is_closed(tmp_path, change, code, a
     rows = wrong.run(3.0, command=ARM)
     s = wrong.state[0]
     assert (s["state"], s["fault"], s["fault_axis"]) == (FAULT, code, axis)
-    assert states(rows) == [ARMED, RAMPING, FAULT]
+    assert states(rows) == [ARMING, RAMPING, FAULT]
     closed = {STRAIN_CHECK: LIFTING, STAGE_CHECK: SWEEPING}[code]
     assert closed not in rows["phase"]
     assert abs(s["fault_value"]) < s["fault_limit"] or s["fault_value"] > s["fault_limit"]
@@ -157,7 +157,7 @@ def test_a_session_does_not_arm_on_the_estimate_of_the_one_before(tmp_path, kind
         assert "stage_x is silent" in reason
         assert np.ptp(rows["axis"]["voltage_V"], axis=0).max() == 0.0
     else:
-        assert states(rows) == [ARMED, RAMPING, FAULT]
+        assert states(rows) == [ARMING, RAMPING, FAULT]
         assert (s["fault"], s["fault_axis"]) == (code, 0)
 
 
@@ -170,7 +170,7 @@ def test_a_capacitive_sensor_that_dies_while_arming(tmp_path, kind, into_s):
     dying.run(0.01)
     rows = dying.run(3.3, command=ARM)
     s = dying.state[0]
-    assert states(rows) == [ARMED, RAMPING, FAULT]
+    assert states(rows) == [ARMING, RAMPING, FAULT]
     assert s["fault_axis"] == 0
     assert s["fault"] in (STAGE_INVALID, STAGE_STUCK, STAGE_CHECK)
     assert CLOSED not in rows["phase"]
@@ -190,7 +190,7 @@ def test_an_arming_that_has_no_sample_of_its_own_ends(tmp_path):
     # what it said last was good
     silent.state[0]["axis"][0]["stage"]["bad"] = 0
     rows = silent.run(3.0, command=ARM)
-    assert states(rows) == [ARMED, RAMPING, FAULT]
+    assert states(rows) == [ARMING, RAMPING, FAULT]
     assert silent.state[0]["fault"] in (STAGE_INVALID, STAGE_STUCK)
     assert CLOSED not in rows["phase"]
 
@@ -217,9 +217,9 @@ def test_a_loop_that_was_never_closed_is_checked_whatever_was_closed_before(tmp_
     wired.run(0.1)
     rows = wired.run(3.0, command=ARM)
     assert (wired.state[0]["fault"], wired.state[0]["fault_axis"]) == (STRAIN_CHECK, 2)
-    assert phases(rows)[:2] == [PARKED, PROBING]
+    assert phases(rows)[:2] == [PARKED, CHECKING_GAUGE]
     assert LIFTING not in rows["phase"]
-    assert np.count_nonzero(rows["phase"] == PROBING) == 2000  # x and y were checked, and have not changed
+    assert np.count_nonzero(rows["phase"] == CHECKING_GAUGE) == 2000  # x and y were checked, and have not changed
     assert rows["axis"]["voltage_V"].max() <= 5.0 + 1e-9
     assert rows["axis"]["voltage_V"][:, :2].max() == 0.0
 
@@ -231,10 +231,10 @@ def test_only_what_may_have_changed_is_checked_again(tmp_path):
     forget_checks(armed.state[0]["axis"][1], True)
     forget_checks(armed.state[0]["axis"][2], False)
     rows = armed.arm()
-    assert phases(rows) == [PARKED, PROBING, LIFTING, BUMPING, SWEEPING, LIFTING, CLOSED]
-    assert np.count_nonzero(rows["phase"] == PROBING) == 2000
-    assert np.count_nonzero(rows["phase"] == BUMPING) == 4000
-    moved = np.ptp(rows["axis"]["voltage_V"][rows["phase"] == PROBING], axis=0)
+    assert phases(rows) == [PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, LIFTING, CLOSED]
+    assert np.count_nonzero(rows["phase"] == CHECKING_GAUGE) == 2000
+    assert np.count_nonzero(rows["phase"] == CHECKING_STAGE) == 4000
+    moved = np.ptp(rows["axis"]["voltage_V"][rows["phase"] == CHECKING_GAUGE], axis=0)
     assert moved == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)
     assert rows["state"][-1] == TRACKING
 
@@ -283,7 +283,7 @@ def test_hold_and_resume(tmp_path):
     usual = np.abs(np.diff(before["axis"]["voltage_V"], axis=0)).max()
     assert np.abs(np.diff(rows["axis"]["voltage_V"], axis=0)).max() <= 1.5 * usual
     more = held.run(1.5, command=ARM)
-    assert states(more) == [ARMED, TRACKING]
+    assert states(more) == [ARMING, TRACKING]
     assert dict(course(more))[TRACKING] == held.parameters[0]["authority_cycles"]
     assert np.abs(np.diff(more["axis"]["voltage_V"], axis=0)).max() <= 1.5 * usual
     assert np.abs(more["axis"]["path_error_um"][-3000:]).std() < 2.0

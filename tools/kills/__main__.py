@@ -34,7 +34,7 @@ def table(kills: list[Kill]) -> str:
     frozen = [1e3 * kill.frozen_s for kill in kills if kill.frozen_s is not None]
     if frozen:
         lines.append(f"outputs of a dead loop stood still for {median(frozen):.0f} to {max(frozen):.0f} ms")
-    states = Counter(kill.state + (f" ({kill.phase})" if kill.state == "ARMED" else "") for kill in kills)
+    states = Counter(kill.state + (f" ({kill.phase})" if kill.state == "ARMING" else "") for kill in kills)
     for title, counts in (("moment", Counter(kill.moment for kill in kills)), ("state at the kill", states)):
         lines.append(f"{title}: " + ", ".join(f"{n}x {name}" for name, n in counts.most_common()))
     return "\n".join(lines)

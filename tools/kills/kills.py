@@ -124,7 +124,7 @@ class Life:
         self._note(kill, at_ns)
         assert code == -signal.SIGKILL, f"exit code {code}"
         assert kill.course[-1] == "OFF", f"the loop ended in {kill.course[-1]}"
-        down = [name for name in kill.course[1:] if name not in ("ARMED", "TRACKING", "READY")]
+        down = [name for name in kill.course[1:] if name not in ("ARMING", "TRACKING", "READY")]
         assert down == [name for name in _WAY_DOWN if name in down], f"its way down was {kill.course}"
         assert (self.envelope.voltage_V == self.envelope.park_V).all(), f"ended at {self.envelope.voltage_V} V"
         assert not cell.socket.exists(), "the loop left the host's socket behind"

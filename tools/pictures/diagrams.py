@@ -208,7 +208,7 @@ def states() -> Figure:
     places = {
         "STARTING": (10, 33),
         "READY": (32, 33),
-        "ARMED": (58, 33),
+        "ARMING": (58, 33),
         "TRACKING": (90, 33),
         "HOLDING": (90, 19),
         "RAMPING": (64, 12),

@@ -266,7 +266,7 @@ class Yard:
 
     def _ready(self, end):
         """Reset, disarm or start until it is READY with its link up; the reason where that never comes."""
-        verbs = {"FAULT": "reset", "TRACKING": "disarm", "HOLDING": "disarm", "ARMED": "disarm"}
+        verbs = {"FAULT": "reset", "TRACKING": "disarm", "HOLDING": "disarm", "ARMING": "disarm"}
         refused, restarts = "nothing was refused", 0
         while time.monotonic() < end:
             if not self.alive:

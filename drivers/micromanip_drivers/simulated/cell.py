@@ -9,7 +9,7 @@ from numba import types
 
 from micromanip.rt.clock import now_ns, sleep_until
 from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
-from micromanip.rt.laws.minimum_jerk import smooth
+from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.records import SIGNAL
 
 from .bus import receive_samples, send_outputs, send_samples, write
@@ -160,7 +160,7 @@ def discharge(c: Any) -> None:
         step += 1
         for i in range(c["axes"]):
             s = c["s"][i]
-            s["latched_V"] = s["charged_V"] * (1.0 - smooth(step / _DISCHARGE_STEPS))
+            s["latched_V"] = s["charged_V"] * (1.0 - minimum_jerk(step / _DISCHARGE_STEPS))
         sleep_until(c["timespec"], now_ns(c["timespec"]) + _DISCHARGE_STEP_NS)
 
 

@@ -16,7 +16,7 @@ _SIZE, _DPI = (9.0, 9.0), 130
 _NEAR_MS = (-50.0, 50.0)
 _SHADES = {
     "READY": "white",
-    "ARMED": "tab:olive",
+    "ARMING": "tab:olive",
     "TRACKING": "tab:green",
     "HOLDING": "tab:orange",
     "RAMPING": "gold",

@@ -17,7 +17,7 @@ from .evidence import Moment, at_end_of_range, error_um, milliseconds, observati
 
 _MEANING = {
     "READY": "disarmed, outputs at park",
-    "ARMED": "arming",
+    "ARMING": "arming",
     "TRACKING": "the loops follow the reference",
     "HOLDING": "correction frozen",
     "RAMPING": "smoothly to the park voltage",

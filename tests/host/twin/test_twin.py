@@ -9,7 +9,7 @@ from micromanip.errors import CheckFailed
 from micromanip.rt import states as st
 from micromanip.rt.laws.reference import JOG
 from micromanip.rt.records import INPUT_HISTORY
-from micromanip.rt.states import ARMED, FAULT, HOLDING, OFF, RAMPING, READY, TRACKING
+from micromanip.rt.states import ARMING, FAULT, HOLDING, OFF, RAMPING, READY, TRACKING
 from micromanip.settings.compile.limits import NEVER
 
 from .scene import SHORT, TRACKING_CYCLES, Scene, codes, course
@@ -20,8 +20,8 @@ pytestmark = pytest.mark.compiled_only
 def test_arming_and_tracking(arming, agreed):
     outcome = agreed(arming)
     rows = outcome.rows
-    assert course(rows) == [READY, ARMED, TRACKING]
-    assert list(rows["state"][[-TRACKING_CYCLES - 1, -TRACKING_CYCLES]]) == [ARMED, TRACKING]
+    assert course(rows) == [READY, ARMING, TRACKING]
+    assert list(rows["state"][[-TRACKING_CYCLES - 1, -TRACKING_CYCLES]]) == [ARMING, TRACKING]
     for check in ("strain_check", "stage_check"):
         assert outcome.state["axis"][check]["passed"][0].tolist() == [1, 1, 1]
     assert np.ptp(rows["axis"]["voltage_V"][-TRACKING_CYCLES:, 0]) > 1.0
@@ -94,14 +94,14 @@ def test_hold_and_resume(scene, agreed):
     scene.commands[700], scene.commands[1100] = st.DISARM, st.ARM
     outcome = agreed(scene.recording())
     rows = outcome.rows
-    assert course(rows) == [TRACKING, HOLDING, ARMED, TRACKING, RAMPING, READY, ARMED, TRACKING]
+    assert course(rows) == [TRACKING, HOLDING, ARMING, TRACKING, RAMPING, READY, ARMING, TRACKING]
     assert np.count_nonzero(rows["state"] == RAMPING) >= 100 + 150
     assert outcome.state["axis"]["errors"][0, 0] > 0
 
 
 def test_hold_while_authority_comes_back(scene, agreed):
     scene.commands[[200, 250, 300, 320]] = st.HOLD, st.ARM, st.HOLD, st.ARM
-    assert course(agreed(scene.recording()).rows) == [TRACKING, HOLDING, ARMED, HOLDING, ARMED, TRACKING]
+    assert course(agreed(scene.recording()).rows) == [TRACKING, HOLDING, ARMING, HOLDING, ARMING, TRACKING]
 
 
 @pytest.mark.parametrize("before", [None, st.HOLD, st.DISARM])
@@ -119,8 +119,8 @@ def test_overruns_in_arming_and_ramp(scene, agreed):
     scene.periods[[250, 400, 620, 700, 800]] = 40
     scene.forget_ages()
     rows = agreed(scene.recording()).rows
-    assert course(rows) == [TRACKING, RAMPING, READY, ARMED, TRACKING]
-    assert np.count_nonzero(rows["state"] == ARMED) == 60 + 100 + 20 + 100
+    assert course(rows) == [TRACKING, RAMPING, READY, ARMING, TRACKING]
+    assert np.count_nonzero(rows["state"] == ARMING) == 60 + 100 + 20 + 100
 
 
 def test_refused_arming_says_why(scene, agreed):
@@ -151,7 +151,7 @@ def test_creep_and_rate_dependence(scene, agreed):
     hysteresis["creep_gain"][:, :2], hysteresis["creep_step"][:, :2] = (0.05, 0.03), (0.01, 0.001)
     scene.commands[[200, 600]] = st.DISARM, st.ARM
     outcome = agreed(scene.recording())
-    assert course(outcome.rows) == [TRACKING, RAMPING, READY, ARMED, TRACKING]
+    assert course(outcome.rows) == [TRACKING, RAMPING, READY, ARMING, TRACKING]
     assert np.all(outcome.state["axis"]["hysteresis"]["creep_um"][0, :, :2] != 0.0)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from micromanip.rt import states as st
-from micromanip.rt.states import ARMED, FAULT, HOLDING, OFF, RAMPING, READY, TRACKING
+from micromanip.rt.states import ARMING, FAULT, HOLDING, OFF, RAMPING, READY, TRACKING
 
 from .scene import Scene, codes, course
 
@@ -116,9 +116,9 @@ def test_hot_amplifier_gets_less_then_ramps(scene, agreed):
 @pytest.mark.parametrize(
     ("line", "axis", "code", "reaction", "states"),
     [
-        ("enable", None, st.ENABLE_LOST, st.CUTS, [TRACKING, FAULT, READY, ARMED, TRACKING]),
-        ("amplifier_ok", 0, st.AMPLIFIER_FAULT, st.CUTS, [TRACKING, FAULT, READY, ARMED, TRACKING]),
-        ("interlock", None, st.INTERLOCK_OPEN, st.HOLDS, [TRACKING, HOLDING, RAMPING, FAULT, READY, ARMED, TRACKING]),
+        ("enable", None, st.ENABLE_LOST, st.CUTS, [TRACKING, FAULT, READY, ARMING, TRACKING]),
+        ("amplifier_ok", 0, st.AMPLIFIER_FAULT, st.CUTS, [TRACKING, FAULT, READY, ARMING, TRACKING]),
+        ("interlock", None, st.INTERLOCK_OPEN, st.HOLDS, [TRACKING, HOLDING, RAMPING, FAULT, READY, ARMING, TRACKING]),
     ],
 )
 def test_line_off(scene, agreed, line, axis, code, reaction, states):
@@ -152,7 +152,7 @@ def test_check_with_the_wrong_sign(arming, agreed, check, code):
     limits["low"], limits["high"] = -limits["high"].copy(), -limits["low"].copy()
     scene.reacts(code, st.RAMPS)
     outcome = agreed(scene.recording())
-    assert course(outcome.rows) == [READY, ARMED, RAMPING, FAULT]
+    assert course(outcome.rows) == [READY, ARMING, RAMPING, FAULT]
     assert outcome.state["fault"][0] == code
 
 

@@ -1,19 +1,82 @@
-"""Where a candidate tuning stands, as several commands print it."""
+"""``micromanip shadow``, ``promote``, ``withdraw``: a candidate tuning beside the one that runs."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import click
 from rich.console import Console
 from rich.table import Table
 
+from micromanip.client import Client
+from micromanip.errors import CheckFailed
 from micromanip.replies import Shadow
 
+from .options import StrictCommand, json_option, print_json, socket_option
 from .parameters import echo_changes
 
 
-def echo_shadow(shadow: Shadow) -> None:
+@click.command("shadow", cls=StrictCommand, epilog="Example: micromanip shadow axes.x.outer.effort=12")
+@click.argument("assignments", nargs=-1, metavar="[KEY=VALUE...]")
+@socket_option
+@json_option
+def shadow(assignments: tuple[str, ...], socket_path: Path, as_json: bool) -> None:
+    """Let a candidate compute beside what runs, on the same samples; nothing of it is written to the outputs.
+
+    The candidate is what runs, with these values instead; only values that `set` takes while tracking. Without any:
+    where the candidate stands and how it compares with what runs; the smaller figure is the better one. `micromanip
+    promote` puts it in force.
+    """
+    from micromanip.settings.text.keys import assignments_of
+
+    changes = assignments_of(assignments) if assignments else {}
+    with Client(socket_path) as client:
+        answer = client.shadow(changes)
+    if as_json:
+        print_json(answer)
+    else:
+        _echo_shadow(answer)
+
+
+@click.command("promote", cls=StrictCommand, epilog="Example: micromanip promote --wait")
+@click.option("--wait", is_flag=True, help="Wait for the end of the trial; exit code 1 where it is not confirmed.")
+@socket_option
+@json_option
+def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
+    """Put the candidate in force at one cycle boundary, without a bump.
+
+    It is on trial for `shadow.trial_s`: where the error grows beyond its limit, an inner loop begins to swing, or the
+    tracking ends, what ran before is in force again by itself.
+    """
+    with Client(socket_path) as client:
+        answer = client.promote()
+        if wait:
+            click.echo(_standing_line(answer), err=True)
+            answer = client.trial()
+    if as_json:
+        print_json(answer)
+    else:
+        _echo_shadow(answer)
+    if wait and answer["standing"] != "confirmed":
+        raise CheckFailed(f"the promoted tuning is not in force any more: {answer['standing']}")
+
+
+@click.command("withdraw", cls=StrictCommand, epilog="Example: micromanip withdraw")
+@socket_option
+@json_option
+def withdraw(socket_path: Path, as_json: bool) -> None:
+    """Let the candidate go; where it is on trial, what ran before is in force again in the same cycle."""
+    with Client(socket_path) as client:
+        answer = client.withdraw()
+    if as_json:
+        print_json(answer)
+    else:
+        _echo_shadow(answer)
+
+
+def _echo_shadow(shadow: Shadow) -> None:
     """Standing, what it changes, and its figures so far."""
-    click.echo(standing_line(shadow))
+    click.echo(_standing_line(shadow))
     echo_changes(shadow["changed"])
     if shadow["reason"]:
         click.echo(shadow["reason"])
@@ -22,7 +85,7 @@ def echo_shadow(shadow: Shadow) -> None:
         Console(highlight=False).print(table)
 
 
-def standing_line(shadow: Shadow) -> str:
+def _standing_line(shadow: Shadow) -> str:
     """One line: the candidate's version, where it stands, and how much of its trial is over."""
     if shadow["version"] is None:
         return "there is no candidate"

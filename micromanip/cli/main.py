@@ -48,6 +48,12 @@ COMMANDS = {
     "install-service": "run a configuration as a service of this machine",
     "completion": "shell completion",
 }
+_TOGETHER = {
+    "orders": ("arm", "disarm", "hold", "reset"),
+    "parameters": ("get", "set", "diff", "save", "reload"),
+    "candidate": ("shadow", "promote", "withdraw"),
+}
+"""Commands that share a module; every other has one of its own, by its name."""
 _USAGE = 64
 
 
@@ -60,9 +66,10 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"micromanip.cli.{cmd_name.replace('-', '_')}")
-        command: click.Command = module.command
-        return command
+        own = cmd_name.replace("-", "_")
+        name = next((shared for shared, names in _TOGETHER.items() if cmd_name in names), own)
+        module = importlib.import_module(f"micromanip.cli.{name}")
+        return next(c for c in vars(module).values() if isinstance(c, click.Command) and c.name == cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -1,19 +1,17 @@
 """What holds for the options of every command: given once, numbers within the bounds of their unit."""
 
-import importlib
-
 import click
 import pytest
 
 from micromanip import quantities
-from micromanip.cli.main import COMMANDS, main
+from micromanip.cli.main import COMMANDS, cli, main
 from micromanip.cli.options import Quantity, StrictCommand
 
 
 def commands():
     """Every command that takes options itself, with the words that call it."""
     for name in COMMANDS:
-        command = importlib.import_module(f"micromanip.cli.{name.replace('-', '_')}").command
+        command = cli.get_command(click.Context(cli), name)
         if isinstance(command, click.Group):
             yield from ((f"{name} {below}", each) for below, each in command.commands.items())
         else:

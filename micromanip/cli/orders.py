@@ -1,0 +1,47 @@
+"""``micromanip arm``, ``disarm``, ``hold``, ``reset``: one word to a running controller, which takes or refuses it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from micromanip.client import Client
+
+from .options import StrictCommand, json_option, print_json, socket_option
+
+
+def _order(name: str, send: Callable[[Client], object], taken: str, what: str) -> click.Command:
+    """The command `name`: what it does, how it is sent, and what is said once it is taken."""
+
+    @click.command(name, cls=StrictCommand, help=what, epilog=f"Example: micromanip {name}")
+    @socket_option
+    @json_option
+    def command(socket_path: Path, as_json: bool) -> None:
+        with Client(socket_path) as client:
+            send(client)
+        if as_json:
+            print_json({"accepted": True})
+        else:
+            click.echo(taken)
+
+    return command
+
+
+arm = _order(
+    "arm",
+    Client.arm,
+    "arming",
+    "Start tracking, softly: lift to the working point, close the loops, fade the correction in.",
+)
+disarm = _order(
+    "disarm", Client.disarm, "ramping to park", "Stop tracking, softly: ramp every output to its park voltage."
+)
+hold = _order(
+    "hold",
+    Client.hold,
+    "holding",
+    "Freeze the correction: every axis stays where it is, its loops closed. `micromanip arm` goes on.",
+)
+reset = _order("reset", Client.reset, "fault cleared", "Clear a latched fault; nothing moves, and it stays disarmed.")

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt import phases, records, states
-from micromanip.rt.laws import reference
+from micromanip.rt import phases, record, records, states, telemetry
+from micromanip.rt.laws import coordinate_transform, estimator, feedforward, lqg, pid, reference, sensor, shaping
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
-_ENUMERATIONS = (records, states, phases)
-_REFERENCE_KINDS = ("SIGNAL", "JOG")
+_ENUMERATIONS = (record, records, states, phases, estimator)
+_REFERENCE = ("SIGNAL", "JOG", "REFERENCE_STATES")
+_RECORDS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform, records, telemetry)
+"""What is part of another record comes before it."""
 
 
 def header() -> str:
@@ -25,11 +27,11 @@ def header() -> str:
     lines = ["/* Generated from micromanip.rt by benchmarks/layout.py. */", "#ifndef RECORDS_H", "#define RECORDS_H"]
     lines += ["#include <stddef.h>", "#include <stdint.h>", ""]
     lines += [f"#define {name} {value}" for name, value in _constants().items()]
-    known: list[tuple[str, np.dtype[Any]]] = []
-    for name, value in vars(records).items():
-        if isinstance(value, np.dtype) and value.names:
+    known: dict[str, np.dtype[Any]] = {}
+    for name, value in (entry for module in _RECORDS for entry in vars(module).items()):
+        if isinstance(value, np.dtype) and value.names and name.lower() not in known:
             lines += ["", *_structure(name.lower(), value, known)]
-            known.append((name.lower(), value))
+            known[name.lower()] = value
     return "\n".join([*lines, "", "#endif", ""])
 
 
@@ -47,10 +49,10 @@ def _constants() -> dict[str, int]:
         for name, value in vars(module).items()
         if name.isupper() and isinstance(value, int)
     }
-    return found | {name: getattr(reference, name) for name in _REFERENCE_KINDS}
+    return found | {name: getattr(reference, name) for name in _REFERENCE}
 
 
-def _structure(name: str, dtype: np.dtype[Any], known: list[tuple[str, np.dtype[Any]]]) -> Iterator[str]:
+def _structure(name: str, dtype: np.dtype[Any], known: dict[str, np.dtype[Any]]) -> Iterator[str]:
     assert dtype.names is not None
     assert dtype.fields is not None
     yield f"struct {name} {{"
@@ -65,7 +67,7 @@ def _structure(name: str, dtype: np.dtype[Any], known: list[tuple[str, np.dtype[
         yield f'_Static_assert(offsetof(struct {name}, {field_name}) == {offset}, "place of {name}.{field_name}");'
 
 
-def _type_name(dtype: np.dtype[Any], known: list[tuple[str, np.dtype[Any]]]) -> str:
+def _type_name(dtype: np.dtype[Any], known: dict[str, np.dtype[Any]]) -> str:
     if dtype.names is None:
         return _C_TYPES[dtype.name]
-    return next(f"struct {name}" for name, other in known if other == dtype)
+    return next(f"struct {name}" for name, other in known.items() if other == dtype)

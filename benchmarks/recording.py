@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt import arming
-from micromanip.rt.records import CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
+from micromanip.rt.records import CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import ARM, NO_COMMAND
+from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import Prepared
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.errors import CheckFailed
-from micromanip.rt.laws import hysteresis, reference, shaping
+from micromanip.rt.laws import feedforward, reference, shaping
 from micromanip.rt.states import STAGE
 
 from .layout import write_header
@@ -44,7 +44,7 @@ def require_covered(parameters: Any) -> None:
             a["mode"] == STAGE
             and a["feedback"]
             and a["reference"]["kind"] in (reference.SIGNAL, reference.JOG)
-            and a["hysteresis"]["kind"] == hysteresis.PRANDTL_ISHLINSKII
+            and a["hysteresis"]["kind"] == feedforward.PRANDTL_ISHLINSKII
             and a["hysteresis"]["shaping"]["kind"] == shaping.TANH
             and all(a[role] >= 0 for role in roles)
         ):

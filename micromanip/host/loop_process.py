@@ -22,8 +22,9 @@ from micromanip.errors import DeviceUnavailable, MicromanipError, PermissionDeni
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.loop import run_loop
 from micromanip.rt.mailbox import FINISHED, RIGHTS
-from micromanip.rt.records import CELL_STATE, DRIVER, ROW
+from micromanip.rt.records import CELL_STATE, DRIVER
 from micromanip.rt.states import ARM, READY
+from micromanip.rt.telemetry import ROW
 from micromanip.rt.virtual import run_virtual
 
 from .realtime import enter_real_time, missing_rights

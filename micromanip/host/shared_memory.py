@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from micromanip.rt.histogram import BINS
 from micromanip.rt.mailbox import WORDS
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+from micromanip.rt.telemetry import ROW
 
 RING_ROWS = 1 << 16
 """At 20 kHz 3.3 s: the black box of a trip needs 2.5 s, and time to fetch them."""

@@ -17,7 +17,7 @@ from micromanip.rt.laws.sensor import is_missing, is_silent, may_be_at_end
 
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
-from .records import Record
+from .record import Record
 from .states import (
     AMPLIFIER_MISSING,
     ENABLE_MISSING,

@@ -17,12 +17,20 @@ from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforwar
 from micromanip.rt.laws.limiter import limit
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.pid import pid_output, start_pid, unwind
-from micromanip.rt.laws.reference import JOG, SIGNAL, jog_reference, own_reference, signal_reference, signal_sample
+from micromanip.rt.laws.reference import (
+    JOG,
+    REFERENCE_STATES,
+    SIGNAL,
+    jog_reference,
+    own_reference,
+    signal_reference,
+    signal_sample,
+)
 from micromanip.rt.laws.sensor import read_line, read_signal
 
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, FROZEN, LIFTING, PARKING, SWEEPING
-from .records import REFERENCE_STATES, Record
+from .record import Record
 from .setpoint_history import forget_wanted, measure_errors, remember_wanted
 from .states import STAGE, VOLTAGE
 

@@ -21,7 +21,7 @@ from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
 from .phases import CLOSED, PARKED
-from .records import Record
+from .record import Record
 from .states import (
     ARMING,
     DRIVER_ERROR,

@@ -13,7 +13,7 @@ from .axis import start_axis
 from .faults import axis_fault, raise_fault
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
-from .records import Record
+from .record import Record
 from .states import (
     AMPLIFIER_FAULT,
     ARMING,

@@ -7,7 +7,7 @@ from .axis import start_axis
 from .faults import forget
 from .jit import compiled
 from .phases import CLOSED
-from .records import Record
+from .record import Record
 from .shadow import promote, withdraw
 from .states import (
     ARM,

@@ -7,7 +7,7 @@ from typing import Any
 from micromanip.rt.laws.sensor import read_line
 
 from .jit import compiled
-from .records import Record
+from .record import Record
 from .states import ARMING, HOLDING, NO_FAULT, RAMPING, TRACKING
 
 

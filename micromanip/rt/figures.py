@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from .jit import compiled
-from .records import Record
+from .record import Record
 from .states import STAGE
 from .watch import following_error
 

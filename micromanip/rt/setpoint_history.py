@@ -11,8 +11,10 @@ is the same number.
 
 from __future__ import annotations
 
+from micromanip.rt.laws.estimator import INPUT_HISTORY
+
 from .jit import compiled
-from .records import INPUT_HISTORY, Record
+from .record import Record
 
 _MASK = INPUT_HISTORY - 1
 

@@ -18,7 +18,7 @@ from .axis import axis_cycle
 from .faults import note
 from .jit import compiled
 from .phases import CLOSED
-from .records import Record
+from .record import Record
 from .states import (
     CONFIRMED,
     NO_FAULT,

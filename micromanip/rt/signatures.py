@@ -6,7 +6,8 @@ import numba
 import numpy as np
 from numba import types
 
-from .records import CELL_PARAMETERS, CELL_STATE, DRIVER, ROW, SIGNAL
+from .records import CELL_PARAMETERS, CELL_STATE, DRIVER, SIGNAL
+from .telemetry import ROW
 
 
 def array_of(dtype: np.dtype[np.void]) -> types.Array:

@@ -11,8 +11,46 @@ from micromanip.rt.laws.sensor import is_on
 from .digital_io import asks_feed_hold, is_enabled
 from .figures import path_error
 from .jit import compiled
-from .records import Record
+from .record import MAX_AXES, Record, record
 from .states import STAGE
+
+AXIS_ROW = record(
+    ("reference_um", "f8"),
+    ("deviation_um", "f8"),
+    ("strain_um", "f8"),
+    ("stage_um", "f8"),
+    ("estimate_um", "f8"),
+    ("innovation_um", "f8"),
+    ("setpoint_um", "f8"),
+    ("feedforward_V", "f8"),
+    ("feedback_V", "f8"),
+    ("voltage_V", "f8"),
+    ("true_strain_um", "f8"),
+    ("true_stage_um", "f8"),
+    ("path_error_um", "f8"),
+    ("uncompensated_um", "f8"),
+    ("conditions", "i8"),
+    ("strain_age_ns", "i4"),
+    ("stage_age_ns", "i4"),
+    ("deviation_age_ns", "i4"),
+    ("fresh", "i4"),
+)
+ROW = record(
+    ("cycle", "i8"),
+    ("time_ns", "i8"),
+    ("lateness_ns", "i8"),
+    ("compute_ns", "i8"),
+    ("periods", "i4"),
+    ("state", "i4"),
+    ("fault", "i4"),
+    ("version", "i4"),
+    ("phase", "i4"),
+    ("lines", "i4"),
+    ("axis", AXIS_ROW, (MAX_AXES,)),
+)
+"""One cycle of telemetry; ``compute_ns`` is the time of the cycle before, ``fresh`` bit 0 strain,
+1 stage, 2 deviation; what an axis does not have is NaN. ``conditions`` has a bit a code of ``states``
+that is raised; ``lines`` bit 0 enable, 1 interlock, 2 retracted, 3 amplifier enable, 4 feed-hold."""
 
 
 @compiled

@@ -17,7 +17,7 @@ from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from .arming import arming_cycles, arming_phase
 from .jit import compiled
 from .phases import CLOSED, FROZEN, PARKED, PARKING
-from .records import Record
+from .record import Record
 from .states import ARMING, FAULT, HOLDING, NO_FAULT, OFF, RAMPING, READY, STAGE, TRACKING
 
 

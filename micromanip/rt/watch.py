@@ -17,7 +17,7 @@ from micromanip.rt.laws.sensor import is_missing
 from .faults import axis_fault, warn
 from .jit import compiled
 from .phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
-from .records import Record
+from .record import Record
 from .states import (
     AMPLIFIER_FAULT,
     COASTING,

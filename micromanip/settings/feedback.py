@@ -19,9 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.bus.driver import Channel
-from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
-from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
-from micromanip.settings.compile.cell import fill_hysteresis
+from micromanip.rt.laws.feedforward import (
+    HYSTERESIS_PARAMETERS,
+    HYSTERESIS_STATE,
+    feedforward_voltage,
+    start_feedforward,
+)
+from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.axis import Axis, Inner
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import Configuration

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from micromanip.errors import CheckFailed
 from micromanip.rt.arming import planned_cycles
 from micromanip.rt.intrinsics import call_context
-from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
+from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import ARM, NO_COMMAND, NO_FAULT, READY, TRACKING
+from micromanip.rt.telemetry import ROW
 from micromanip.rt.virtual import run_virtual
 from micromanip.settings.wiring.places import Wiring
 

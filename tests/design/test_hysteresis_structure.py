@@ -8,10 +8,10 @@ from pydantic import ValidationError
 
 from micromanip.design.hysteresis import inverse, predict, structure_of
 from micromanip.design.hysteresis.kernel import respond
-from micromanip.rt.laws.hysteresis import model_output
+from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
+from micromanip.rt.laws.hysteresis import MAX_PLAYS, model_output
 from micromanip.rt.laws.shaping import shape
-from micromanip.rt.records import HYSTERESIS_PARAMETERS, MAX_PLAYS
-from micromanip.settings.compile.cell import fill_hysteresis
+from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 KINDS = [(kind, creep) for kind in ("pi-affine", "pi-tanh", "pi-free", "rate") for creep in (False, True)]

@@ -14,9 +14,9 @@ from micromanip.design.network import reversals, smoothed
 from micromanip.design.network_fit import fit_network
 from micromanip.design.network_training import Course, gradient
 from micromanip.design.record import load_record
+from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from micromanip.rt.laws.network import start_network
-from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
-from micromanip.settings.compile.cell import fill_hysteresis
+from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 pytestmark = pytest.mark.xdist_group("network")  # what the tests share is made once, not by each worker

@@ -3,8 +3,9 @@
 import numpy as np
 
 from micromanip.host.trips.box import FORMAT, Box
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENT, ROW
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENT
 from micromanip.rt.states import RAMPING, STAGE, STRAIN, STRAIN_INVALID, TRACKING
+from micromanip.rt.telemetry import ROW
 
 TRIP = 30_000
 BEFORE, AFTER = 20_000, 5_000

@@ -17,7 +17,8 @@ from micromanip.client import Client
 from micromanip.design.table import read_table
 from micromanip.host.recording.recorder import Recording
 from micromanip.host.recording.unclosed import checksum, close_unclosed
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, ROW
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
+from micromanip.rt.telemetry import ROW
 from tools.running_controller import calm, until
 
 GONE_ON_CYCLES = 20_000

@@ -15,8 +15,9 @@ from micromanip.host.recording.recorder import Recording
 from micromanip.host.recording.recording import PARAMETERS, ROWS, STATE, RecorderProcess
 from micromanip.host.ring import RingReader
 from micromanip.rt import mailbox as w
-from micromanip.rt.records import CELL_PARAMETERS, ROW
+from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import ARM, STOP, TRACKING
+from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
 from tools.running_controller import PATIENCE_S, QUICK, WAITING, calm, rows_of, simulated

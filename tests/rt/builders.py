@@ -4,14 +4,10 @@ import numpy as np
 from hypothesis import strategies as st
 
 from micromanip.rt.laws import shaping
-from micromanip.rt.laws.hysteresis import PRANDTL_ISHLINSKII, inverse_parameters
-from micromanip.rt.records import (
-    HYSTERESIS_PARAMETERS,
-    LIMITER_PARAMETERS,
-    MAX_PLAYS,
-    PID_PARAMETERS,
-    PID_STATE,
-)
+from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, PRANDTL_ISHLINSKII
+from micromanip.rt.laws.hysteresis import MAX_PLAYS, inverse_parameters
+from micromanip.rt.laws.limiter import LIMITER_PARAMETERS
+from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE
 
 PERIOD_S = 1e-4
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from micromanip.rt.records import OUTER_PARAMETERS
+from micromanip.rt.laws.lqg import OUTER_PARAMETERS
 from micromanip.settings.compile.limits import NEVER
 from micromanip.settings.compile.outer_gains import outer_gains
 from micromanip.settings.schema.axis import LinearModel, Outer

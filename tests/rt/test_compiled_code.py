@@ -7,9 +7,9 @@ from numba import types
 
 from micromanip.rt.cell import cell_cycle
 from micromanip.rt.loop import run_loop
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_OUTPUTS, MAX_SIGNALS, ROW, SIGNAL
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import OUTPUTS, SAMPLES, SIGNALS
-from micromanip.rt.telemetry import write_row
+from micromanip.rt.telemetry import ROW, write_row
 from micromanip.rt.virtual import run_virtual
 
 from .native import HARMLESS, llvm_of, reach

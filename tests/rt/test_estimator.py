@@ -6,8 +6,15 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.laws.estimator import output, predict_to, remember, start_estimator, update
-from micromanip.rt.records import ESTIMATOR_STATE, INPUT_HISTORY
+from micromanip.rt.laws.estimator import (
+    ESTIMATOR_STATE,
+    INPUT_HISTORY,
+    output,
+    predict_to,
+    remember,
+    start_estimator,
+    update,
+)
 
 from .builders import record
 from .kernels import estimator_course

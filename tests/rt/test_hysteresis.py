@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.rt.laws import shaping
-from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
+from micromanip.rt.laws.feedforward import HYSTERESIS_STATE, feedforward_voltage, start_feedforward
 from micromanip.rt.laws.hysteresis import admit, inverse_output, inverse_state, model_output
-from micromanip.rt.laws.shaping import shape, unshape
-from micromanip.rt.records import HYSTERESIS_STATE, SHAPING
+from micromanip.rt.laws.shaping import SHAPING, shape, unshape
 
 from .builders import VOLTS, admissible, courses, hysteresis, models, plays, record, shapes
 from .kernels import inverse_course, model_course

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.laws.hysteresis import NETWORK
-from micromanip.rt.laws.network import sigmoid, start_network
-from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE, MAX_NEURONS
+from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE, NETWORK
+from micromanip.rt.laws.network import MAX_NEURONS, sigmoid, start_network
 
 from .builders import courses, record
 from .kernels import network_course

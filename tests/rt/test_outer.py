@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from micromanip.rt.laws.estimator import output
-from micromanip.rt.laws.lqg import outer_setpoint
-from micromanip.rt.records import ESTIMATOR_STATE, OUTER_PARAMETERS
+from micromanip.rt.laws.estimator import ESTIMATOR_STATE, output
+from micromanip.rt.laws.lqg import OUTER_PARAMETERS, outer_setpoint
 from micromanip.settings.compile.outer_gains import reference_transition
 from micromanip.settings.schema.reference import Tracker
 

@@ -13,6 +13,8 @@ from scipy.linalg import block_diag
 
 from micromanip.rt.laws.reference import (
     HOLD,
+    REFERENCE_PARAMETERS,
+    REFERENCE_STATE,
     SAMPLES,
     SIGNAL,
     SINES,
@@ -22,7 +24,6 @@ from micromanip.rt.laws.reference import (
     signal_reference,
     signal_sample,
 )
-from micromanip.rt.records import REFERENCE_PARAMETERS, REFERENCE_STATE
 from micromanip.settings.compile.outer_gains import reference_transition, tracker_gain
 from micromanip.settings.schema.reference import Tracker
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.laws.sensor import read_signal
-from micromanip.rt.records import SENSOR_STATE, SIGNAL
+from micromanip.rt.laws.sensor import SENSOR_STATE, read_signal
+from micromanip.rt.records import SIGNAL
 
 from .builders import record
 

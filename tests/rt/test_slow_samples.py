@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from micromanip.rt.records import INPUT_HISTORY
+from micromanip.rt.laws.estimator import INPUT_HISTORY
 from micromanip.rt.setpoint_history import remember_wanted, stage_error, strain_error
 from micromanip.rt.states import COASTING, FALLBACK, NO_FAULT, OSCILLATION, TRACKING
 from micromanip.settings.compile.limits import fill_axis_limits

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from micromanip.bus.driver import Channel
-from micromanip.rt.records import ROW
+from micromanip.rt.telemetry import ROW
 from micromanip.virtual.own_time import at_own_time
 
 PERIOD_NS, COUNT = 100_000, 400

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt.jit import Compiler
+from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
 from micromanip.rt.laws.shaping import shape, unshape
-from micromanip.rt.records import HYSTERESIS_PARAMETERS
-from micromanip.settings.compile.cell import fill_prandtl_ishlinskii
+from micromanip.settings.compile.hysteresis import fill_prandtl_ishlinskii
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, phi_range
 
 Array = NDArray[np.float64]

@@ -7,11 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
-from micromanip.rt.laws.hysteresis import play
+from micromanip.rt.laws.feedforward import (
+    HYSTERESIS_PARAMETERS,
+    HYSTERESIS_STATE,
+    MAX_CREEP,
+    feedforward_voltage,
+    start_feedforward,
+)
+from micromanip.rt.laws.hysteresis import MAX_PLAYS, play
 from micromanip.rt.laws.shaping import shape
-from micromanip.rt.records import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE, MAX_CREEP, MAX_PLAYS
-from micromanip.settings.compile.cell import fill_hysteresis
+from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
 from .kernel import compiled

@@ -21,7 +21,8 @@ import numpy as np
 
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, ROW
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
+from micromanip.rt.telemetry import ROW
 
 from .recording import COMPLETE, LOST, PARAMETERS, PROBLEM, ROWS, STATE
 

@@ -11,7 +11,19 @@ from __future__ import annotations
 from typing import Any
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import Record
+from micromanip.rt.record import MAX_AXES, Record, record
+
+MAX_FRAME = 6
+"""Coordinates that a tracker may have."""
+FRAME = record(
+    ("sources", "i8"),
+    ("source", "i8", (MAX_FRAME,)),
+    ("derived", "i8"),
+    ("first", "i8"),
+    ("matrix", "f8", (MAX_AXES, MAX_FRAME)),
+    ("offset", "f8", (MAX_AXES,)),
+)
+"""Derived signals: places of their sources in the image, their number, their first place."""
 
 
 @compiled

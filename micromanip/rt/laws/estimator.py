@@ -23,7 +23,42 @@ from __future__ import annotations
 from typing import Any
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import INPUT_HISTORY, Record
+from micromanip.rt.record import Field, Record, record
+
+MAX_STATES = 32
+"""A multiple of 4; a model behind a slow bus has a state for each cycle of its delay."""
+INPUT_HISTORY = 256
+"""Cycles that estimator and axis remember (a power of two): a sample may be that many cycles old."""
+
+MODEL: tuple[Field, ...] = (
+    ("states", "i8"),
+    ("a_columns", "f8", (MAX_STATES, MAX_STATES)),
+    ("b", "f8", (MAX_STATES,)),
+    ("c", "f8", (MAX_STATES,)),
+    ("gain", "f8", (MAX_STATES,)),
+    ("steady_u", "f8", (MAX_STATES,)),
+    ("steady_y", "f8", (MAX_STATES,)),
+    ("slow", "i8"),
+    ("innovation_um", "f8"),
+    ("repeated_um", "f8"),
+    ("gap_cycles", "i8"),
+)
+"""Parameters: the model and the filter's gain; ``slow``: the first of the states that are disturbances;
+``innovation_um``: how large an innovation may be at once, ``repeated_um`` of a reading that is the same for the third
+time; ``gap_cycles``: samples further apart than that leave the estimate uncertain."""
+ESTIMATOR_STATE = record(
+    ("filtered", "f8", (MAX_STATES,)),
+    ("x", "f8", (MAX_STATES,)),
+    ("scratch", "f8", (MAX_STATES,)),
+    ("filtered_cycle", "i8"),
+    ("cycle", "i8"),
+    ("history", "f8", (INPUT_HISTORY,)),
+    ("innovation_um", "f8"),
+    ("opened_um", "f8"),
+    ("reading_um", "f8"),
+    ("repeated", "i8"),
+    ("running", "i8"),
+)
 
 _MASK = INPUT_HISTORY - 1
 _OPENS, _CLOSES = 2.0, 0.9
@@ -83,6 +118,20 @@ def start_estimator(p: Record, s: Record, cycle: int, u: float, y: float) -> Non
     s["reading_um"] = y
     s["repeated"] = 0
     s["running"] = 1
+
+
+@compiled
+def change_model(old: Record, new: Record, s: Record) -> None:
+    """Keep the estimate, whatever the gains, where one model is the other plus disturbances; else it starts anew."""
+    n, same = min(old["states"], new["states"]), True
+    for i in range(n):
+        same = same and old["b"][i] == new["b"][i] and old["c"][i] == new["c"][i]
+        for j in range(n):
+            same = same and old["a_columns"][i, j] == new["a_columns"][i, j]
+    if not same:
+        s["running"] = 0
+    for i in range(n, MAX_STATES):
+        s["x"][i] = s["filtered"][i] = 0.0
 
 
 @compiled

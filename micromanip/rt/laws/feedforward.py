@@ -11,11 +11,36 @@ thresholds grow with the speed of u; the speed is that of the cycle before.
 from __future__ import annotations
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import Record
+from micromanip.rt.record import Record, record
 
-from .hysteresis import NETWORK, PRANDTL_ISHLINSKII, admit, inverse_plays
-from .network import network_output, start_network
+from .hysteresis import PLAYS, PLAYS_STATE, admit, inverse_plays
+from .network import NEURONS, NEURONS_STATE, network_output, start_network
 from .shaping import shape, unshape
+
+NONE, PRANDTL_ISHLINSKII, NETWORK = 0, 1, 2
+MAX_CREEP = 8
+
+HYSTERESIS_PARAMETERS = record(
+    ("kind", "i8"),
+    ("identity", "i8"),
+    ("low_um", "f8"),
+    ("high_um", "f8"),
+    *PLAYS,
+    ("rate_cycles", "f8"),
+    ("creeps", "i8"),
+    ("creep_gain", "f8", (MAX_CREEP,)),
+    ("creep_step", "f8", (MAX_CREEP,)),
+    *NEURONS,
+)
+"""``identity`` is the same for two inverses only where all of their parameters are."""
+HYSTERESIS_STATE = record(
+    *PLAYS_STATE,
+    ("creep_um", "f8", (MAX_CREEP,)),
+    ("u_um", "f8"),
+    ("change_um", "f8"),
+    *NEURONS_STATE,
+    ("output_V", "f8"),
+)
 
 
 @compiled

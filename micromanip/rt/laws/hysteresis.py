@@ -12,11 +12,24 @@ from __future__ import annotations
 from typing import Any
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import Record
+from micromanip.rt.record import Field, Record
 
-from .shaping import shape, unshape
+from .shaping import SHAPING, shape, unshape
 
-NONE, PRANDTL_ISHLINSKII, NETWORK = 0, 1, 2
+MAX_PLAYS = 32
+
+PLAYS: tuple[Field, ...] = (
+    ("shaping", SHAPING),
+    ("plays", "i8"),
+    ("alpha", "f8"),
+    ("r", "f8", (MAX_PLAYS,)),
+    ("rho", "f8", (MAX_PLAYS,)),
+    ("r_hat", "f8", (MAX_PLAYS,)),
+    ("rho_hat", "f8", (MAX_PLAYS,)),
+)
+"""Parameters: thresholds (um) and weights of model and inverse."""
+PLAYS_STATE: tuple[Field, ...] = (("z", "f8", (MAX_PLAYS,)),)
+"""Outputs (um) of the inverse's play operators."""
 
 
 @compiled

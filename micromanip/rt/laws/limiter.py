@@ -11,7 +11,9 @@ from __future__ import annotations
 import math
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import Record
+from micromanip.rt.record import Record, record
+
+LIMITER_PARAMETERS = record(("low_V", "f8"), ("high_V", "f8"), ("slew_V", "f8"), ("park_V", "f8"))
 
 
 @compiled

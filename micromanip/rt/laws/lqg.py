@@ -14,7 +14,13 @@ from __future__ import annotations
 from typing import Any
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import REFERENCE_STATES, Record
+from micromanip.rt.record import Record, record
+
+from .estimator import MAX_STATES, MODEL
+from .reference import REFERENCE_STATES
+
+OUTER_PARAMETERS = record(*MODEL, ("feedback", "f8", (MAX_STATES,)), ("reference", "f8", (REFERENCE_STATES,)))
+"""The estimator's model with K and G, per cycle."""
 
 
 @compiled

@@ -14,7 +14,28 @@ from __future__ import annotations
 import math
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import Record
+from micromanip.rt.record import Field, Record
+
+MAX_NEURONS = 32
+
+NEURONS: tuple[Field, ...] = (
+    ("neurons", "i8"),
+    ("reversal_um", "f8"),
+    ("w_in", "f8", (MAX_NEURONS, 3)),
+    ("b_in", "f8", (MAX_NEURONS,)),
+    ("w_out", "f8", (MAX_NEURONS,)),
+    ("b_out", "f8"),
+)
+"""Parameters."""
+NEURONS_STATE: tuple[Field, ...] = (
+    ("y_memory", "f8"),
+    ("v_memory", "f8"),
+    ("y_last", "f8"),
+    ("v_last", "f8"),
+    ("y_extreme", "f8"),
+    ("direction", "f8"),
+)
+"""The last turning point (um, V), the cycle before, the extreme since that turning point, and the direction (-1, 1)."""
 
 
 @compiled

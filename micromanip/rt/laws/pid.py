@@ -14,7 +14,12 @@ differentiated: the caller does not step then.
 from __future__ import annotations
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import Record
+from micromanip.rt.record import Record, record
+
+PID_PARAMETERS = record(
+    ("gain", "f8"), ("integral", "f8"), ("derivative", "f8"), ("filter_s", "f8"), ("period_s", "f8"), ("tracking", "f8")
+)
+PID_STATE = record(("integrator", "f8"), ("derivative", "f8"), ("error", "f8"), ("output_V", "f8"))
 
 
 @compiled

@@ -16,9 +16,47 @@ import math
 from typing import Any
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import REFERENCE_STATES, Record
+from micromanip.rt.record import Record, record
 
 HOLD, SINES, STEP, SIGNAL, SAMPLES, JOG = range(6)
+
+MAX_SINES = 8
+REFERENCE_STATES = 5
+REFERENCE_PARAMETERS = record(
+    ("kind", "i8"),
+    ("offset_um", "f8"),
+    ("start_s", "f8"),
+    ("step_um", "f8"),
+    ("sines", "i8"),
+    ("amplitude_um", "f8", (MAX_SINES,)),
+    ("omega", "f8", (MAX_SINES,)),
+    ("phase", "f8", (MAX_SINES,)),
+    ("samples_per_s", "f8"),
+    ("column", "i8"),
+    ("predict", "i8"),
+    ("oscillator", "f8"),
+    ("gain", "f8", (REFERENCE_STATES,)),
+    ("horizon_s", "f8"),
+    ("low_um", "f8"),
+    ("high_um", "f8"),
+    ("jump_um", "f8"),
+    ("target_um", "f8"),
+    ("speed_um", "f8"),
+    ("smoothing", "f8"),
+)
+REFERENCE_STATE = record(
+    ("filtered", "f8", (REFERENCE_STATES,)),
+    ("w", "f8", (REFERENCE_STATES,)),
+    ("time_ns", "i8"),
+    ("sequence", "i8"),
+    ("sampled_um", "f8"),
+    ("rejected", "i8"),
+    ("silent", "i8"),
+    ("followed", "i8"),
+    ("doubted", "i8"),
+    ("jog_um", "f8"),
+    ("jog_step_um", "f8"),
+)
 
 
 @compiled

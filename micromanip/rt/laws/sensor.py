@@ -6,13 +6,30 @@ import math
 from typing import Any
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import Record
+from micromanip.rt.record import Record, record
 
 BELIEVED = 1000
 """Unusable cycles in a row after which a reading that jumped away is believed: then it is a sensor that was moved."""
 _END = 0.01
 """The ends of a range, as a share of it."""
 _ANY = (-math.inf, math.inf)
+
+LINE_PARAMETERS = record(("signal", "i8"), ("age_ns", "i8"))
+"""A digital input: its place in the image (-1: not wired), and how old it may be."""
+SENSOR_STATE = record(
+    ("value", "f8"),
+    ("time_ns", "i8"),
+    ("sequence", "i8"),
+    ("arrived_ns", "i8"),
+    ("taken_ns", "i8"),
+    ("reading", "f8"),
+    ("age_ns", "i8"),
+    ("silent_ns", "i8"),
+    ("fresh", "i8"),
+    ("bad", "i8"),
+    ("identical", "i8"),
+    ("lost", "i8"),
+)
 
 
 @compiled

@@ -12,10 +12,16 @@ import math
 from typing import Any
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.records import Record
+from micromanip.rt.record import Record, record
 
 IDENTITY, AFFINE, TANH, TABLE = 0, 1, 2, 3
 _OPEN_INTERVAL = 1.0 - 1e-12
+
+MAX_TABLE = 64
+
+SHAPING = record(
+    ("kind", "i8"), ("c", "f8", (4,)), ("points", "i8"), ("v", "f8", (MAX_TABLE,)), ("u", "f8", (MAX_TABLE,))
+)
 
 
 @compiled

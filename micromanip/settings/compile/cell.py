@@ -8,28 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt.laws import hysteresis as rt_hysteresis
-from micromanip.rt.laws import reference as rt_reference
-from micromanip.rt.laws import shaping as rt_shaping
-from micromanip.rt.records import CELL_PARAMETERS, HYSTERESIS_PARAMETERS
+from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
 from micromanip.settings.schema.frame import frame_of
-from micromanip.settings.schema.hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
+from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import Configuration, Output, Signal, Start
-from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
 
+from .hysteresis import fill_hysteresis, sweep_um
 from .limits import NEVER, fill_axis_limits, fill_cell_limits
-from .outer_gains import OuterGains, dc_gain, outer_gains, process_innovation, tracker_gain
+from .outer_gains import OuterGains, dc_gain, outer_gains, process_innovation
+from .reference import fill_reference
 
 _BLEND_S = 0.05
 _FIGURES_S = 1.0
-_JOG_SMOOTHING_S = 0.05
-_SWEEP_MARGIN = 1.3
-"""The amplitude has fallen a little when the sweep first reaches its peak."""
-_SWEEP_SHARE = 0.25
 _PROCESS_MARGIN = 2.0
 """The model of the stage is not the stage: so many times the mean square that it expects of the process."""
 _NOISE_SIGMA, _PLAUSIBLE_SIGMA, _GAP_SAMPLES = 3.0, 5.0, 4
@@ -75,7 +70,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
-        _fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
+        fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
         _fill_timing(p["axis"][i], name, configuration, wiring)
         if axis.outer is not None:
             tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
@@ -170,88 +165,6 @@ def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:
     # towards the middle of the range: where it is parked may be an end of it
     a["strain_check"]["step"] *= 1.0 if output.park_V <= 0.5 * (low_V + high_V) else -1.0
     a["sweep_um"] = sweep_um(axis) if start.sweep_um is None else start.sweep_um
-
-
-def sweep_um(axis: Axis) -> float:
-    """Amplitude of the decaying sweep that wipes the memory of the axis' hysteresis model."""
-    model = axis.hysteresis
-    if isinstance(model, PrandtlIshlinskii):
-        h = np.zeros(1, HYSTERESIS_PARAMETERS)[0]
-        fill_prandtl_ishlinskii(h, model, 1e-4)
-        return _SWEEP_MARGIN * float(h["r_hat"][: h["plays"]].max(initial=0.0))
-    return 0.0 if isinstance(model, NoModel) else _SWEEP_SHARE * (model.range_um[1] - model.range_um[0])
-
-
-def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
-    """Fill a HYSTERESIS_PARAMETERS record from `model`."""
-    h["kind"] = rt_hysteresis.NONE
-    if isinstance(model, NoModel):
-        return
-    h["low_um"], h["high_um"] = model.range_um
-    if isinstance(model, Network):
-        n = len(model.input_weights)
-        h["kind"], h["neurons"] = rt_hysteresis.NETWORK, n
-        h["reversal_um"] = model.reversal_um
-        h["w_in"][:n], h["b_in"][:n] = model.input_weights, model.input_biases
-        h["w_out"][:n], h["b_out"] = model.output_weights, model.output_bias
-        return
-    fill_prandtl_ishlinskii(h, model, period_s)
-
-
-def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -> None:
-    """Fill model and inverse (8)-(9), creep and rate dependence a step of `period_s`."""
-    n = len(model.thresholds_um)
-    h["kind"], h["plays"], h["alpha"] = rt_hysteresis.PRANDTL_ISHLINSKII, n, model.alpha
-    h["r"][:n], h["rho"][:n] = model.thresholds_um, model.weights
-    shaping = h["shaping"]
-    shaping["kind"] = {
-        "identity": rt_shaping.IDENTITY,
-        "affine": rt_shaping.AFFINE,
-        "tanh": rt_shaping.TANH,
-        "table": rt_shaping.TABLE,
-    }[model.shaping]
-    shaping["c"][: len(model.coefficients)] = model.coefficients
-    points = len(model.table_V)
-    shaping["points"] = points
-    shaping["v"][:points], shaping["u"][:points] = model.table_V, model.table_um
-    h["rate_cycles"] = model.rate_ms * 1e-3 / period_s
-    creeps = len(model.creep_s)
-    h["creeps"] = creeps
-    h["creep_gain"][:creeps] = model.creep_gains
-    h["creep_step"][:creeps] = -np.expm1(-period_s / np.array(model.creep_s, dtype=float))
-    rt_hysteresis.inverse_parameters(h)
-
-
-def _fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_hz: int) -> None:
-    r["oscillator"] = 2 * math.pi
-    r["jump_um"] = math.inf
-    if isinstance(reference, Tracker):
-        r["kind"], r["predict"] = rt_reference.SIGNAL, reference.predict
-        r["oscillator"] = 2 * math.pi * reference.oscillation_Hz
-        r["gain"] = tracker_gain(reference)
-        r["horizon_s"] = reference.horizon_ms * 1e-3
-        r["low_um"], r["high_um"] = reference.range_um
-        r["jump_um"] = math.inf if reference.jump_um is None else reference.jump_um
-        return
-    if isinstance(reference, File):
-        r["kind"], r["column"], r["samples_per_s"] = rt_reference.SAMPLES, column, rate_hz
-        return
-    r["offset_um"], r["start_s"] = reference.offset_um, reference.start_s
-    if isinstance(reference, Hold):
-        r["kind"] = rt_reference.HOLD
-    elif isinstance(reference, Jog):
-        r["kind"] = rt_reference.JOG
-        r["target_um"] = reference.target_um.get(axis, reference.offset_um)
-        r["speed_um"] = reference.speed_um_per_s / rate_hz
-        r["smoothing"] = -math.expm1(-1.0 / (_JOG_SMOOTHING_S * rate_hz))
-    elif isinstance(reference, Step):
-        r["kind"], r["step_um"] = rt_reference.STEP, reference.step_um
-    elif isinstance(reference, Sines):
-        r["kind"], r["sines"] = rt_reference.SINES, len(reference.sines)
-        for k, sine in enumerate(reference.sines):
-            r["amplitude_um"][k] = sine.amplitude_um
-            r["omega"][k] = 2 * math.pi * sine.frequency_Hz
-            r["phase"][k] = math.radians(sine.phase_deg)
 
 
 def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles: Callable[[float], int]) -> None:

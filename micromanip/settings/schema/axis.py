@@ -18,7 +18,7 @@ from micromanip.quantities import (
     Real,
     Speed,
 )
-from micromanip.rt.records import MAX_STATES
+from micromanip.rt.laws.estimator import MAX_STATES
 
 from .base import Settings
 from .commissioned import Commissioned

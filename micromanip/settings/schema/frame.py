@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from micromanip.quantities import Micrometres, Real
-from micromanip.rt.records import MAX_FRAME
+from micromanip.rt.laws.coordinate_transform import MAX_FRAME
 
 from .base import Settings
 

@@ -17,7 +17,7 @@ from micromanip.quantities import (
     SecondsOrZero,
     Speed,
 )
-from micromanip.rt.records import MAX_SINES
+from micromanip.rt.laws.reference import MAX_SINES
 
 from .base import Flag, Settings
 from .frame import Frame

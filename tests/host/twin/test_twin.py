@@ -7,8 +7,8 @@ import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.rt import states as st
+from micromanip.rt.laws.estimator import INPUT_HISTORY
 from micromanip.rt.laws.reference import JOG
-from micromanip.rt.records import INPUT_HISTORY
 from micromanip.rt.states import ARMING, FAULT, HOLDING, OFF, RAMPING, READY, TRACKING
 from micromanip.settings.compile.limits import NEVER
 

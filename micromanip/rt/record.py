@@ -1,0 +1,24 @@
+"""How a record is laid out: named fields in physical units, of one fixed, padded size for every configuration.
+
+So nothing recompiles: a model with six plays uses the first six places. Lengths are in um, voltages in V, times in s
+or, with the suffix, ns. Parameters never hold state, states never hold parameters: ``step(parameters, state, input)``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+Record: TypeAlias = Any
+"""One numpy structured scalar; compiled code sees its fields by name."""
+
+Field: TypeAlias = tuple[Any, ...]
+"""Name and type of a field, with its shape where it is an array."""
+
+MAX_AXES = 3
+
+
+def record(*fields: Field) -> np.dtype[Any]:
+    """Type of a record with these fields, aligned as C aligns them."""
+    return np.dtype(list(fields), align=True)

@@ -1,0 +1,65 @@
+"""From an axis' hysteresis model to the record of its inverse."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from micromanip.rt.laws import feedforward as law
+from micromanip.rt.laws.hysteresis import inverse_parameters
+from micromanip.rt.laws.shaping import AFFINE, IDENTITY, TABLE, TANH
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
+
+_SHAPINGS = {"identity": IDENTITY, "affine": AFFINE, "tanh": TANH, "table": TABLE}
+_SWEEP_MARGIN = 1.3
+"""The amplitude has fallen a little when the sweep first reaches its peak."""
+_SWEEP_SHARE = 0.25
+
+
+def sweep_um(axis: Axis) -> float:
+    """Amplitude of the decaying sweep that wipes the memory of the axis' hysteresis model."""
+    model = axis.hysteresis
+    if isinstance(model, PrandtlIshlinskii):
+        h = np.zeros(1, law.HYSTERESIS_PARAMETERS)[0]
+        fill_prandtl_ishlinskii(h, model, 1e-4)
+        return _SWEEP_MARGIN * float(h["r_hat"][: h["plays"]].max(initial=0.0))
+    return 0.0 if isinstance(model, NoModel) else _SWEEP_SHARE * (model.range_um[1] - model.range_um[0])
+
+
+def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
+    """Fill a HYSTERESIS_PARAMETERS record from `model`."""
+    h["kind"] = law.NONE
+    if isinstance(model, NoModel):
+        return
+    h["low_um"], h["high_um"] = model.range_um
+    if isinstance(model, Network):
+        n = len(model.input_weights)
+        h["kind"], h["neurons"] = law.NETWORK, n
+        h["reversal_um"] = model.reversal_um
+        h["w_in"][:n], h["b_in"][:n] = model.input_weights, model.input_biases
+        h["w_out"][:n], h["b_out"] = model.output_weights, model.output_bias
+    else:
+        fill_prandtl_ishlinskii(h, model, period_s)
+    h["identity"] = int.from_bytes(hashlib.blake2b(h.tobytes(), digest_size=8).digest(), "little", signed=True)
+
+
+def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -> None:
+    """Fill model and inverse (8)-(9), creep and rate dependence a step of `period_s`."""
+    n = len(model.thresholds_um)
+    h["kind"], h["plays"], h["alpha"] = law.PRANDTL_ISHLINSKII, n, model.alpha
+    h["r"][:n], h["rho"][:n] = model.thresholds_um, model.weights
+    shaping = h["shaping"]
+    shaping["kind"] = _SHAPINGS[model.shaping]
+    shaping["c"][: len(model.coefficients)] = model.coefficients
+    points = len(model.table_V)
+    shaping["points"] = points
+    shaping["v"][:points], shaping["u"][:points] = model.table_V, model.table_um
+    h["rate_cycles"] = model.rate_ms * 1e-3 / period_s
+    creeps = len(model.creep_s)
+    h["creeps"] = creeps
+    h["creep_gain"][:creeps] = model.creep_gains
+    h["creep_step"][:creeps] = -np.expm1(-period_s / np.array(model.creep_s, dtype=float))
+    inverse_parameters(h)

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
+from micromanip.rt.laws.minimum_jerk import course
 
 Values = Sequence[float]
 """One for each output of the bus' driver."""
@@ -195,8 +196,7 @@ class SafeState:
         for i, output in enumerate(self._outputs):
             if output.kind == VOLTAGE:
                 share = min(1.0, self._share[i] + self._periods_s[i] / self._ramp_s)
-                rest = share * share * share * (10.0 + share * (6.0 * share - 15.0))  # no jump in speed at either end
-                values[i] = self._start[i] + rest * (output.safe - self._start[i])
+                values[i] = self._start[i] + course(share) * (output.safe - self._start[i])
             elif output.kind != LAST_SWITCH or not moving:
                 values[i] = output.safe
         return values

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
+from .describing import inverse_operator
 from .figures import panels, save
 from .fitting import Fitted
 from .record import Record
@@ -53,13 +54,11 @@ def _residuals(result: Fitted, record: Record, error: Array, title: str) -> Figu
 
 def _density(model: PrandtlIshlinskii) -> Figure:
     """Thresholds and weights, of the model and of its inverse (8)-(9)."""
-    r, rho = np.array(model.thresholds_um), np.array(model.weights)
-    before = model.alpha + np.concatenate([[0.0], np.cumsum(rho)[:-1]])
-    r_hat = model.alpha * r + np.array([float(rho[:i] @ (r[i] - r[:i])) for i in range(len(r))])
+    inverse = inverse_operator(model)
     figure, (top, bottom) = panels(2, "Thresholds and weights of the play operators", 1.3)
-    top.stem(r, rho)
+    top.stem(model.thresholds_um, model.weights)
     top.set(xlabel="threshold r, um", ylabel="weight")
-    bottom.stem(r_hat, -rho / (before * (before + rho)))
+    bottom.stem(inverse.thresholds, inverse.weights)
     bottom.set(xlabel="threshold of the inverse, um", ylabel="weight of the inverse")
     for panel in (top, bottom):
         panel.grid(alpha=0.3)

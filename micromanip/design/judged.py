@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.margins import margins
+from micromanip.control.outer_gains import outer_gains
 from micromanip.design.describing import limit_cycles, sweep
 from micromanip.design.loops import stage_loop, strain_loop
-from micromanip.settings.compile.outer_gains import outer_gains
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.reference import Tracker

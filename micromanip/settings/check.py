@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.outer_gains import dc_gain, outer_gains, tracker_gain
 from micromanip.settings.compile.cell import compile_cell
-from micromanip.settings.compile.outer_gains import dc_gain, outer_gains, tracker_gain
 from micromanip.settings.compile.waveform import load_samples
 from micromanip.settings.schema.frame import PREFIX, frame_findings, frame_of
 from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, attainable_um
@@ -198,7 +198,7 @@ def _reach(configuration: Configuration) -> Iterator[Finding]:
                     )
         wanted = low, high
         if axis.mode == "stage":
-            gain = dc_gain(axis)
+            gain = dc_gain(axis.outer)
             if not (np.isfinite(gain) and gain):
                 yield (
                     ("axes", name, "outer", "model"),

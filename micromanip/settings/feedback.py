@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.bus.driver import Channel
+from micromanip.control.pid import pid_gains, pid_phase, pid_response
 from micromanip.rt.laws.feedforward import (
     HYSTERESIS_PARAMETERS,
     HYSTERESIS_STATE,
@@ -104,7 +104,9 @@ def mean_slope(configuration: Configuration, name: str) -> float:
 
 def feedback_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
     """What can't work: strain loops without phase margin, outer loops for other rates, samples stale by design."""
-    for loop in strain_loops(configuration, wiring):
+    impossible = list(_impossible(configuration, wiring))
+    yield from impossible
+    for loop in strain_loops(configuration, wiring) if not impossible else ():
         if not loop.phase_deg >= LEAST_DEG:
             fits = fitting_gain(configuration, wiring, loop.axis)
             yield (
@@ -129,6 +131,16 @@ def feedback_findings(configuration: Configuration, wiring: Wiring) -> Iterator[
                 f"({channel.rate_hz:g} Hz, latency {latency_us:.0f} us); {latency_us + 3.0 * between_us:.0f} would "
                 "allow for two lost ones",
             )
+
+
+def _impossible(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
+    """PIDs that can't be stepped at the rate of their gauge."""
+    for name, axis in configuration.axes.items():
+        strain = sensor_timing(configuration, wiring, "strain", name)
+        try:
+            pid_gains(axis.inner, 1.0 / strain.rate_hz)
+        except ValueError as problem:
+            yield ("axes", name, "inner"), f"{problem} ({_shown(strain)})"
 
 
 def feedback_warnings(configuration: Configuration, wiring: Wiring) -> list[str]:
@@ -190,10 +202,8 @@ def _shown(channel: Channel) -> str:
 def _margins(inner: Inner, slope: float, sample_s: float, delay_s: float) -> tuple[float, float, float]:
     """Crossover (Hz) with the least phase margin, that margin (deg), and where the phase is -180 deg (Hz)."""
     omega = np.geomspace(1e-4, 1.0, _GRID) * math.pi / sample_s
-    pid = _pid(inner, sample_s, omega)
-    size = np.abs(slope * pid * np.sinc(0.5 * omega * sample_s / math.pi))
-    # the PID's own phase stays within a quarter turn either way and needs no unwrapping
-    phase_deg = np.degrees(np.angle(pid) - omega * delay_s)
+    size = np.abs(slope * pid_response(inner, sample_s, omega) * np.sinc(0.5 * omega * sample_s / math.pi))
+    phase_deg = np.degrees(pid_phase(inner, sample_s, omega) - omega * delay_s)
     crossing = np.flatnonzero((size[:-1] > 1.0) != (size[1:] > 1.0))
     if size[-1] > 1.0:
         crossing = np.append(crossing, _GRID - 1)
@@ -203,13 +213,3 @@ def _margins(inner: Inner, slope: float, sample_s: float, delay_s: float) -> tup
         return 0.0, math.inf, swing_Hz
     worst = crossing[np.argmin(phase_deg[crossing])]
     return float(omega[worst] / (2 * math.pi)), float(180.0 + phase_deg[worst]), swing_Hz
-
-
-def _pid(inner: Inner, sample_s: float, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """The PID (17) as the loop steps it, every `sample_s`."""
-    back = np.exp(-1j * omega * sample_s)
-    filter_s = inner.filter_ms * 1e-3
-    integral = sample_s / (inner.Ti_ms * 1e-3) / (1.0 - back)
-    decay = filter_s / (filter_s + sample_s)
-    derivative = inner.Td_ms * 1e-3 / (filter_s + sample_s) * (1.0 - back) / (1.0 - decay * back)
-    return np.asarray(inner.K_V_per_um * (1.0 + integral + derivative))

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from micromanip.design.describing import (
     actuator_operator,
     amplitudes_up_to,
-    attainable,
     closed_form,
     gain_map,
     gains,
@@ -18,7 +17,7 @@ from micromanip.design.describing import (
     sweep,
 )
 from micromanip.design.hysteresis import inverse, predict
-from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, attainable_um
 
 TANH = {"shaping": "tanh", "coefficients": (180.0, 0.0036, -0.11, 18.0)}
 AFFINE = {"shaping": "affine", "coefficients": (0.63, -1.2)}
@@ -160,7 +159,7 @@ def test_a_good_model_has_no_singularity(shaping):
 
 
 def test_beyond_the_end_of_tanh_there_is_no_inverse():
-    high = attainable(model("tanh"))[1]
+    high = attainable_um(model("tanh"))[1]
     found = verdict(model("tanh"), 5.0, high + 5.0)
     assert any("go beyond what the shaping can reach" in text for text in found.problems)
     assert any("no inverse for a sine of" in text for text in found.problems)
@@ -168,7 +167,7 @@ def test_beyond_the_end_of_tanh_there_is_no_inverse():
 
 
 def test_near_the_end_of_tanh_the_gain_blows_up():
-    high = attainable(model("tanh"))[1]
+    high = attainable_um(model("tanh"))[1]
     found = verdict(model("tanh"), 5.0, high - 0.5)
     assert found.problems
     assert all("blows up" in text for text in found.problems)
@@ -179,8 +178,8 @@ def test_attainable_range_is_that_of_a_long_course():
     m = model("tanh")
     volts = np.concatenate([np.linspace(0, -5000, 500), np.linspace(-5000, 5000, 1000), np.linspace(5000, -5000, 1000)])
     moved = predict(m, volts)[500:]
-    assert (moved.min(), moved.max()) == pytest.approx(attainable(m), abs=1e-6)
-    assert attainable(model("affine")) == (-np.inf, np.inf)
+    assert (moved.min(), moved.max()) == pytest.approx(attainable_um(m), abs=1e-6)
+    assert attainable_um(model("affine")) == (-np.inf, np.inf)
 
 
 def test_bad_input_is_refused():

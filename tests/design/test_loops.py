@@ -8,9 +8,9 @@ from rt.builders import PERIOD_S, record
 from rt.outer_loops import designed
 
 from micromanip.control.margins import margins
+from micromanip.control.outer_gains import outer_gains
 from micromanip.design.loops import System, delay, model_system, over_path, pid_system, stage_loop, strain_loop
 from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE, pid_output
-from micromanip.settings.compile.outer_gains import outer_gains
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.axis import Inner
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath

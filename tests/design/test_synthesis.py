@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from micromanip.control.margins import margins
+from micromanip.control.outer_gains import outer_gains
 from micromanip.design.loops import System, delay, model_system, stage_loop, strain_loop
+from micromanip.design.paper import ANCHOR_PID
 from micromanip.design.synthesis import tune_outer, tune_pid
 from micromanip.errors import CheckFailed
-from micromanip.settings.compile.outer_gains import outer_gains
 from micromanip.settings.schema.axis import LinearModel
 
 T = 1e-4
@@ -35,7 +36,7 @@ def swinging(hertz=66.0, damping=0.02, gain=5.0, late=2):
 @pytest.mark.parametrize("gain", [0.3, 0.65, 2.0])
 def test_the_pid_has_its_margins_at_every_slope(gain):
     actuator = lag(gain, 900.0, 1)
-    design = tune_pid(actuator, SLOPES)
+    design = tune_pid(ANCHOR_PID, actuator, SLOPES)
     for slope in SLOPES:
         loop = strain_loop(design.inner, actuator, slope).state_space()
         gain_margin, phase_deg, modulus, *_ = control.stability_margins(loop)
@@ -47,13 +48,13 @@ def test_the_pid_has_its_margins_at_every_slope(gain):
 
 
 def test_the_tuning_scales_with_the_actuator():
-    one, three = (tune_pid(lag(gain, 900.0, 1), SLOPES).inner for gain in (1.0, 3.0))
+    one, three = (tune_pid(ANCHOR_PID, lag(gain, 900.0, 1), SLOPES).inner for gain in (1.0, 3.0))
     assert three.K_V_per_um == pytest.approx(one.K_V_per_um / 3.0, rel=1e-3)
     assert three.Ti_ms == one.Ti_ms
 
 
 def test_more_delay_leaves_less_feedback():
-    residuals = [tune_pid(lag(0.65, 900.0, late), SLOPES).residual_10Hz for late in (0, 4, 16)]
+    residuals = [tune_pid(ANCHOR_PID, lag(0.65, 900.0, late), SLOPES).residual_10Hz for late in (0, 4, 16)]
     assert residuals == sorted(residuals)
     assert residuals[-1] > 2.0 * residuals[0]
 
@@ -65,7 +66,7 @@ def test_what_no_pid_can_hold_is_refused():
     A = np.array([[z.real, -z.imag], [z.imag, z.real]])
     mode = System(A, np.array([0.0, 1.0]), np.array([30.0, 0.0]), 0.0, T)
     with pytest.raises(CheckFailed, match="no PID keeps the sensitivity below"):
-        tune_pid(delay(60, T).then(mode), SLOPES)
+        tune_pid(ANCHOR_PID, delay(60, T).then(mode), SLOPES)
 
 
 def test_the_outer_loop_has_its_margins():

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.linalg import block_diag, expm
 
+from micromanip.control.outer_gains import outer_gains
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS
 from micromanip.settings.compile.limits import NEVER
-from micromanip.settings.compile.outer_gains import outer_gains
 from micromanip.settings.schema.axis import LinearModel, Outer
 
 from .builders import PERIOD_S, record

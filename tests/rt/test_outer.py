@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
+from micromanip.control.outer_gains import reference_transition
 from micromanip.rt.laws.estimator import ESTIMATOR_STATE, output
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS, outer_setpoint
-from micromanip.settings.compile.outer_gains import reference_transition
 from micromanip.settings.schema.reference import Tracker
 
 from .builders import PERIOD_S, record

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 
+from micromanip.control.outer_gains import reference_transition, tracker_gain
 from micromanip.rt.laws.reference import (
     HOLD,
     REFERENCE_PARAMETERS,
@@ -24,7 +25,6 @@ from micromanip.rt.laws.reference import (
     signal_reference,
     signal_sample,
 )
-from micromanip.settings.compile.outer_gains import reference_transition, tracker_gain
 from micromanip.settings.schema.reference import Tracker
 
 from .builders import record

@@ -16,12 +16,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks
 
+from micromanip.control.outer_gains import outer_gains
 from micromanip.design.evaluation import evaluate
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.design.figures import control_errors, hysteresis_loops, input_output, model_and_data
 from micromanip.rt.laws.hysteresis import play
 from micromanip.settings.check import Prepared, prepare
-from micromanip.settings.compile.outer_gains import outer_gains
 from micromanip.settings.schema.reference import Hold, Step
 from micromanip.virtual.experiment import VirtualExperiment
 

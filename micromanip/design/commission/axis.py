@@ -98,9 +98,9 @@ def commission_axis(
     actuator = identify_actuator(configuration, experiment, axis, seed)
     say("strain PID")
     by_bus = actuator.path != AT_ONCE
-    pid = tune_pid(over_path(actuator.dynamics, actuator.path), BUS_SLOPES if by_bus else SLOPES, careful=by_bus)
-    inner = pid.inner.model_copy(update={"tracking_ms": settings.inner.tracking_ms})
-    tuned = with_axis(configuration, axis, hysteresis=tanh.model, hysteresis_affine=affine.model, inner=inner)
+    seen, slopes = over_path(actuator.dynamics, actuator.path), BUS_SLOPES if by_bus else SLOPES
+    pid = tune_pid(settings.inner, seen, slopes, careful=by_bus)
+    tuned = with_axis(configuration, axis, hysteresis=tanh.model, hysteresis_affine=affine.model, inner=pid.inner)
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
     period_s = configuration.loop.period_ns * 1e-9

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.settings.compile.outer_gains import OuterGains, outer_gains
+from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File
 

@@ -8,7 +8,7 @@ from .closed_form import closed_form
 from .limit_cycles import LimitCycle, limit_cycles
 from .operator import actuator_operator, inverse_operator
 from .quadrature import Harmonics, gains, harmonics
-from .singularities import Verdict, attainable, judge
+from .singularities import Verdict, judge
 from .sweep import GainMap, Sweep, amplitudes_up_to, gain_map, sweep
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     "Verdict",
     "actuator_operator",
     "amplitudes_up_to",
-    "attainable",
     "closed_form",
     "gain_map",
     "gains",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range, phi_range
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range, attainable_um
 
 from .operator import Array, Operator, inverse_operator
 from .quadrature import harmonics
@@ -31,20 +31,6 @@ class Verdict:
     problems: tuple[str, ...]
 
 
-def attainable(model: PrandtlIshlinskii) -> Range:
-    """Displacements (um) that the inverse reaches on a course from one end of phi's range to the other."""
-    low, high = phi_range(model)
-    if not np.isfinite(low):
-        return low, high
-    r, rho = np.array(model.thresholds_um), np.array(model.weights)
-    played = np.minimum(2.0 * r, high - low)
-    # each play hangs back by its threshold, or has not moved at all where it is wider than the range
-    return (
-        float(model.alpha * low + rho @ (low + played - r)),
-        float(model.alpha * high + rho @ (high - played + r)),
-    )
-
-
 def partial_sums(model: PrandtlIshlinskii) -> Array:
     """``alpha, alpha + rho_1, ..``: slopes of the model with ever more plays moving; the inverse needs all positive."""
     return model.alpha + np.concatenate([[0.0], np.cumsum(model.weights)])
@@ -53,7 +39,7 @@ def partial_sums(model: PrandtlIshlinskii) -> Array:
 def judge(model: PrandtlIshlinskii, range_um: Range, gain: GainMap) -> Verdict:
     """Verdict over the set-points `range_um`; `gain` is the map over that range."""
     problems = []
-    reach = attainable(model)
+    reach = attainable_um(model)
     if reach[0] > range_um[0] or reach[1] < range_um[1]:
         problems.append(
             f"set-points {range_um[0]:g}..{range_um[1]:g} um go beyond what the shaping can reach, "

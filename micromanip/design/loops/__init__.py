@@ -1,12 +1,13 @@
 """Loop transfers of the strain loop and the outer loop, their margins, and how both bear another plant."""
 
 from micromanip.control.margins import Margins, curve_margins, grid, margins, refined
+from micromanip.control.pid import pid_system
 from micromanip.control.system import System, delay, from_state_space
 
 from .monte_carlo import Sample, StageSide, StrainSide, cluster, each, monte_carlo, worst
 from .perturbation import SPREAD, Perturbation, draw
 from .stage_loop import model_system, stage_loop
-from .strain_loop import closed_ratio, over_path, pid_system, strain_loop
+from .strain_loop import closed_ratio, over_path, strain_loop
 
 __all__ = [
     "SPREAD",

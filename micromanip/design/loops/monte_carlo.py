@@ -16,9 +16,9 @@ import joblib
 import numpy as np
 
 from micromanip.control.margins import Margins, margins
+from micromanip.control.outer_gains import OuterGains
 from micromanip.control.system import System, delay
 from micromanip.errors import DeviceUnavailable, UsageError
-from micromanip.settings.compile.outer_gains import OuterGains
 from micromanip.settings.schema.axis import Inner, LinearModel
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath

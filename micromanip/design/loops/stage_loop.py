@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from micromanip.control.outer_gains import OuterGains
 from micromanip.control.system import System, delay
-from micromanip.settings.compile.outer_gains import OuterGains
 from micromanip.settings.schema.axis import LinearModel
 
 

@@ -4,25 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from micromanip.control.pid import pid_system
 from micromanip.control.system import System, delay
 from micromanip.settings.schema.axis import Inner
 from micromanip.settings.wiring.timing import FeedbackPath
 
 from .perturbation import Shift, section_ratio, shifted
-
-
-def pid_system(inner: Inner, period_s: float) -> System:
-    """The PID of the loop, set-point error (um) to voltage (V), without limits; states: integrator, derivative, error.
-
-    ``I+ = I + K T/Ti e``, ``D+ = (Tf D + K Td (e - e_before)) / (Tf + T)``, output ``K e + I+ + D+``.
-    """
-    K, filter_s = inner.K_V_per_um, inner.filter_ms * 1e-3
-    integral = K * period_s / (inner.Ti_ms * 1e-3)
-    decay = filter_s / (filter_s + period_s)
-    derivative = K * inner.Td_ms * 1e-3 / (filter_s + period_s)
-    A = np.array([[1.0, 0.0, 0.0], [0.0, decay, -derivative], [0.0, 0.0, 0.0]])
-    B = np.array([integral, derivative, 1.0])
-    return System(A, B, np.array([1.0, decay, -derivative]), K + integral + derivative, period_s)
 
 
 def over_path(actuator: System, path: FeedbackPath) -> System:

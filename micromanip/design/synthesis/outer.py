@@ -1,6 +1,6 @@
 """The outer loop by two human knobs: how fast (bandwidth), and how noisy the capacitive sensor is.
 
-The LQG of `settings/compile/outer_gains.py` has five figures; along one line through them everything that matters
+The LQG of `control/outer_gains.py` has five figures; along one line through them everything that matters
 changes together, from calm to fast: the less effort counts, the more disturbance is expected. The line is that of
 three designs that were tried on the plant (effort 30, 10, 3 with a random walk of 0.03, 0.1, 0.3 um a cycle).
 """
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from micromanip.control.margins import margins
+from micromanip.control.outer_gains import outer_gains
 from micromanip.design.loops import stage_loop
 from micromanip.errors import CheckFailed
-from micromanip.settings.compile.outer_gains import outer_gains
 from micromanip.settings.schema.axis import LinearModel, Outer
 
 from ..loops import Margins, model_system

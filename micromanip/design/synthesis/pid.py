@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.margins import margins
+from micromanip.control.pid import pid_response
 from micromanip.design.loops import strain_loop
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Inner
@@ -55,13 +56,13 @@ class PidDesign:
         return max(found.sensitivity for found in self.margins)
 
 
-def tune_pid(actuator: System, slopes: tuple[float, ...], *, careful: bool = False) -> PidDesign:
-    """The PID for `actuator` (V to um) with its gain multiplied by each of `slopes`, rising, 1 among them.
+def tune_pid(start: Inner, actuator: System, slopes: tuple[float, ...], *, careful: bool = False) -> PidDesign:
+    """`start` with gain and times for `actuator` (V to um), its gain times each of `slopes`, rising, 1 among them.
 
     `careful` takes weak feedback rather than less margin: for an actuator that is only known as far as a bus shows it.
     Raises CheckFailed where none holds a limit of Ms with margins of 6 dB and 35 degrees.
     """
-    candidates, best = _candidates(actuator, slopes), None
+    candidates, best = _candidates(start, actuator, slopes), None
     for limit, outermost_dB in _CAREFUL if careful else _LIMITS:
         for cost, peak, noise_gain, residual, inner in candidates:
             if peak > limit or (best is not None and cost >= best[0]):
@@ -90,45 +91,36 @@ def _holds(found: Margins, gain_dB: float) -> bool:
 Candidate = tuple[float, float, float, float, Inner]
 
 
-def _candidates(actuator: System, slopes: tuple[float, ...]) -> list[Candidate]:
+def _candidates(start: Inner, actuator: System, slopes: tuple[float, ...]) -> list[Candidate]:
     """Stable tunings as (cost, Ms over all slopes, noise gain, |S| at 10 Hz, tuning), the least cost first."""
     T, unit = actuator.period_s, float(abs(actuator.response(np.array([2 * np.pi]))[0]))
     omega, G = refined(actuator.response, grid(T, actuator.poles))
     even = np.concatenate([[20.0 * np.pi], np.linspace(0.0, np.pi / T, 1001)[1:]])
-    back, even_back, even_G = np.exp(-1j * omega * T), np.exp(-1j * even * T), actuator.response(even)
+    even_G = actuator.response(even)
     found = []
     for Td in _DERIVATIVES_S:
         for Ti in _TIMES_S:
-            form, even_form = _unit_pid(back, Ti, Td, T), _unit_pid(even_back, Ti, Td, T)
+            unit_pid = _tuned(start, 1.0, Ti, Td)
+            form, even_form = pid_response(unit_pid, T, omega), pid_response(unit_pid, T, even)
             for gain in _GAINS / unit:
                 peak = max(float(np.abs(1.0 / (1.0 + slope * gain * form * G)).max()) for slope in slopes)
                 if peak > _LIMITS[-1][0]:
                     continue
                 S = np.abs(1.0 / (1.0 + gain * even_form * even_G))
                 residual, noise_gain = float(S[0]), float(np.sqrt(np.mean(S[1:] ** 2)))
-                inner = _rounded(gain, Ti, Td)
+                inner = _tuned(start, gain, Ti, Td)
                 # a curve that stays away from -1 may go round it all the same
                 if noise_gain <= _NOISIEST and all(_is_stable(strain_loop(inner, actuator, slope)) for slope in slopes):
                     found.append((noise_gain**2 + (residual / _RESIDUAL) ** 2, peak, noise_gain, residual, inner))
     return sorted(found, key=lambda entry: entry[0])
 
 
-def _rounded(gain: float, Ti: float, Td: float) -> Inner:
-    return Inner(
-        mode="pid+feedforward",
-        K_V_per_um=float(f"{gain:.4g}"),
-        Ti_ms=float(f"{1e3 * Ti:.4g}"),
-        Td_ms=float(f"{1e3 * Td:.4g}"),
-        filter_ms=_FILTER_MS,
-    )
+def _tuned(start: Inner, gain: float, Ti: float, Td: float) -> Inner:
+    """`start` with another gain and other times (s), rounded as they are written."""
+    figures = {"K_V_per_um": gain, "Ti_ms": 1e3 * Ti, "Td_ms": 1e3 * Td}
+    rounded = {name: float(f"{value:.4g}") for name, value in figures.items()}
+    return start.model_copy(update={"mode": "pid+feedforward", "filter_ms": _FILTER_MS, **rounded})
 
 
 def _is_stable(loop: System) -> bool:
     return bool(np.abs(np.linalg.eigvals(loop.closed())).max() < 1.0)
-
-
-def _unit_pid(back: NDArray[np.complex128], Ti: float, Td: float, T: float) -> NDArray[np.complex128]:
-    """The loop's PID (17) for K = 1 over ``back = 1/z``."""
-    decay = _FILTER_MS * 1e-3 / (_FILTER_MS * 1e-3 + T)
-    derivative = Td / (_FILTER_MS * 1e-3 + T) * (1.0 - back) / (1.0 - decay * back)
-    return np.asarray(1.0 + T / Ti / (1.0 - back) + derivative)

@@ -5,7 +5,7 @@ velocity, acceleration, oscillation; ``reference.py``). Integral action is the g
 estimated input disturbance; G and the gains on disturbances solve the regulator equations, so
 that, in the model, every such reference is followed and every such disturbance cancelled
 without error. The actuation delay is part of the model. Gains come from
-``micromanip.settings.compile.outer_gains``, which refuses a loop whose closed-loop poles are not inside the
+``micromanip.control.outer_gains``, which refuses a loop whose closed-loop poles are not inside the
 unit circle.
 """
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation
+from micromanip.control.pid import pid_gains
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
@@ -20,7 +23,6 @@ from micromanip.settings.wiring.timing import cycles_between, output_cycles, out
 
 from .hysteresis import fill_hysteresis, sweep_um
 from .limits import NEVER, fill_axis_limits, fill_cell_limits
-from .outer_gains import OuterGains, dc_gain, outer_gains, process_innovation
 from .reference import fill_reference
 
 _BLEND_S = 0.05
@@ -142,23 +144,19 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
     limiter = a["limiter"]
     limiter["low_V"], limiter["high_V"] = output.range_V
     limiter["slew_V"], limiter["park_V"] = output.slew_V_per_ms * 1e3 * period_s, output.park_V
-    inner, pid = axis.inner, a["pid"]
-    pid["gain"], pid["period_s"] = inner.K_V_per_um, period_s
-    pid["integral"] = inner.K_V_per_um * period_s / (inner.Ti_ms * 1e-3)
-    pid["derivative"] = inner.K_V_per_um * inner.Td_ms * 1e-3
-    pid["filter_s"] = inner.filter_ms * 1e-3
-    pid["tracking"] = min(1.0, period_s / (inner.tracking_ms * 1e-3))
-    a["fallback"] = pid
+    for name, value in asdict(pid_gains(axis.inner, period_s)).items():
+        a["pid"][name] = value
+    a["fallback"] = a["pid"]
     for gain in ("gain", "integral", "derivative"):
-        a["fallback"][gain] = axis.faults.oscillation.fallback * pid[gain]
+        a["fallback"][gain] = axis.faults.oscillation.fallback * a["pid"][gain]
     a["authority"] = axis.authority_percent / 100.0
-    fill_hysteresis(a["hysteresis"], NoModel(model="none") if inner.mode == "pid" else axis.hysteresis, period_s)
+    fill_hysteresis(a["hysteresis"], NoModel(model="none") if axis.inner.mode == "pid" else axis.hysteresis, period_s)
 
 
 def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:
     """What a small step must do, and how wide the sweep is."""
     (low_um, high_um), (low_V, high_V) = axis.setpoint.range_um, output.range_V
-    expected = {"strain_check": (high_um - low_um) / (high_V - low_V), "stage_check": dc_gain(axis)}
+    expected = {"strain_check": (high_um - low_um) / (high_V - low_V), "stage_check": dc_gain(axis.outer)}
     for name, step in (("strain_check", start.check_V), ("stage_check", start.check_um)):
         bounds = sorted((expected[name] / start.check_factor, expected[name] * start.check_factor))
         a[name]["step"], a[name]["low"], a[name]["high"] = step, *bounds
@@ -172,7 +170,7 @@ def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles
 
     As a mean square over a while, for the watch; and at once, for the filter.
     """
-    said, gain, variance = axis.faults.disagreement, abs(dc_gain(axis)), gains.innovation_variance
+    said, gain, variance = axis.faults.disagreement, abs(dc_gain(axis.outer)), gains.innovation_variance
     step_um = said.process_um / gain if math.isfinite(gain) and gain > 0.0 else 0.0
     rise, time = cycles(said.process_ms * 1e-3), min(cycles(said.time_ms * 1e-3), cycles(_LONGEST_MEAN_S))
     brought = _PROCESS_MARGIN * process_innovation(outer, gains, step_um, rise, time)

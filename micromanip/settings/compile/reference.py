@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from micromanip.control.outer_gains import tracker_gain
 from micromanip.rt.laws import reference as law
 from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
-
-from .outer_gains import tracker_gain
 
 _JOG_SMOOTHING_S = 0.05
 

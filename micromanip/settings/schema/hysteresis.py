@@ -137,9 +137,14 @@ def phi_range(model: PrandtlIshlinskii) -> Range:
 def attainable_um(model: PrandtlIshlinskii) -> Range:
     """Displacements on the major loop between the ends of the shaping function: beyond them there is no inverse."""
     low, high = phi_range(model)
+    if not math.isfinite(low):
+        return low, high
     gain = model.alpha + sum(model.weights) + sum(model.creep_gains)
-    width = sum(weight * r for weight, r in zip(model.weights, model.thresholds_um, strict=True))
-    return gain * low + width, gain * high - width
+    # each play hangs back by its threshold, or has not moved at all where it is wider than the range
+    behind = sum(
+        weight * (min(2.0 * r, high - low) - r) for weight, r in zip(model.weights, model.thresholds_um, strict=True)
+    )
+    return gain * low + behind, gain * high - behind
 
 
 __all__ = ["Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "attainable_um", "phi_range"]

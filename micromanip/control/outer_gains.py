@@ -14,16 +14,64 @@ are followed, or cancelled, without error in the model: ``u = -K x + (Gamma + K 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_discrete_are
 
-from micromanip.settings.schema.axis import Axis, Outer
-from micromanip.settings.schema.reference import Tracker
-
 Matrix = NDArray[np.float64]
+
+
+class LinearModel(Protocol):
+    """Set-point to stage, per cycle."""
+
+    @property
+    def A(self) -> Sequence[Sequence[float]]: ...
+    @property
+    def B(self) -> Sequence[float]: ...
+    @property
+    def C(self) -> Sequence[float]: ...
+    @property
+    def delay_cycles(self) -> int: ...
+
+
+class OuterSettings(Protocol):
+    """The model and the knobs that people write; what they mean stands in the configuration's section ``outer``."""
+
+    @property
+    def model(self) -> LinearModel: ...
+    @property
+    def effort(self) -> float: ...
+    @property
+    def input_noise_um(self) -> float: ...
+    @property
+    def disturbance_um(self) -> float: ...
+    @property
+    def oscillation_Hz(self) -> float | None: ...
+    @property
+    def oscillation_um(self) -> float: ...
+    @property
+    def sensor_noise_um(self) -> float: ...
+    @property
+    def sample_cycles(self) -> int: ...
+
+
+class TrackerSettings(Protocol):
+    """What is known of the reference signal: the section ``reference`` of a tracker."""
+
+    @property
+    def sample_rate_Hz(self) -> float: ...
+    @property
+    def oscillation_Hz(self) -> float: ...
+    @property
+    def oscillation_um_per_s(self) -> float: ...
+    @property
+    def jerk_um_per_s3(self) -> float: ...
+    @property
+    def noise_um(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -56,7 +104,7 @@ def reference_transition(omega: float, period_s: float) -> Matrix:
     return np.asarray(block_diag(moving, rotation(omega, h)))
 
 
-def augment(outer: Outer, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]:
+def augment(outer: OuterSettings, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]:
     """Augmented ``A, B, C`` and the number of controllable states (they come first)."""
     a, b, c = (np.array(m, dtype=float) for m in (outer.model.A, outer.model.B, outer.model.C))
     n, delay = len(a), outer.model.delay_cycles
@@ -81,7 +129,7 @@ def augment(outer: Outer, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]
     return A, B, C, controllable
 
 
-def observer_gain(outer: Outer, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
+def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
     """Stationary Kalman gain (n,) for a sample every ``sample_cycles`` cycles, and the innovation's variance (um^2)."""
     n = len(outer.model.A)
     noise = np.zeros((len(A), len(A)))
@@ -124,7 +172,7 @@ def regulate(
     return K, gain[: len(D)], gain[len(D) :]
 
 
-def outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> OuterGains:
+def outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period_s: float) -> OuterGains:
     """All gains of one axis; `reference` tells the oscillation to be followed, if any.
 
     Raises LinAlgError, ValueError or FloatingPointError where there are none.
@@ -133,7 +181,7 @@ def outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> Out
         return _outer_gains(outer, reference, period_s)
 
 
-def _outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> OuterGains:
+def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period_s: float) -> OuterGains:
     A, B, C, controllable = augment(outer, period_s)
     omega = 2 * np.pi * (reference.oscillation_Hz if reference else 1.0)
     S = reference_transition(omega, period_s)
@@ -155,7 +203,9 @@ def _outer_gains(outer: Outer, reference: Tracker | None, period_s: float) -> Ou
     return OuterGains(A, B, C, L, feedback, following, steady_u, steady_y, poles, variance)
 
 
-def process_innovation(outer: Outer, gains: OuterGains, step_um: float, rise_cycles: int, time_cycles: int) -> float:
+def process_innovation(
+    outer: OuterSettings, gains: OuterGains, step_um: float, rise_cycles: int, time_cycles: int
+) -> float:
     """Largest mean square (um^2) of the innovation, over `time_cycles`, while the tool comes into contact.
 
     What it pushes is `step_um` in terms of the set-point, 95 % of it there after `rise_cycles`; half of it swings on
@@ -185,11 +235,11 @@ def _angle(gains: OuterGains) -> float:
     return math.acos(min(1.0, float(gains.A[-2, -2])))
 
 
-def dc_gain(axis: Axis) -> float:
+def dc_gain(outer: OuterSettings | None) -> float:
     """Steady stage position (um) per um of set-point; 1 without an outer loop, infinite for a model that integrates."""
-    if axis.outer is None:
+    if outer is None:
         return 1.0
-    model = axis.outer.model
+    model = outer.model
     a = np.array(model.A)
     try:
         return float(np.array(model.C) @ np.linalg.solve(np.eye(len(a)) - a, np.array(model.B)))
@@ -197,13 +247,13 @@ def dc_gain(axis: Axis) -> float:
         return math.inf
 
 
-def tracker_gain(reference: Tracker) -> Matrix:
+def tracker_gain(reference: TrackerSettings) -> Matrix:
     """Stationary Kalman gain (5,) of the reference's predictor at the signal's own rate; raises as `outer_gains`."""
     with np.errstate(divide="raise", over="raise", invalid="raise"):
         return _tracker_gain(reference)
 
 
-def _tracker_gain(reference: Tracker) -> Matrix:
+def _tracker_gain(reference: TrackerSettings) -> Matrix:
     h = 1.0 / reference.sample_rate_Hz
     omega = 2 * np.pi * reference.oscillation_Hz
     F = reference_transition(omega, h)

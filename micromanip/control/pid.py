@@ -1,14 +1,16 @@
-"""The PID (17) as the loop steps it: its gains, the same controller as a system, its frequency response and phase.
+"""The PID (17) behind its notch as the loop steps them: gains, the same as a system, frequency response and phase.
 
 Backward Euler over a step h, which is the loop's period or the time from one sample of a slow gauge to the next:
 
     I+ = I + K h/Ti e,   D+ = (Tf D + K Td (e - e_before)) / (Tf + h),   u = K e + I+ + D+
 
-Errors in um, u in V. It is stable for every Tf >= 0 and h.
+Errors in um, u in V. It is stable for every Tf >= 0 and h. The notch (``rt/laws/notch.py``) is that of s, warped so
+that its centre is exact: ``s -> tan(w h / 2) / tan(w0 h / 2)``.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,9 +18,23 @@ import numpy as np
 
 from .system import Array, Complex, System
 
+_FASTEST = 0.45
+"""Highest centre of a notch as a share of the rate: beyond, its upper half lies where no sample shows it."""
+
+
+class NotchSettings(Protocol):
+    """What people write of a notch."""
+
+    @property
+    def frequency_Hz(self) -> float: ...
+    @property
+    def width_Hz(self) -> float: ...
+    @property
+    def depth_percent(self) -> float: ...
+
 
 class PidSettings(Protocol):
-    """What people write: gain and times."""
+    """What people write: gain and times, and a notch before them."""
 
     @property
     def K_V_per_um(self) -> float: ...
@@ -30,6 +46,8 @@ class PidSettings(Protocol):
     def filter_ms(self) -> float: ...
     @property
     def tracking_ms(self) -> float: ...
+    @property
+    def notch(self) -> NotchSettings | None: ...
 
 
 @dataclass(frozen=True)
@@ -42,10 +60,26 @@ class PidGains:
     filter_s: float
     period_s: float
     tracking: float
+    notch_share: float = 0.0
+    notch_width: float = 1.0
+    notch_angle: float = 0.0
+    notch_tangent: float = 0.0
 
 
 def pid_gains(pid: PidSettings, period_s: float) -> PidGains:
     """Gains for a step of `period_s`; raises ValueError where this controller can't be stepped so slowly."""
+    notch = {}
+    if pid.notch is not None:
+        centre, angle = pid.notch.frequency_Hz, math.pi * pid.notch.frequency_Hz * period_s
+        if angle > _FASTEST * math.pi:
+            needed, given = centre / _FASTEST, 1.0 / period_s
+            raise ValueError(f"a notch at {centre:g} Hz needs at least {needed:.0f} samples a second, not {given:g}")
+        notch = {
+            "notch_share": 0.01 * pid.notch.depth_percent,
+            "notch_width": pid.notch.width_Hz / centre,
+            "notch_angle": angle,
+            "notch_tangent": math.tan(angle),
+        }
     return PidGains(
         gain=pid.K_V_per_um,
         integral=pid.K_V_per_um * period_s / (pid.Ti_ms * 1e-3),
@@ -53,31 +87,55 @@ def pid_gains(pid: PidSettings, period_s: float) -> PidGains:
         filter_s=pid.filter_ms * 1e-3,
         period_s=period_s,
         tracking=min(1.0, period_s / (pid.tracking_ms * 1e-3)),
+        **notch,
     )
 
 
 def pid_system(pid: PidSettings, period_s: float) -> System:
-    """Error (um) to voltage (V), without limits; states: integrator, derivative, error."""
+    """Error (um) to voltage (V), without limits; states: two of the notch, integrator, derivative, error."""
     p = pid_gains(pid, period_s)
     decay, derivative = _derivative(p)
     A = np.array([[1.0, 0.0, 0.0], [0.0, decay, -derivative], [0.0, 0.0, 0.0]])
     B = np.array([p.integral, derivative, 1.0])
-    return System(A, B, np.array([1.0, decay, -derivative]), p.gain + p.integral + derivative, period_s)
+    plain = System(A, B, np.array([1.0, decay, -derivative]), p.gain + p.integral + derivative, period_s)
+    return plain if p.notch_share == 0.0 else _notch_system(p).then(plain)
 
 
 def pid_response(pid: PidSettings, period_s: float, omega: Array) -> Complex:
     """Frequency response (n,) in V/um over `omega` (n,), rad/s."""
     p = pid_gains(pid, period_s)
-    decay, derivative = _derivative(p)
-    back = np.exp(-1j * omega * period_s)
-    return np.asarray(p.gain + p.integral / (1.0 - back) + derivative * (1.0 - back) / (1.0 - decay * back))
+    return _plain_response(p, omega) * _notch_response(p, omega)
 
 
 def pid_phase(pid: PidSettings, period_s: float, omega: Array) -> Array:
-    """Its phase (n,) in rad, continuous over the frequency: the PID's own stays within a quarter turn either way."""
-    return np.angle(pid_response(pid, period_s, omega))
+    """Its phase (n,) in rad, continuous over the frequency: PID and notch each stay within a quarter turn."""
+    p = pid_gains(pid, period_s)
+    return np.angle(_plain_response(p, omega)) + np.angle(_notch_response(p, omega))
 
 
 def _derivative(p: PidGains) -> tuple[float, float]:
     """What is left of the filtered derivative a step later, and its gain on the change of the error."""
     return p.filter_s / (p.filter_s + p.period_s), p.derivative / (p.filter_s + p.period_s)
+
+
+def _plain_response(p: PidGains, omega: Array) -> Complex:
+    decay, derivative = _derivative(p)
+    back = np.exp(-1j * omega * p.period_s)
+    return np.asarray(p.gain + p.integral / (1.0 - back) + derivative * (1.0 - back) / (1.0 - decay * back))
+
+
+def _notch_response(p: PidGains, omega: Array) -> Complex:
+    if p.notch_share == 0.0:
+        return np.ones(len(omega), complex)
+    away = p.notch_tangent / np.tan(0.5 * omega * p.period_s) - np.tan(0.5 * omega * p.period_s) / p.notch_tangent
+    return np.asarray(1.0 - p.notch_share / (1.0 - 1j * away / p.notch_width))
+
+
+def _notch_system(p: PidGains) -> System:
+    """The step of ``notch.py`` as matrices over its two integrators."""
+    g, k = p.notch_tangent, p.notch_width
+    band = np.array([1.0, -g, g]) / (1.0 + g * (g + k))  # of both states and the input
+    low = np.array([0.0, 1.0, 0.0]) + g * band
+    step = 2.0 * np.array([band, low]) - np.eye(2, 3)
+    taken = p.notch_share * k * band
+    return System(step[:, :2], step[:, 2], -taken[:2], 1.0 - float(taken[2]), p.period_s)

@@ -29,6 +29,7 @@ AXIS_ROW = record(
     ("true_stage_um", "f8"),
     ("path_error_um", "f8"),
     ("uncompensated_um", "f8"),
+    ("notch_um", "f8"),
     ("conditions", "i8"),
     ("strain_age_ns", "i4"),
     ("stage_age_ns", "i4"),
@@ -48,9 +49,9 @@ ROW = record(
     ("lines", "i4"),
     ("axis", AXIS_ROW, (MAX_AXES,)),
 )
-"""One cycle of telemetry; ``compute_ns`` is the time of the cycle before, ``fresh`` bit 0 strain,
-1 stage, 2 deviation; what an axis does not have is NaN. ``conditions`` has a bit a code of ``states``
-that is raised; ``lines`` bit 0 enable, 1 interlock, 2 retracted, 3 amplifier enable, 4 feed-hold."""
+"""One cycle of telemetry; ``compute_ns`` is the time of the cycle before, ``fresh`` bit 0 strain, 1 stage, 2 deviation;
+what an axis does not have is NaN. ``notch_um`` is what the notch took from the PID's error. ``conditions`` has a bit a
+code of ``states`` that is raised; ``lines`` bit 0 enable, 1 interlock, 2 retracted, 3 amplifier enable, 4 feed-hold."""
 
 
 @compiled
@@ -80,6 +81,7 @@ def _axis_row(p: Record, a: Record, signals: Any, row: Record) -> None:
     row["true_strain_um"] = _value(signals, p["true_strain"])
     row["true_stage_um"] = _value(signals, p["true_stage"])
     row["path_error_um"], row["uncompensated_um"] = path_error(p, a, signals)
+    row["notch_um"] = a["pid"]["notch_um"]
     row["strain_age_ns"] = _age(a["strain"], p["strain"])
     row["stage_age_ns"] = _age(a["stage"], p["stage"])
     row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])

@@ -117,6 +117,7 @@ SWAPS = {
     "PID gain": lambda c: inner(c, K_V_per_um=0.3),
     "integral time": lambda c: inner(c, Ti_ms=1.5),
     "derivative": lambda c: inner(c, Td_ms=0.05, filter_ms=0.6),
+    "notch": lambda c: inner(c, notch={"frequency_Hz": 66.0, "width_Hz": 20.0}),
     "hysteresis model": affine,
     "no hysteresis model": lambda c: inner(with_axes(c, hysteresis=NoModel(model="none")), mode="pid"),
     "feedforward alone": lambda c: inner(c, mode="feedforward"),

@@ -1,7 +1,7 @@
 """PID on the strain gauge, equation (17), with filtered derivative and back-calculation.
 
-``u = K [e + 1/Ti int e + Td de/dt]``, e in um, u in V. The integrator is kept in V, so that a
-change of Ti is bumpless by itself; ``retune`` covers a change of K. The derivative passes a
+``u = K [e + 1/Ti int e + Td de/dt]``, e in um behind the notch (``notch.py``), u in V. The integrator is kept in V,
+so that a change of Ti is bumpless by itself; ``retune`` covers one of K or of the notch. The derivative passes a
 first-order filter of time constant Tf (backward Euler, stable for every Tf >= 0 and period).
 ``tracking`` is period/Tt of the back-calculation, stable for 0 <= tracking < 2.
 
@@ -16,15 +16,25 @@ from __future__ import annotations
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
+from .notch import NOTCH, NOTCH_STATE, is_same_notch, notch_output, start_notch
+
 PID_PARAMETERS = record(
-    ("gain", "f8"), ("integral", "f8"), ("derivative", "f8"), ("filter_s", "f8"), ("period_s", "f8"), ("tracking", "f8")
+    ("gain", "f8"),
+    ("integral", "f8"),
+    ("derivative", "f8"),
+    ("filter_s", "f8"),
+    ("period_s", "f8"),
+    ("tracking", "f8"),
+    *NOTCH,
 )
-PID_STATE = record(("integrator", "f8"), ("derivative", "f8"), ("error", "f8"), ("output_V", "f8"))
+PID_STATE = record(("integrator", "f8"), ("derivative", "f8"), ("error", "f8"), ("output_V", "f8"), *NOTCH_STATE)
+"""``error``: what the PID acted on last, behind the notch."""
 
 
 @compiled
 def pid_output(p: Record, s: Record, error_um: float, periods: int) -> float:
     """Feedback voltage (V) for `error_um`, `periods` cycles after the step before."""
+    error_um = notch_output(p, s, error_um, periods)
     elapsed_s = periods * p["period_s"]
     s["derivative"] = (p["filter_s"] * s["derivative"] + p["derivative"] * (error_um - s["error"])) / (
         p["filter_s"] + elapsed_s
@@ -49,6 +59,7 @@ def unwind(p: Record, s: Record, excess_V: float) -> None:
 @compiled
 def start_pid(p: Record, s: Record, error_um: float, output_V: float) -> None:
     """Bumpless start: the next step at the same error continues from `output_V`."""
+    start_notch(p, s, error_um)
     s["derivative"] = 0.0
     s["error"] = error_um
     s["integrator"] = output_V - p["gain"] * error_um
@@ -59,6 +70,10 @@ def start_pid(p: Record, s: Record, error_um: float, output_V: float) -> None:
 def retune(old: Record, new: Record, s: Record) -> None:
     """Bumpless change of parameters: the output of the last step is what `new` would have given."""
     s["integrator"] += (old["gain"] - new["gain"]) * s["error"]
+    if not is_same_notch(old, new):
+        s["integrator"] -= new["gain"] * s["notch_um"]
+        s["error"] += s["notch_um"]
+        start_notch(new, s, s["error"])
     if old["derivative"] != new["derivative"] or old["filter_s"] != new["filter_s"]:
         s["integrator"] += s["derivative"]
         s["derivative"] = 0.0

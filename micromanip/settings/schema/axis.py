@@ -39,6 +39,14 @@ class SetPoint(Settings):
     )
 
 
+class Notch(Settings):
+    """Band that is taken out of the PID's error, where the inner loop would drive a resonance of the stage."""
+
+    frequency_Hz: Hertz = Field(description="Its centre; below 0.45 times the rate of the strain gauge's samples.")
+    width_Hz: Hertz = Field(description="Its width, between the frequencies at which half of the power is taken out.")
+    depth_percent: Percent = Field(default=95.0, description="Share of the error that is taken out at the centre.")
+
+
 class Inner(Settings):
     """PID on the strain gauge, equation (17)."""
 
@@ -50,6 +58,7 @@ class Inner(Settings):
     Td_ms: MillisecondsOrZero = Field(description="Derivative time; 0 leaves the derivative out.")
     filter_ms: MillisecondsOrZero = Field(description="Time constant of the derivative's filter.")
     tracking_ms: Milliseconds = Field(default=1.0, description="Time constant of the anti-windup.")
+    notch: Notch | None = Field(default=None, description="A notch before the PID; null: none.")
 
 
 class LinearModel(Settings):

@@ -8,6 +8,7 @@ from micromanip.rt.laws.estimator import output, predict, predict_to, remember, 
 from micromanip.rt.laws.hysteresis import inverse_output, model_output, play
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.network import network_output
+from micromanip.rt.laws.notch import notch_output
 from micromanip.rt.laws.pid import pid_output, unwind
 from micromanip.rt.laws.reference import extrapolate
 
@@ -42,6 +43,13 @@ def network_course(p: Any, s: Any, y: Any, out: Any) -> None:
     """Recurrent network along the displacements `y`."""
     for k in range(len(y)):
         out[k] = network_output(p, s, y[k])
+
+
+@compiled
+def notch_course(p: Any, s: Any, x: Any, periods: Any, out: Any) -> None:
+    """Notch along `x`, each sample so many cycles after the one before."""
+    for k in range(len(x)):
+        out[k] = notch_output(p, s, x[k], periods[k])
 
 
 @compiled

@@ -31,7 +31,7 @@ from micromanip.rt.laws.sensor import read_line, read_signal
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, FROZEN, LIFTING, PARKING, SWEEPING
 from .record import Record
-from .setpoint_history import forget_wanted, measure_errors, remember_wanted
+from .setpoint_history import measure_errors, remember_setpoint, start_history
 from .states import STAGE, VOLTAGE
 
 _ANY_UM = (-math.inf, math.inf)
@@ -52,7 +52,7 @@ def axis_cycle(
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
         finite = move_setpoint(p, s, demand(p, s, phase, fraction))
-        remember_wanted(s, cycle)
+        remember_setpoint(s, cycle)
         measure_errors(p, s, cycle)
         s["request_V"] = request_voltage(p, s, phase, fraction)
         finite = finite and is_finite(p, s)
@@ -228,7 +228,7 @@ def start_axis(p: Record, s: Record) -> None:
     s["start_V"] = s["voltage_V"]
     s["start_um"] = s["voltage_V"] if p["mode"] == VOLTAGE else s["strain"]["value"]
     s["setpoint_um"] = s["start_um"]
-    forget_wanted(s)
+    start_history(s)
     start_feedforward(p["hysteresis"], s["hysteresis"], s["setpoint_um"], s["voltage_V"])
     feedforward = feedforward_voltage(p["hysteresis"], s["hysteresis"], s["setpoint_um"])
     start_pid(p["pid"], s["pid"], 0.0, s["voltage_V"] - feedforward)

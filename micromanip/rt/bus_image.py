@@ -1,6 +1,6 @@
 """The process image of one bus: what its worker process and the loop tell each other, in shared memory.
 
-The worker publishes each input when it has come, the loop takes all of them once a cycle; the loop leaves the outputs
+The worker publishes each input when it has come, the loop takes all of them once per cycle; the loop leaves the outputs
 of every cycle, the worker takes the newest when it is about to write. Neither waits for the other. Each side's
 payload is guarded by a turn number that is odd while it is being written: a reader that meets an odd or a changed
 one tries again, a bounded number of times, and otherwise keeps what it had.

@@ -1,11 +1,11 @@
-"""What was wanted when: a sample is compared with the set-point, and the reference, of its own time.
+"""Set-point history: a sample is compared with the set-point, and the reference, of its own time.
 
 A bus delivers samples late and keeps outputs waiting. Compared with the set-point of now, every moving set-point would
-look like an error of speed times delay, which the PID would put right by leading it. So the axis remembers what it
-wanted in the last cycles. What the configuration says of the output's way (``answer_cycles``) counts too: a gauge shows
-the set-point whose voltage has arrived. A fresh sample of this very cycle is compared with the present set-point.
+look like an error of speed times delay, which the PID would put right by leading it. So the axis remembers its
+set-points of the last cycles. What the configuration says of the output's way (``answer_cycles``) counts too: a gauge
+shows the set-point whose voltage has arrived. A fresh sample of this very cycle is compared with the present set-point.
 
-There is one error of each kind a cycle (``measure_errors``): what the PID acts on, what is watched and what is scored
+There is one error of each kind per cycle (``measure_errors``): what the PID acts on, what is watched and what is scored
 is the same number.
 """
 
@@ -20,7 +20,7 @@ _MASK = INPUT_HISTORY - 1
 
 
 @compiled
-def forget_wanted(s: Record) -> None:
+def start_history(s: Record) -> None:
     """The axis has rested where its set-point is now, as far as its memory goes."""
     for k in range(INPUT_HISTORY):
         s["setpoints"][k] = s["setpoint_um"]
@@ -28,8 +28,8 @@ def forget_wanted(s: Record) -> None:
 
 
 @compiled
-def remember_wanted(s: Record, cycle: int) -> None:
-    """Note what is wanted in `cycle`; in cycles that were skipped it was what was wanted before them."""
+def remember_setpoint(s: Record, cycle: int) -> None:
+    """Note set-point and reference of `cycle`; in cycles that were skipped they were those before them."""
     last = s["wanted_cycle"]
     for skipped in range(max(last + 1, cycle - INPUT_HISTORY), cycle):
         s["setpoints"][skipped & _MASK] = s["setpoints"][last & _MASK]
@@ -40,9 +40,9 @@ def remember_wanted(s: Record, cycle: int) -> None:
 
 
 @compiled
-def _place(s: Record, wanted: int) -> int:
-    """Place of the cycle `wanted`, or of the nearest one that is remembered."""
-    return max(s["wanted_cycle"] - _MASK, min(s["wanted_cycle"], wanted)) & _MASK
+def _place(s: Record, cycle: int) -> int:
+    """Place of `cycle`, or of the nearest one that is remembered."""
+    return max(s["wanted_cycle"] - _MASK, min(s["wanted_cycle"], cycle)) & _MASK
 
 
 @compiled

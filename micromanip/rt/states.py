@@ -14,7 +14,7 @@ SHADOW_NAMES = ("none", "shadowing", "on trial", "confirmed", "taken back")
 
 WARN, HOLDS, RAMPS, CUTS = range(4)
 REACTION_NAMES = ("warn", "hold", "ramp", "off")
-"""What a fault does: it is only told; the correction is frozen; smoothly to park; the amplifier is switched off."""
+"""What a fault does: it is only reported; the correction is frozen; smoothly to park; the amplifier is switched off."""
 
 (
     NO_FAULT,
@@ -53,7 +53,7 @@ FAULTS = 23
     DERATED,
     ROLLED_BACK,
 ) = range(FAULTS, FAULTS + 7)
-"""Warnings: told and written down as events, but never latched."""
+"""Warnings: reported and written down as events, but never latched."""
 
 EVENT_CODES = FAULTS + 7
 

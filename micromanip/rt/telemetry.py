@@ -1,4 +1,4 @@
-"""One row a cycle: what was measured, estimated, decided and written, for every axis."""
+"""One row per cycle: what was measured, estimated, decided and written, for every axis."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ ROW = record(
     ("axis", AXIS_ROW, (MAX_AXES,)),
 )
 """One cycle of telemetry; ``compute_ns`` is the time of the cycle before, ``fresh`` bit 0 strain, 1 stage, 2 deviation;
-what an axis does not have is NaN. ``notch_um`` is what the notch took from the PID's error. ``conditions`` has a bit a
-code of ``states`` that is raised; ``lines`` bit 0 enable, 1 interlock, 2 retracted, 3 amplifier enable, 4 feed-hold."""
+what an axis does not have is NaN. ``notch_um`` is what the notch took from the PID's error, ``conditions`` has one bit
+per code of ``states`` that is raised. ``lines``: bit 0 enable, 1 interlock, 2 retracted, 3 amplifier enable, 4 hold."""
 
 
 @compiled

@@ -1,6 +1,6 @@
 """What is watched on each axis while it is controlled: sensors, errors, voltage, oscillation, reference, amplifier.
 
-Each detection is a condition with a time: it must last for so many cycles in a row, or hold for a mean over that
+Each detection is a condition with a time: it must last for so many consecutive cycles, or hold for a mean over that
 time. What is noticed goes to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then,
 and arming is refused until it is back.
 """
@@ -46,7 +46,7 @@ from .states import (
 
 @compiled
 def lasting(count: int, active: bool) -> int:
-    """Cycles in a row that a condition has been active."""
+    """Consecutive cycles for which a condition has been active."""
     return count + 1 if active else 0
 
 
@@ -125,7 +125,7 @@ def watch_following(p: Record, s: Record, i: int, active: bool) -> None:
 
 @compiled
 def watch_voltage(p: Record, s: Record, i: int, active: bool) -> None:
-    """Voltage at an end of its range: told after a short time, a fault after a long one."""
+    """Voltage at an end of its range: reported after a short time, a fault after a long one."""
     limits, limiter, a = p["axis"][i]["watch"], p["axis"][i]["limiter"], s["axis"][i]
     w = a["watch"]
     at_end = active and (a["request_V"] > limiter["high_V"] or a["request_V"] < limiter["low_V"])

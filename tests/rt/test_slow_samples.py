@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from micromanip.rt.laws.estimator import INPUT_HISTORY
-from micromanip.rt.setpoint_history import remember_wanted, stage_error, strain_error
+from micromanip.rt.setpoint_history import remember_setpoint, stage_error, strain_error
 from micromanip.rt.states import COASTING, FALLBACK, NO_FAULT, OSCILLATION, TRACKING
 from micromanip.settings.compile.limits import fill_axis_limits
 from micromanip.settings.schema.faults import AxisFaults, Oscillation
@@ -70,7 +70,7 @@ def moved(record=None):
     a = cell.s["axis"][Y]
     for cycle in range(1, 21):
         a["setpoint_um"], a["reference"]["w"][0] = 10.0 * cycle, 1.0 * cycle
-        remember_wanted(a, cycle)
+        remember_setpoint(a, cycle)
     return cell.p["axis"][Y], a
 
 
@@ -99,7 +99,7 @@ def test_what_is_older_than_the_memory_has_the_oldest():
     p, a = moved()
     for cycle in range(21, 2 * INPUT_HISTORY):
         a["setpoint_um"] = 10.0 * cycle
-        remember_wanted(a, cycle)
+        remember_setpoint(a, cycle)
     a["strain"]["age_ns"] = 10**12
     assert strain_error(p, a, 2 * INPUT_HISTORY - 1) == 10.0 * INPUT_HISTORY
 
@@ -109,7 +109,7 @@ def test_in_skipped_cycles_the_set_point_stood(skipped):
     p, a = moved()
     cycle = 20 + skipped
     a["setpoint_um"] = -1.0
-    remember_wanted(a, cycle)
+    remember_setpoint(a, cycle)
     a["strain"]["age_ns"] = 100_000
     assert strain_error(p, a, cycle) == 200.0
     a["strain"]["age_ns"] = 0

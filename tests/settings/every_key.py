@@ -49,7 +49,13 @@ _TABLE = {
     "creep_s": [0.5],
     "creep_gains": [0.02],
 }
-_SOFT = {"K_V_per_um": 0.05, "Ti_ms": 5.0, "Td_ms": 0.0, "filter_ms": 0.3}
+_SOFT = {
+    "K_V_per_um": 0.05,
+    "Ti_ms": 5.0,
+    "Td_ms": 0.0,
+    "filter_ms": 0.3,
+    "notch": {"frequency_Hz": 66.0, "width_Hz": 20.0, "depth_percent": 90.0},
+}
 _FRAME = {"signals": ["tracker_a"], "matrix": [[1.0]], "offset_um": [0.5]}
 
 

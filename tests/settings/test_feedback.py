@@ -121,6 +121,25 @@ def test_a_swing_below_the_watched_band_is_told_of(tmp_path):
     assert not [line for line in feedback_warnings(seen.configuration, seen.wiring) if "oscillation.band_Hz" in line]
 
 
+def test_a_notch_counts_in_the_phase_and_needs_samples_that_show_it(tmp_path):
+    """Below its centre it lags: at crossover by the angle of 1 - d k x / (1 - x^2 + k x), x = i frequency/centre."""
+    plain = loop_of(tmp_path, BUS, K_V_per_um=0.02)
+    centre_Hz, width_Hz = 3.0 * plain.crossover_Hz, plain.crossover_Hz
+    notch = {"frequency_Hz": centre_Hz, "width_Hz": width_Hz, "depth_percent": 90.0}
+    loop = loop_of(tmp_path, BUS, K_V_per_um=0.02, notch=notch)
+    x, k = 1j * loop.crossover_Hz / centre_Hz, width_Hz / centre_Hz
+    lag_deg = math.degrees(np.angle(1.0 - 0.9 * k * x / (1.0 + x * x + k * x)))
+    assert lag_deg < -4.0
+    assert loop.phase_deg - plain.phase_deg == pytest.approx(lag_deg, abs=1.5)
+    for mode in ("strain", "voltage"):
+        made = document(BUS, K_V_per_um=0.02, notch=notch | {"frequency_Hz": 460.0})
+        made["axes"]["x"]["mode"] = mode
+        with pytest.raises(ConfigError) as refused:
+            prepared(tmp_path, made)
+        says = "axes.x.inner: a notch at 460 Hz needs at least 1022 samples a second, not 1000 (strain_x 1000 Hz)"
+        assert says in str(refused.value)
+
+
 def test_nothing_is_said_of_the_cell_without_a_bus():
     cell = prepare(CONFIG)
     assert feedback_warnings(cell.configuration, cell.wiring) == []

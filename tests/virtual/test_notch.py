@@ -46,7 +46,7 @@ def measured(cell, inner, frequency_Hz):
 
 @pytest.mark.parametrize("frequency_Hz", [40.0, 110.0, 150.0, 250.0])
 def test_the_sensitivity_is_as_predicted(cell, frequency_Hz):
-    """Within 10 %; without the notch the prediction would be far off at its centre, where it takes 90 % of the error."""
+    """Within 10 %; without the notch it would be far off at its centre, where 90 % of the error is taken out."""
     configuration, _, actuator = cell
     inner = with_notch(configuration.axes["x"].inner, NOTCH)
     omega = np.array([2 * np.pi * frequency_Hz])

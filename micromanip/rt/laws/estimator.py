@@ -11,7 +11,7 @@ gain is the stationary one for the sensor's sampling interval; the error dynamic
 ``(I - L C) A^m`` are checked to be stable with the configuration.
 
 No sample moves the estimate by more than is plausible at once: an innovation beyond what sensor and process together
-bring (``innovation_um``) is cut down to that. While more comes the limit opens, threefold a sample, and closes slowly
+bring (``innovation_um``) is cut down to that. While more comes the limit opens, threefold per sample, and closes slowly
 again, so that the filter is soon the linear one: what really happened is followed a few samples later, a reading that
 was late, held or false for a moment leaves no disturbance behind. One that is exactly the same for the third time
 counts for no more than the sensor's noise: it is held somewhere, or nothing moves. After a gap the states of motion
@@ -63,8 +63,6 @@ ESTIMATOR_STATE = record(
 _MASK = INPUT_HISTORY - 1
 _OPENS, _CLOSES = 2.0, 0.9
 """How much more than usual may come after an innovation, in terms of it; what is left of that a sample later."""
-
-
 _REPEATED = 2
 
 

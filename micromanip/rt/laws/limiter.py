@@ -1,7 +1,7 @@
 """The last gate before any output: one small function that knows nothing of the control law.
 
 Whatever is requested, the result is finite, inside ``[low_V, high_V]`` and within ``slew_V`` of
-the voltage before (a change a cycle). Where the state does not permit motion the request is
+the voltage before (change per cycle). Where the state does not permit motion the request is
 ignored and the output goes to ``park_V`` at the slew limit. `previous_V` is this function's own
 last result; should it ever be outside the range, the range wins over the slew.
 """

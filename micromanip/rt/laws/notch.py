@@ -48,7 +48,7 @@ def notch_output(p: Record, s: Record, x_um: float, periods: int) -> float:
 
 @compiled
 def start_notch(p: Record, s: Record, x_um: float) -> None:
-    """At rest, as after an error of `x_um` for long: it comes out as it goes in."""
+    """At rest, as after an error of `x_um` for long: what goes in comes out."""
     s["notch_band_um"] = s["notch_um"] = 0.0
     s["notch_low_um"] = x_um if p["notch_share"] != 0.0 else 0.0
 

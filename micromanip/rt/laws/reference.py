@@ -75,7 +75,7 @@ def extrapolate(w: Any, omega: float, tau_s: float, out: Any) -> None:
 def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
     """Fill `w` from the axis' own source, `t_s` seconds after tracking began.
 
-    `samples` (n, axes) are um, one a cycle; the first and the last are held, at rest, before and after.
+    `samples` (n, axes) are um, one per cycle; the first and the last are held, at rest, before and after.
     """
     for i in range(REFERENCE_STATES):
         w[i] = 0.0
@@ -152,7 +152,7 @@ def signal_reference(p: Record, s: Record, now_ns: int) -> None:
 
 @compiled
 def jog_reference(p: Record, s: Record, moves: bool) -> None:
-    """Go on towards ``target_um``: at most ``speed_um`` a cycle, the speed itself smoothed."""
+    """Go on towards ``target_um``: at most ``speed_um`` per cycle, the speed itself smoothed."""
     wanted = p["target_um"] - s["jog_um"] if moves else 0.0
     # slow enough to come to rest at the target: the smoothing lets the speed of `smoothing` cycles run on
     step = max(-p["speed_um"], min(p["speed_um"], 0.25 * p["smoothing"] * wanted))

@@ -9,7 +9,7 @@ from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
 BELIEVED = 1000
-"""Unusable cycles in a row after which a reading that jumped away is believed: then it is a sensor that was moved."""
+"""Consecutive unusable cycles after which a reading that jumped away is believed: then the sensor was moved."""
 _END = 0.01
 """The ends of a range, as a share of it."""
 _ANY = (-math.inf, math.inf)
@@ -36,11 +36,11 @@ SENSOR_STATE = record(
 def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_um: Any, rate_um_per_ns: float) -> bool:
     """Update sensor state `s` from `signal`; True for a fresh, good sample.
 
-    ``value`` keeps the last good sample. ``bad`` counts cycles in a row without a usable one: not finite,
+    ``value`` keeps the last good sample. ``bad`` counts consecutive cycles without a usable one: not finite,
     outside `range_um` (low, high), further from the last good one than `rate_um_per_ns` allows in the time since
     the one before was taken, or arrived, whichever is longer; flagged by the driver, never arrived, or older than
-    `max_age_ns`. A sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts samples
-    in a row that read exactly the same, ``lost`` those that came and went unseen; a driver that starts
+    `max_age_ns`. A sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts
+    consecutive samples that read exactly the same, ``lost`` those that came and went unseen; a driver that starts
     its sequence over has lost none. ``silent_ns`` is the time since anything arrived, usable or not.
     """
     arrived = signal["sequence"] != s["sequence"]

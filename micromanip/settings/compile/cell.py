@@ -1,4 +1,4 @@
-"""From the validated configuration to the loop's record: physical units become gains a sample."""
+"""From the validated configuration to the loop's record: physical units become per-sample gains."""
 
 from __future__ import annotations
 

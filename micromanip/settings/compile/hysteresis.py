@@ -47,7 +47,7 @@ def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
 
 
 def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -> None:
-    """Fill model and inverse (8)-(9), creep and rate dependence a step of `period_s`."""
+    """Fill model and inverse (8)-(9), creep and rate dependence per step of `period_s`."""
     n = len(model.thresholds_um)
     h["kind"], h["plays"], h["alpha"] = law.PRANDTL_ISHLINSKII, n, model.alpha
     h["r"][:n], h["rho"][:n] = model.thresholds_um, model.weights

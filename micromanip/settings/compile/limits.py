@@ -102,7 +102,7 @@ def fill_axis_limits(
 
 
 def _fill_band(w: Any, faults: AxisFaults, rate_hz: int, strain_rate_hz: float) -> None:
-    """Filter by the bilinear transform, and its mean energy, a step a sample of the gauge.
+    """Filter by the bilinear transform, and its mean energy, one step per sample of the gauge.
 
     A band pass s w0/Q / (s^2 + s w0/Q + w0^2); where the band goes beyond what so few samples show, a high pass
     (Butterworth) at its lower end: a loop may swing from one sample to the next.

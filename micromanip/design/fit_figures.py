@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
-from .figures import panels, save
+from .canvas import panels, save
 from .fitting import Fitted
 from .record import Record
 

@@ -74,7 +74,7 @@ def kind_of(found: Any) -> str | None:
 def findings(found: Any) -> list[str]:
     """What is wrong with the class of a driver, a clause each; empty for a good one."""
     if kind_of(found) is None:
-        bases = " or ".join(f"{base.__module__}.{base.__name__}" for base in KINDS.values())
+        bases = " or ".join(f"micromanip.driver.{base.__name__}" for base in KINDS.values())
         return [f"is not a class derived from {bases}"]
     missing = sorted(found.__abstractmethods__)
     problems = [f"does not have {', '.join(missing)}"] if missing else []
@@ -86,7 +86,8 @@ def findings(found: Any) -> list[str]:
 
 def _of_options(options: Any, base: type[BaseModel]) -> list[str]:
     if not (isinstance(options, type) and issubclass(options, base)):
-        return [f"Options is not a model derived from {base.__module__}.{base.__name__}"]
+        home = "micromanip.driver" if base is BusOptions else "pydantic"
+        return [f"Options is not a model derived from {home}.{base.__name__}"]
     problems: list[str] = []
     if options.model_config.get("extra") != "forbid":
         problems.append('Options accepts unknown keys: a typing error would pass; say extra="forbid"')

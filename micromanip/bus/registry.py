@@ -31,7 +31,7 @@ def driver_class(name: str) -> type[CyclicDriver] | type[BusDriver]:
         raise ConfigError(f"driver {name} can't be loaded from {points[name].value}: {problem}") from problem
     if not (isinstance(found, type) and issubclass(found, CyclicDriver | BusDriver)):
         raise ConfigError(
-            f"driver {name} ({points[name].value}) is neither a micromanip.bus.cyclic.CyclicDriver "
-            "nor a micromanip.bus.driver.BusDriver"
+            f"driver {name} ({points[name].value}) is neither a micromanip.driver.CyclicDriver "
+            "nor a micromanip.driver.BusDriver"
         )
     return found

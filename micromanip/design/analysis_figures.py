@@ -11,8 +11,8 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 from .analysis import AxisAnalysis
+from .canvas import panels, save
 from .criteria import LEAST_GAIN_DB, LEAST_PHASE_DEG
-from .figures import panels, save
 from .judged import Inverse
 from .loops import Margins, Sample, System, grid, refined
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -17,6 +15,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File, Hold, Step
 
 from . import paper
+from .canvas import panels, save
 from .evaluation import Run
 from .excitation import shrinking_triangle
 from .experiment import Experiment, with_axes, with_reference
@@ -24,29 +23,8 @@ from .hysteresis import predict
 from .tuning import record_hysteresis
 
 _COLOURS = {"A": "tab:blue", "B": "tab:red", "C": "tab:green"}
-_SIZE, _DPI = (7.0, 4.5), 130
 
 Array = NDArray[np.float64]
-
-
-def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI) -> list[Path]:
-    """Write `figure` as PNG and SVG, each whole or not at all; the files. Raises OSError."""
-    files = [folder / f"{name}.png", folder / f"{name}.svg"]
-    for file in files:
-        try:
-            with rc_context({"svg.hashsalt": "micromanip"}):  # the same figure, the same bytes
-                figure.savefig(file, dpi=dpi, metadata={"Date": None} if file.suffix == ".svg" else None)
-        except OSError:
-            file.unlink(missing_ok=True)
-            raise
-    return files
-
-
-def panels(count: int, title: str, height: float = 1.0) -> tuple[Figure, Any]:
-    """A figure with `count` panels below one another, `height` times the usual height."""
-    figure = Figure(figsize=(_SIZE[0], _SIZE[1] * height), layout="constrained")
-    figure.suptitle(title)
-    return figure, figure.subplots(count, 1, squeeze=False)[:, 0]
 
 
 def hysteresis_loops(configuration: Configuration, experiment: Experiment, axis: int) -> Figure:

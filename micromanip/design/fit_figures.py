@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
+from .canvas import panels, save
 from .describing import inverse_operator
-from .figures import panels, save
 from .fitting import Fitted
 from .record import Record
 

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import difflib
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.model import Configuration, Output, Switch
 from micromanip.settings.text.source import Source
+from micromanip.settings.wiring.places import build_driver
 from micromanip.testbus.event_loop import EventLoop
 
 from .amplifier import Amplifier
 from .cell import PlayedCell
-from .wires import Wires
 
 _MISSED_PERIODS = 5
 """An amplifier that is commanded slowly has a watchdog to match: it forgives so many commands that don't come."""
+
+
+@dataclass(frozen=True)
+class Wires:
+    """Of one driver: channel of the driver to name in the configuration, and the voltages at rest by that name."""
+
+    signals: dict[str, str]
+    outputs: dict[str, str]
+    rest_V: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -27,6 +37,39 @@ class Surroundings:
     loop: EventLoop
     cell: PlayedCell
     watchdog_ms: float
+
+    def options(self, driver: str) -> Any:
+        """The keys of a driver, read by the driver itself as for a run: validated, with their defaults, by attribute.
+
+        Raises ConfigError, with file, line and key, for whatever the driver would refuse.
+        """
+        silent_ns = round(self.configuration.faults.link.silent_ms * 1e6)
+        entry = self.configuration.drivers[driver]
+        return build_driver(self.source, driver, entry, self.configuration.loop.period_ns, silent_ns)[1]
+
+    def wires(self, driver: str) -> Wires:
+        """What the configuration connects to `driver`; ConfigError with file and line for what the plant lacks."""
+        signals = {
+            entry.channel or name: name for name, entry in self.configuration.signals.items() if entry.driver == driver
+        }
+        for name in signals.values():
+            if not self.cell.has(name):
+                raise self.source.error(("signals", name), _missing(name, self.cell.plant.inputs))
+        written: dict[str, tuple[str, Output | Switch]] = {
+            name: ("outputs", output) for name, output in self.configuration.outputs.items()
+        }
+        for name in type(self.configuration.switches).model_fields:
+            switch = getattr(self.configuration.switches, name)
+            if switch is not None:
+                written[name] = ("switches", switch)
+        outputs = {}
+        for name, (section, entry) in written.items():
+            if entry.driver == driver:
+                if name not in self.cell.plant.outputs:
+                    raise self.source.error((section, name), _missing(name, self.cell.plant.outputs))
+                outputs[entry.channel or name] = name
+        rest_V = {name: output.park_V for name, output in self.configuration.outputs.items() if output.driver == driver}
+        return Wires(signals, outputs, rest_V)
 
     def amplifier(self, wires: Wires, period_ms: float = 0.0) -> Amplifier | None:
         """The amplifier behind the outputs of a driver, commanded every `period_ms` at least; None without outputs."""
@@ -80,3 +123,9 @@ class PlayedDevice(Protocol):
 
 Builder = Callable[[str, Surroundings], PlayedDevice]
 """Builds what is behind the driver of that name in the configuration; raises ConfigError or DeviceUnavailable."""
+
+
+def _missing(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, known, 1)
+    hint = f"did you mean {near[0]}?" if near else "digital lines exist with `simulation: {lines: {}}`"
+    return f"the simulated plant has no {name}, which the devices are to play; {hint}"

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field, PrivateAttr
 
-from .fault import ClientFault, Fault
+from .fault import ClientFault, Disturbed, Fault
 from .frame import Frame
 from .port import LEAST_PASSIVE, Port, State, Transmission
-
-if TYPE_CHECKING:
-    from .hub import CanHub
 
 
 class _BabblingPort(Port):
@@ -37,13 +34,13 @@ class Babble(Fault):
     identifier: int = Field(default=0, ge=0, le=0x7FF)
     _port: Port | None = PrivateAttr(default=None)
 
-    def begin(self, hub: CanHub) -> None:
-        self._port = _BabblingPort(hub.transmission(Frame(self.identifier, bytes(8))))
-        hub.join(self._port)
+    def begin(self, bus: Disturbed) -> None:
+        self._port = _BabblingPort(bus.transmission(Frame(self.identifier, bytes(8))))
+        bus.join(self._port)
 
-    def end(self, hub: CanHub) -> None:
+    def end(self, bus: Disturbed) -> None:
         if self._port is not None:
-            hub.leave(self._port)
+            bus.leave(self._port)
 
 
 class BusOff(ClientFault):
@@ -51,14 +48,14 @@ class BusOff(ClientFault):
 
     kind: Literal["bus_off"] = "bus_off"
 
-    def begin(self, hub: CanHub) -> None:
-        for port in list(self.struck(hub)):
-            port.go_bus_off(hub.now_ns())
+    def begin(self, bus: Disturbed) -> None:
+        for port in list(self.struck(bus)):
+            port.go_bus_off(bus.now_ns())
 
-    def end(self, hub: CanHub) -> None:
-        for port in list(self.struck(hub)):
+    def end(self, bus: Disturbed) -> None:
+        for port in list(self.struck(bus)):
             if port.state is State.BUS_OFF:
-                port.restart(hub.now_ns())
+                port.restart(bus.now_ns())
 
 
 class ErrorPassive(ClientFault):
@@ -66,13 +63,13 @@ class ErrorPassive(ClientFault):
 
     kind: Literal["error_passive"] = "error_passive"
 
-    def begin(self, hub: CanHub) -> None:
-        for port in list(self.struck(hub)):
-            port.keep_transmit_errors(LEAST_PASSIVE, hub.now_ns())
+    def begin(self, bus: Disturbed) -> None:
+        for port in list(self.struck(bus)):
+            port.keep_transmit_errors(LEAST_PASSIVE, bus.now_ns())
 
-    def end(self, hub: CanHub) -> None:
-        for port in list(self.struck(hub)):
-            port.keep_transmit_errors(0, hub.now_ns())
+    def end(self, bus: Disturbed) -> None:
+        for port in list(self.struck(bus)):
+            port.keep_transmit_errors(0, bus.now_ns())
 
 
 class Enobufs(ClientFault):
@@ -80,10 +77,10 @@ class Enobufs(ClientFault):
 
     kind: Literal["enobufs"] = "enobufs"
 
-    def begin(self, hub: CanHub) -> None:
-        for port in self.struck(hub):
+    def begin(self, bus: Disturbed) -> None:
+        for port in self.struck(bus):
             port.refuse(True)
 
-    def end(self, hub: CanHub) -> None:
-        for port in self.struck(hub):
+    def end(self, bus: Disturbed) -> None:
+        for port in self.struck(bus):
             port.refuse(False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from random import Random
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field, TypeAdapter
 
@@ -13,13 +13,9 @@ from micromanip.errors import UsageError
 
 from .controller_faults import Babble, BusOff, Enobufs, ErrorPassive
 from .event_loop import EventLoop, Timer
-from .fault import ClientFault, Delivery, Fault, FrameFault, Verdict
-from .fault_document import validated
+from .fault import ClientFault, Delivery, Disturbed, Fault, FrameFault, Verdict, validated
 from .frame_faults import Burst, Corrupt, Delay, Drop, Duplicate, Reorder, Silence
 from .port import Transmission
-
-if TYPE_CHECKING:
-    from .hub import CanHub
 
 __all__ = [
     *("Babble", "Burst", "BusOff", "Corrupt", "Delay", "Drop", "Duplicate", "Enobufs", "ErrorPassive", "Faults"),
@@ -45,8 +41,8 @@ def parsed(document: object) -> Fault:
 class Faults:
     """Those that are active on one bus."""
 
-    def __init__(self, hub: CanHub, loop: EventLoop, seed: int) -> None:
-        self._hub = hub
+    def __init__(self, bus: Disturbed, channel: str, loop: EventLoop, seed: int) -> None:
+        self._bus, self._channel = bus, channel
         self._loop = loop
         self._random = Random(seed)
         self._active: list[tuple[Fault, Timer | None]] = []
@@ -59,12 +55,12 @@ class Faults:
         Raises UsageError for a fault of a client if that isn't connected.
         """
         fault = fault.model_copy(deep=True)  # what it has taken hold of is kept in it
-        if isinstance(fault, ClientFault) and not any(fault.struck(self._hub)):
+        if isinstance(fault, ClientFault) and not any(fault.struck(self._bus)):
             who = "no client is" if fault.client is None else f"process {fault.client} is not"
-            raise UsageError(f"fault {fault.kind}: {who} connected to channel {self._hub.channel}")
+            raise UsageError(f"fault {fault.kind}: {who} connected to channel {self._channel}")
         if isinstance(fault, FrameFault):
             fault.draw_from(self._random)
-        fault.begin(self._hub)
+        fault.begin(self._bus)
         timer = None
         if fault.for_s is not None:
             timer = self._loop.call_at(self._loop.now_ns() + round(fault.for_s * 1e9), partial(self._end, fault))
@@ -105,7 +101,7 @@ class Faults:
     def _end(self, fault: Fault) -> None:
         self._active = [(other, timer) for other, timer in self._active if other is not fault]
         self._note_striking()
-        fault.end(self._hub)
+        fault.end(self._bus)
 
     def _note_striking(self) -> None:
         self._striking = [fault for fault, _ in self._active if isinstance(fault, FrameFault)]

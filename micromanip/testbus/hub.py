@@ -45,7 +45,7 @@ class CanHub:
         self.channel = channel
         self.bitrate = bitrate
         self.data_bitrate = data_bitrate
-        self.faults = Faults(self, loop, seed)
+        self.faults = Faults(self, channel, loop, seed)
         self._loop = loop
         self._wire = Wire(loop, bitrate, data_bitrate, self.faults)
         self._queue_frames = queue_frames

@@ -74,7 +74,7 @@ def test_good_ones_of_both_kinds(announce, only, capsys):
     [
         (None, "can't be loaded: ModuleNotFoundError: No module named 'driver_of_nothing'"),
         ("1 / 0", "can't be loaded: ZeroDivisionError"),
-        ("import sys; Driver = 5", "is not a class derived from micromanip.bus.cyclic.CyclicDriver or"),
+        ("import sys; Driver = 5", "is not a class derived from micromanip.driver.CyclicDriver or"),
         (BUS.replace("def close", "def shut"), "does not have close"),
         (BUS.replace('"""A driver of nothing."""', ""), "has no docstring"),
         (BUS.replace("task, values, inbox", "task, values"), "perform does not take (task, values, inbox)"),

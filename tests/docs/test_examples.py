@@ -1,5 +1,6 @@
-"""The drivers of docs/drivers.md and docs/bus-drivers.md: installed, run in virtual time, shown there as they are."""
+"""The drivers of docs/drivers.md and docs/bus-drivers.md: installed, run in virtual time, found from their pages."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -11,12 +12,11 @@ import pytest
 
 from micromanip.bus.inspection import findings
 from micromanip.bus.registry import driver_class
+from micromanip.driver.testing import call_context, virtual_cell
 from micromanip.errors import ConfigError
-from micromanip.rt.intrinsics import call_context
 from micromanip.settings.check import prepare, validate
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.single_driver import bus_driver
-from micromanip.virtual.cell import VirtualCell
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -49,13 +49,8 @@ def installed(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def cell_of(prepared):
-    return VirtualCell(prepared.parameters, prepared.wiring, prepared.samples)
-
-
 def test_numba_example_moves_as_its_page_says(installed):
-    prepared = prepare(installed("lag_stage"))
-    cell = cell_of(prepared)
+    cell = virtual_cell(installed("lag_stage"))
     rows = np.concatenate([cell.arm(), cell.run(0.2)])
     axis = rows["axis"][:, 0]
 
@@ -79,15 +74,15 @@ def test_c_example_plays_a_sine(installed, tmp_path, monkeypatch):
     command = [gcc, "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
     subprocess.run([*command, "-o", "out/libcard.so", str(source)], check=True)
 
-    prepared = prepare(installed("c_card"))
-    cell = cell_of(prepared)
+    config = installed("c_card")
+    cell = virtual_cell(config)
     cell.arm()
     axis = cell.run(0.1)["axis"][:, 0]
     np.testing.assert_allclose(axis["strain_um"][2:], 0.9 * axis["voltage_V"][:-2], atol=1e-12)
     assert axis["voltage_V"].min() == pytest.approx(40.0, abs=0.01)
     assert axis["voltage_V"].max() == pytest.approx(80.0, abs=0.01)
 
-    driver = prepared.wiring.drivers["card"]
+    driver = prepare(config).wiring.drivers["card"]
     context = driver.context()
     functions = driver.functions()
     record = context.view([("um_per_V", "f8"), ("output_V", "f8"), ("is_open", "i8")])[0]
@@ -121,8 +116,25 @@ def test_bus_example_is_found_and_built_from_its_configuration(installed):
 
 
 @pytest.mark.parametrize("file", SHOWN, ids=lambda file: str(file.relative_to(EXAMPLES)))
-def test_page_shows_the_examples_verbatim(file):
-    page = "bus-drivers.md" if "udp_stage" in file.parts else "drivers.md"
-    text = file.read_text(encoding="utf-8")
-    shown = text in (ROOT / "docs" / page).read_text(encoding="utf-8")
-    assert shown, f"docs/{page} must show {file.relative_to(ROOT)} as it is"
+def test_page_shows_or_links_each_file(file):
+    page = (ROOT / "docs" / ("bus-drivers.md" if "udp_stage" in file.parts else "drivers.md")).read_text(
+        encoding="utf-8"
+    )
+    linked = f"]({file.relative_to(ROOT / 'docs')})" in page
+    assert linked or file.read_text(encoding="utf-8") in page, f"the page must link or show {file.relative_to(ROOT)}"
+
+
+def test_what_pages_show_of_python_is_in_the_examples():
+    page = (ROOT / "docs" / "bus-drivers.md").read_text(encoding="utf-8")
+    held = "\n".join(file.read_text(encoding="utf-8") for file in SHOWN)
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        assert {line for line in block.splitlines() if not line.endswith("...)")} <= set(held.splitlines())
+
+
+def test_virtual_cell_of_the_page_prints_what_it_says(installed, monkeypatch, capsys):
+    page = (ROOT / "docs" / "drivers.md").read_text(encoding="utf-8")
+    program, printed = re.search(r"```python\n([^`]*virtual_cell[^`]*)```\n\nIt prints ([\d.]+\d):", page).groups()
+    installed("lag_stage")
+    monkeypatch.chdir(ROOT)
+    exec(program, {})
+    assert float(capsys.readouterr().out) == pytest.approx(float(printed), abs=1e-9)

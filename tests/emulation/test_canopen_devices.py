@@ -34,9 +34,10 @@ NODES = f"""
               voltage_y: {{scale: 0.005}}
               voltage_z: {{scale: 0.005}}
 """
+OF_FRAMES = (CONFIG / "can.yaml").read_text(encoding="utf-8").replace(" can/", f" {CONFIG}/can/")
 CHANGES = (
     ("driver: canbus", "driver: canopen"),
-    ("    data_bitrate: 5000000         # given: CAN FD\n", ""),
+    (OF_FRAMES[OF_FRAMES.index("    data_bitrate:") : OF_FRAMES.index("\nsignals:")], ""),
     ("channel: Sensors.strain_x", "channel: gauge.s"),
     ("channel: Sensors.strain_y", "channel: gauge.strain_y"),
     ("channel: Voltages.voltage_x", "channel: amplifier.x"),
@@ -129,8 +130,8 @@ def test_reboot(master):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("sensor.eds", "sensr.eds", r":\d+: drivers\.can0\.nodes\.gauge\.eds: .*sensr\.eds can't be used"),
-        ("node_id: 5", "node: 5", r":\d+: drivers\.can0\.nodes\.gauge: node_id is missing"),
+        ("sensor.eds", "sensr.eds", r":\d+: drivers\.can0\.nodes\.gauge\.eds: .*sensr\.eds"),
+        ("node_id: 5", "node: 5", r":\d+: drivers\.can0\.nodes\.gauge\.node: unknown key node: did you mean node_id"),
     ],
 )
 def test_what_is_wrong_says_where(tmp_path, old, new, said):

@@ -58,8 +58,9 @@ class Played:
         loop = self.devices.loop
         while not self._done.is_set():
             while self._orders:
-                answer = self.devices.command(json.dumps(self._orders.pop(0)))
+                answer = self.devices.command(json.dumps(self._orders[0]))
                 assert "error" not in answer, answer
+                del self._orders[0]
             loop.run(loop.now_ns() + 5_000_000)
 
     def order(self, **command):

@@ -33,19 +33,19 @@ WRONG = {
     ),
     "no rate": (
         ("Sensors: {rate_hz: 2000, ", "Sensors: {"),
-        r":\d+: drivers\.can0\.receive\.Sensors: rate_hz is missing",
+        r":\d+: drivers\.can0\.receive\.Sensors\.rate_hz: missing",
     ),
     "rate as text": (
         ("Sensors: {rate_hz: 2000, ", "Sensors: {rate_hz: fast, "),
-        r":\d+: drivers\.can0\.receive\.Sensors\.rate_hz: 'fast' can't be its rate_hz",
+        r":\d+: drivers\.can0\.receive\.Sensors\.rate_hz: expected a number .*not the text 'fast'",
     ),
     "no database": (("manipulator.dbc", "manipulatr.dbc"), r":\d+: drivers\.can0\.database: .*can't be read: No such"),
-    "database that is none": (("manipulator.dbc", "sensor.eds"), r":\d+: drivers\.can0\.database: .*no usable DBC"),
+    "database that is none": (("manipulator.dbc", "sensor.eds"), r":\d+: drivers\.can0\.database: .*is not a DBC file"),
     "FD on a classic bus": (
-        ("data_bitrate: 5000000", "without_watchdog: false"),
-        r":\d+: drivers\.can0\.receive\.Sensors: Sensors is a CAN FD message; give the bus a data_bitrate",
+        ("data_bitrate: 5000000", "data_bitrate: null"),
+        r":\d+: drivers\.can0\.receive\.Sensors: Sensors is a CAN FD message, and the bus is .* without data_bitrate",
     ),
-    "no bitrate": (("    bitrate: 1000000\n", ""), r":\d+: drivers\.can0: bitrate is missing"),
+    "no bitrate": (("    bitrate: 1000000\n", ""), r":\d+: drivers\.can0\.bitrate: missing"),
     "no such driver": (("driver: canbus", "driver: canbuss"), r"no driver called canbuss"),
     "nothing to play": (("driver: canbus", "driver: simulated"), r":\d+: drivers: none of them has a device to play"),
 }

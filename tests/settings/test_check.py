@@ -293,7 +293,7 @@ def test_a_waveform_is_brought_to_the_loops_rate(tmp_path):
     assert list(samples[:4]) == pytest.approx([60.0, 61.0, 62.0, 63.0])
 
 
-NO_DRIVER = "is neither a micromanip.bus.cyclic.CyclicDriver nor a micromanip.bus.driver.BusDriver"
+NO_DRIVER = "is neither a micromanip.driver.CyclicDriver nor a micromanip.driver.BusDriver"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 
-from micromanip.design.figures import panels
+from micromanip.design.canvas import panels
 from micromanip.design.fit_figures import draw_fit
 from micromanip.design.fitting import Request, fit_record
 from micromanip.design.identification import DEFAULT_SECONDS, Kind, design, recording, samples_for, variant, write_csv

@@ -9,7 +9,7 @@ from udp_stage import wire
 from udp_stage.device import Device
 from udp_stage.driver import DATAGRAM_BITS, UdpStage
 
-from micromanip.conformance import BusDriverContract, Golden, Peer
+from micromanip.driver.conformance import BusDriverContract, Golden, Peer
 
 
 class WatchedDevice(Device):

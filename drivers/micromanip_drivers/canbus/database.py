@@ -11,9 +11,7 @@ from typing import Any
 import cantools
 from cantools.database.errors import UnsupportedDatabaseFormatError
 
-from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS
-from micromanip.errors import ConfigError
-from micromanip.files.regular_file import require_regular
+from micromanip.driver import CLASSIC_LENGTHS, FD_LENGTHS, ConfigError, require_regular
 
 # its warnings are about messages that we refuse in words of our own, where they matter
 logging.getLogger("cantools").addHandler(logging.NullHandler())

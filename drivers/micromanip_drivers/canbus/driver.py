@@ -9,10 +9,19 @@ from typing import Any, ClassVar
 
 import can
 
-from micromanip.bus.can_bits import worst_case_s
-from micromanip.bus.driver import Answer, BusDriver, Channel, Inbox, Load, Task
-from micromanip.bus.errors import BusError, DeviceFault, LinkError
-from micromanip.errors import ConfigError
+from micromanip.driver import (
+    Answer,
+    BusDriver,
+    BusError,
+    Channel,
+    ConfigError,
+    DeviceFault,
+    Inbox,
+    LinkError,
+    Load,
+    Task,
+    worst_case_s,
+)
 
 from .database import Database, switches_bitrate
 from .link import CanLink

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import can
 
-from micromanip.bus.errors import LinkError
+from micromanip.driver import LinkError
 
 TRANSMIT_TIMEOUT = 0x001
 CONTROLLER = 0x004

@@ -17,7 +17,7 @@ from typing import Any
 import can
 from can.interfaces.socketcan import SocketcanBus
 
-from micromanip.bus.errors import BusError, LinkError, TransientError
+from micromanip.driver import BusError, LinkError, TransientError
 
 from . import socketcan
 from .bus_reader import BusReader

@@ -8,8 +8,7 @@ from typing import Annotated
 import can
 from pydantic import Field, field_validator, model_validator
 
-from micromanip.bus.device_identity import real_because
-from micromanip.bus.driver import BusOptions
+from micromanip.driver import BusOptions, real_because
 
 _WITHIN_THIS_MACHINE = ("micromanip", "virtual")
 _OWN_KEYS = {"interface", "channel", "bitrate", "data_bitrate", "fd", "can_filters"}

@@ -9,7 +9,7 @@ from typing import Any
 
 import can
 
-from micromanip.bus.driver import Answer
+from micromanip.driver import Answer
 
 from .bit_field import bit_field
 from .link import CanLink

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from micromanip.quantities import Latency, SampleRate
+from micromanip.driver.quantities import Latency, SampleRate
 
 from .link_options import LinkOptions
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from micromanip.bus.errors import OutputRefused
+from micromanip.driver import OutputRefused
 
 from .bit_field import BitField
 

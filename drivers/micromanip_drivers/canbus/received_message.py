@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from micromanip.bus.driver import Channel, Inbox
-from micromanip.bus.errors import TransientError
-from micromanip.errors import ConfigError
+from micromanip.driver import Channel, ConfigError, Inbox, TransientError
 
 from .bit_field import bit_field
 from .database import identity, whole_number

@@ -7,9 +7,7 @@ from typing import Any
 
 import can
 
-from micromanip.bus.driver import Channel
-from micromanip.bus.errors import OutputRefused
-from micromanip.errors import ConfigError
+from micromanip.driver import Channel, ConfigError, OutputRefused
 
 from .bit_field import bit_field
 from .database import identity, switches_bitrate, whole_number

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import can
 
-from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError
+from micromanip.driver import DeviceFault, IdentityMismatch, LinkError
 
 from ..canbus.link import CanLink
 from .dictionary import number

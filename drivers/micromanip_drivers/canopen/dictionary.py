@@ -12,8 +12,7 @@ from pathlib import Path
 
 from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODArray, ODVariable, import_od
 
-from micromanip.errors import ConfigError
-from micromanip.files.regular_file import require_regular
+from micromanip.driver import ConfigError, require_regular
 
 logging.getLogger("canopen").addHandler(logging.NullHandler())  # what goes wrong comes as an exception
 

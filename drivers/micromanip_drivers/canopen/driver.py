@@ -17,8 +17,7 @@ from pathlib import Path
 
 import can
 
-from micromanip.bus.driver import Answer, BusDriver, Channel, Inbox, Load, Task
-from micromanip.bus.errors import BusError, LinkError, TransientError
+from micromanip.driver import Answer, BusDriver, BusError, Channel, Inbox, LinkError, Load, Task, TransientError
 
 from ..canbus.link import CanLink
 from .boot import boot

@@ -7,7 +7,7 @@ from typing import Literal
 
 from canopen.objectdictionary import ODVariable, datatypes
 
-from micromanip.errors import ConfigError
+from micromanip.driver import ConfigError
 
 from .dictionary import Dictionary, number
 from .options import Rpdo, Tpdo

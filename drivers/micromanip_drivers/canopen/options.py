@@ -41,7 +41,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from micromanip.quantities import Latency, Real, SampleRate, Scale
+from micromanip.driver.quantities import Latency, Real, SampleRate, Scale
 
 from ..canbus.link_options import LinkOptions
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from micromanip.errors import ConfigError
+from micromanip.driver import ConfigError
 
 from .dictionary import Dictionary, number
 from .mapping import Direction, Mapped, Mapping, mapping

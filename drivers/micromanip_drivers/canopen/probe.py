@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 import can
 
-from micromanip.bus.driver import Answer
-from micromanip.bus.errors import TransientError
+from micromanip.driver import Answer, TransientError
 
 from ..canbus.link import CanLink
 from .options import CanOpenOptions

@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from micromanip.bus.driver import Channel, Inbox
-from micromanip.bus.errors import TransientError
+from micromanip.driver import Channel, Inbox, TransientError
 
 from .options import CanOpenOptions
 from .plan import SYNC, NodePlan, PdoPlan

@@ -13,7 +13,7 @@ import can
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from micromanip.bus.errors import IdentityMismatch, LinkError
+from micromanip.driver import IdentityMismatch, LinkError
 
 from ..canbus.link import CanLink
 from .dictionary import number

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from micromanip.bus.can_bits import worst_case_s
-from micromanip.bus.driver import Load
+from micromanip.driver import Load, worst_case_s
 
 from .options import CanOpenOptions
 from .plan import SYNC, NodePlan, PdoPlan

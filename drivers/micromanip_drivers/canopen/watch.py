@@ -6,7 +6,7 @@ import struct
 
 from canopen.emcy import EmcyError
 
-from micromanip.bus.errors import DeviceFault, LinkError
+from micromanip.driver import DeviceFault, LinkError
 
 OPERATIONAL = 5
 _STATES = {0: "INITIALISING", 4: "STOPPED", OPERATIONAL: "OPERATIONAL", 127: "PRE-OPERATIONAL"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from canopen.objectdictionary import datatypes
 
-from micromanip.bus.errors import OutputRefused
+from micromanip.driver import OutputRefused
 
 from .mapping import Mapped
 from .options import InputSignal

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.bus.driver import Answer, Channel, Inbox, Load, Outcome, Task
-from micromanip.bus.errors import DeviceFault, TransientError
+from micromanip.driver import Answer, Channel, DeviceFault, Inbox, Load, Outcome, Task, TransientError
 
 from .ascii_conversation import Conversation
 from .ascii_exchange import Exchange, Step

@@ -11,8 +11,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.bus.driver import Answer
-from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
+from micromanip.driver import Answer, DeviceFault, IdentityMismatch, LinkError, TransientError
 
 from . import ascii_presets
 from .ascii_options import Ascii

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from micromanip.bus.driver import Channel
-from micromanip.bus.errors import OutputRefused
-from micromanip.errors import ConfigError
+from micromanip.driver import Channel, ConfigError, OutputRefused
 
 from . import ascii_presets
 from .ascii_options import Ascii, AsciiOutput, Read, Write

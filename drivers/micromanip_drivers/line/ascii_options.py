@@ -60,7 +60,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from micromanip.quantities import Latency, Range, Real, SampleRate, Scale
+from micromanip.driver.quantities import Latency, Range, Real, SampleRate, Scale
 
 from .section import Name, Section
 

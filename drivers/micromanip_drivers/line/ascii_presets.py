@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from micromanip.errors import ConfigError
+from micromanip.driver import ConfigError
 
 from .ascii_options import Ascii, AsciiInput, AsciiOutput, Errors, Read, Write
 

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from micromanip.bus.errors import OutputRefused
+from micromanip.driver import OutputRefused
 
 from .ascii_options import AsciiOutput
 

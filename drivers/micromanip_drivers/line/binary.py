@@ -5,9 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.bus.driver import Answer, Channel, Inbox, Load, Outcome, Task
-from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
-from micromanip.errors import ConfigError
+from micromanip.driver import (
+    Answer,
+    Channel,
+    ConfigError,
+    IdentityMismatch,
+    Inbox,
+    LinkError,
+    Load,
+    Outcome,
+    Task,
+    TransientError,
+)
 
 from .binary_kinds import FrameKinds
 from .binary_messages import Frames, IdentityFrame, ReceivedFrame, SentFrame

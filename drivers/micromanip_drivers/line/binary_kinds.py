@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from micromanip.errors import ConfigError
+from micromanip.driver import ConfigError
 
 from .binary_messages import IdentityFrame, ReceivedFrame
 from .binary_options import Binary

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from micromanip.bus.driver import Channel, Inbox
-from micromanip.bus.errors import OutputRefused
-from micromanip.errors import ConfigError
+from micromanip.driver import Channel, ConfigError, Inbox, OutputRefused
 
 from .binary_options import Binary, BinaryIdentity, Received, Sent
 from .layout import Part, laid_out, part

@@ -47,7 +47,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from micromanip.quantities import Latency, SampleRate
+from micromanip.driver.quantities import Latency, SampleRate
 
 from .field_options import InputField, Known, OutputField, Status, WholeNumber
 from .framing_options import Counter, Crc, Length

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 
-from micromanip.bus.driver import Answer
+from micromanip.driver import Answer
 
 from .binary_kinds import FrameKinds
 from .frame_reader import FrameReader

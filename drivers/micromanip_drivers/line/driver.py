@@ -7,9 +7,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from micromanip.bus.driver import Answer, BusDriver, Channel, Inbox, Load, Outcome, Task
-from micromanip.bus.errors import BusError, LinkError, TransientError
-from micromanip.errors import ConfigError
+from micromanip.driver import (
+    Answer,
+    BusDriver,
+    BusError,
+    Channel,
+    ConfigError,
+    Inbox,
+    LinkError,
+    Load,
+    Outcome,
+    Task,
+    TransientError,
+)
 
 from .ascii import AsciiFraming
 from .binary import BinaryFraming

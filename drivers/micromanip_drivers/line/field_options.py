@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from micromanip.quantities import Range, Real, Scale
+from micromanip.driver.quantities import Range, Real, Scale
 
 from .section import Place, Section, Whole
 

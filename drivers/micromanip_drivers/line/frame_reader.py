@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 
-from micromanip.bus.errors import TransientError
+from micromanip.driver import TransientError
 
 from .frame_search import FrameSearch
 from .port import Port

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.bus.driver import Answer, Channel, Inbox, Load, Outcome, Task
+from micromanip.driver import Answer, Channel, Inbox, Load, Outcome, Task
 
 
 class Framing(ABC):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from micromanip.bus.driver import Load
+from micromanip.driver import Load
 
 from .port_options import SerialPort, TcpPort, UdpPort
 

@@ -6,7 +6,7 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 
-from micromanip.bus.errors import OutputRefused
+from micromanip.driver import OutputRefused
 
 from .field_options import InputField, Number, OutputField
 

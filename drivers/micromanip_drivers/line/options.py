@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from micromanip.bus.driver import BusOptions
+from micromanip.driver import BusOptions
 
 from .ascii_options import Ascii
 from .binary_options import Binary

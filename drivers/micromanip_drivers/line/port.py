@@ -7,7 +7,7 @@ import select
 import time
 from abc import ABC, abstractmethod
 
-from micromanip.bus.errors import LinkError, TransientError
+from micromanip.driver import LinkError, TransientError
 
 _AT_ONCE = 64
 """Reads that one call does at most: a babbling device must not keep the worker from writing."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from micromanip.bus.errors import LinkError
+from micromanip.driver import LinkError
 
 
 class Silence:

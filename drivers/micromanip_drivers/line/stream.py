@@ -7,9 +7,17 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from micromanip.bus.driver import Answer, Channel, Inbox, Load, Task
-from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
-from micromanip.errors import ConfigError
+from micromanip.driver import (
+    Answer,
+    Channel,
+    ConfigError,
+    IdentityMismatch,
+    Inbox,
+    LinkError,
+    Load,
+    Task,
+    TransientError,
+)
 
 from .device_clock import DeviceClock
 from .field_options import overlap

@@ -48,7 +48,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from micromanip.quantities import Latency, SampleRate
+from micromanip.driver.quantities import Latency, SampleRate
 
 from .field_options import InputField, Known, Number, Status, WholeNumber
 from .framing_options import Counter, Crc

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from micromanip.bus.driver import Channel, Inbox
+from micromanip.driver import Channel, Inbox
 
 from .client import Answer
 from .exchange import Exchange

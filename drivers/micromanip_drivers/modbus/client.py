@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from micromanip.bus.errors import LinkError, TransientError
+from micromanip.driver import LinkError, TransientError
 
 from ..line.port import Port
 from ..line.serial_port import SerialLine

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
-from micromanip.bus.errors import OutputRefused
+from micromanip.driver import OutputRefused
 
 from .task_options import REGISTERS, Input, Output, Register
 

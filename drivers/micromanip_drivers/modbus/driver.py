@@ -12,9 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from micromanip.bus.driver import Answer as Found
-from micromanip.bus.driver import BusDriver, Channel, Inbox, Load, Outcome, Task
-from micromanip.bus.errors import BusError, TransientError
+from micromanip.driver import Answer as Found
+from micromanip.driver import BusDriver, BusError, Channel, Inbox, Load, Outcome, Task, TransientError
 
 from .answers import Answers
 from .client import Answer, Client

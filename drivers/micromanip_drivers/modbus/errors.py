@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from micromanip.bus.errors import BusError, DeviceFault, TransientError
+from micromanip.driver import BusError, DeviceFault, TransientError
 
 _MEANINGS = {
     1: "illegal function: it has none with this code",

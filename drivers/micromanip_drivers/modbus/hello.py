@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
+from micromanip.driver import IdentityMismatch, LinkError, TransientError
 
 from .client import Client
 from .codec import Field

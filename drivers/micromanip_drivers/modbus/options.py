@@ -30,7 +30,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from micromanip.bus.driver import BusOptions
+from micromanip.driver import BusOptions
 
 from ..line.port_options import SerialPort, TcpPort
 from ..line.section import Name, Section

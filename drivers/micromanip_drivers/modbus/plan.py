@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from micromanip.errors import ConfigError
+from micromanip.driver import ConfigError
 
 from .codec import Field
 from .exchange import Block, Exchange

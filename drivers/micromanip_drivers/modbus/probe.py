@@ -7,8 +7,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from micromanip.bus.driver import Answer
-from micromanip.bus.errors import DeviceFault, TransientError
+from micromanip.driver import Answer, DeviceFault, TransientError
 
 from .client import Client
 from .codec import Field, ReadPlan

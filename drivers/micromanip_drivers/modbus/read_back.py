@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from micromanip.bus.errors import DeviceFault, TransientError
+from micromanip.driver import DeviceFault, TransientError
 
 from .client import Client
 from .exchange import Exchange

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from micromanip.quantities import Latency, Range, Real, SampleRate, Scale
+from micromanip.driver.quantities import Latency, Range, Real, SampleRate, Scale
 
 from ..line.section import Name, Section
 

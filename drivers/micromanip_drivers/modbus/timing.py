@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from micromanip.bus.driver import Load
-from micromanip.errors import ConfigError
+from micromanip.driver import ConfigError, Load
 
 from .exchange import Exchange
 from .framing import RtuFraming, TcpFraming

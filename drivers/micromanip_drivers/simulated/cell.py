@@ -7,10 +7,7 @@ from typing import Any
 import numba
 from numba import types
 
-from micromanip.rt.clock import now_ns, sleep_until
-from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
-from micromanip.rt.laws.minimum_jerk import minimum_jerk
-from micromanip.rt.records import SIGNAL
+from micromanip.driver import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, SIGNAL, minimum_jerk, now_ns, sleep_until
 
 from .bus import receive_samples, send_outputs, send_samples, write
 from .compiled import compiled

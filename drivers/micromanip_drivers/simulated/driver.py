@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.bus.cyclic import CyclicDriver, Functions
-from micromanip.bus.driver import Channel
-from micromanip.errors import ConfigError
+from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions
 
 from . import mechanics
 from . import options as o

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from micromanip.quantities import (
+from micromanip.driver.quantities import (
     Distance,
     DistanceOrZero,
     Hertz,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt.records import SIGNAL
+from micromanip.driver import SIGNAL
 
 MAX_AXES = 3
 STACK = 64

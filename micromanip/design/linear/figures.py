@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from micromanip.design.figures import panels, save
+from micromanip.design.canvas import panels, save
 
 from .judged import Judged
 

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
-from micromanip.emulation.plain_options import value
 from micromanip.errors import UsageError
-from micromanip.settings.text.source import Source
 from micromanip.testbus.event_loop import EventLoop
 from micromanip.testbus.faults import parsed
 from micromanip.testbus.hub import CanHub
@@ -18,43 +15,23 @@ from .python_can_bus import PythonCanBus
 _TEST_BUS = "micromanip"
 
 
-@dataclass(frozen=True)
-class BusSettings:
-    """Which bus."""
-
-    interface: str
-    channel: str
-    bitrate: int
-    data_bitrate: int | None
-
-
-def read_bus_settings(place: tuple[str, ...], options: Mapping[str, Any], source: Source) -> BusSettings:
-    """From the options of the driver at `place`; raises ConfigError with file, line and key."""
-    return BusSettings(
-        interface=value(source, place, options, "interface", str),
-        channel=str(value(source, place, options, "channel", (str, int))),
-        bitrate=value(source, place, options, "bitrate", int),
-        data_bitrate=value(source, place, options, "data_bitrate", int) if options.get("data_bitrate") else None,
-    )
-
-
 class CanBus:
     """The test bus, or an interface of python-can; what is the same whatever is spoken on it."""
 
-    def __init__(self, settings: BusSettings, loop: EventLoop) -> None:
-        """Raises DeviceUnavailable for a channel that is in use, or can't be reached."""
-        s = self._settings = settings
+    def __init__(self, keys: Any, loop: EventLoop) -> None:
+        """The bus that a driver's options name. Raises DeviceUnavailable where it is in use, or can't be reached."""
+        s = self._keys = keys
         self.line: CanHub | PythonCanBus
         if s.interface == _TEST_BUS:
-            self.line = CanHub(loop, s.channel, s.bitrate, s.data_bitrate)
+            self.line = CanHub(loop, str(s.channel), s.bitrate, s.data_bitrate)
         else:
-            self.line = PythonCanBus(loop, s.interface, s.channel, s.bitrate, s.data_bitrate)
+            self.line = PythonCanBus(loop, s.interface, str(s.channel), s.bitrate, s.data_bitrate)
         self._loop = loop
         self._began_ns = loop.now_ns()
 
     def ready(self, out: int, into: int) -> str:
         """With so many messages out of the devices, and into them."""
-        s = self._settings
+        s = self._keys
         kbits = "/".join(f"{rate / 1e3:g}" for rate in (s.bitrate, s.data_bitrate) if rate)
         return f"{s.channel}: {out} message{'s' * (out != 1)} out, {into} in, {kbits} kbit/s"
 
@@ -65,7 +42,7 @@ class CanBus:
     def inject(self, fault: Mapping[str, Any]) -> None:
         """Disturb the bus. Raises UsageError for what is no such fault, or where it isn't the test bus."""
         if not isinstance(self.line, CanHub):
-            name = f"{self._settings.interface} {self._settings.channel}"
+            name = f"{self._keys.interface} {self._keys.channel}"
             raise UsageError(f"{name} can't be disturbed; the test bus, interface {_TEST_BUS}, can")
         self.line.faults.inject(parsed(dict(fault)))
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import cantools
+
 from micromanip.emulation.cell import PlayedCell
-from micromanip.emulation.emulated import PlayedDevice, Surroundings
-from micromanip.emulation.wires import Wires, wires_of
+from micromanip.emulation.emulated import PlayedDevice, Surroundings, Wires
 from micromanip.testbus.event_loop import EventLoop
 
-from .can_bus import CanBus, read_bus_settings
+from .can_bus import CanBus
 from .can_device import CanDevice, Sent
-from .canbus_settings import MessageTable
+from .dbc_message import DbcMessage
 
 
 class PlayedCanBus:
@@ -66,23 +67,18 @@ class PlayedCanBus:
 
 def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     """Bus and node of the driver called `name`."""
-    source, cell, loop = surroundings.source, surroundings.cell, surroundings.loop
-    place, options = ("drivers", name), surroundings.configuration.drivers[name].options
-    settings = read_bus_settings(place, options, source)
-    table = MessageTable(place, options, source, fd=settings.data_bitrate is not None)
-    wires = wires_of(name, surroundings.configuration, source, cell)
-    sent = [
-        Sent(
-            name=message.name,
-            period_ns=round(1e9 / rate_hz),
-            message=message,
-            signals=_filling(message.name, message.signals, wires, cell),
-        )
-        for message, rate_hz in table.sent
-    ]
-    bus = CanBus(settings, loop)
-    amplifier = surroundings.amplifier(wires)
-    device = CanDevice(loop, bus.line, cell, sent, table.received, wires.outputs, amplifier)
+    keys, cell, loop = surroundings.options(name), surroundings.cell, surroundings.loop
+    database: Any = cantools.database.load_file(surroundings.source.path.parent / keys.database, database_format="dbc")
+    known = {message.name: message for message in database.messages}
+    wires = surroundings.wires(name)
+    sent = []
+    for name_in_dbc, entry in keys.receive.items():
+        message = DbcMessage(known[name_in_dbc], counter=entry.counter)
+        signals = _filling(name_in_dbc, message.signals, wires, cell)
+        sent.append(Sent(name_in_dbc, round(1e9 / entry.rate_hz), message=message, signals=signals))
+    received = [DbcMessage(known[name_in_dbc], counter=entry.counter) for name_in_dbc, entry in keys.send.items()]
+    bus = CanBus(keys, loop)
+    device = CanDevice(loop, bus.line, cell, sent, received, wires.outputs, surroundings.amplifier(wires))
     return PlayedCanBus(bus, device, loop)
 
 

@@ -11,12 +11,10 @@ from canopen.objectdictionary import ObjectDictionaryError
 
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import PlayedCell
-from micromanip.emulation.emulated import PlayedDevice, Surroundings
-from micromanip.emulation.plain_options import Place, section, value
-from micromanip.emulation.wires import Wires, wires_of
+from micromanip.emulation.emulated import PlayedDevice, Surroundings, Wires
 from micromanip.errors import UsageError
 
-from .can_bus import CanBus, read_bus_settings
+from .can_bus import CanBus
 from .canopen_node import CanOpenNode
 
 _IDLE_NS = 5_000_000
@@ -88,32 +86,27 @@ class PlayedCanOpen:
 def play_canopen(name: str, surroundings: Surroundings) -> PlayedDevice:
     """Bus and nodes of the driver called `name`."""
     source, cell, loop = surroundings.source, surroundings.cell, surroundings.loop
-    place, options = ("drivers", name), surroundings.configuration.drivers[name].options
-    settings = read_bus_settings(place, options, source)
-    wires = wires_of(name, surroundings.configuration, source, cell)
-    sections = {
-        node: (value(source, (*place, "nodes", node), entry, "node_id", int), _eds(surroundings, place, node, entry))
-        for node, entry in section(source, place, options, "nodes").items()
-    }
+    keys, wires = surroundings.options(name), surroundings.wires(name)
     # the nodes watch their commander themselves, and what is behind them does as they say
     amplifier = Amplifier(cell.plant, wires.rest_V, None)
-    bus = CanBus(settings, loop)
+    bus = CanBus(keys, loop)
     cell.amplifiers.append(amplifier)
     nodes: dict[str, CanOpenNode] = {}
     try:
-        for node, (node_id, eds) in sections.items():
-            entry = options["nodes"][node]
+        for node, entry in keys.nodes.items():
+            eds = source.path.parent / entry.eds
             behind = _Behind(cell, amplifier, dict(_named(node, entry, wires)))
             try:
-                nodes[node] = CanOpenNode(bus.line, loop, eds, node_id, behind.read, behind.write)
+                nodes[node] = CanOpenNode(bus.line, loop, eds, entry.node_id, behind.read, behind.write)
             except (OSError, ValueError, KeyError, TypeError, configparser.Error, ObjectDictionaryError) as problem:
-                raise source.error((*place, "nodes", node, "eds"), f"{eds} can't be used: {problem}") from problem
+                where = ("drivers", name, "nodes", node, "eds")
+                raise source.error(where, f"{eds} can't be used: {problem}") from problem
             behind.resolve(nodes[node])
     except BaseException:
         bus.close()
         raise
-    pdos = [len(entry.get(kind, ())) for kind in ("tpdo", "rpdo") for entry in options["nodes"].values()]
-    return PlayedCanOpen(bus, surroundings, nodes, wires, (sum(pdos[: len(nodes)]), sum(pdos[len(nodes) :])))
+    pdos = [sum(len(getattr(node, kind)) for node in keys.nodes.values()) for kind in ("tpdo", "rpdo")]
+    return PlayedCanOpen(bus, surroundings, nodes, wires, (pdos[0], pdos[1]))
 
 
 class _Behind:
@@ -142,18 +135,12 @@ class _Behind:
             self._cell.advance_to(now_ns)
 
 
-def _named(node: str, entry: Mapping[str, Any], wires: Wires) -> Iterator[tuple[str, str]]:
+def _named(node: str, keys: Any, wires: Wires) -> Iterator[tuple[str, str]]:
     """Objects of a node, by name or number in its EDS, with the names that the configuration gives them."""
-    for kind in ("tpdo", "rpdo"):
-        for pdo in entry.get(kind, {}).values():
-            for signal, keys in pdo.get("signals", {}).items():
-                channel = f"{node}.{signal}"
-                name = wires.signals.get(channel) or wires.outputs.get(channel) or signal
-                eds_name = str(keys.get("object") or signal)
-                yield eds_name, name
-                yield eds_name.rsplit(".", 1)[-1], name
-
-
-def _eds(surroundings: Surroundings, place: Place, node: str, entry: Any) -> Any:
-    source = surroundings.source
-    return source.path.parent / value(source, (*place, "nodes", node), entry, "eds", str)
+    for pdo in (*keys.tpdo.values(), *keys.rpdo.values()):
+        for signal, entry in pdo.signals.items():
+            channel = f"{node}.{signal}"
+            name = wires.signals.get(channel) or wires.outputs.get(channel) or signal
+            eds_name = entry.object or signal
+            yield eds_name, name
+            yield eds_name.rsplit(".", 1)[-1], name

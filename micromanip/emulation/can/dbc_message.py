@@ -12,15 +12,15 @@ from micromanip.testbus.frame import Frame
 class DbcMessage:
     """Values to frames and back, for one message of cantools."""
 
-    def __init__(self, message: Any, *, counter: str | None, bitrate_switch: bool) -> None:
-        """`counter` is the signal that counts the frames, `bitrate_switch` whether the bus has a second rate."""
+    def __init__(self, message: Any, *, counter: str | None) -> None:
+        """`counter` is the signal that counts the frames."""
         self.name: str = message.name
         self.identifier: int = message.frame_id
         self.extended: bool = message.is_extended_frame
         self.signals: list[str] = [signal.name for signal in message.signals if signal.name != counter]
         self._message, self._counter = message, counter
         self._fd = bool(message.is_fd)
-        self._bitrate_switch = self._fd and bitrate_switch
+        self._bitrate_switch = self._fd and _switches_bitrate(message)
         self._ends = {signal.name: _ends(signal) for signal in message.signals}
         self._counts = max((1 << signal.length for signal in message.signals if signal.name == counter), default=0)
 
@@ -58,3 +58,9 @@ def _ends(signal: Any) -> tuple[float, float, bool]:
     codes = (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
     ends = sorted(code * signal.scale + signal.offset for code in codes)
     return ends[0], ends[1], False
+
+
+def _switches_bitrate(message: Any) -> bool:
+    """Whether the data of a CAN FD message go at the second rate: as its attribute CANFD_BRS says, else they do."""
+    attribute = message.dbc.attributes.get("CANFD_BRS") if message.dbc else None
+    return attribute is None or bool(int(attribute.value))

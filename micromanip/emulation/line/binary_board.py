@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from micromanip.emulation.messages import Due
 from micromanip.testbus.event_loop import EventLoop
@@ -12,6 +13,7 @@ from .binary_frame import FrameFormat, FrameLayout, FrameReader
 from .device import Behind, LineDevice
 from .device_line import DeviceLine
 from .faults import Identity
+from .number import checksum, line_numbers, optional_number
 from .port import Peer
 
 _SAYS_WHO_EVERY_NS = 100_000_000
@@ -128,3 +130,45 @@ class BinaryBoard(LineDevice):
         self._loop.call_at(self._loop.now_ns() + _SAYS_WHO_EVERY_NS, self._say_who_now_and_then)
         if self._loop.now_ns() >= self._off_until_ns:
             self._line.send(self._identity_frame(identity))
+
+
+def board_messages(keys: Any) -> BoardMessages:
+    """All that the section `binary` of the driver's options describes: what the driver receives the board sends."""
+    frame_format = FrameFormat(
+        sync=bytes.fromhex(keys.sync),
+        length=optional_number(keys.length),
+        length_plus=keys.length.plus if keys.length else 0,
+        kind=optional_number(keys.kind),
+        checksum=checksum(keys.crc),
+    )
+    sent = {name: _layout(name, message, frame_format) for name, message in keys.receive.items()}
+    replies = {message.reply for message in keys.send.values()}
+    received = [
+        (_layout(name, message, frame_format), sent[message.reply] if message.reply else None)
+        for name, message in keys.send.items()
+    ]
+    periodic = [
+        (layout, round(1e9 / keys.receive[name].rate_hz)) for name, layout in sent.items() if name not in replies
+    ]
+    identity = None if keys.identity is None else _identity(keys.identity, frame_format)
+    return BoardMessages(frame_format, periodic, received, identity, round(keys.turnaround_us * 1e3))
+
+
+def _layout(name: str, message: Any, frame_format: FrameFormat) -> FrameLayout:
+    fields = line_numbers(message.fields)
+    counter, status = optional_number(message.counter), getattr(message, "status", None)
+    status_number = optional_number(status)
+    parts = [*fields.values(), *(part for part in (counter, status_number) if part is not None)]
+    size = message.bytes or frame_format.size_at_end_of(parts)
+    return FrameLayout(name, message.kind, size, counter, status_number, status.good[0] if status else 0, fields)
+
+
+def _identity(keys: Any, frame_format: FrameFormat) -> BoardIdentity:
+    fields = line_numbers(keys.numbers)
+    size = keys.bytes or frame_format.size_at_end_of(list(fields.values()))
+    layout = FrameLayout("identity", keys.kind, size, None, None, 0, fields)
+    request = None
+    if keys.request is not None:
+        request = bytes.fromhex(keys.request)
+        request += frame_format.checksum.of(request) if frame_format.checksum else b""
+    return BoardIdentity(request, layout, {name: float(number.value) for name, number in keys.numbers.items()})

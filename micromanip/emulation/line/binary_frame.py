@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from .checksum import Checksum
-from .number import LineNumber
+from .number import Checksum, LineNumber
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import PlayedCell
+from micromanip.emulation.emulated import Wires
 from micromanip.emulation.messages import Due, MessageFigures, Periodic
-from micromanip.emulation.wires import Wires
 from micromanip.testbus.event_loop import EventLoop
 
 from .device_line import DeviceLine

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
@@ -12,6 +13,7 @@ from micromanip.testbus.event_loop import EventLoop
 from .fault import LineFault, MessageFault
 from .faults import Disconnect, Echo, Hang, LineFaults, Stranger, Unplug
 from .port import Hear, LinePort, Peer
+from .pseudo_terminal import PseudoTerminal
 from .tcp_port import TcpPort
 from .udp_port import UdpPort
 
@@ -121,3 +123,30 @@ class DeviceLine(Peer):
 
     def _echo_as_before(self) -> None:
         self.port.echo = self._echoes
+
+
+def port_maker(keys: Any, loop: EventLoop, *, half_duplex: bool = False) -> Callable[[Hear], LinePort]:
+    """What makes the device's end of the port that a driver's options name, in `serial`, `tcp` or `udp`.
+
+    With `half_duplex` both directions of any serial line take turns, else those of RS-485.
+    """
+    if keys.serial is not None:
+        return partial(_serial_port, keys.serial, loop, half_duplex)
+    port = keys.tcp or keys.udp
+    bits_per_s = 1e6 * port.link_Mbit_per_s
+    if keys.tcp is not None:
+        return lambda hear: TcpPort(loop, port.host, port.port, hear, bits_per_s)
+    return lambda hear: UdpPort(loop, port.host, port.port, port.listen, hear, bits_per_s)
+
+
+def _serial_port(keys: Any, loop: EventLoop, half_duplex: bool, hear: Hear) -> LinePort:
+    port = PseudoTerminal(
+        loop,
+        Path(keys.device),
+        keys.baud,
+        lambda data: hear(data, port),
+        bits_per_byte=keys.bits_per_byte,
+        half_duplex=half_duplex or keys.rs485 is not None,
+    )
+    port.echo = keys.rs485 is not None and keys.rs485.echo
+    return port

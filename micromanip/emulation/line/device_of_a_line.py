@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 from micromanip.emulation.emulated import PlayedDevice, Surroundings
 from micromanip.emulation.messages import Due
-from micromanip.emulation.plain_options import Place, section, value
-from micromanip.emulation.wires import wires_of
 from micromanip.errors import UsageError
-from micromanip.settings.text.source import Source
 from micromanip.testbus.event_loop import EventLoop
 
-from .ascii_device import AsciiDevice
-from .ascii_settings import read_interpreter
-from .binary_board import BinaryBoard
-from .binary_settings import hexadecimal, period_ns, read_board
+from .ascii_device import PRESETS, AsciiDevice
+from .binary_board import BinaryBoard, board_messages
 from .device import Behind, LineDevice
-from .device_line import DeviceLine
+from .device_line import DeviceLine, port_maker
 from .faults import GcsError, Identity, parsed
-from .port import Hear, LinePort
-from .pseudo_terminal import PseudoTerminal
-from .stream_device import StreamDevice
-from .stream_settings import read_packet, samples_a_packet
-from .tcp_port import TcpPort
-from .udp_port import UdpPort
+from .stream_device import StreamDevice, packet_layout, samples_per_packet
 
 
 class PlayedLine:
@@ -92,88 +80,30 @@ class PlayedLine:
 
 def play_line(name: str, surroundings: Surroundings) -> PlayedDevice:
     """Line and device of the driver called `name`."""
-    source, cell, loop = surroundings.source, surroundings.cell, surroundings.loop
-    place, options = ("drivers", name), surroundings.configuration.drivers[name].options
-    wires = wires_of(name, surroundings.configuration, source, cell)
-    framing = _one_of(source, place, options, ("binary", "ascii", "stream"))
-    layout = section(source, place, options, framing)
-    period_ms = _slowest_ms(source, place, framing, layout) if wires.outputs else 0.0
-    amplifier = surroundings.amplifier(wires, period_ms)
-    behind = Behind(cell, wires, amplifier)
-    line = DeviceLine(loop, _port_maker(source, place, options, loop))
-    try:
-        device = _DEVICES[framing](source, (*place, framing), layout, loop, line, behind)
-    except BaseException:
-        line.close()
-        raise
-    return PlayedLine(line, device, loop)
+    keys, loop = surroundings.options(name), surroundings.loop
+    if keys.ascii is not None and keys.ascii.preset not in PRESETS:
+        where = ("drivers", name, "ascii", "preset")
+        raise surroundings.source.error(where, f"devices are played for the presets {' and '.join(PRESETS)}")
+    wires = surroundings.wires(name)
+    amplifier = surroundings.amplifier(wires, _slowest_write_ms(keys) if wires.outputs else 0.0)
+    behind = Behind(surroundings.cell, wires, amplifier)
+    line = DeviceLine(loop, port_maker(keys, loop))
+    return PlayedLine(line, _device(name, keys, loop, line, behind), loop)
 
 
-def _board(
-    source: Source, place: Place, layout: Mapping[str, Any], loop: EventLoop, line: DeviceLine, behind: Behind
-) -> LineDevice:
-    return BinaryBoard(loop, line, behind, read_board(source, place, layout))
+def _device(name: str, keys: Any, loop: EventLoop, line: DeviceLine, behind: Behind) -> LineDevice:
+    if keys.binary is not None:
+        return BinaryBoard(loop, line, behind, board_messages(keys.binary))
+    if keys.ascii is not None:
+        interpreter = PRESETS[keys.ascii.preset](keys.ascii, behind, line)
+        return AsciiDevice(loop, line, behind, interpreter, round(keys.ascii.turnaround_us * 1e3))
+    stream = keys.stream
+    period_ns, samples = round(1e9 / stream.rate_hz), samples_per_packet(stream)
+    begin = bytes.fromhex(stream.start)
+    return StreamDevice(loop, line, behind, name, packet_layout(stream), period_ns, samples, begin)
 
 
-def _ascii(
-    source: Source, place: Place, layout: Mapping[str, Any], loop: EventLoop, line: DeviceLine, behind: Behind
-) -> LineDevice:
-    interpreter = read_interpreter(source, place, layout, behind, line)
-    return AsciiDevice(loop, line, behind, interpreter, round(float(layout.get("turnaround_us", 0.0)) * 1e3))
-
-
-def _stream(
-    source: Source, place: Place, layout: Mapping[str, Any], loop: EventLoop, line: DeviceLine, behind: Behind
-) -> LineDevice:
-    packet, samples = read_packet(source, place, layout), samples_a_packet(source, place, layout)
-    begin = hexadecimal(source, place, layout, "start") if layout.get("start") else b""
-    return StreamDevice(loop, line, behind, place[1], packet, period_ns(source, place, layout), samples, begin)
-
-
-_DEVICES: dict[str, Callable[..., LineDevice]] = {"binary": _board, "ascii": _ascii, "stream": _stream}
-
-
-def _port_maker(
-    source: Source, place: Place, options: Mapping[str, Any], loop: EventLoop
-) -> Callable[[Hear], LinePort]:
-    kind = _one_of(source, place, options, ("serial", "tcp", "udp"))
-    where, entry = (*place, kind), section(source, place, options, kind)
-    if kind == "serial":
-        return partial(_serial_port, source, where, entry, loop)
-    host, port = value(source, where, entry, "host", str), value(source, where, entry, "port", int)
-    bits_per_s = 1e6 * float(entry.get("link_Mbit_per_s", 100.0))
-    if kind == "tcp":
-        return lambda hear: TcpPort(loop, host, port, hear, bits_per_s)
-    return lambda hear: UdpPort(loop, host, port, entry.get("listen"), hear, bits_per_s)
-
-
-def _serial_port(source: Source, place: Place, entry: Mapping[str, Any], loop: EventLoop, hear: Hear) -> LinePort:
-    rs485 = entry.get("rs485")
-    bits = 1 + int(entry.get("bytesize", 8)) + (entry.get("parity", "none") != "none") + int(entry.get("stopbits", 1))
-    port = PseudoTerminal(
-        loop,
-        Path(value(source, place, entry, "device", str)),
-        value(source, place, entry, "baud", int),
-        lambda data: hear(data, port),
-        bits_per_byte=bits,
-        half_duplex=rs485 is not None,
-    )
-    port.echo = bool(rs485 and rs485.get("echo"))
-    return port
-
-
-def _slowest_ms(source: Source, place: Place, framing: str, layout: Mapping[str, Any]) -> float:
+def _slowest_write_ms(keys: Any) -> float:
     """Longest period of what is written."""
-    key = {"binary": "send", "ascii": "write"}.get(framing)
-    if key is None:
-        return 0.0
-    where = (*place, framing, key)
-    sections = section(source, (*place, framing), layout, key)
-    return max((period_ns(source, (*where, name), entry) * 1e-6 for name, entry in sections.items()), default=0.0)
-
-
-def _one_of(source: Source, place: Place, options: Mapping[str, Any], keys: tuple[str, ...]) -> str:
-    given = [key for key in keys if options.get(key) is not None]
-    if len(given) != 1:
-        raise source.error(place, f"give one of {', '.join(keys)}; there are {' and '.join(given) or 'none'}")
-    return given[0]
+    writes = keys.binary.send if keys.binary else keys.ascii.write if keys.ascii else {}
+    return max((1e3 / message.rate_hz for message in writes.values()), default=0.0)

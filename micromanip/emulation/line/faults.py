@@ -36,7 +36,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field, TypeAdapter
 
 from micromanip.testbus.event_loop import EventLoop, Timer
-from micromanip.testbus.fault_document import validated
+from micromanip.testbus.fault import validated
 
 from .fault import Delay, Drop, Duplicate, Flip, Garbage, Join, LineFault, MessageFault, Reorder, Short, Split
 

@@ -1,16 +1,13 @@
-"""A number in a frame, as the configuration lays it out: where it lies, its type, byte order, scale and offset."""
+"""A number in a frame: where it lies, its type, byte order, scale and offset; and the checksum behind all of them."""
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
-
-from micromanip.emulation.plain_options import Place, value
-from micromanip.settings.text.source import Source
 
 _FLOATS = {"float32": "f", "float64": "d"}
 _SIZES = {
@@ -88,28 +85,41 @@ class LineNumber:
         return ("<" if self.byte_order == "little" else ">") + _FLOATS[self.kind]
 
 
-def read_number(source: Source, place: Place, entry: Any) -> LineNumber:
-    """The number that a section describes; raises ConfigError with file, line and key."""
-    kind = value(source, place, entry, "type", str)
-    if kind not in _SIZES:
-        raise source.error((*place, "type"), f"there is no type {kind}; there are {', '.join(_SIZES)}")
-    at = value(source, place, entry, "at", int)
+@dataclass(frozen=True)
+class Checksum:
+    """It is the last of a frame, and covers all from byte `first` on."""
+
+    function: Callable[[bytes], int]
+    size: int
+    byte_order: Literal["little", "big"] = "little"
+    first: int = 0
+
+    def of(self, covered: bytes) -> bytes:
+        """The checksum of a frame that still has none."""
+        return self.function(covered[self.first :]).to_bytes(self.size, self.byte_order)
+
+    def fits(self, frame: bytes) -> bool:
+        """Whether a whole frame is good."""
+        return len(frame) > self.size and self.of(frame[: -self.size]) == frame[-self.size :]
+
+
+def line_number(keys: Any) -> LineNumber:
+    """The number that these keys of the driver describe."""
     return LineNumber(
-        at, kind, read_byte_order(source, place, entry), float(entry.get("scale", 1.0)), float(entry.get("offset", 0.0))
+        keys.at, keys.type, keys.byte_order or "little", getattr(keys, "scale", 1.0), getattr(keys, "offset", 0.0)
     )
 
 
-def read_byte_order(source: Source, place: Place, entry: Mapping[str, Any]) -> Literal["little", "big"]:
-    """Of a number or a checksum; raises ConfigError with file, line and key for one that doesn't exist."""
-    match entry.get("byte_order") or "little":
-        case "little":
-            return "little"
-        case "big":
-            return "big"
-        case other:
-            raise source.error((*place, "byte_order"), f"must be little or big, not {other}")
+def optional_number(keys: Any) -> LineNumber | None:
+    """The same where the device may have none."""
+    return None if keys is None else line_number(keys)
 
 
-def read_optional(source: Source, place: Place, entry: Any, key: str) -> LineNumber | None:
-    """The same for a key that may be left out."""
-    return read_number(source, (*place, key), entry[key]) if entry.get(key) is not None else None
+def line_numbers(keys: Mapping[str, Any]) -> dict[str, LineNumber]:
+    """Several, by name."""
+    return {name: line_number(number) for name, number in keys.items()}
+
+
+def checksum(keys: Any) -> Checksum | None:
+    """The checksum that these keys of the driver describe, None for a device without one."""
+    return None if keys is None else Checksum(keys.function, keys.size, keys.byte_order, keys.first)

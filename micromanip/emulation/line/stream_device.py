@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from micromanip.emulation.messages import Due
 from micromanip.testbus.event_loop import EventLoop
 
-from .checksum import Checksum
 from .device import Behind, LineDevice
 from .device_line import DeviceLine
 from .faults import Identity
-from .number import LineNumber
+from .number import Checksum, LineNumber, checksum, line_number, line_numbers, optional_number
 from .port import Peer
 
 CLOCK_BEGINS_S = 86_400.0
 """What the device's own clock says when it is switched on: nothing that anyone else's clock says."""
 CLOCK_GAINS = 20e-6
 """It runs faster than the controller's, as two quartzes do."""
+_PACKETS_PER_S = 1000
+"""As many as a device sends at most where it may choose how many samples go into one."""
 
 
 @dataclass(frozen=True)
@@ -132,3 +134,28 @@ class StreamDevice(LineDevice):
         wrong = self._line.active(Identity) is not None
         self._line.send(self._layout.built(samples, self._count, time_s, wrong))
         self.figures.sent += 1
+
+
+def packet_layout(keys: Any) -> PacketLayout:
+    """What the section `stream` of the driver's options describes."""
+    return PacketLayout(
+        magic=bytes.fromhex(keys.magic),
+        header_bytes=keys.header_bytes,
+        block_bytes=keys.block_bytes,
+        blocks=None if isinstance(keys.blocks, int) else line_number(keys.blocks),
+        counter=optional_number(keys.counter),
+        counts_samples=keys.counter is not None and keys.counter.counts == "samples",
+        time=None if keys.time is None else replace(line_number(keys.time), scale=keys.time.unit_s),
+        status=optional_number(keys.status),
+        good_status=keys.status.good[0] if keys.status else 0,
+        identity={name: (line_number(number), float(number.value)) for name, number in keys.identity.items()},
+        fields=line_numbers(keys.fields),
+        checksum=checksum(keys.crc),
+    )
+
+
+def samples_per_packet(keys: Any) -> int:
+    """As configured; where the header tells it, so many that there are at most 1000 packets a second."""
+    if isinstance(keys.blocks, int):
+        return keys.blocks
+    return int(min(keys.blocks.most, max(1, round(keys.rate_hz / _PACKETS_PER_S))))

@@ -17,7 +17,7 @@ from pydantic import Field, TypeAdapter
 from micromanip.emulation.line import faults as line_faults
 from micromanip.emulation.line.fault import LineFault, MessageFault, Parts
 from micromanip.errors import UsageError
-from micromanip.testbus.fault_document import validated
+from micromanip.testbus.fault import validated
 
 _NUMBER_BYTES = 2
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from micromanip.emulation.line.device import Behind
 
@@ -11,6 +12,9 @@ from .register import DeviceRegister
 COILS, INPUTS, HOLDING, INPUT_REGISTERS = "coils", "discrete inputs", "holding registers", "input registers"
 COUNT_EVERY_NS = 1_000_000
 """It measures anew so often: so its counters go."""
+_READ = {1: COILS, 2: INPUTS, 3: HOLDING, 4: INPUT_REGISTERS, 23: HOLDING}
+_WRITTEN = {5: COILS, 6: HOLDING, 15: COILS, 16: HOLDING, 23: HOLDING}
+"""Table that each function code reads or writes."""
 
 
 class ModbusUnit:
@@ -119,3 +123,39 @@ def _meets(register: DeviceRegister, first: int, count: int) -> bool:
 
 Units = Mapping[int, ModbusUnit]
 """By their number on the line."""
+
+
+def unit_of(name: str, keys: Any, behind: Behind) -> ModbusUnit:
+    """The unit that a section `units` of the driver's options describes."""
+    unit = ModbusUnit(name, behind)
+    for task in keys.tasks.values():
+        for register in _registers(keys, task.read):
+            unit.add_measured(_READ[task.function], register, f"{name}.{register.name}")
+        for register in _registers(keys, task.write):
+            unit.add_output(_WRITTEN[task.function], register, f"{name}.{register.name}")
+        if task.status is not None:
+            unit.add_constant(_READ[task.function], _register(keys, "status", task.status), task.status.good[0])
+        if task.counter is not None:
+            unit.add_counter(_READ[task.function], _register(keys, "counter", task.counter))
+    for register in _registers(keys, keys.identity):
+        entry = keys.identity[register.name]
+        unit.add_constant(_READ[entry.function], register, entry.value)
+    return unit
+
+
+def _registers(unit: Any, entries: Mapping[str, Any]) -> Iterator[DeviceRegister]:
+    return (_register(unit, name, entry) for name, entry in entries.items())
+
+
+def _register(unit: Any, name: str, entry: Any) -> DeviceRegister:
+    return DeviceRegister(
+        name,
+        entry.address - unit.address_base,
+        entry.type,
+        unit.byte_order == "big",
+        unit.word_order == "big",
+        scale=getattr(entry, "scale", 1.0),
+        offset=getattr(entry, "offset", 0.0),
+        first_bit=getattr(entry, "first_bit", None) or 0,
+        bit_count=getattr(entry, "bit_count", 1),
+    )

@@ -7,19 +7,17 @@ from typing import Any
 
 from micromanip.emulation.emulated import PlayedDevice, Surroundings
 from micromanip.emulation.line.device import Behind
-from micromanip.emulation.line.device_line import DeviceLine
+from micromanip.emulation.line.device_line import DeviceLine, port_maker
 from micromanip.emulation.line.faults import Identity
 from micromanip.emulation.line.port import Peer
 from micromanip.emulation.messages import MessageFigures
-from micromanip.emulation.wires import wires_of
 from micromanip.testbus.event_loop import EventLoop
 
 from . import faults as modbus_faults
 from .faults import ModbusException
 from .frames import Frames, Request, RtuFrames, TcpFrames
 from .server import answer, refused
-from .settings import is_serial, port_maker, read_units, slowest_write_ms
-from .unit import ModbusUnit
+from .unit import ModbusUnit, unit_of
 
 _GATEWAY_TARGET = 11
 _EVERY_NS = 1_000_000
@@ -134,14 +132,18 @@ class PlayedModbus:
 
 def play_modbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     """Port and units of the driver called `name`."""
-    source, cell, loop = surroundings.source, surroundings.cell, surroundings.loop
-    place, options = ("drivers", name), surroundings.configuration.drivers[name].options
-    wires = wires_of(name, surroundings.configuration, source, cell)
-    period_ms = slowest_write_ms(source, place, options) if wires.outputs else 0.0
-    amplifier = surroundings.amplifier(wires, period_ms)
+    keys, cell, loop = surroundings.options(name), surroundings.cell, surroundings.loop
+    wires = surroundings.wires(name)
+    amplifier = surroundings.amplifier(wires, _slowest_write_ms(keys) if wires.outputs else 0.0)
     behind = Behind(cell, wires, amplifier)
-    units = read_units(source, place, options, behind)
-    line = DeviceLine(loop, port_maker(source, place, options, loop))
-    device = PlayedModbus(loop, line, units, behind, is_serial(options))
+    units = {unit.unit_id: unit_of(unit_name, unit, behind) for unit_name, unit in keys.units.items()}
+    line = DeviceLine(loop, port_maker(keys, loop, half_duplex=True))
+    device = PlayedModbus(loop, line, units, behind, keys.serial is not None)
     device.signals = list(wires.signals.values())
     return device
+
+
+def _slowest_write_ms(keys: Any) -> float:
+    """Longest period of a task that writes; 0 without one."""
+    tasks = [task for unit in keys.units.values() for task in unit.tasks.values() if task.write]
+    return max((1e3 / task.rate_hz for task in tasks), default=0.0)

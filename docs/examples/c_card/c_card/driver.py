@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from micromanip.bus.cyclic import CyclicDriver, Functions
-from micromanip.errors import ConfigError
+from micromanip.driver import ConfigError, CyclicDriver, Functions
 
 CONTEXT = np.dtype([("um_per_V", "f8"), ("output_V", "f8"), ("is_open", "i8")], align=True)
 

@@ -5,16 +5,19 @@ import numpy as np
 from numba import types
 from pydantic import BaseModel, ConfigDict, Field
 
-from micromanip.bus.cyclic import CyclicDriver, Functions
-from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
-from micromanip.rt.jit import Compiler
-from micromanip.rt.records import SIGNAL
+from micromanip.driver import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, SIGNAL, Compiler, CyclicDriver, Functions
 
 CONTEXT = np.dtype([("um_per_V", "f8"), ("share", "f8"), ("voltage_V", "f8"), ("position_um", "f8")], align=True)
 CONTEXT_POINTER = types.CPointer(numba.from_dtype(CONTEXT))
 SIGNAL_POINTER = types.CPointer(numba.from_dtype(SIGNAL))
 
 compiled = Compiler(__file__)
+
+
+@compiled
+def follow(c):
+    """Move for one period."""
+    c["position_um"] += c["share"] * (c["um_per_V"] * c["voltage_V"] - c["position_um"])
 
 
 @compiled.c_function(
@@ -26,7 +29,7 @@ def exchange(context, outputs, inputs, now_ns, periods):
     """Move for the periods that passed, leave a fresh sample, take the new voltage."""
     c, strain = numba.carray(context, 1)[0], numba.carray(inputs, 1)[0]
     for _ in range(periods):
-        c["position_um"] += c["share"] * (c["um_per_V"] * c["voltage_V"] - c["position_um"])
+        follow(c)
     strain["value"], strain["time_ns"], strain["status"] = c["position_um"], now_ns, 0
     strain["sequence"] += 1
     c["voltage_V"] = numba.carray(outputs, 1)[0]

@@ -7,8 +7,19 @@ import time
 
 from pydantic import Field
 
-from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Task
-from micromanip.bus.errors import IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.driver import (
+    Answer,
+    BusDriver,
+    BusOptions,
+    Channel,
+    IdentityMismatch,
+    Inbox,
+    LinkError,
+    Load,
+    OutputRefused,
+    Task,
+    TransientError,
+)
 
 from . import wire
 

@@ -1,0 +1,31 @@
+"""What every figure is drawn on, and how it becomes files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+_SIZE, _DPI = (7.0, 4.5), 130
+
+
+def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI) -> list[Path]:
+    """Write `figure` as PNG and SVG, each whole or not at all; the files. Raises OSError."""
+    files = [folder / f"{name}.png", folder / f"{name}.svg"]
+    for file in files:
+        try:
+            with rc_context({"svg.hashsalt": "micromanip"}):  # the same figure, the same bytes
+                figure.savefig(file, dpi=dpi, metadata={"Date": None} if file.suffix == ".svg" else None)
+        except OSError:
+            file.unlink(missing_ok=True)
+            raise
+    return files
+
+
+def panels(count: int, title: str, height: float = 1.0) -> tuple[Figure, Any]:
+    """A figure with `count` panels below one another, `height` times the usual height."""
+    figure = Figure(figsize=(_SIZE[0], _SIZE[1] * height), layout="constrained")
+    figure.suptitle(title)
+    return figure, figure.subplots(count, 1, squeeze=False)[:, 0]

@@ -1,0 +1,98 @@
+"""The door for drivers: all that a driver's package needs of Micromanip, and the only place it imports from.
+
+    CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/drivers.md)
+    Compiler, *_SIGNATURE, now_ns, sleep_until,        what it needs if numba compiles it
+    minimum_jerk
+    BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
+    Inbox, Sample, Outcome, Answer
+    BusError and those derived from it                 what a bus driver raises
+    ConfigError                                        options that make no sense together
+    worst_case_s, CLASSIC_LENGTHS, FD_LENGTHS          CAN frames at worst
+    real_because, require_regular                      whether a device may be a real one; a file that can be read
+
+``micromanip.driver.quantities`` has types of options with their bounds, ``micromanip.driver.testing`` runs a cyclic
+driver in virtual time, and ``micromanip.driver.conformance`` is the suite that a bus driver must pass, which needs the
+extra ``conformance`` (pytest). What is compiled is loaded when it is asked for: a bus driver's worker never imports
+numba.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, worst_case_s
+from micromanip.bus.cyclic import CyclicDriver, Functions
+from micromanip.bus.device_identity import real_because
+from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
+from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.errors import ConfigError
+from micromanip.files.regular_file import require_regular
+from micromanip.rt.records import SIGNAL
+
+if TYPE_CHECKING:
+    from micromanip.rt.clock import now_ns, sleep_until
+    from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
+    from micromanip.rt.jit import Compiler
+    from micromanip.rt.laws.minimum_jerk import minimum_jerk
+
+DRIVER_API = (1, 0)
+"""Major and minor version of this door.
+
+The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
+one grows where a driver that was good is no longer: a name or an argument goes, or means something else; the old form
+then goes on working for one version of Micromanip, with a DeprecationWarning that says what is right. What is not named
+here may change at any time.
+"""
+
+_COMPILED = {
+    "CONTEXT_SIGNATURE": "micromanip.rt.intrinsics",
+    "EXCHANGE_SIGNATURE": "micromanip.rt.intrinsics",
+    "Compiler": "micromanip.rt.jit",
+    "minimum_jerk": "micromanip.rt.laws.minimum_jerk",
+    "now_ns": "micromanip.rt.clock",
+    "sleep_until": "micromanip.rt.clock",
+}
+"""What imports numba, and where it stands."""
+
+__all__ = [
+    "CLASSIC_LENGTHS",
+    "CONTEXT_SIGNATURE",
+    "DRIVER_API",
+    "EXCHANGE_SIGNATURE",
+    "FD_LENGTHS",
+    "SIGNAL",
+    "Answer",
+    "BusDriver",
+    "BusError",
+    "BusOptions",
+    "Channel",
+    "Compiler",
+    "ConfigError",
+    "CyclicDriver",
+    "DeviceFault",
+    "Functions",
+    "IdentityMismatch",
+    "Inbox",
+    "LinkError",
+    "Load",
+    "Outcome",
+    "OutputRefused",
+    "Sample",
+    "Task",
+    "TransientError",
+    "minimum_jerk",
+    "now_ns",
+    "real_because",
+    "require_regular",
+    "sleep_until",
+    "worst_case_s",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _COMPILED:
+        raise AttributeError(f"micromanip.driver has no {name}")
+    from importlib import import_module
+
+    found = globals()[name] = getattr(import_module(_COMPILED[name]), name)
+    return found

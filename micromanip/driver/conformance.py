@@ -1,0 +1,10 @@
+"""The suite that every bus driver must pass, for its author's tests: docs/bus-drivers.md goes through it."""
+
+from importlib.util import find_spec
+
+if find_spec("pytest") is None:
+    raise ModuleNotFoundError("the conformance suite needs pytest: pip install 'micromanip[conformance]'")
+
+from micromanip.conformance import BusDriverContract, Golden, Peer
+
+__all__ = ["BusDriverContract", "Golden", "Peer"]

@@ -1,0 +1,71 @@
+"""The door for drivers: whole, light, the only one that drivers and pages use; paths of before still lead there."""
+
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import micromanip.driver
+
+ROOT = Path(__file__).resolve().parents[2]
+IMPORT = re.compile(r"^\s*(?:from|import) (micromanip(?:\.\w+)*)", re.MULTILINE)
+
+
+def loads(module, unwanted):
+    """Whether importing `module` in a new process imports `unwanted` too."""
+    code = f"import sys, {module}; print({unwanted!r} in sys.modules)"
+    return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout == "True\n"
+
+
+def test_every_name_is_there():
+    for name in micromanip.driver.__all__:
+        assert getattr(micromanip.driver, name) is not None, name
+        assert (
+            name == "DRIVER_API"
+            or name in micromanip.driver.__doc__
+            or name.endswith(("Error", "_SIGNATURE"))
+            or (issubclass(getattr(micromanip.driver, name), micromanip.driver.BusError))
+        ), f"{name} is not in the table"
+    with pytest.raises(AttributeError, match="has no Nonsense"):
+        _ = micromanip.driver.Nonsense
+
+
+@pytest.mark.parametrize("unwanted", ["numba", "pytest", "micromanip.settings.check"])
+@pytest.mark.parametrize("module", ["micromanip.driver", "micromanip_drivers.canbus.driver"])
+def test_a_bus_driver_loads_neither_compiler_nor_suite(module, unwanted):
+    assert not loads(module, unwanted)
+
+
+def test_pages_and_examples_come_in_by_the_door():
+    files = [
+        *(ROOT / "docs" / "examples").rglob("*.py"),
+        ROOT / "docs" / "drivers.md",
+        ROOT / "docs" / "bus-drivers.md",
+    ]
+    imported = {name for file in files for name in IMPORT.findall(file.read_text(encoding="utf-8"))}
+    assert imported
+    assert {name for name in imported if not name.startswith("micromanip.driver")} == set()
+
+
+@pytest.mark.parametrize(
+    ("old", "name", "new"),
+    [
+        ("micromanip.io.bus", "BusDriver", "micromanip.driver"),
+        ("micromanip.io.bus_errors", "LinkError", "micromanip.driver"),
+        ("micromanip.io.can_bits", "worst_case_s", "micromanip.driver"),
+        ("micromanip.io.contract", "CyclicDriver", "micromanip.driver"),
+        ("micromanip.io.device_identity", "real_because", "micromanip.driver"),
+        ("micromanip.sim.conformance", "BusDriverContract", "micromanip.driver.conformance"),
+        ("micromanip.sim.virtual", "VirtualCell", "micromanip.driver.testing"),
+    ],
+)
+def test_paths_of_before_lead_to_the_door(old, name, new):
+    with pytest.warns(DeprecationWarning, match=f"{old} has moved: import {name} from {new}$") as warned:
+        exec(f"from {old} import {name}")
+    assert warned[0].filename == "<string>", "the warning points at who imports"
+    assert importlib.import_module(old).__name__ == old
+    with pytest.warns(DeprecationWarning, match=new):
+        assert getattr(importlib.import_module(old), name) is getattr(importlib.import_module(new), name)

@@ -64,8 +64,10 @@ def test_the_response_is_that_of_the_closed_form(rate_Hz, periods, width_Hz, dep
     omega = 2 * np.pi * np.array([0.5, 20.0, 55.0, 66.0, 80.0, 200.0, 0.4 / step_s])
     b, a = closed_form(66.0, width_Hz, 0.01 * depth_percent, step_s)
     expected = signal.freqz(b, a, omega * step_s)[1]
-    p = parameters(settings(66.0, width_Hz, depth_percent), 1.0 / rate_Hz)
-    assert measured(p, omega, step_s, periods) == pytest.approx(expected, abs=1e-6)
+    inner = settings(66.0, width_Hz, depth_percent)
+    assert measured(parameters(inner, 1.0 / rate_Hz), omega, step_s, periods) == pytest.approx(expected, abs=1e-6)
+    in_design = pid_response(inner, step_s, omega) / pid_response(ANCHOR, step_s, omega)
+    assert in_design == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("rate_Hz", [1_000.0, 10_000.0])

@@ -46,7 +46,11 @@ USED_BY_NOBODY_THAT_RUNS = {
 }
 
 IS_A_SECTION = (
-    *(r"reference\.(source|frame|sines)", r"axes\.\*\.(outer|commissioned)", r"axes\.\*\.hysteresis\.(model|shaping)"),
+    *(
+        r"reference\.(source|frame|sines)",
+        r"axes\.\*\.(outer|commissioned|inner\.notch)",
+        r"axes\.\*\.hysteresis\.(model|shaping)",
+    ),
 )
 """Changed with others: their keys are there in another configuration."""
 REFUSED = (

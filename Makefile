@@ -77,7 +77,7 @@ tune: $(READY)    ## fit the models of config/simulated.yaml anew
 docs: $(READY)    ## generated pages and pictures
 	$(BIN)/python -m micromanip.settings.documents.configuration_page > docs/configuration.md
 	$(BIN)/python -m micromanip.settings.documents.drivers_page > docs/driver-options.md
-	$(BIN)/python -m micromanip.host.faults_page > docs/faults.md
+	$(BIN)/python -m micromanip.settings.documents.faults_page > docs/faults.md
 	$(BIN)/python -m tools.pictures
 	$(BIN)/python -m tools.pictures.identification
 

@@ -125,6 +125,24 @@ class SignalFigures(TypedDict):
     stale_cycles: int
 
 
+class Fault(TypedDict):
+    """A latched fault: `name` as in ``micromanip.rt.states``, `driver` whose link was lost, `cycle` of its notice.
+
+    `value` was measured and `limit` is what it was held against, in the fault's own unit; None where there is none.
+    """
+
+    code: str
+    name: str
+    axis: str | None
+    driver: str | None
+    value: float | None
+    limit: float | None
+    cycle: int | None
+    seen: str
+    likely_causes: list[str]
+    next_step: str
+
+
 class Trip(TypedDict):
     """A latched fault and its black box; `problem` says why it is not on disk."""
 
@@ -169,6 +187,7 @@ class Link(TypedDict):
 class Status(TypedDict):
     """Report of a run so far, as ``run --json`` ends with.
 
+    `faults` are those that are latched, for people, `fault_reports` the same as data, the one that ends the run last;
     `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded.
     """
 
@@ -181,6 +200,7 @@ class Status(TypedDict):
     path_error_um: dict[str, PathError]
     signals: dict[str, SignalFigures]
     faults: list[str]
+    fault_reports: list[Fault]
     parameter_version: int
     shadow: str
     configuration: str

@@ -7,7 +7,6 @@ from collections import deque
 
 _FIRST_S, _LONGEST_S, _STABLE_S = 0.05, 2.0, 1.0
 _JITTER = 0.2
-_RESTARTS, _WITHIN_S = 5, 60.0
 
 
 class BackOff:
@@ -30,12 +29,13 @@ class BackOff:
 class RestartLimit:
     """Five restarts in a minute are enough: what always fails again is not tried for ever."""
 
-    def __init__(self) -> None:
-        self._times: deque[float] = deque(maxlen=_RESTARTS)
+    def __init__(self, restarts: int = 5, within_s: float = 60.0) -> None:
+        self._times: deque[float] = deque(maxlen=restarts)
+        self._within_s = within_s
 
     def allows(self, now_s: float) -> bool:
         """Note a restart at `now_s`; False where there have been too many."""
-        full = len(self._times) == _RESTARTS and now_s - self._times[0] < _WITHIN_S
+        full = len(self._times) == self._times.maxlen and now_s - self._times[0] < self._within_s
         if not full:
             self._times.append(now_s)
         return not full

@@ -61,7 +61,6 @@ def command(
     from micromanip.design.analysis import analyse_axis
     from micromanip.design.criteria import criteria, notes, report
     from micromanip.design.loops import cluster
-    from micromanip.host.messages import fault_message
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
     from micromanip.virtual.variation import VariedCell
@@ -92,7 +91,7 @@ def command(
                 analysis = analyse_axis(
                     prepared.configuration,
                     name,
-                    VirtualExperiment(prepared, told=fault_message) if prepared.wiring.virtual else None,
+                    VirtualExperiment(prepared) if prepared.wiring.virtual else None,
                     seeds,
                     play=cells.get(name),
                     jobs=None if address else jobs,

@@ -129,10 +129,9 @@ def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:
 
 
 def _virtual(prepared: Prepared) -> Experiment:
-    from micromanip.host.messages import fault_message
     from micromanip.virtual.experiment import VirtualExperiment
 
-    return VirtualExperiment(prepared, told=fault_message)
+    return VirtualExperiment(prepared)
 
 
 def _experiment(prepared: Prepared, socket_path: Path) -> Experiment:

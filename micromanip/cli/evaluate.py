@@ -44,7 +44,6 @@ def command(
     from rich.progress import Progress
 
     from micromanip.design.evaluation import evaluate, table, with_models
-    from micromanip.host.messages import fault_message
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
 
@@ -60,7 +59,7 @@ def command(
         Pictures(folder if figures else None) as pictures,
         Progress(console=Console(stderr=True), transient=True) as bar,
     ):
-        experiment = VirtualExperiment(prepared, told=fault_message)
+        experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         tuned = any(axis.commissioned for axis in configuration.axes.values()) and not own_pid
         task = bar.add_task("evaluate", total=(15 if tuned else 12) + (5 * len(shown) if figures else 0))

@@ -12,7 +12,7 @@ from micromanip.errors import UsageError, system_error
 from .options import StrictCommand, json_option, print_json
 
 if TYPE_CHECKING:
-    from micromanip.host.trips.box import Box
+    from micromanip.host.trips.store import Box
 
 
 @click.command("explain", cls=StrictCommand, epilog="Example: micromanip explain --plot trip.png")
@@ -31,9 +31,8 @@ def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | No
 
     TRIP is a file, or the name of a trip or its beginning; without it, the newest.
     """
-    from micromanip.host.trips.box import Box
     from micromanip.host.trips.report import lines, story
-    from micromanip.host.trips.store import find, folder_to_read, summary, trips
+    from micromanip.host.trips.store import Box, find, folder_to_read, summary, trips
 
     folder = folder or folder_to_read()
     if listed:
@@ -44,7 +43,7 @@ def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | No
             print_json(found)
             return
         for entry in found:
-            click.echo(f"{entry['trip']}  {str(entry['message']).split('. Likely:')[0]}")
+            click.echo(f"{entry['trip']}  {entry['seen']}")
         if not found:
             click.echo(f"no trips in {folder}")
         return
@@ -64,7 +63,7 @@ def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | No
 
 
 def _draw(box: Box, plot: Path) -> None:
-    from micromanip.host.trips.figure import save
+    from micromanip.host.trips.report import save
 
     try:
         save(box, plot)

@@ -79,10 +79,9 @@ def command(
             with LiveLine() as line:
                 rows = play(prepared, variant(configuration), samples, duration_s, socket_path, line)
         else:
-            from micromanip.host.messages import fault_message
             from micromanip.virtual.experiment import VirtualExperiment
 
-            rows = VirtualExperiment(prepared, told=fault_message)(variant(configuration), duration_s, samples)
+            rows = VirtualExperiment(prepared)(variant(configuration), duration_s, samples)
         columns = recording(configuration, excitation, rows)
         keep(lambda place: write_csv(place, columns), file)
     low, high = columns["strain_um"].min(), columns["strain_um"].max()

@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from micromanip.faults import FaultReport
 from micromanip.host import journal
 from micromanip.replies import Link, Recorded, Status
 
@@ -68,12 +69,12 @@ class LiveLine:
             self._printer.do(self._live.stop)
         self._printer.__exit__(kind, value, trace)
 
-    def say(self, message: str) -> None:
-        """A message that stays."""
-        if self._journal and journal.send(journal.message_fields(message)):
+    def say(self, told: str | FaultReport) -> None:
+        """A message or a fault, that stays."""
+        if self._journal and journal.send(journal.fields(told)):
             return
-        style = "bold red" if message.startswith(("X-", "WARNING")) else ""
-        text = Text(message, style=style)
+        is_grave = not told.kind.is_warning if isinstance(told, FaultReport) else told.startswith("WARNING")
+        text = Text(str(told), style="bold red" if is_grave else "")
         self._printer.do(lambda: self._console.print(text, soft_wrap=True))  # one line also in a log file
 
     def show(self, report: Status) -> None:

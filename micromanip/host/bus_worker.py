@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -32,6 +29,7 @@ from micromanip.rt.bus_image import (
 )
 from micromanip.settings.check import Prepared
 
+from .child import Child
 from .shared_memory import Segments
 
 _START_S = 120.0
@@ -53,64 +51,45 @@ class BusWorker:
         """`offset` (bytes) tells where the bus' image is in the contexts' segment."""
         self.name = name
         self._source = prepared.source
-        self._descriptors = (segments.contexts.descriptor, *locks)
+        descriptors = (segments.contexts.descriptor, *locks)
+        self._child = Child("micromanip.bus.worker_process", descriptors, complains=True, restarts=RestartLimit())
         self._orders = _orders(prepared, name, segments.contexts.descriptor, offset)
         self._places = _places(prepared, name)
         self._voltages = [output for output in self._places if output in prepared.configuration.outputs]
         self.image = ProcessImage(segments.contexts.bytes()[offset : offset + IMAGE.itemsize].view(IMAGE))
-        self._process: asyncio.subprocess.Process | None = None
         self._listening: asyncio.Task[None] | None = None
-        self._restarts = RestartLimit()
         self._ending = False
         self._started = 0.0
         self.said = ""
         self.counts: dict[str, int] = {}
         self.cpu_s = 0.0
-        self.starts = 0
 
     async def start(self, say: Callable[[str], None]) -> None:
         """Start the process; what it says that people should know goes to `say`."""
-        self._process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *("-m", "micromanip.bus.worker_process"),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            pass_fds=self._descriptors,
-            start_new_session=True,
-        )
-        self.starts += 1
+        await self._child.start(self._orders)
         self._started = time.monotonic()
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(self._orders).encode() + b"\n")
-        self._listening = asyncio.create_task(self._listen(self._process, say))
+        self._listening = asyncio.create_task(self._listen(say))
 
     async def first_link(self) -> None:
         """Wait until the link has come up; DeviceUnavailable with the reason where it does not."""
         end = time.monotonic() + _START_S
         begun = tried = False
         while self.image.ask(LINK) != LINK_UP:
-            process = self._process
-            assert process is not None
             if not begun and self._has_begun():
                 begun, end = True, time.monotonic() + _FIRST_LINK_S
             if self.said and not tried:
                 tried, end = True, time.monotonic() + _TRIED_S
-            if process.returncode is not None or self.image.ask(LINK) == LINK_LATCHED or time.monotonic() > end:
-                if process.returncode is not None and self._listening is not None:
+            if not self._child.runs or self.image.ask(LINK) == LINK_LATCHED or time.monotonic() > end:
+                if not self._child.runs and self._listening is not None:
                     await self._listening
                 why = self.said or "its worker process gives no answer"
                 raise DeviceUnavailable(str(self._source.error(("drivers", self.name), why)))
             await asyncio.sleep(_POLL_S)
 
-    async def _listen(self, process: asyncio.subprocess.Process, say: Callable[[str], None]) -> None:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        async for line in process.stdout:
-            with contextlib.suppress(ValueError):  # cut off by a kill
-                self._take(json.loads(line), say)
-        said = (await process.stderr.read()).decode(errors="replace").strip()
-        if said:
+    async def _listen(self, say: Callable[[str], None]) -> None:
+        async for document in self._child.answers():
+            self._take(document, say)
+        if said := (await self._child.complaint()).strip():
             self.said = said.splitlines()[-1]
 
     def _take(self, document: dict[str, Any], say: Callable[[str], None]) -> None:
@@ -119,7 +98,7 @@ class BusWorker:
             return
         text = str(document["text"])
         if document["event"] == "up":
-            if self.image.ask(EPOCH) > 1 or self.starts > 1:
+            if self.image.ask(EPOCH) > 1 or self._child.starts > 1:
                 say(f"driver {self.name}: link up; its outputs stay at rest until the axes are armed again")
             self.said = ""
             return
@@ -139,24 +118,20 @@ class BusWorker:
     async def supervise(self, say: Callable[[str], None]) -> None:
         """Start the process again where it died or hangs, five times in a minute; then its link is latched."""
         while True:
-            process = self._process
-            assert process is not None
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(process.wait(), _STUCK_S / 4)
+            ended = await self._child.wait(_STUCK_S / 4)
             if self._ending:
                 return
-            if process.returncode is None:
+            if not ended:
                 if self._hangs():
                     say(f"WARNING: driver {self.name}: its worker process hangs; it is killed")
-                    process.kill()
+                    self._child.kill()
                 continue
             if self._listening is not None:
                 await self._listening
             self.image.tell(LINK, LINK_DOWN)
             self.image.tell(OUTPUT_STATE, UNKNOWN)
-            code = process.returncode
-            how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}: {self.said}"
-            if not self._restarts.allows(time.monotonic()):
+            how = self._child.end if self._child.was_killed else f"{self._child.end}: {self.said}"
+            if not self._child.may_restart():
                 self.image.tell(LINK, LINK_LATCHED)
                 say(f"WARNING: driver {self.name}: its worker process {how}; not started again, it died too often")
                 return
@@ -178,27 +153,18 @@ class BusWorker:
             return
         self._orders["rules"] = rules
         self.image.count_as_lost_after(rules["patience_ns"])
-        process = self._process
-        if process is not None and process.stdin is not None and not process.stdin.is_closing():
-            process.stdin.write(json.dumps({"rules": rules}).encode() + b"\n")
+        self._child.tell({"rules": rules})
 
     async def end(self) -> None:
         """Let the outputs come to rest and the process end; killed where it never had a link, or has no success."""
         self._ending = True
-        process = self._process
-        if process is None:
+        if not self._child.starts:
             return
-        if process.returncode is None:
-            assert process.stdin is not None
-            process.stdin.close()
-            begin = time.monotonic()
-            while process.returncode is None:
-                with contextlib.suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(process.wait(), _STUCK_S / 4)
-                if time.monotonic() - max(begin, self.image.ask(SENT_NS) * 1e-9) > _END_S:
-                    with contextlib.suppress(ProcessLookupError):
-                        process.kill()
-                    await process.wait()
+        self._child.end_orders()
+        begin = time.monotonic()
+        while not await self._child.wait(_STUCK_S / 4):
+            if time.monotonic() - max(begin, self.image.ask(SENT_NS) * 1e-9) > _END_S:
+                self._child.kill()
         if self.image.ask(OUTPUT_STATE) != RESTING:
             self.image.tell(OUTPUT_STATE, UNKNOWN)
         if self._listening is not None:
@@ -236,7 +202,7 @@ class BusWorker:
             "given": self._given(),
             "given_s_ago": round(time.monotonic() - sent_ns * 1e-9, 3) if sent_ns else None,
             "links": self.image.ask(EPOCH),
-            "starts": self.starts,
+            "starts": self._child.starts,
             "message": self.said or None,
             "counts": dict(self.counts),
             "cpu_s": self.cpu_s,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -13,13 +12,13 @@ from typing import Any
 
 from micromanip.bus.rights import beginning_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
+from micromanip.faults import FaultReport, latched
 from micromanip.rt import mailbox as w
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.states import (
     ARM,
     COMMAND_NAMES,
     FAULT,
-    NO_FAULT,
     PROMOTE,
     RESET,
     SHADOWING,
@@ -30,8 +29,8 @@ from micromanip.rt.states import (
 from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
+from .child import Child
 from .loop_orders import loop_orders
-from .messages import fault_message
 from .parameter_buffers import ParameterSlots
 from .refusals import axis_refusals, output_refusals, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
@@ -51,7 +50,7 @@ class Controller:
         self._prepared = prepared
         self.adopted: Callable[[Prepared], None] = lambda _: None
         """Hears of each configuration that comes into force."""
-        self._socket_path, self._locks = socket_path, locks
+        self._socket_path = socket_path
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
         self._drivers = dict(prepared.wiring.drivers)
         # loaded now: it must neither take time nor fail once the loop has died
@@ -65,7 +64,9 @@ class Controller:
         self.status = self.segments.status.record(STATUS)
         self.ring = self.segments.ring.record(RING)
         self.slots = ParameterSlots(self.control, self.words, prepared.parameters[0])
-        self.process: asyncio.subprocess.Process | None = None
+        module, descriptors = "micromanip.host.loop_process", (*self.segments.descriptors, *locks)
+        self.process = Child(module, descriptors, heard=False, complains=True)
+        """Once it has ended before its time, `make_safe` is the host's to call."""
         self._commands = asyncio.Lock()
         self._ready = False
 
@@ -88,32 +89,22 @@ class Controller:
         self.beat()
         orders = loop_orders(self.prepared, self.segments.descriptors, self.offsets, self._socket_path)
         with beginning_on_cpu(self.prepared.configuration.loop.cpu):
-            self.process = await asyncio.create_subprocess_exec(
-                sys.executable,
-                *("-m", "micromanip.host.loop_process"),
-                stdin=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.PIPE,
-                pass_fds=(*self.segments.descriptors, *self._locks),
-                start_new_session=True,
-            )
-        assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps(orders).encode())
-        self.process.stdin.close()
+            await self.process.start(orders)
+        self.process.end_orders()
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
         while self.words[w.CYCLES_RUN] < heard:
-            if self.process.returncode is not None:
-                raise await self._start_failure(self.process)
+            if not self.process.runs:
+                raise await self._start_failure()
             self.beat()
             await asyncio.sleep(0.005)
         self._ready = ready
 
-    async def _start_failure(self, process: asyncio.subprocess.Process) -> MicromanipError:
-        assert process.stderr is not None
-        said = (await process.stderr.read()).decode(errors="replace").strip()
+    async def _start_failure(self) -> MicromanipError:
+        said = (await self.process.complaint()).strip()
         for kind in (DeviceUnavailable, PermissionDenied):
-            if process.returncode == kind.exit_code:
+            if self.process.code == kind.exit_code:
                 return kind(said)
-        return CheckFailed(f"the loop process ended with {process.returncode} before its first cycle: {said}")
+        return CheckFailed(f"the loop process ended with {self.process.code} before its first cycle: {said}")
 
     @property
     def words(self) -> Any:
@@ -166,16 +157,12 @@ class Controller:
         if command == RESET and state == STATE_NAMES[FAULT] and (elsewhere := output_refusals(cell, state)):
             return elsewhere
         if command != ARM:
-            return [f"the state is {state}", *self._latched()]
+            return [f"the state is {state}", *map(str, self.faults()[-1:])]
         axes = self.prepared.configuration.axes
         reasons = refusals(int(cell["refused"]), state)
         for i, name in enumerate(axes):
             reasons += axis_refusals(int(cell["axis"][i]["refused"]), name)
-        return reasons + self._latched()
-
-    def _latched(self) -> list[str]:
-        fault = self.fault()
-        return [fault] if fault else []
+        return [*reasons, *map(str, self.faults()[-1:])]
 
     async def adopt(self, prepared: Prepared, permit: Callable[[], None]) -> int:
         """Run `prepared` from the next cycle boundary on; the parameter version then in force.
@@ -222,23 +209,10 @@ class Controller:
             raise CheckFailed(f"the loop made no snapshot within {_ANSWER_S:g} s")
         return int(self.status["snapshot"][0]["cycle"])
 
-    def fault(self) -> str | None:
-        """The latched fault in plain words; where there are two, the one that ends the run."""
-        return self._fault_message("fault")
-
-    def faults(self) -> list[str]:
+    def faults(self) -> list[FaultReport]:
         """Every latched fault, the one that ends the run last."""
-        return [message for name in ("former", "fault") if (message := self._fault_message(name)) is not None]
-
-    def _fault_message(self, name: str) -> str | None:
-        state = self.status["state"][0]
-        if state[name] == NO_FAULT:
-            return None
         configuration = self.prepared.configuration
-        names = list(configuration.axes)
-        axis = names[state[f"{name}_axis"]] if state[f"{name}_axis"] >= 0 else None
-        value, limit = float(state[f"{name}_value"]), float(state[f"{name}_limit"])
-        return fault_message(int(state[name]), axis, value, limit, list(configuration.drivers))
+        return latched(self.status["state"][0], list(configuration.axes), list(configuration.drivers))
 
     def make_safe(self) -> dict[str, int]:
         """Bring the outputs to their safe value with the loop dead; by driver 0, or a code where that failed."""
@@ -246,18 +220,11 @@ class Controller:
         pairs = zip(self._safe.items(), self.offsets, strict=True)
         return {name: call_context(safe, base + offset) for (name, safe), offset in pairs}
 
-    def kill(self) -> None:
-        """End the loop process at once; `make_safe` is then the host's to call."""
-        if self.process is not None and self.process.returncode is None:
-            self.process.kill()
-
-    async def wait(self) -> int:
-        """Wait for the loop process to end; its exit code (negative: the signal that killed it)."""
-        assert self.process is not None
+    async def wait(self) -> None:
+        """Wait for the loop process to end; `process` knows how it did."""
         with contextlib.suppress(ValueError, OSError):
-            assert self.process.stderr is not None
-            sys.stderr.write((await self.process.stderr.read()).decode(errors="replace"))
-        return await self.process.wait()
+            sys.stderr.write(await self.process.complaint())
+        await self.process.wait()
 
 
 async def _comes_true(condition: Callable[[], bool], patience_s: float = _ANSWER_S) -> bool:

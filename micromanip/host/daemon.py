@@ -16,21 +16,23 @@ from pathlib import Path
 from micromanip.bus.device_lock import DeviceLocks
 from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memory
 from micromanip.errors import CheckFailed, MicromanipError
+from micromanip.faults import LOOP_DIED, LOOP_STUCK, FaultReport
 from micromanip.host.recording.recording import RecorderProcess
 from micromanip.host.safe.snapshot import SnapshotKeeper
 from micromanip.host.trips.store import KEPT, default_folder
-from micromanip.host.trips.supervisor import LOOP_DEATH, BlackBox
+from micromanip.host.trips.supervisor import BlackBox
 from micromanip.replies import Status
 from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import Prepared, refuse_real
 from micromanip.settings.schema.commissioned import changes_since
+from micromanip.settings.schema.faults import LOOP_STUCK_S
 from micromanip.settings.text.source import Source
 
+from . import journal
 from .audit import AuditTrail
 from .control_socket import ControlSocket
 from .controller import Controller
-from .messages import LOOP_DIED, LOOP_STUCK
 from .notify import ServiceManager
 from .peer import Peer
 from .realtime import NO_NICE, missing_rights
@@ -47,9 +49,9 @@ _WORKERS, _SWITCH_S = 2, 0.001
 """Threads that check values and write files, and how soon they let the heartbeat have its turn."""
 _LOOK_S = 0.2
 _STOP_S = 30.0
-_DISOBEYED = f"did not end within {_STOP_S:g} s of being told to, and was killed by the host"
-_STUCK_S = {"hardware": 0.3, "simulation": 2.0}
+_DISOBEYED = f"the loop process did not end within {_STOP_S:g} s of being told to, and was killed by the host"
 
+Say = Callable[[str | FaultReport], None]
 Report = Status
 
 
@@ -71,11 +73,11 @@ class Daemon:
         self,
         prepared: Prepared,
         options: Options,
-        say: Callable[[str], None],
+        say: Say,
         show: Callable[[Report], None],
         locks: tuple[int, ...] = (),
     ) -> None:
-        """`say` gets each message for people, `show` the report five times a second; `locks` are the devices'."""
+        """`say` gets messages and faults for people, `show` the report five times a second; `locks` are devices'."""
         self._prepared, self._options = prepared, options
         self._say, self._show = say, show
         self._controller = Controller(prepared, options.socket, locks)
@@ -91,7 +93,7 @@ class Daemon:
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
-        self._ended: str | None = None
+        self._ended: FaultReport | None = None
         """Why this process ended the loop process, if it did: its death is no news then."""
         self._beats = self._looks = 0
 
@@ -147,7 +149,7 @@ class Daemon:
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
             if not ended.done():
                 await self._end(ended)
-            await self._judge(ended.result())
+            await self._judge()
             await self._boxes.stop()
             self._boxes.announce(last=True)
             await self._end_recording()
@@ -179,26 +181,27 @@ class Daemon:
         if outcome is not None:
             self._say(outcome)
 
-    async def _end(self, ended: asyncio.Task[int]) -> None:
+    async def _end(self, ended: asyncio.Task[None]) -> None:
         """Ramp down and let the loop end."""
         self._service.stopping()
         with contextlib.suppress(CheckFailed):
             await self._controller.command(states.STOP)
         done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
         if not done:
-            self._ended = f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=_DISOBEYED)}. {LOOP_DIED.next_step}"
-            self._controller.kill()
+            self._ended = FaultReport(LOOP_DIED, what=_DISOBEYED)
+            self._controller.process.kill()
             await ended
 
-    async def _judge(self, code: int) -> None:
+    async def _judge(self) -> None:
         """Raise where the loop process did not end by itself, its outputs brought to the safe value."""
         if self._controller.words[w.FINISHED]:
             return
-        how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}"
         await self._make_safe()
-        message = self._ended or f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=how)}. {LOOP_DIED.next_step}"
-        await self._boxes.stop(died=message)
-        raise CheckFailed(message + self._boxes.where(LOOP_DEATH))
+        died = self._ended or FaultReport(LOOP_DIED, what=f"the loop process {self._controller.process.end}")
+        report = await self._boxes.loop_died(died)
+        if journal.is_connected():
+            journal.send(journal.fields(report))
+        raise CheckFailed(str(report))
 
     async def _make_safe(self) -> None:
         """Bring the outputs to their safe value, and say of each driver what is known of them."""
@@ -222,19 +225,19 @@ class Daemon:
     async def _look(self) -> None:
         """Feed the live line; tell a fault once; end a loop process that lives but does not turn any more."""
         cycles, turned = -1, time.monotonic()
+        stuck_s = LOOP_STUCK_S[self._prepared.configuration.loop.limits]
         while True:
             if self._controller.words[w.CYCLES_RUN] != cycles:
                 cycles, turned = int(self._controller.words[w.CYCLES_RUN]), time.monotonic()
-            elif time.monotonic() - turned > _STUCK_S[self._prepared.configuration.loop.limits]:
-                what = LOOP_STUCK.what.format(value=time.monotonic() - turned)
-                self._ended = f"{LOOP_STUCK.code} {what}. {LOOP_STUCK.next_step}"
-                self._controller.kill()
+            elif time.monotonic() - turned > stuck_s:
+                self._ended = FaultReport(LOOP_STUCK, value=time.monotonic() - turned, limit=stuck_s)
+                self._controller.process.kill()
                 return
             self._signals.gather()
             self._show(self._report())
             self._boxes.announce()
-            latched = self._controller.fault()
-            self._service.status(self._controller.state + (f": {latched}" if latched else "") + self._unrecorded())
+            latched = "".join(f": {fault}" for fault in self._controller.faults()[-1:])
+            self._service.status(self._controller.state + latched + self._unrecorded())
             self._looks += 1
             await asyncio.sleep(_LOOK_S)
 
@@ -265,7 +268,7 @@ class Daemon:
             self._say(warning)
 
 
-def serve(prepared: Prepared, options: Options, say: Callable[[str], None], show: Callable[[Report], None]) -> Report:
+def serve(prepared: Prepared, options: Options, say: Say, show: Callable[[Report], None]) -> Report:
     """Run the daemon to its end; the final report."""
 
     async def main(locks: tuple[int, ...]) -> Report:

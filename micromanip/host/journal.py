@@ -10,18 +10,18 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import socket
 import struct
 from collections.abc import Mapping
 from pathlib import Path
 
+from micromanip.faults import FaultReport
+
 SOCKET = Path("/run/systemd/journal/socket")
 TRIP = "0abd6dde16004fdd95f7b63ab967704c"
 """MESSAGE_ID of every latched fault."""
-_CRITICAL, _ERROR, _WARNING, _INFO = 2, 3, 4, 6
+_CRITICAL, _WARNING, _INFO = 2, 4, 6
 _STANDARD_ERROR = 2
-_FAULT = re.compile(r"(?P<code>[XW]-\d+)(?: axis (?P<axis>\w+):)?")
 
 
 def is_connected() -> bool:
@@ -34,10 +34,10 @@ def is_connected() -> bool:
     return (str(found.st_dev), str(found.st_ino)) == (device, inode)
 
 
-def entry(fields: Mapping[str, str]) -> bytes:
+def entry(found: Mapping[str, str]) -> bytes:
     """One datagram: ``NAME=value`` lines; a value of several lines goes with its length in front."""
     lines = []
-    for name, value in fields.items():
+    for name, value in found.items():
         content = value.encode()
         if b"\n" in content:
             lines.append(name.encode() + b"\n" + struct.pack("<Q", len(content)) + content + b"\n")
@@ -46,41 +46,29 @@ def entry(fields: Mapping[str, str]) -> bytes:
     return b"".join(lines)
 
 
-def send(fields: Mapping[str, str], path: Path = SOCKET) -> bool:
+def send(found: Mapping[str, str], path: Path = SOCKET) -> bool:
     """Hand an entry to the journal; False where nobody takes it at once. Never blocks."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         sender.setblocking(False)
         try:
-            sender.sendto(entry(fields), str(path))
+            sender.sendto(entry(found), str(path))
         except OSError:
             return False
     return True
 
 
-def message_fields(message: str) -> dict[str, str]:
-    """Fields of a plain message: text and priority; code and axis where it tells of a fault."""
-    fault = _FAULT.match(message)
-    priority = _WARNING if message.startswith(("WARNING", "W-")) else _ERROR if fault else _INFO
-    fields = {"MESSAGE": message, "PRIORITY": str(priority), "SYSLOG_IDENTIFIER": "micromanip"}
-    if fault:
-        fields |= {f"MICROMANIP_{name.upper()}": value for name, value in fault.groupdict().items() if value}
-    return fields
+def fields(told: str | FaultReport) -> dict[str, str]:
+    """Fields of a message, or of a fault: its text and priority, and what is known of a fault's figures."""
+    found = {"MESSAGE": str(told), "PRIORITY": str(_INFO), "SYSLOG_IDENTIFIER": "micromanip"}
+    if not isinstance(told, FaultReport):
+        return found | {"PRIORITY": str(_WARNING)} if told.startswith("WARNING") else found
+    known = {"CODE": told.kind.code, "AXIS": told.axis, "TRIP": told.box}
+    known |= {"VALUE": _number(told.value), "LIMIT": _number(told.limit)}
+    found |= {f"MICROMANIP_{name}": value for name, value in known.items() if value is not None}
+    if told.kind.is_warning:
+        return found | {"PRIORITY": str(_WARNING)}
+    return found | {"PRIORITY": str(_CRITICAL), "MESSAGE_ID": TRIP}
 
 
-def trip_fields(
-    message: str, code: str, axis: str | None, value: float | None, limit: float | None, trip: str | None
-) -> dict[str, str]:
-    """Fields of a latched fault; what is not known is left out."""
-    known = {
-        "MICROMANIP_CODE": code,
-        "MICROMANIP_AXIS": axis,
-        "MICROMANIP_VALUE": _number(value),
-        "MICROMANIP_LIMIT": _number(limit),
-        "MICROMANIP_TRIP": trip,
-    }
-    fields = {"MESSAGE": message, "PRIORITY": str(_CRITICAL), "MESSAGE_ID": TRIP, "SYSLOG_IDENTIFIER": "micromanip"}
-    return fields | {name: value for name, value in known.items() if value is not None}
-
-
-def _number(value: float | None) -> str | None:
-    return None if value is None or not math.isfinite(value) else f"{value:.9g}"
+def _number(value: float) -> str | None:
+    return f"{value:.9g}" if math.isfinite(value) else None

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from micromanip.errors import CheckFailed, ConfigError
+from micromanip.faults import BY_NAME, FaultReport, raised
 from micromanip.replies import Change
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
@@ -36,7 +37,6 @@ from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.places import driver_options
 
 from .differences import changes
-from .messages import FAULTS, advice, fault_message
 
 
 class Tunable(Protocol):
@@ -78,7 +78,7 @@ class Outcome:
     """What happened to a candidate without anybody asking for it: for people, and for the audit trail."""
 
     verb: str
-    message: str
+    told: str | FaultReport
     changed: list[Change] = field(default_factory=list)
 
 
@@ -135,15 +135,16 @@ class Running:
         if candidate.withdrawn:
             candidate.reason = "it was withdrawn"
             return
-        candidate.reason = self._why_taken_back()
+        report = self._why_taken_back()
+        candidate.reason = str(report)
         back = [Change(key=c["key"], old=c["new"], new=c["old"]) for c in candidate.changed]
         why = Change(key="candidate", old=SHADOW_NAMES[ON_TRIAL], new=f"taken back: {candidate.reason}")
-        self._happened(Outcome("take back", candidate.reason, [why, *back]))
+        self._happened(Outcome("take back", report, [why, *back]))
 
-    def _why_taken_back(self) -> str:
-        """The newest warning of the loop that tells of it, in words."""
+    def _why_taken_back(self) -> FaultReport:
+        """The newest warning of the loop that tells of it."""
         state = self.controller.status["state"][0]
-        ring, text = state["event"], FAULTS[ROLLED_BACK]
+        ring, kind = state["event"], BY_NAME["ROLLED_BACK"]
         newest = [ring[k % len(ring)] for k in range(int(state["events"]) - 1, -1, -1)[: len(ring)]]
         event = next((event for event in newest if event["code"] == ROLLED_BACK), None)
         if event is None or event["axis"] < 0:  # no axis is to blame
@@ -153,12 +154,12 @@ class Running:
                 if state_name == STATE_NAMES[TRACKING]
                 else f"the cell does not track any more, its state is {state_name}"
             )
-            return f"{text.code} the promoted tuning was taken back: {why}"
-        axis = list(self.prepared.configuration.axes)[int(event["axis"])]
-        value, limit = float(event["value"]), float(event["limit"])
-        if value <= limit:
-            return f"{text.code} axis {axis}: the promoted tuning was taken back: it swings. {advice(text)}"
-        return fault_message(ROLLED_BACK, axis, value, limit)
+            return FaultReport(kind, what=f"the promoted tuning was taken back: {why}", explained=False)
+        report = raised(event, list(self.prepared.configuration.axes))
+        assert report is not None
+        if report.value <= report.limit:
+            return replace(report, what="the promoted tuning was taken back: it swings")
+        return report
 
     def _put_in_force(self, prepared: Prepared, document: Mapping[str, Any]) -> None:
         self.controller.prepared, self.document = prepared, document

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import Field
 
+from micromanip.faults import FaultReport
 from micromanip.replies import Change, Shadow
 from micromanip.settings.schema.base import Settings
 from micromanip.settings.text.source import Source
@@ -42,7 +43,11 @@ class ShadowVerbs:
     """`shadow`, `promote` and `withdraw` of one controller."""
 
     def __init__(
-        self, controller: Tunable, trail: AuditTrail, tell: Callable[[Source], None], say: Callable[[str], None]
+        self,
+        controller: Tunable,
+        trail: AuditTrail,
+        tell: Callable[[Source], None],
+        say: Callable[[str | FaultReport], None],
     ) -> None:
         """`tell` hears of each configuration that has come into force; `say` gets messages for people."""
         self._trail, self._say = trail, say
@@ -73,7 +78,7 @@ class ShadowVerbs:
 
     def _happened(self, outcome: Outcome) -> None:
         self._outcomes.append(outcome)
-        self._say(outcome.message)
+        self._say(outcome.told)
 
     async def _shadow(self, request: Request) -> Shadow:
         wanted = request.read(Offer).changes

@@ -106,7 +106,7 @@ def report(
     recording: Recorded | None = None,
 ) -> Status:
     """The whole report of a run, so far; `trips` are those that have a black box, `links` the buses."""
-    words = controller.words
+    words, faults = controller.words, controller.faults()
     return {
         "state": controller.state,
         "cycles": int(words[w.CYCLES_RUN]),
@@ -116,7 +116,8 @@ def report(
         "compute_ns": durations(controller.status["compute"], words[w.COMPUTE_MAX_NS]),
         "path_error_um": path_errors(controller),
         "signals": signals.report(),
-        "faults": controller.faults(),
+        "faults": [str(fault) for fault in faults],
+        "fault_reports": [fault.document() for fault in faults],
         "parameter_version": int(words[w.VERSION_ACTIVE]),
         "shadow": SHADOW_NAMES[int(words[w.SHADOW])],
         "configuration": str(controller.prepared.source.path),

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from micromanip.faults import FaultReport
 from micromanip.quantities import Micrometres
 from micromanip.replies import Audit, Change, Jogged, Saved, Status, Swap
 from micromanip.rt import states
@@ -70,7 +71,7 @@ class Verbs:
         status: Callable[[], Status],
         before_reset: Callable[[], Awaitable[None]],
         tell: Callable[[Source], None],
-        say: Callable[[str], None],
+        say: Callable[[str | FaultReport], None],
     ) -> None:
         """`before_reset` returns when what is known of a fault is kept, or raises CheckFailed: not yet.
 

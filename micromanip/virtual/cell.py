@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.faults import FaultReport, latched
 from micromanip.rt.arming import planned_cycles
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
-from micromanip.rt.states import ARM, NO_COMMAND, NO_FAULT, READY, TRACKING
+from micromanip.rt.states import ARM, NO_COMMAND, READY, TRACKING
 from micromanip.rt.telemetry import ROW
 from micromanip.rt.virtual import run_virtual
 from micromanip.settings.wiring.places import Wiring
@@ -26,11 +28,14 @@ _SENSORS_S = 0.01
 class VirtualCell:
     """Opened drivers and loop state, advanced by calls of `run`.
 
-    `parameters` is a (1,) array of CELL_PARAMETERS, `samples` (n, MAX_AXES) what the source `file` plays.
+    `parameters` is a (1,) array of CELL_PARAMETERS, `samples` (n, MAX_AXES) what the source `file` plays,
+    `axes` the axes' names, for faults.
     Deterministic: the same configuration and seed give the same rows, bit by bit.
     """
 
-    def __init__(self, parameters: NDArray[Any], wiring: Wiring, samples: Samples | None = None) -> None:
+    def __init__(
+        self, parameters: NDArray[Any], wiring: Wiring, samples: Samples | None = None, axes: Sequence[str] = ()
+    ) -> None:
         self.parameters = parameters
         self.state = np.zeros(1, CELL_STATE)
         self.signals = np.zeros(MAX_SIGNALS, SIGNAL)
@@ -39,6 +44,7 @@ class VirtualCell:
         slow = [channel for driver in wiring.drivers.values() for channel in driver.slow_inputs]
         first_s = max((channel.latency_s + 2.0 / channel.rate_hz for channel in slow), default=0.0)
         self._sensors_s = max(_SENSORS_S, first_s)
+        self._axes, self._names = list(axes), list(wiring.drivers)
         self._drivers = np.zeros(len(wiring.drivers), DRIVER)
         self._contexts = []
         for record, (name, driver) in zip(self._drivers, wiring.drivers.items(), strict=True):
@@ -89,7 +95,10 @@ class VirtualCell:
         if self.state[0]["state"] != TRACKING:
             rows = np.concatenate([rows, self.run(period_s)])
         if self.state[0]["state"] != TRACKING:
-            fault = int(self.state[0]["fault"])
-            reason = f"fault {fault}" if fault != NO_FAULT else "arming was refused"
+            reason = next((fault.seen for fault in self.faults()), "arming was refused")
             raise CheckFailed(f"the simulated cell did not come to TRACKING: {reason}")
         return np.concatenate([before, rows])
+
+    def faults(self) -> list[FaultReport]:
+        """What is latched."""
+        return latched(self.state[0], self._axes, self._names)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from micromanip.errors import CheckFailed
-from micromanip.rt.states import NO_FAULT
 from micromanip.settings.check import Prepared
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.model import Configuration
@@ -14,13 +12,6 @@ from micromanip.settings.wiring.timing import FeedbackPath, feedback_path
 
 from .cell import Rows, Samples, VirtualCell
 from .own_time import at_own_time
-
-Told = Callable[[int, str | None, float, float], str]
-
-
-def by_number(fault: int, axis: str | None, value: float, limit: float) -> str:
-    """A fault by its number in `micromanip.rt.states`; the host knows it in words."""
-    return f"fault {fault}, axis {axis}, {value:g} (limit {limit:g})"
 
 
 class VirtualExperiment:
@@ -31,9 +22,8 @@ class VirtualExperiment:
     Raises CheckFailed where the cell does not come to TRACKING, or a fault ends the experiment.
     """
 
-    def __init__(self, prepared: Prepared, *, process: bool = False, told: Told = by_number) -> None:
-        """`process` keeps the machining force, which an experiment is normally free of; `told` words a fault."""
-        self._told = told
+    def __init__(self, prepared: Prepared, *, process: bool = False) -> None:
+        """`process` keeps the machining force, which an experiment is normally free of."""
         drivers = prepared.wiring.drivers
         kept = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
         self._wiring = replace(prepared.wiring, drivers=kept)
@@ -46,18 +36,15 @@ class VirtualExperiment:
         try:
             cell.arm()
         except CheckFailed:
-            self._require_no_fault(cell, configuration)
+            self._require_no_fault(cell)
             raise
         rows = cell.run(seconds, every)
-        self._require_no_fault(cell, configuration)
+        self._require_no_fault(cell)
         return at_own_time(rows, configuration, self._wiring)
 
-    def _require_no_fault(self, cell: VirtualCell, configuration: Configuration) -> None:
-        s = cell.state[0]
-        if s["fault"] != NO_FAULT:
-            axis = list(configuration.axes)[int(s["fault_axis"])] if s["fault_axis"] >= 0 else None
-            said = self._told(int(s["fault"]), axis, float(s["fault_value"]), float(s["fault_limit"]))
-            raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {said}")
+    def _require_no_fault(self, cell: VirtualCell) -> None:
+        for fault in cell.faults():
+            raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {fault}")
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""
@@ -65,4 +52,4 @@ class VirtualExperiment:
 
     def cell(self, configuration: Configuration, samples: Samples | None = None) -> VirtualCell:
         """The cell itself, READY, for whoever wants to step it."""
-        return VirtualCell(compile_cell(configuration, self._wiring), self._wiring, samples)
+        return VirtualCell(compile_cell(configuration, self._wiring), self._wiring, samples, list(configuration.axes))

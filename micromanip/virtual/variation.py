@@ -53,12 +53,11 @@ class VariedCell:
             error, moved = axis["reference_um"] - axis["true_strain_um"], axis["reference_um"]
         if not np.isfinite(error).all():
             error = axis["reference_um"] - axis["strain_um"]
-        fault = int(cell.state[0]["fault"])
         return {
             "rms_um": float(np.sqrt(np.mean(error**2))),
             "max_um": float(np.abs(error).max()),
             "range_um": float(np.abs(moved).max()),
-            "stopped": f"fault {fault}" if fault else None,
+            "stopped": next((fault.seen for fault in cell.faults()), None),
         }
 
     def _varied(self, factors: Mapping[str, float], seed: int) -> Prepared:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from micromanip.host.trips.box import FORMAT, Box
+from micromanip.host.trips.store import FORMAT, Box
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENT
 from micromanip.rt.states import RAMPING, STAGE, STRAIN, STRAIN_INVALID, TRACKING
 from micromanip.rt.telemetry import ROW
@@ -45,6 +45,7 @@ def box(rows=None, events=(), **trip):
         "axis": "x",
         "value": 3.0,
         "limit": None,
+        "seen": "X-201 axis x: no usable strain-gauge sample for 3 cycles",
         "message": "X-201 axis x: no usable strain-gauge sample for 3 cycles. Likely: a cable. Check it.",
         "cycle": TRIP,
     }

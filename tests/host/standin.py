@@ -83,7 +83,7 @@ class Cell:
             lambda: {"state": self.controller.state},
             self._settle,
             self.told.append,
-            self.said.append,
+            lambda told: self.said.append(str(told)),
         )
         self.table = self.verbs.table()
 

@@ -1,11 +1,11 @@
-"""The host tells a trip once, with its black box, to the journal where there is one."""
+"""The host tells a trip once, with its black box."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from micromanip.host import journal
+from micromanip.faults import latched
 from micromanip.host.shared_memory import STATUS
 from micromanip.host.trips import supervisor
 from micromanip.rt import mailbox as w
@@ -26,23 +26,14 @@ def clock(monkeypatch):
     return clock
 
 
-@pytest.fixture
-def entries(monkeypatch):
-    """What the journal got."""
-    taken = []
-    monkeypatch.setattr(journal, "is_connected", lambda: True)
-    monkeypatch.setattr(journal, "send", lambda fields: taken.append(fields) or True)
-    return taken
-
-
 class Cell:
     """A controller with a latched fault of axis y, or without."""
 
     def __init__(self):
         self.status = np.zeros(1, STATUS)[0]
         self.words = self.status["words"]
-        axes = {"x": None, "y": None}
-        self.prepared = SimpleNamespace(source=None, configuration=SimpleNamespace(axes=axes))
+        self.prepared = SimpleNamespace(source=None)
+        self.segments = SimpleNamespace(descriptors=())
 
     def trip(self, number):
         state = self.status["state"][0]
@@ -52,8 +43,8 @@ class Cell:
     def reset(self):
         self.words[w.FAULT_CODE] = self.status["state"][0]["fault"] = 0
 
-    def fault(self):
-        return "X-201 axis y: gone." if self.words[w.FAULT_CODE] else None
+    def faults(self):
+        return latched(self.status["state"][0], ["x", "y"], ["cell"])
 
 
 @pytest.fixture
@@ -63,8 +54,7 @@ def told(tmp_path):
     return cell, supervisor.BlackBox(cell, tmp_path, 50, said.append), said
 
 
-def test_once_with_its_file_as_soon_as_that_is_on_disk(told, clock, monkeypatch):
-    monkeypatch.setattr(journal, "is_connected", lambda: False)
+def test_once_with_its_file_as_soon_as_that_is_on_disk(told, clock):
     cell, boxes, said = told
     boxes.announce()
     cell.trip(1)
@@ -73,7 +63,9 @@ def test_once_with_its_file_as_soon_as_that_is_on_disk(told, clock, monkeypatch)
     boxes._hear({"key": 1, "code": "X-201", "file": "/trips/a.npz", "complete": False})
     for _ in range(3):
         boxes.announce()
-    assert said == ["X-201 axis y: gone. Black box: /trips/a.npz"]
+    (report,) = said
+    assert (report.kind.code, report.axis, report.value, report.limit) == ("X-201", "y", 53.0, 3.0)
+    assert report.box == "/trips/a.npz"
     cell.reset()
     boxes.announce()
     cell.trip(2)
@@ -81,44 +73,28 @@ def test_once_with_its_file_as_soon_as_that_is_on_disk(told, clock, monkeypatch)
     boxes.announce()
     clock.now += 1.1  # nothing is heard of the box: the fault is told all the same
     boxes.announce()
-    assert said[1:] == ["X-201 axis y: gone."]
+    assert [(report.kind.code, report.box) for report in said[1:]] == [("X-201", None)]
 
 
-def test_a_disk_that_hangs_is_given_up(told, clock, monkeypatch):
-    monkeypatch.setattr(journal, "is_connected", lambda: False)
+def test_a_disk_that_hangs_is_given_up(told, clock):
     cell, boxes, said = told
     cell.trip(1)
     boxes.announce()
     clock.now += 31.0
     boxes.announce()
-    assert any("nothing was heard of it for 30 s" in message for message in said)
+    assert any("nothing was heard of it for 30 s" in str(message) for message in said)
     assert boxes.report()[0]["problem"] == "nothing was heard of it for 30 s"
 
 
-def test_with_fields_to_the_journal_and_only_there(told, clock, entries):
-    cell, boxes, said = told
-    cell.trip(1)
-    boxes._hear({"key": 1, "code": "X-201", "file": "/trips/a.npz", "complete": False})
-    boxes.announce()
-    (fields,) = entries
-    assert fields["MESSAGE"] == "X-201 axis y: gone. Black box: /trips/a.npz"
-    assert (fields["MICROMANIP_CODE"], fields["MICROMANIP_AXIS"]) == ("X-201", "y")
-    assert (fields["MICROMANIP_VALUE"], fields["MICROMANIP_LIMIT"]) == ("53", "3")
-    assert fields["MICROMANIP_TRIP"] == "/trips/a.npz"
-    assert said == []
-
-
-def test_where_the_journal_takes_nothing_it_is_said(told, clock, monkeypatch):
-    monkeypatch.setattr(journal, "is_connected", lambda: True)
-    monkeypatch.setattr(journal, "send", lambda fields: False)
+def test_a_box_that_is_not_on_disk_is_not_named(told, clock):
     cell, boxes, said = told
     cell.trip(1)
     boxes._hear({"key": 1, "code": "X-201", "file": "/trips/a.npz", "problem": "No space left on device"})
     boxes.announce()
-    assert said[-1] == "X-201 axis y: gone."
+    assert (said[-1].kind.code, said[-1].box) == ("X-201", None)
 
 
-def test_a_fault_that_ends_the_run_comes_after_the_one_that_nobody_has_heard_of(told, clock, entries):
+def test_a_fault_that_ends_the_run_comes_after_the_one_that_nobody_has_heard_of(told, clock):
     """The host stood still while both came; at the end there is nothing to wait for."""
     cell, boxes, said = told
     cell.trip(1)
@@ -127,12 +103,10 @@ def test_a_fault_that_ends_the_run_comes_after_the_one_that_nobody_has_heard_of(
         state[f"former{name}"] = state[f"fault{name}"]
     state["fault"], state["fault_axis"], state["fault_value"], state["fault_limit"] = HOST_DEAD, -1, 150.0, 100.0
     cell.words[w.FAULT_CODE], cell.words[w.TRIPS] = HOST_DEAD, 2
-    cell.fault = lambda: "X-101 gone."
-    cell.faults = lambda: ["X-201 axis y: gone.", "X-101 gone."]
     boxes.announce(last=True)
-    assert said == []
-    assert [entry["MICROMANIP_CODE"] for entry in entries] == ["X-201", "X-101"]
-    assert [entry.get("MICROMANIP_AXIS") for entry in entries] == ["y", None]
-    assert [entry["MICROMANIP_VALUE"] for entry in entries] == ["53", "150"]
+    assert [(report.kind.code, report.axis, report.value) for report in said] == [
+        ("X-201", "y", 53.0),
+        ("X-101", None, 150.0),
+    ]
     boxes.announce(last=True)
-    assert len(entries) == 2
+    assert len(said) == 2

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from micromanip.errors import CheckFailed, PermissionDenied, UsageError
-from micromanip.host.trips import process
-from micromanip.host.trips import store as shelf
-from micromanip.host.trips.box import Box
+from micromanip.host.trips import process, store
+from micromanip.host.trips.store import Box
 
 from .boxes import box
 
@@ -84,21 +83,21 @@ def test_damaged_files_are_told_in_one_sentence(tmp_path):
 
 def test_names_are_in_the_order_of_time():
     times = [1_773_483_302_250_000_000, 1_773_483_302_251_000_000, 1_773_483_303_000_000_000, 1_800_000_000_000_000_000]
-    names = [shelf.file_name(t, code, "x") for t, code in zip(times, ("X-3", "X-1", "X-2", "X-0"), strict=True)]
+    names = [store.file_name(t, code, "x") for t, code in zip(times, ("X-3", "X-1", "X-2", "X-0"), strict=True)]
     assert names[0] == "20260314T101502.250Z_X-3_x.npz"
     assert sorted(names) == names
-    assert shelf.file_name(times[0], "X-104", None) == "20260314T101502.250Z_X-104.npz"
+    assert store.file_name(times[0], "X-104", None) == "20260314T101502.250Z_X-104.npz"
 
 
 def names_of(count):
-    return [shelf.file_name(10**18 + k * 10**9, "X-201", "x") for k in range(count)]
+    return [store.file_name(10**18 + k * 10**9, "X-201", "x") for k in range(count)]
 
 
 def test_the_newest_are_kept_and_nothing_foreign_is_touched(tmp_path):
     for name in [*names_of(6), "notes.txt", "mine.npz", ".x.npz.123.part", ".y.npz.124.part"]:
         (tmp_path / name).touch()
     os.utime(tmp_path / ".x.npz.123.part", (0, 0))  # of a writer that died long ago
-    shelf.prune(tmp_path, 4)
+    store.prune(tmp_path, 4)
     left = {entry.name for entry in tmp_path.iterdir()}
     assert left == {*names_of(6)[2:], "notes.txt", "mine.npz", ".y.npz.124.part"}
 
@@ -107,37 +106,37 @@ def test_finding_one(tmp_path):
     names = names_of(3)
     for name in names:
         (tmp_path / name).touch()
-    assert shelf.find(tmp_path, None).name == names[-1]
-    assert shelf.find(tmp_path, names[1]).name == names[1]
-    assert shelf.find(tmp_path, names[1][:19]).name == names[1]
-    assert shelf.find(Path("/nowhere"), str(tmp_path / names[0])).name == names[0]
+    assert store.find(tmp_path, None).name == names[-1]
+    assert store.find(tmp_path, names[1]).name == names[1]
+    assert store.find(tmp_path, names[1][:19]).name == names[1]
+    assert store.find(Path("/nowhere"), str(tmp_path / names[0])).name == names[0]
     with pytest.raises(UsageError, match=r"3 trips in .* begin with 2001"):
-        shelf.find(tmp_path, "2001")
+        store.find(tmp_path, "2001")
     with pytest.raises(UsageError, match="there is no trip 1999"):
-        shelf.find(tmp_path, "1999")
+        store.find(tmp_path, "1999")
     with pytest.raises(UsageError, match="there are no trips in"):
-        shelf.find(tmp_path / "none", None)
+        store.find(tmp_path / "none", None)
 
 
 def test_default_folder(monkeypatch, tmp_path):
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     monkeypatch.delenv("XDG_STATE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert shelf.default_folder() == tmp_path / ".local" / "state" / "micromanip" / "trips"
+    assert store.default_folder() == tmp_path / ".local" / "state" / "micromanip" / "trips"
     monkeypatch.setenv("XDG_STATE_HOME", "/state")
-    assert shelf.default_folder() == Path("/state/micromanip/trips")
+    assert store.default_folder() == Path("/state/micromanip/trips")
     monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/micromanip:/var/lib/other")
-    assert shelf.default_folder() == Path("/var/lib/micromanip/trips")
+    assert store.default_folder() == Path("/var/lib/micromanip/trips")
 
 
 def test_trips_of_the_service_are_read_first(monkeypatch, tmp_path):
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "own"))
-    assert shelf.folder_to_read(tmp_path / "system") == tmp_path / "own" / "micromanip" / "trips"
+    assert store.folder_to_read(tmp_path / "system") == tmp_path / "own" / "micromanip" / "trips"
     (tmp_path / "system").mkdir()
-    assert shelf.folder_to_read(tmp_path / "system") == tmp_path / "system"
+    assert store.folder_to_read(tmp_path / "system") == tmp_path / "system"
     monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/other")
-    assert shelf.folder_to_read(tmp_path / "system") == Path("/var/lib/other/trips")
+    assert store.folder_to_read(tmp_path / "system") == Path("/var/lib/other/trips")
 
 
 def test_a_folder_that_may_not_be_read(monkeypatch, tmp_path):
@@ -146,13 +145,13 @@ def test_a_folder_that_may_not_be_read(monkeypatch, tmp_path):
 
     monkeypatch.setattr(Path, "iterdir", forbidden)
     with pytest.raises(PermissionDenied, match="your user must be in the controller's group"):
-        shelf.trips(tmp_path)
+        store.trips(tmp_path)
 
 
 def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capfd):
     blocked = tmp_path / "state"
     blocked.touch()
-    kept = process.Shelf(blocked / "trips", 50)
+    kept = store.Shelf(blocked / "trips", 50, process.tell)
     for key in range(6):
         kept.put(replace(box(), meta=box().meta | {"utc_ns": 10**18 + key * 10**9}), key)
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
@@ -164,12 +163,12 @@ def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capfd):
     kept.give_up()
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert [(m["key"], m["complete"]) for m in said] == [(key, True) for key in range(2, 6)]
-    assert [file.name for file in shelf.trips(blocked / "trips")] == names_of(6)[2:]
+    assert [file.name for file in store.trips(blocked / "trips")] == names_of(6)[2:]
 
 
 def test_what_never_found_room_is_told_at_the_end(tmp_path, capfd):
     (tmp_path / "state").touch()
-    kept = process.Shelf(tmp_path / "state" / "trips", 50)
+    kept = store.Shelf(tmp_path / "state" / "trips", 50, process.tell)
     kept.put(box(code="X-202"), 7)
     kept.give_up()
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]

@@ -6,16 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from micromanip.cli.explain import command
 from micromanip.errors import CheckFailed, UsageError
-from micromanip.host.trips.evidence import observations
+from micromanip.host.trips.evidence import error_um, observations
 from micromanip.host.trips.report import lines, story
 from micromanip.host.trips.store import file_name
-from micromanip.rt.states import OVERRUNS, STAGE_INVALID, STRAIN_INVALID
+from micromanip.rt.states import OVERRUNS, STAGE_INVALID, STRAIN, STRAIN_INVALID, TRACKING
+from micromanip.settings.check import prepare
+from micromanip.virtual.cell import VirtualCell
 
 from .boxes import BEFORE, TRIP, box, event, tracking_rows
+from .standin import SIMULATED
 
 
 def seen(rows):
@@ -115,6 +119,37 @@ def test_faults_and_warnings_are_told_in_their_order(tmp_path):
     assert told[-1]["text"] == "event 1000, 2.5 (limit 1)"
 
 
+def test_a_box_of_an_older_version_shows_its_whole_message(tmp_path):
+    old = box()
+    del old.trip["seen"]
+    assert lines(story(old, tmp_path / "t.npz"))[0] == old.trip["message"]
+
+
+@pytest.mark.compiled_only
+def test_the_error_is_the_loops_own(tmp_path):
+    """Behind a bus, where samples come rarely and late: as the loop knew it, not set-point of now less old sample."""
+    document = yaml.safe_load((SIMULATED.parent / "simulated_1khz.yaml").read_text())
+    truth = ("path_error", "uncompensated")
+    document["signals"] = {n: entry for n, entry in document["signals"].items() if not n.startswith(truth)}
+    file = tmp_path / "cell.yaml"
+    file.write_text(yaml.safe_dump(document, sort_keys=False))
+    prepared = prepare(file)
+    cell = VirtualCell(prepared.parameters, prepared.wiring, prepared.samples)
+    rows = np.concatenate([cell.arm(), cell.run(0.5)])
+    told = box(rows)
+    told = replace(told, parameters=prepared.parameters)
+    tracking = rows["state"] == TRACKING
+    for i in range(len(prepared.configuration.axes)):
+        found, own = error_um(told, i)[tracking], rows["axis"]["path_error_um"][:, i][tracking]
+        assert np.abs(own).max() > 0.1
+        assert found == pytest.approx(own, abs=1e-9)
+    gauge = prepared.parameters.copy()
+    gauge["axis"]["mode"] = STRAIN
+    for i in range(len(prepared.configuration.axes)):
+        last = error_um(replace(told, parameters=gauge), i)[-1]
+        assert last == pytest.approx(cell.state[0]["axis"][i]["strain_error_um"], abs=1e-9)
+
+
 def test_a_box_without_any_cycle(tmp_path):
     empty = replace(box(tracking_rows()[:0]), parameters=box().parameters[:0])
     assert lines(story(empty, tmp_path / "t.npz"))[0] == "X-201 axis x: no usable strain-gauge sample for 3 cycles"
@@ -126,7 +161,8 @@ def shelf(tmp_path):
     names = []
     for seconds, code, axis in ((0, "X-201", "x"), (5, "X-104", None)):
         name = file_name(10**18 + seconds * 10**9, code, axis)
-        box(code=code, axis=axis, message=f"{code} happened. Likely: x").save(tmp_path / name)
+        message = {"seen": f"{code} happened", "message": f"{code} happened. Likely: x"}
+        box(code=code, axis=axis, **message).save(tmp_path / name)
         names.append(name)
     (tmp_path / file_name(9 * 10**17, "X-102", None)).write_bytes(b"damaged")
     return tmp_path, names
@@ -161,7 +197,7 @@ def test_plot(shelf, tmp_path, suffix):
 
 
 def test_figure_shows_errors_voltages_and_states():
-    from micromanip.host.trips.figure import draw
+    from micromanip.host.trips.report import draw
 
     rows = tracking_rows()
     figure = draw(box(rows))

@@ -6,6 +6,8 @@ import struct
 
 import pytest
 
+from micromanip.cli.live import LiveLine
+from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport
 from micromanip.host import journal
 
 
@@ -34,14 +36,14 @@ def parsed(datagram):
 
 def test_a_trip_arrives_with_its_fields(receiver):
     taken, path = receiver
-    fields = journal.trip_fields("X-210 axis x: 6.1 um > 5 um", "X-210", "x", 6.1, 5.0, "/trips/a.npz")
-    assert journal.send(fields, path)
+    report = FaultReport(BY_NAME["FOLLOWING_ERROR"], "x", 6.1, 5.0, cycle=7, box="/trips/a.npz")
+    assert journal.send(journal.fields(report), path)
     assert parsed(taken.recv(65536)) == {
-        "MESSAGE": "X-210 axis x: 6.1 um > 5 um",
+        "MESSAGE": str(report),
         "PRIORITY": "2",
         "MESSAGE_ID": journal.TRIP,
         "SYSLOG_IDENTIFIER": "micromanip",
-        "MICROMANIP_CODE": "X-210",
+        "MICROMANIP_CODE": "X-213",
         "MICROMANIP_AXIS": "x",
         "MICROMANIP_VALUE": "6.1",
         "MICROMANIP_LIMIT": "5",
@@ -51,7 +53,7 @@ def test_a_trip_arrives_with_its_fields(receiver):
 
 def test_what_is_not_known_is_left_out(receiver):
     taken, path = receiver
-    assert journal.send(journal.trip_fields("dead", "X-104", None, None, float("nan"), None), path)
+    assert journal.send(journal.fields(FaultReport(LOOP_DIED)), path)
     assert set(parsed(taken.recv(65536))) == {
         "MESSAGE",
         "PRIORITY",
@@ -87,16 +89,28 @@ def test_it_is_used_only_where_standard_error_is_the_journal(monkeypatch):
         assert not journal.is_connected()
 
 
-@pytest.mark.parametrize(
-    ("message", "expected"),
-    [
-        ("READY", {"PRIORITY": "6"}),
-        ("WARNING: no FIFO", {"PRIORITY": "4"}),
-        ("X-104 the loop process ended with 1", {"PRIORITY": "3", "MICROMANIP_CODE": "X-104"}),
-        ("X-201 axis y: gone", {"PRIORITY": "3", "MICROMANIP_CODE": "X-201", "MICROMANIP_AXIS": "y"}),
-        ("W-214 axis z: at its end", {"PRIORITY": "4", "MICROMANIP_CODE": "W-214", "MICROMANIP_AXIS": "z"}),
-    ],
-)
-def test_a_plain_message_has_its_priority(message, expected):
+@pytest.mark.parametrize(("message", "priority"), [("READY", "6"), ("WARNING: no FIFO", "4"), ("X-ray is on", "6")])
+def test_a_plain_message_has_its_priority(message, priority):
     common = {"MESSAGE": message, "SYSLOG_IDENTIFIER": "micromanip"}
-    assert journal.message_fields(message) == common | expected
+    assert journal.fields(message) == common | {"PRIORITY": priority}
+
+
+def test_a_warning_of_the_loop_is_no_trip():
+    fields = journal.fields(FaultReport(BY_NAME["SATURATING"], "z", 150.0, 500.0))
+    assert (fields["PRIORITY"], fields["MICROMANIP_CODE"], fields["MICROMANIP_AXIS"]) == ("4", "W-214", "z")
+    assert "MESSAGE_ID" not in fields
+
+
+def test_a_live_line_sends_to_the_journal_alone(monkeypatch, capfd):
+    """What the journal does not take is printed."""
+    taken = []
+    takes = [True]
+    monkeypatch.setattr(journal, "is_connected", lambda: True)
+    monkeypatch.setattr(journal, "send", lambda fields: takes[0] and taken.append(fields) is None)
+    report = FaultReport(BY_NAME["STRAIN_INVALID"], "y", 53.0, 3.0, box="/trips/a.npz")
+    with LiveLine() as line:
+        line.say(report)
+        takes[0] = False
+        line.say(report)
+    assert [fields["MICROMANIP_TRIP"] for fields in taken] == ["/trips/a.npz"]
+    assert capfd.readouterr().err.splitlines() == [str(report)]

@@ -95,7 +95,7 @@ def test_a_fault_on_the_way_ends_it(tmp_path):
         rows["fault"][-10:] = 4
         return rows
 
-    assert refusal(cell(tmp_path), fault) == "the experiment was ended by fault 4; nothing was tuned"
+    assert refusal(cell(tmp_path), fault) == "the experiment was ended by fault X-201; nothing was tuned"
 
 
 def test_a_resonance_that_has_moved_is_followed(tmp_path):

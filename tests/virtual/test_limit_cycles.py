@@ -7,7 +7,7 @@ from micromanip.design import paper
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.design.identification import variant
 from micromanip.errors import CheckFailed
-from micromanip.host.messages import fault_message
+from micromanip.faults import KINDS, FaultReport
 from micromanip.rt.records import MAX_AXES
 from micromanip.rt.states import FAULT, LIMIT_CYCLE, NO_FAULT, RAMPING, TRACKING
 from micromanip.settings.check import prepare
@@ -59,7 +59,7 @@ def test_a_loop_that_swings_from_end_to_end_is_stopped(change):
     assert s["state"] == FAULT
     assert 0.0 < s["fault_value"] <= 2.0
     assert abs(s["axis"][X]["voltage_V"]) < 0.01
-    assert fault_message(LIMIT_CYCLE, "x", 0.3, 8.0).startswith("X-216 axis x: limit cycle")
+    assert FaultReport(KINDS[LIMIT_CYCLE], "x", 0.3, 8.0).seen.startswith("X-216 axis x: limit cycle")
 
 
 def test_a_strain_loop_that_swings_is_stopped_on_the_way_up():
@@ -127,7 +127,7 @@ def test_a_stage_that_swings_while_it_is_identified_is_stopped():
     """In open loop, no voltage at its end, far below the slew limit: the stage goes from sensor end to sensor end."""
     prepared = prepare(FOLDER / "factory.yaml")
     samples, seconds = resonating(prepared)
-    experiment = VirtualExperiment(prepared, told=fault_message)
+    experiment = VirtualExperiment(prepared)
     with pytest.raises(CheckFailed, match=r"X-216 axis x: limit cycle.*stage"):
         experiment(variant(prepared.configuration), seconds, samples)
     stopped = experiment.cell(variant(prepared.configuration), samples)

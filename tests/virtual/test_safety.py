@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.host.messages import fault_message
+from micromanip.faults import latched
 from micromanip.rt.states import (
     AMPLIFIER_FAULT,
     ARM,
@@ -45,7 +45,8 @@ def assert_latched(cell, code, axis):
     """Latched, told in words, and nothing re-arms."""
     assert (cell.s["state"], cell.s["fault"], cell.s["fault_axis"]) == (FAULT, code, axis)
     name = "xyz"[axis] if axis >= 0 else None
-    message = fault_message(code, name, float(cell.s["fault_value"]), float(cell.s["fault_limit"]))
+    (report,) = latched(cell.s, "xyz", list(cell.prepared.wiring.drivers))
+    message = str(report)
     assert message.startswith("X-")
     assert name is None or f"axis {name}" in message
     assert "nan" not in message

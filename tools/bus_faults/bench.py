@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 
 from micromanip.client import Client
 from micromanip.errors import MicromanipError
-from micromanip.host.messages import FAULTS
+from micromanip.faults import KINDS
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import NO_FAULT
 from tools.emulated_device import Device
@@ -142,7 +142,7 @@ class Bench:
         state = self._state
         if state["fault"] != NO_FAULT:
             fault = int(state["fault"])
-            outcome.code = FAULTS[fault].code
+            outcome.code = KINDS[fault].code
             outcome.detected_ms = (self._time_of(int(state["fault_cycle"])) - begin_ns) * 1e-6
             until(lambda: self.running.state == "FAULT", lambda: f"no FAULT; {self.running.last_words()}")
             with self.client() as client:

@@ -8,8 +8,7 @@ from dataclasses import asdict, dataclass, field
 from micromanip_drivers.simulated.records import CONTEXT
 
 from micromanip.errors import MicromanipError
-from micromanip.host.trips.box import Box
-from micromanip.host.trips.store import trips
+from micromanip.host.trips.store import Box, trips
 from micromanip.rt import mailbox as w
 from tools.running_controller import tagged, until
 

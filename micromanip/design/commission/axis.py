@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.faults import KINDS
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
@@ -154,7 +155,7 @@ class Watched:
         rows = self._experiment(configuration, seconds, samples, every)
         faults = rows["fault"][rows["fault"] != 0]
         if len(faults):
-            raise CheckFailed(f"the experiment was ended by fault {int(faults[0])}; nothing was tuned")
+            raise CheckFailed(f"the experiment was ended by fault {KINDS[int(faults[0])].code}; nothing was tuned")
         return rows
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:

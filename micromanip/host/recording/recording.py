@@ -13,15 +13,14 @@ One HDF5 file a recording:
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import importlib.util
-import json
-import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
+from micromanip.host.child import Child
 from micromanip.host.controller import Controller
 from micromanip.replies import Recorded
 
@@ -60,7 +59,8 @@ class RecorderProcess:
     def __init__(self, controller: Controller, file: Path, say: Callable[[str], None]) -> None:
         """`say` gets a warning where something is missing in the file, at once."""
         self._controller, self._file, self._say = controller, file, say
-        self._process: asyncio.subprocess.Process | None = None
+        self._child = Child("micromanip.host.recording.recorder", controller.segments.descriptors)
+        self._answers: AsyncIterator[dict[str, Any]]
         self._following: asyncio.Task[None] | None = None
         self._stopping = False
         self._report = Recorded(file=str(file), state="starting", rows=0, dropped=0, message=None)
@@ -75,14 +75,6 @@ class RecorderProcess:
         Raises CheckFailed where it can't be opened.
         """
         segments, prepared = self._controller.segments, self._controller.prepared
-        self._process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *("-m", "micromanip.host.recording.recorder"),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            pass_fds=segments.descriptors,
-            start_new_session=True,
-        )
         orders = {
             "descriptors": segments.descriptors,
             "file": str(self._file.absolute()),
@@ -91,12 +83,13 @@ class RecorderProcess:
             "axes": list(prepared.configuration.axes),
             "period_ns": prepared.configuration.loop.period_ns,
         }
-        await self._tell(json.dumps(orders))
+        await self._child.start(orders)
+        self._answers = self._child.answers()
         answer = await self._opened()
         if "open" not in answer:
             await self._kill()
             raise CheckFailed(f"nothing is recorded: {answer.get('problem', 'the recorder ended at once')}")
-        await self._tell(str(await self._controller.snapshot()))
+        self._child.tell(await self._controller.snapshot())
         self._report["state"] = "recording"
         self._following = asyncio.create_task(self._follow())
 
@@ -105,9 +98,7 @@ class RecorderProcess:
         if self._following is None:
             return None
         self._stopping = True
-        assert self._process is not None
-        assert self._process.stdin is not None
-        self._process.stdin.close()
+        self._child.end_orders()
         done, _ = await asyncio.wait({self._following}, timeout=_PATIENCE_S)
         if not done:
             await self._kill()
@@ -119,9 +110,13 @@ class RecorderProcess:
             return f"WARNING: {self._report['message']}"
         return f"recorded {self._report['rows']} cycles to {self._file}, {self._report['dropped']} lost"
 
-    async def _opened(self) -> dict[str, object]:
-        """Its first word; the loop gets its sign of life meanwhile."""
-        hearing = asyncio.create_task(self._hear())
+    async def _opened(self) -> Mapping[str, Any]:
+        """Its first word, nothing if it has none; the loop gets its sign of life meanwhile."""
+
+        async def first_word() -> Mapping[str, Any]:
+            return await anext(self._answers, {})
+
+        hearing = asyncio.create_task(first_word())
         for _ in range(round(_PATIENCE_S / 0.02)):
             self._controller.beat()
             done, _ = await asyncio.wait({hearing}, timeout=0.02)
@@ -130,28 +125,13 @@ class RecorderProcess:
         hearing.cancel()
         return {"problem": f"{self._file} could not be opened within {_PATIENCE_S:g} s: does its disk hang?"}
 
-    async def _tell(self, line: str) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        with contextlib.suppress(ConnectionError):  # it is dead: that is heard
-            self._process.stdin.write(line.encode() + b"\n")
-            await self._process.stdin.drain()
-
-    async def _hear(self) -> dict[str, object]:
-        """What it says; empty once it has gone."""
-        assert self._process is not None
-        assert self._process.stdout is not None
-        said: dict[str, object] = json.loads(await self._process.stdout.readline() or b"{}")
-        return said
-
     async def _follow(self) -> None:
         """Take note of what it says until it ends; tell at once where it was not told to."""
-        assert self._process is not None
-        last: dict[str, object] = {}
-        while said := await self._hear():
+        last: Mapping[str, Any] = {}
+        async for said in self._answers:
             last = said
             self._note(said)
-        await self._process.wait()
+        await self._child.wait()
         if "complete" in last:
             self._report["state"] = "complete"
             return
@@ -170,7 +150,7 @@ class RecorderProcess:
         if not self._stopping:
             self._say(f"WARNING: {self._report['message']}")
 
-    def _note(self, said: dict[str, object]) -> None:
+    def _note(self, said: Mapping[str, Any]) -> None:
         rows, lost = said.get("rows"), said.get("lost")
         if isinstance(rows, int):
             self._report["rows"] = max(rows, self._report["rows"])
@@ -186,8 +166,5 @@ class RecorderProcess:
             return False
 
     async def _kill(self) -> None:
-        assert self._process is not None
-        if self._process.returncode is None:
-            self._process.kill()
-            with contextlib.suppress(TimeoutError):  # a disk that hangs keeps even the killed
-                await asyncio.wait_for(self._process.wait(), _END_S)
+        self._child.kill()
+        await self._child.wait(_END_S)  # a disk that hangs keeps even the killed

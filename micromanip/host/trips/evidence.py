@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from micromanip.rt.states import STAGE, STRAIN, TRACKING
 
-from .box import Box
+from .store import Box
 
 _SENSORS = (("strain", 1, "strain gauge"), ("stage", 2, "capacitive sensor"), ("deviation", 4, "reference signal"))
 _LINES = (
@@ -56,13 +56,21 @@ def parameters_of(box: Box, axis: int) -> Any:
 
 
 def error_um(box: Box, axis: int) -> NDArray[np.float64]:
-    """How far (um) the axis was from where it should be, each row and as measured: stage, or gauge in mode strain."""
-    rows, mode = box.rows["axis"][:, axis], parameters_of(box, axis)["mode"]
-    error: NDArray[np.float64] = np.full(len(rows), np.nan)
-    if mode == STRAIN:
-        error = rows["setpoint_um"] - rows["strain_um"]
-    elif mode == STAGE:
-        error = rows["reference_um"] - rows["stage_um"]
+    """How far (um) the axis was from where it should be, each row and as measured: stage, or gauge in mode strain.
+
+    It is the error that the loop acted on and watched (``rt/setpoint_history.py``), which not every row holds: a sample
+    less what was wanted when it was taken, a gauge's less the set-point whose voltage had arrived by then.
+    """
+    rows, cycles, p = box.rows["axis"][:, axis], box.rows["cycle"], parameters_of(box, axis)
+    if p["mode"] == STAGE:
+        wanted, sensor, answer_cycles = "reference_um", "stage", 0
+    elif p["mode"] == STRAIN:
+        wanted, sensor, answer_cycles = "setpoint_um", "strain", int(p["answer_cycles"])
+    else:
+        return np.full(len(rows), np.nan)
+    age_cycles = np.floor(rows[f"{sensor}_age_ns"] / box.meta["period_ns"] + 0.5)
+    then = np.searchsorted(cycles, cycles - age_cycles - answer_cycles, side="right") - 1
+    error: NDArray[np.float64] = rows[wanted][np.maximum(then, 0)] - rows[f"{sensor}_um"]
     return error
 
 

@@ -14,19 +14,28 @@ import select
 import signal
 import sys
 import time
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from micromanip.errors import CheckFailed
+from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
+from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
+from micromanip.rt import mailbox as w
 
-from .box import Box
-from .capture import Capture, Cell
-from .store import file_name, prune
+from .store import FORMAT, Box, Shelf
 
+LOOP_DEATH = -1
+"""The key of the trip that the loop's death is; every other trip has its number."""
+BEFORE_S, AFTER_S = 2.0, 0.5
+_COPIES = 50
+_SPARE_ROWS = 100
 _LOOK_S = 0.02
-_RETRY_S = 3.0
-_KEPT_IN_MEMORY = 4
 _PAGE = 4096
 
 
@@ -36,59 +45,135 @@ def tell(**message: Any) -> None:
         os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
 
 
-class Shelf:
-    """Puts boxes on disk; what a full disk refuses is kept in memory, and tried again."""
+@dataclass(frozen=True)
+class Cell:
+    """What the orders say about the controller that is watched."""
 
-    def __init__(self, folder: Path, kept: int) -> None:
-        self.folder, self._kept = folder, kept
-        self._waiting: dict[Path, tuple[Box, int]] = {}
-        self._next_try = 0.0
+    configuration: str
+    sha256: str
+    path: str
+    axes: tuple[str, ...]
+    drivers: tuple[str, ...]
+    period_ns: int
 
-    def put(self, box: Box, key: int) -> None:
-        """Save `box`, or keep it for later; `key` is what the host knows the trip by."""
-        trip = box.trip
-        file = self.folder / file_name(box.meta["utc_ns"], trip["code"], trip["axis"])
-        first = file not in self._waiting
-        problem = self._save(file, box)
-        if problem is None:
-            self._waiting.pop(file, None)
-            tell(key=key, file=str(file), code=trip["code"], complete=box.meta["complete"])
-            return
-        if first:
-            tell(key=key, file=str(file), code=trip["code"], problem=problem)
-        self._waiting[file] = (box, key)
-        while len(self._waiting) > _KEPT_IN_MEMORY:
-            self._lose(min(self._waiting), "more trips came than can be kept in memory")
-        self._next_try = time.monotonic() + _RETRY_S
 
-    def retry(self) -> None:
-        """Try what is waiting again, every few seconds."""
-        if self._waiting and time.monotonic() >= self._next_try:
-            self.flush()
+class Capture:
+    """Reads control, status and ring; writes nothing."""
 
-    def flush(self) -> None:
-        """Try what is waiting again, now."""
-        for box, key in list(self._waiting.values()):
-            self.put(box, key)
+    def __init__(self, cell: Cell, control: Any, status: Any, ring: Any) -> None:
+        self.cell = cell
+        self._control, self._status, self._ring = control, status, ring
 
-    def give_up(self) -> None:
-        """A last try; what can't be written even now is lost."""
-        self.flush()
-        for file in list(self._waiting):
-            self._lose(file, "the controller ended before it could be written")
+    @property
+    def cycles(self) -> int:
+        """Cycles that the loop has run."""
+        return int(self._status["words"][w.CYCLES_RUN])
 
-    def _lose(self, file: Path, why: str) -> None:
-        box, key = self._waiting.pop(file)
-        tell(key=key, file=str(file), code=box.trip["code"], lost=why)
+    @property
+    def finished(self) -> bool:
+        """Whether the loop has ended by itself."""
+        return bool(self._status["words"][w.FINISHED])
 
-    def _save(self, file: Path, box: Box) -> str | None:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            box.save(file)
-            prune(self.folder, self._kept)
-        except OSError as problem:
-            return problem.strerror or str(problem)
-        return None
+    @property
+    def trips(self) -> int:
+        """Faults that were latched so far: the number of the newest trip."""
+        return int(self._status["words"][w.TRIPS])
+
+    def tripped(self) -> Box:
+        """The box of the newest trip, with what the ring holds of the time before it."""
+        state = self._state()
+        rows = self._rows(since=int(state[0]["fault_cycle"]) - self._cycles(BEFORE_S))
+        report = latched(state[0], self.cell.axes, self.cell.drivers)[-1]
+        return self._box(report, rows, _first_faulty(rows, int(state[0]["fault"])), state)
+
+    def died(self, report: FaultReport) -> Box:
+        """The box of a loop that ended without a word; `report` is what was seen of it."""
+        state = self._state()
+        rows = self._rows(since=int(state[0]["cycle"]) - self._cycles(BEFORE_S))
+        return self._box(report, rows, len(rows) - 1, state)
+
+    def is_over(self, box: Box) -> bool:
+        """Whether the time after the trip has passed, or will never pass."""
+        return self.finished or int(self._status["words"][w.CYCLE]) >= box.trip["cycle"] + self._cycles(AFTER_S)
+
+    def completed(self, box: Box) -> Box:
+        """The same box with the cycles after the trip, and all sets of parameters that were in force."""
+        known = int(box.rows["cycle"][-1]) if len(box.rows) else -1
+        new = _between(self._rows(since=known), known + 1, box.trip["cycle"] + self._cycles(AFTER_S))
+        rows = np.concatenate([box.rows, new])
+        kept = np.concatenate([box.parameters, self._parameters(new)])
+        _, first = np.unique(kept["version"], return_index=True)
+        return replace(
+            box, meta=box.meta | {"complete": True}, rows=rows, parameters=kept[first], events=_events(self._state())
+        )
+
+    def _cycles(self, seconds: float) -> int:
+        return round(seconds * 1e9 / self.cell.period_ns)
+
+    def _box(self, report: FaultReport, rows: NDArray[Any], at: int, state: NDArray[Any]) -> Box:
+        """The box of a trip in the row `at`; without any row it has only the state."""
+        monotonic_ns = int(rows["time_ns"][at]) if len(rows) else time.monotonic_ns()
+        cycle = int(rows["cycle"][at]) if len(rows) else int(state[0]["cycle"])
+        utc_ns = time.time_ns() - (time.monotonic_ns() - monotonic_ns)
+        meta = {
+            "format": FORMAT,
+            "trip": report.document() | {"cycle": cycle, "number": report.kind.number, "message": str(report)},
+            "complete": False,
+            "utc": datetime.fromtimestamp(utc_ns * 1e-9, UTC).isoformat(timespec="milliseconds"),
+            "utc_ns": utc_ns,
+            "monotonic_ns": monotonic_ns,
+            "period_ns": self.cell.period_ns,
+            "axes": list(self.cell.axes),
+            "configuration": self.cell.configuration,
+            "sha256": self.cell.sha256,
+            "path": self.cell.path,
+        }
+        rows = _between(rows, cycle - self._cycles(BEFORE_S), cycle + self._cycles(AFTER_S))
+        return Box(meta, rows, self._parameters(rows), state, _events(state))
+
+    def _rows(self, since: int) -> NDArray[Any]:
+        """All rows that the ring holds of the cycles from `since` on, and some before: a row is a cycle or more."""
+        reader = RingReader(self._ring)
+        passed = max(0, int(self._status["words"][w.CYCLE]) - since) + _SPARE_ROWS
+        reader.position = max(0, reader.position - passed)
+        return reader.read(len(self._ring["rows"]))
+
+    def _parameters(self, rows: NDArray[Any]) -> NDArray[Any]:
+        slots = self._control["parameters"]
+        kept: NDArray[Any] = slots[
+            np.isin(slots["version"], np.unique(rows["version"])) & (slots["version"] > 0)
+        ].copy()
+        return kept
+
+    def _state(self) -> NDArray[Any]:
+        """The loop's state between two cycles; from the middle of one where it is never still."""
+        words, shared = self._status["words"], self._status["state"]
+        state: NDArray[Any] = shared.copy()
+        for _ in range(_COPIES):
+            before = int(words[w.CYCLE])
+            state = shared.copy()
+            if state[0]["cycle"] == before == int(words[w.CYCLE]):
+                break
+        return state
+
+
+def _between(rows: NDArray[Any], first: int, last: int) -> NDArray[Any]:
+    """The rows of the cycles `first` to `last`."""
+    cycles = np.ascontiguousarray(rows["cycle"])
+    return rows[np.searchsorted(cycles, first) : np.searchsorted(cycles, last, "right")]
+
+
+def _events(state: NDArray[Any]) -> NDArray[Any]:
+    """The events that the loop still remembers, oldest first."""
+    ring, count = state[0]["event"], int(state[0]["events"])
+    newest: NDArray[Any] = ring[np.arange(max(0, count - len(ring)), count) % len(ring)].copy()
+    return newest
+
+
+def _first_faulty(rows: NDArray[Any], fault: int) -> int:
+    """Where the latched fault was raised: the first row of the last stretch that has it."""
+    other = np.flatnonzero(rows["fault"] != fault)
+    return min(int(other[-1]) + 1, len(rows) - 1) if len(other) else 0
 
 
 class Watch:
@@ -121,12 +206,12 @@ class Watch:
         if self._capture.finished:
             self.over = True
         elif not host_lives and time.monotonic() - self._turned > self._stuck_s:
-            self.died(None)
+            self.died(FaultReport(LOOP_DIED))
 
-    def died(self, message: str | None) -> None:
+    def died(self, report: FaultReport) -> None:
         """The loop is dead: what the ring holds is all there will be."""
         self._complete()
-        self._begin(self._capture.died(message), -1)
+        self._begin(self._capture.died(report), LOOP_DEATH)
         self._complete()
         self.over = True
 
@@ -159,7 +244,7 @@ def main() -> int:
     capture = Capture(
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     )
-    watch = Watch(capture, Shelf(Path(orders["folder"]), orders["kept"]), orders["known"], orders["stuck_s"])
+    watch = Watch(capture, Shelf(Path(orders["folder"]), orders["kept"], tell), orders["known"], orders["stuck_s"])
     if begun := orders["begun"]:
         watch.resume(Path(begun["file"]), begun["key"])
     segments.ring.bytes()[::_PAGE].max()  # map its pages now, not at the trip
@@ -175,7 +260,7 @@ def main() -> int:
             if "configuration" in message:
                 capture.cell = _cell(message)
             if "died" in message:
-                watch.died(message["died"])
+                watch.died(FaultReport(BY_NAME[message["died"]], what=message["what"], value=message["value"]))
                 break
         watch.look(host_lives=host_lives)
     watch.close()

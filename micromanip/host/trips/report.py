@@ -1,19 +1,22 @@
-"""A trip in plain words: what tripped, the order of causes, what the loop did, where the axes were, what to do next."""
+"""The trip report: what tripped, the order of causes, what the loop did, what to do next; in words and as a picture."""
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from micromanip.faults import BY_NAME, raised
 from micromanip.files.regular_file import open_regular
-from micromanip.host.messages import ALL, FAULTS, seen
 from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
 
-from .box import Box
 from .evidence import Moment, at_end_of_range, error_um, milliseconds, observations, parameters_of
+from .store import Box
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MEANING = {
     "READY": "disarmed, outputs at park",
@@ -25,12 +28,23 @@ _MEANING = {
     "OFF": "the loop ends",
 }
 _BEFORE_MS = -1000.0
+_SIZE, _DPI = (9.0, 9.0), 130
+_NEAR_MS = (-50.0, 50.0)
+_SHADES = {
+    "READY": "white",
+    "ARMING": "tab:olive",
+    "TRACKING": "tab:green",
+    "HOLDING": "tab:orange",
+    "RAMPING": "gold",
+    "FAULT": "tab:red",
+    "OFF": "tab:grey",
+}
 
 
 def story(box: Box, file: Path) -> dict[str, Any]:
     """The whole explanation as plain data; `lines` makes text of it."""
     trip = box.trip
-    text = next((text for text in ALL if text.code == trip["code"]), None)
+    kind = next((kind for kind in BY_NAME.values() if kind.code == trip["code"]), None)
     return {
         "trip": file.stem,
         "file": str(file),
@@ -38,6 +52,7 @@ def story(box: Box, file: Path) -> dict[str, Any]:
         "axis": trip["axis"],
         "value": trip["value"],
         "limit": trip["limit"],
+        "seen": box.seen,
         "message": trip["message"],
         "utc": box.meta["utc"],
         "cycle": trip["cycle"],
@@ -52,8 +67,8 @@ def story(box: Box, file: Path) -> dict[str, Any]:
             "now": _present(Path(box.meta["path"]), box.meta["sha256"]),
             "parameter_versions": box.parameters["version"].tolist(),
         },
-        "likely_causes": list(text.likely_causes) if text else [],
-        "next_step": text.next_step if text else "",
+        "likely_causes": list(kind.likely_causes) if kind else [],
+        "next_step": kind.next_step if kind else "",
     }
 
 
@@ -79,29 +94,25 @@ def _raised(box: Box) -> list[Moment]:
     """Faults and warnings of the time that the box holds, the trip at 0."""
     trip, moments, told = box.trip, [], False
     for event in box.events:
-        code, axis, cycle = int(event["code"]), int(event["axis"]), int(event["cycle"])
+        code, cycle = int(event["code"]), int(event["cycle"])
         own = code == trip["number"] and abs(cycle - trip["cycle"]) <= 1
         told |= own
         if len(box.rows) and not box.rows["cycle"][0] - 1 <= cycle <= box.rows["cycle"][-1]:
             continue
         ms = 0.0 if own else (cycle - trip["cycle"]) * box.meta["period_ns"] * 1e-6
-        name = box.meta["axes"][axis] if axis >= 0 else None
-        told_of = _noticed(code, float(event["value"]), float(event["limit"]))
-        reaction = int(event["reaction"])
-        moments.append(Moment(ms, name, f"{told_of} -> {REACTION_NAMES[reaction]}" if reaction != WARN else told_of))
+        moments.append(_noticed(box, event, ms))
     if not told:
-        moments.append(Moment(0.0, trip["axis"], _first_sentence(trip["message"])))
+        moments.append(Moment(0.0, trip["axis"], box.seen))
     return moments
 
 
-def _noticed(code: int, value: float, limit: float) -> str:
-    """What a fault or a warning saw; one that this version does not know has its number."""
-    return seen(FAULTS[code], value, limit) if code in FAULTS else f"event {code}, {value:g} (limit {limit:g})"
-
-
-def _first_sentence(message: str) -> str:
-    """A message without causes and next step."""
-    return message.split(". Likely:")[0]
+def _noticed(box: Box, event: Any, ms: float) -> Moment:
+    """One fault or warning; one that this version does not know has its number."""
+    report, reaction = raised(event, box.meta["axes"]), int(event["reaction"])
+    if report is None:
+        return Moment(ms, None, f"event {event['code']}, {event['value']:g} (limit {event['limit']:g})")
+    reacted = f" -> {REACTION_NAMES[reaction]}" if reaction != WARN else ""
+    return Moment(ms, report.axis, f"{report.kind.code} {report.measured}{reacted}")
 
 
 def _axis(box: Box, axis: int) -> dict[str, float | list[float] | None]:
@@ -142,7 +153,7 @@ def _present(file: Path, sha256: str) -> str:
 
 def lines(told: dict[str, Any]) -> list[str]:
     """The story as text, a line each."""
-    text = [_first_sentence(told["message"]), f"{told['utc']} (cycle {told['cycle']})", ""]
+    text = [told["seen"], f"{told['utc']} (cycle {told['cycle']})", ""]
     text += ["What happened, in ms from the trip:"]
     for moment in told["timeline"]:
         where = f"{moment['axis']}: " if moment["axis"] and f"axis {moment['axis']}" not in moment["text"] else ""
@@ -175,3 +186,75 @@ def _axis_words(axis: dict[str, Any]) -> str:
     if axis["error_um"] is None:
         return voltage
     return f"error {axis['error_um']:.2f} um (largest before {axis['max_error_um']:.2f} um), {voltage}"
+
+
+def draw(box: Box) -> Figure:
+    """Four panels: errors, voltages with their range, and both near the trip; states shaded."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE, layout="constrained")
+    figure.suptitle(f"{box.trip['code']}  {box.meta['utc']}")
+    panels = figure.subplots(4, 1)
+    ms = milliseconds(box)
+    whole = (float(ms[0]), float(ms[-1]))
+    near = (max(whole[0], _NEAR_MS[0]), min(whole[1], _NEAR_MS[1]))
+    for panel, span in zip(panels, (whole, whole, near, near), strict=True):
+        _shade(panel, box, span)
+        panel.axvline(0.0, color="tab:red", lw=1.0)
+        panel.set_xlim(*span)
+        panel.grid(alpha=0.3)
+    for i, name in enumerate(box.meta["axes"]):
+        colour = f"C{i}"
+        error, voltage = error_um(box, i), box.rows["axis"]["voltage_V"][:, i]
+        limiter = parameters_of(box, i)["limiter"]
+        for panel in (panels[0], panels[2]):
+            panel.plot(ms, error, lw=0.8, color=colour, label=name)
+        for panel in (panels[1], panels[3]):
+            panel.plot(ms, voltage, lw=0.8, color=colour, label=name)
+            for end in (limiter["low_V"], limiter["high_V"]):
+                panel.axhline(end, color=colour, lw=0.8, ls="--")
+    for panel, span in ((panels[0], whole), (panels[2], near)):
+        panel.set_ylabel("error, um")
+        _fit(panel, box, span)
+    for panel in (panels[1], panels[3]):
+        panel.set_ylabel("voltage, V")
+    panels[3].set_xlabel("time from the trip, ms")
+    panels[0].legend(loc="upper left", fontsize="small", title="axis")
+    return figure
+
+
+def save(box: Box, file: Path) -> None:
+    """Draw the trip into a PNG or SVG file."""
+    draw(box).savefig(file, dpi=_DPI, metadata={"Date": None} if file.suffix == ".svg" else None)
+
+
+def _shade(panel: Any, box: Box, span: tuple[float, float]) -> None:
+    """States as coloured stretches with their names."""
+    begun = states(box)
+    ends = [*(ms for ms, _ in begun[1:]), span[1]]
+    for (begin, name), end in zip(begun, ends, strict=True):
+        left, right = max(begin, span[0]), min(end, span[1])
+        if right > left:
+            panel.axvspan(left, right, color=_SHADES.get(name, "white"), alpha=0.15, lw=0)
+            if right - left > 0.06 * (span[1] - span[0]):
+                panel.annotate(
+                    name,
+                    ((left + right) / 2, 0.97),
+                    xycoords=("data", "axes fraction"),
+                    ha="center",
+                    va="top",
+                    fontsize="x-small",
+                )
+
+
+def _fit(panel: Any, box: Box, span: tuple[float, float]) -> None:
+    """The height shows the errors up to shortly after the trip; what the ramp leaves behind may run out of it."""
+    ms = milliseconds(box)
+    shown = (ms >= span[0]) & (ms <= min(span[1], 5.0))
+    worst = 0.0
+    for i in range(len(box.meta["axes"])):
+        error = np.abs(error_um(box, i)[shown])
+        if np.isfinite(error).any():
+            worst = max(worst, float(np.nanmax(error)))
+    if worst > 0.0:
+        panel.set_ylim(-1.2 * worst, 1.2 * worst)

@@ -1,24 +1,110 @@
-"""The folder of all trips: where it is, how its files are named, how many are kept."""
+"""The trip store: each trip as a file, the folder of all of them, and what waits for room there.
+
+A trip is a ``.npz`` without pickles, so that any numpy reads it:
+
+- ``rows``: each cycle from 2 s before to 0.5 s after the trip (``micromanip.rt.telemetry.ROW``)
+- ``parameters``: each set of parameters that was in force in them; a row's ``version`` names one
+- ``state``: the loop's whole state (1,) as soon as the trip was seen
+- ``events``: the faults and warnings that were raised last, in their order (``micromanip.rt.records.EVENT``)
+- ``meta``: a JSON document: the trip, the configuration's text and hash, the axes, the clocks (see `Box.meta`)
+"""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import time
+import zipfile
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, PermissionDenied, UsageError
+from micromanip.files.regular_file import open_regular
 from micromanip.host.state_directory import state_directory
 
-from .box import PARTIAL, Box
-
-SUFFIX = ".npz"
+FORMAT = 1
+SUFFIX, PARTIAL = ".npz", ".part"
 KEPT = 50
 SYSTEM = Path("/var/lib/micromanip/trips")
+_PARTS = ("rows", "parameters", "state", "events")
 _NAME = re.compile(r"\d{8}T\d{6}\.\d{3}Z_.+\.npz")
 _ABANDONED_S = 60.0
+_RETRY_S = 3.0
+_KEPT_IN_MEMORY = 4
+
+
+@dataclass(frozen=True)
+class Box:
+    """What is known of one trip.
+
+    `meta` has the keys ``format``, ``trip`` (`micromanip.replies.Fault` with its number and message), ``complete``,
+    ``utc``, ``monotonic_ns`` and ``utc_ns`` (both of the trip), ``period_ns``, ``axes``, ``configuration`` (its text),
+    ``sha256``, ``path``.
+    """
+
+    meta: dict[str, Any]
+    rows: NDArray[Any]
+    parameters: NDArray[Any]
+    state: NDArray[Any]
+    events: NDArray[Any]
+
+    @property
+    def trip(self) -> dict[str, Any]:
+        """Code, number, axis, value, limit, cycle, what was seen and message of the trip."""
+        trip: dict[str, Any] = self.meta["trip"]
+        return trip
+
+    @property
+    def seen(self) -> str:
+        """What tripped, in a sentence; the whole message in a box of an older version."""
+        return str(self.trip.get("seen", self.trip["message"]))
+
+    def save(self, file: Path) -> None:
+        """Write the file whole or not at all: once it has its name it is on the disk. Raises OSError."""
+        write = np.savez_compressed if self.meta["complete"] else np.savez  # the first must be quick
+        partial = file.with_name(f".{file.name}.{os.getpid()}{PARTIAL}")
+        try:
+            with partial.open("wb") as stream:
+                write(
+                    stream,
+                    allow_pickle=False,
+                    meta=np.array(json.dumps(self.meta)),
+                    **{part: getattr(self, part) for part in _PARTS},
+                )
+                stream.flush()
+                os.fsync(stream.fileno())
+            partial.replace(file)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
+        folder = os.open(file.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    @classmethod
+    def load(cls, file: Path) -> Box:
+        """Read a file; raises CheckFailed where it is none, or damaged."""
+        try:
+            with open_regular(file) as stream, np.load(stream, allow_pickle=False) as stored:
+                meta = json.loads(str(stored["meta"]))
+                if meta["format"] != FORMAT:
+                    raise CheckFailed(f"{file} has format {meta['format']}; this version reads format {FORMAT}")
+                return cls(meta, *(stored[part] for part in _PARTS))
+        except OSError as problem:
+            raise CheckFailed(f"{file} can't be read: {problem.strerror or problem}") from problem
+        except (ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
+            raise CheckFailed(f"{file} is no black box, or it is damaged") from problem
 
 
 def default_folder() -> Path:
@@ -83,17 +169,67 @@ def prune(folder: Path, kept: int = KEPT) -> None:
 
 
 def summary(file: Path) -> dict[str, str | bool | None]:
-    """One line of the list: name, time, code, axis, message; of a damaged file what is wrong with it."""
+    """One line of the list: name, time, code, axis, what was seen, message; of a damaged file what is wrong with it."""
     try:
         box = Box.load(file)
+        trip, utc, seen, complete = box.trip, box.meta["utc"], box.seen, box.meta["complete"]
     except CheckFailed as problem:
-        return {"trip": file.stem, "utc": None, "code": None, "axis": None, "message": str(problem), "complete": False}
-    trip = box.trip
-    return {
-        "trip": file.stem,
-        "utc": box.meta["utc"],
-        "code": trip["code"],
-        "axis": trip["axis"],
-        "message": trip["message"],
-        "complete": box.meta["complete"],
-    }
+        trip, utc, seen, complete = {"code": None, "axis": None, "message": str(problem)}, None, str(problem), False
+    shown = {key: trip[key] for key in ("code", "axis", "message")}
+    return {"trip": file.stem, "utc": utc, "seen": seen, "complete": complete, **shown}
+
+
+class Shelf:
+    """Puts boxes on disk; what a full disk refuses is kept in memory, and tried again."""
+
+    def __init__(self, folder: Path, kept: int, tell: Callable[..., None]) -> None:
+        """`kept` of them stay; `tell` hears what becomes of each, as keywords."""
+        self.folder, self._kept, self._tell = folder, kept, tell
+        self._waiting: dict[Path, tuple[Box, int]] = {}
+        self._next_try = 0.0
+
+    def put(self, box: Box, key: int) -> None:
+        """Save `box`, or keep it for later; `key` is what the host knows the trip by."""
+        trip = box.trip
+        file = self.folder / file_name(box.meta["utc_ns"], trip["code"], trip["axis"])
+        first = file not in self._waiting
+        problem = self._save(file, box)
+        if problem is None:
+            self._waiting.pop(file, None)
+            self._tell(key=key, file=str(file), code=trip["code"], complete=box.meta["complete"])
+            return
+        if first:
+            self._tell(key=key, file=str(file), code=trip["code"], problem=problem)
+        self._waiting[file] = (box, key)
+        while len(self._waiting) > _KEPT_IN_MEMORY:
+            self._lose(min(self._waiting), "more trips came than can be kept in memory")
+        self._next_try = time.monotonic() + _RETRY_S
+
+    def retry(self) -> None:
+        """Try what is waiting again, every few seconds."""
+        if self._waiting and time.monotonic() >= self._next_try:
+            self.flush()
+
+    def flush(self) -> None:
+        """Try what is waiting again, now."""
+        for box, key in list(self._waiting.values()):
+            self.put(box, key)
+
+    def give_up(self) -> None:
+        """A last try; what can't be written even now is lost."""
+        self.flush()
+        for file in list(self._waiting):
+            self._lose(file, "the controller ended before it could be written")
+
+    def _lose(self, file: Path, why: str) -> None:
+        box, key = self._waiting.pop(file)
+        self._tell(key=key, file=str(file), code=box.trip["code"], lost=why)
+
+    def _save(self, file: Path, box: Box) -> str | None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            box.save(file)
+            prune(self.folder, self._kept)
+        except OSError as problem:
+            return problem.strerror or str(problem)
+        return None

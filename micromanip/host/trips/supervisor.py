@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
-import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from micromanip.bus.backoff import RestartLimit
 from micromanip.errors import CheckFailed
-from micromanip.host import journal
+from micromanip.faults import KINDS, FaultReport
+from micromanip.host.child import Child
 from micromanip.host.controller import Controller
-from micromanip.host.messages import FAULTS, code_of
+from micromanip.replies import Trip
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import NO_FAULT
 from micromanip.settings.text.source import Source
 
-LOOP_DEATH = -1
-"""The key of the trip that the loop's death is; every other trip has its number."""
+from .process import LOOP_DEATH
+
 _STUCK_S = {"hardware": 0.5, "simulation": 3.0}
 _TELL_WITHIN_S = 1.0
 _SETTLE_S = 2.0
 _GIVE_UP_S = 30.0
 _RESTART_S = 1.0
-_RESTARTS, _RECENT_S = 3, 600.0
+_RESTARTS, _WITHIN_S = 3, 600.0
 """It is started again so often within that time; one that dies by every trip must not keep a CPU busy."""
 _END_S = 20.0
 
@@ -34,10 +34,17 @@ _END_S = 20.0
 class BlackBox:
     """One black-box process, started anew where it dies; the controller never waits for it but in `settle`."""
 
-    def __init__(self, controller: Controller, folder: Path, kept: int, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, controller: Controller, folder: Path, kept: int, say: Callable[[str | FaultReport], None]
+    ) -> None:
+        """`say` gets messages, and each latched fault once."""
         self._controller, self._folder, self._kept, self._say = controller, folder, kept, say
         self._source = controller.prepared.source
-        self._process: asyncio.subprocess.Process | None = None
+        self._child = Child(
+            "micromanip.host.trips.process",
+            controller.segments.descriptors,
+            restarts=RestartLimit(_RESTARTS, _WITHIN_S),
+        )
         self._following: asyncio.Task[None] | None = None
         self._ready = self._stopping = self._gone = False
         self._settled: dict[int, dict[str, Any]] = {}
@@ -48,32 +55,32 @@ class BlackBox:
         """Start it, without waiting: a trip that comes before it is ready is still in the ring."""
         self._following = asyncio.create_task(self._keep_alive())
 
-    async def stop(self, died: str | None = None) -> None:
-        """Let it finish and end; `died` is what happened to a loop that did not end by itself, its code first."""
+    async def loop_died(self, report: FaultReport) -> FaultReport:
+        """Let it write the box of a loop that did not end by itself, and end; the report with that box."""
+        await self.stop(report)
+        return self._with_box(report, LOOP_DEATH)
+
+    async def stop(self, died: FaultReport | None = None) -> None:
+        """Let it finish and end; `died` is what happened to a loop that did not end by itself."""
         if self._following is None or self._stopping:
             return
         self._stopping = True
-        if self._process is None or (not self._ready and died is None and self._latched() is None):
-            self._kill()  # it had nothing to do
+        if not self._child.starts or (not self._ready and died is None and self._latched() is None):
+            self._child.kill()  # it had nothing to do
         else:
             if died is not None:
-                self._tell({"died": died})
-            assert self._process.stdin is not None
-            self._process.stdin.close()
+                self._child.tell({"died": died.kind.name, "what": died.what, "value": died.value})
+            self._child.end_orders()
         done, _ = await asyncio.wait({self._following}, timeout=_END_S)
         if not done:
             self._say(f"WARNING: the black box did not end within {_END_S:g} s; {self._folder} may lack the last trip")
-            self._kill()
+            self._child.kill()
             await self._following
-        if died is not None and journal.is_connected():
-            file = self._settled.get(LOOP_DEATH, {}).get("file")
-            code = code_of(died)
-            journal.send(journal.trip_fields(died + self.where(LOOP_DEATH), code, None, None, None, file))
 
     def configured(self, source: Source) -> None:
         """From now on the controller runs another configuration."""
         self._source = source
-        self._tell(self._cell())
+        self._child.tell(self._cell())
 
     async def settle(self) -> None:
         """Return once the box of the latched fault is on disk, or its failure told; CheckFailed where it is not yet."""
@@ -89,8 +96,8 @@ class BlackBox:
         Where it ended the run while another was latched that nobody has heard of yet, that one first; the `last` time
         there is nothing to wait for.
         """
-        key, fault = self._latched(), self._controller.fault()
-        if key is None or fault is None:
+        key, faults = self._latched(), self._controller.faults()
+        if key is None or not faults:
             self._told = self._noticed = None
             return
         if self._noticed is None or self._noticed[0] != key:
@@ -101,35 +108,24 @@ class BlackBox:
         waits = not (last or key in self._settled or waited_s > _TELL_WITHIN_S or self._gone)
         if key == self._told or waits:
             return
-        if self._controller.status["state"][0]["former"] != NO_FAULT and self._told != key - 1:
-            self._publish(key - 1, "former", self._controller.faults()[0] + self.where(key - 1))
+        if len(faults) > 1 and self._told != key - 1:
+            self._say(self._with_box(faults[0], key - 1))
         self._told = key
-        self._publish(key, "fault", fault + self.where(key))
+        self._say(self._with_box(faults[-1], key))
 
     def _give_up(self, key: int) -> None:
         """A disk that hangs must not keep the cell in FAULT for ever."""
-        code = FAULTS[int(self._controller.words[w.FAULT_CODE])].code
+        code = KINDS[int(self._controller.words[w.FAULT_CODE])].code
         problem = f"nothing was heard of it for {_GIVE_UP_S:g} s"
         self._hear({"key": key, "code": code, "file": str(self._folder), "problem": problem})
 
-    def _publish(self, key: int, name: str, message: str) -> None:
-        """To the journal with its fields where there is one, else as any message; `name` is its place in the state."""
-        state, box = self._controller.status["state"][0], self._settled.get(key, {})
-        axes = list(self._controller.prepared.configuration.axes)
-        axis = axes[state[f"{name}_axis"]] if state[f"{name}_axis"] >= 0 else None
-        code, file = FAULTS[int(state[name])].code, None if "problem" in box else box.get("file")
-        value, limit = float(state[f"{name}_value"]), float(state[f"{name}_limit"])
-        fields = journal.trip_fields(message, code, axis, value, limit, file)
-        if not (journal.is_connected() and journal.send(fields)):
-            self._say(message)
-
-    def where(self, key: int) -> str:
-        """`` Black box: FILE`` for a message about the trip; empty where there is none."""
+    def _with_box(self, report: FaultReport, key: int) -> FaultReport:
+        """The report with the file of its box, where that is on disk."""
         box = self._settled.get(key)
-        return f" Black box: {box['file']}" if box and "problem" not in box else ""
+        return replace(report, box=box["file"]) if box and "problem" not in box else report
 
-    def report(self) -> list[dict[str, Any]]:
-        """``[{code, file, complete, problem}]`` of all trips so far; `problem` is None where the box is on disk."""
+    def report(self) -> list[Trip]:
+        """All trips so far; `problem` is None where the box is on disk."""
         return [
             {
                 "code": box["code"],
@@ -158,13 +154,11 @@ class BlackBox:
         }
 
     async def _keep_alive(self) -> None:
-        deaths: list[float] = []
         while True:
             await self._follow()
             if self._stopping or self._controller.words[w.FINISHED]:
                 return
-            deaths = [died for died in deaths if time.monotonic() - died < _RECENT_S] + [time.monotonic()]
-            if len(deaths) > _RESTARTS:
+            if not self._child.may_restart():
                 break
             self._say("WARNING: the black box process died; it is started again")
             await asyncio.sleep(_RESTART_S)
@@ -175,28 +169,18 @@ class BlackBox:
 
     async def _follow(self) -> None:
         """One process from its start to its end."""
-        segments = self._controller.segments
-        self._process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *("-m", "micromanip.host.trips.process"),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            pass_fds=segments.descriptors,
-            start_new_session=True,
-        )
         orders = self._cell() | {
-            "descriptors": segments.descriptors,
+            "descriptors": self._controller.segments.descriptors,
             "folder": str(self._folder.absolute()),
             "kept": self._kept,
             "known": self._known(),
             "begun": self._begun(),
             "stuck_s": _STUCK_S[self._controller.prepared.configuration.loop.limits],
         }
-        self._tell(orders)
-        assert self._process.stdout is not None
-        async for line in self._process.stdout:
-            self._hear(json.loads(line))
-        await self._process.wait()
+        await self._child.start(orders)
+        async for message in self._child.answers():
+            self._hear(message)
+        await self._child.wait()
         self._ready = False
 
     def _known(self) -> int:
@@ -209,11 +193,6 @@ class BlackBox:
         newest = max(self._settled, default=0)
         box = self._settled.get(newest, {"complete": True})
         return None if "problem" in box or box["complete"] else {"key": newest, "file": box["file"]}
-
-    def _tell(self, message: dict[str, Any]) -> None:
-        if self._process is not None and self._process.stdin is not None:
-            with contextlib.suppress(ConnectionError):
-                self._process.stdin.write(json.dumps(message).encode() + b"\n")
 
     def _hear(self, message: dict[str, Any]) -> None:
         if "ready" in message:
@@ -231,7 +210,3 @@ class BlackBox:
         elif "problem" in self._settled.get(key, {}):
             self._say(f"Black box: {message['file']}")
         self._settled[key] = message
-
-    def _kill(self) -> None:
-        if self._process is not None and self._process.returncode is None:
-            self._process.kill()

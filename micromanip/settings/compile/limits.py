@@ -9,12 +9,10 @@ import numpy as np
 
 from micromanip.rt import states
 from micromanip.rt.states import REACTION_NAMES
-from micromanip.settings.schema.faults import AxisFaults, Faults
+from micromanip.settings.schema.faults import SWING_S, SWINGS, AxisFaults, Faults
 from micromanip.settings.schema.reference import Reference, Tracker
 
 NEVER = int(np.iinfo(np.int64).max // 4)
-_SWINGS, _SWING_S = 8, 2.0
-"""From one end of a range to the other so often in this time is a limit cycle, whatever the limits."""
 _BRIDGED_MS = 20.0
 """An outage of the capacitive sensor so short leaves the model's prediction good enough to go on from."""
 _SHOWN = 0.45
@@ -79,7 +77,7 @@ def fill_axis_limits(
     w["lost_cycles"] = cycles(faults.reference.time_ms)
     w["decay_cycles"] = cycles(faults.reference.decay_ms)
     w["derate"] = faults.over_temperature.derate_percent / 100.0
-    w["swings"], w["swing_cycles"] = _SWINGS, cycles(_SWING_S * 1e3)
+    w["swings"], w["swing_cycles"] = SWINGS, cycles(SWING_S * 1e3)
     w["hot_cycles"] = cycles(faults.over_temperature.time_s * 1e3)
     for code, reaction in (
         (states.STRAIN_INVALID, faults.strain.reaction),

@@ -223,6 +223,11 @@ SIMULATION: dict[str, Any] = {
 }
 """Where the set `simulation` differs from `hardware`, which is the models' defaults."""
 
+LOOP_STUCK_S = {"hardware": 0.3, "simulation": 2.0}
+"""A loop that lives but has run no cycle for so long is ended by the host."""
+SWINGS, SWING_S = 8, 2.0
+"""From one end of a range to the other so often in this time is a limit cycle, whatever the limits."""
+
 
 def merged(base: Mapping[str, Any], own: Any) -> Any:
     """`own` over `base`, section by section; what is not a section is left for the validation to find."""

@@ -1,0 +1,116 @@
+"""A child process of the host: started by exec in a session of its own, ordered on its standard input, heard by line.
+
+Loop, driver workers, recorder and black box are all children like that. A session of its own keeps Ctrl-C in the
+terminal from them: the host ends them in order, by closing their standard input or by what they read in the shared
+memory, and kills those that do not obey. Orders and answers are JSON, one document a line.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+from asyncio.subprocess import PIPE, Process
+from collections.abc import AsyncIterator, Sequence
+from typing import Any
+
+from micromanip.bus.backoff import RestartLimit
+
+
+class Child:
+    """One role, by the module that plays it; after a restart the same object stands for the new process."""
+
+    def __init__(
+        self,
+        module: str,
+        descriptors: Sequence[int],
+        *,
+        heard: bool = True,
+        complains: bool = False,
+        restarts: RestartLimit | None = None,
+    ) -> None:
+        """`descriptors` are inherited; `heard`: its standard output is ours, `complains`: its standard error, too."""
+        self._module, self._descriptors, self._restarts = module, tuple(descriptors), restarts
+        self._output, self._error = PIPE if heard else None, PIPE if complains else None
+        self._process: Process | None = None
+        self.starts = 0
+
+    async def start(self, orders: Any) -> None:
+        """Start a process and give it its orders."""
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *("-m", self._module),
+            stdin=PIPE,
+            stdout=self._output,
+            stderr=self._error,
+            pass_fds=self._descriptors,
+            start_new_session=True,
+        )
+        self.starts += 1
+        self.tell(orders)
+
+    def may_restart(self) -> bool:
+        """Note that it is about to be started again; False where that was too often."""
+        return self._restarts is not None and self._restarts.allows(time.monotonic())
+
+    @property
+    def runs(self) -> bool:
+        """Whether it was started and has not ended."""
+        return self._process is not None and self._process.returncode is None
+
+    @property
+    def code(self) -> int | None:
+        """How it ended: its exit code, negative for a signal; None as long as it runs, or was never started."""
+        return None if self._process is None else self._process.returncode
+
+    @property
+    def was_killed(self) -> bool:
+        """Whether a signal ended it."""
+        return self.code is not None and self.code < 0
+
+    @property
+    def end(self) -> str:
+        """How it ended, in words."""
+        code = self.code
+        return f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with {code}"
+
+    def tell(self, document: Any) -> None:
+        """One more order; one that is dead, or told to end, is not told."""
+        stream = None if self._process is None else self._process.stdin
+        if stream is not None and not stream.is_closing():
+            with contextlib.suppress(ConnectionError):
+                stream.write(json.dumps(document).encode() + b"\n")
+
+    def end_orders(self) -> None:
+        """Close its standard input: it is to end in its own way."""
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.close()
+
+    async def answers(self) -> AsyncIterator[dict[str, Any]]:
+        """What it says, until it says no more; what a kill has cut off is left out."""
+        assert self._process is not None
+        assert self._process.stdout is not None
+        async for line in self._process.stdout:
+            with contextlib.suppress(ValueError):
+                yield json.loads(line)
+
+    async def complaint(self) -> str:
+        """All that it says on standard error until its end."""
+        assert self._process is not None
+        assert self._process.stderr is not None
+        return (await self._process.stderr.read()).decode(errors="replace")
+
+    def kill(self) -> None:
+        """End it at once."""
+        if self.runs and self._process is not None:
+            with contextlib.suppress(ProcessLookupError):
+                self._process.kill()
+
+    async def wait(self, within_s: float | None = None) -> bool:
+        """Wait for its end; False where it still runs after `within_s`."""
+        assert self._process is not None
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._process.wait(), within_s)
+        return not self.runs

@@ -1,0 +1,100 @@
+"""A child of the host: orders in, answers out by line, its end noticed however it comes."""
+
+import asyncio
+import os
+import signal
+
+import pytest
+
+from micromanip.bus.backoff import RestartLimit
+from micromanip.host.child import Child
+
+TALKATIVE = """
+import json, os, signal, sys
+for line in sys.stdin:
+    order = json.loads(line)
+    if order == "pid":
+        print(json.dumps({"pid": os.getpid(), "session": os.getsid(0)}), flush=True)
+    elif order == "fail":
+        print("it can't be done", file=sys.stderr, flush=True)
+        sys.exit(7)
+    elif order == "die":
+        print('{"cut": ', end="", flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+    elif order == "deaf":
+        print("{}", flush=True)
+        signal.pause()
+    else:
+        print(json.dumps(order), flush=True)
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    (tmp_path / "talkative.py").write_text(TALKATIVE)
+    monkeypatch.chdir(tmp_path)
+    return "talkative"
+
+
+def test_orders_and_answers_until_it_is_to_end(module):
+    async def main():
+        child = Child(module, ())
+        assert not child.runs
+        assert child.code is None
+        await child.start({"first": 1})
+        child.tell("pid")
+        answers = child.answers()
+        assert await anext(answers) == {"first": 1}
+        assert child.runs
+        about = await anext(answers)
+        assert about["pid"] == about["session"]  # Ctrl-C in the terminal does not reach it
+        assert about["session"] != os.getsid(0)
+        child.end_orders()
+        assert [answer async for answer in answers] == []
+        assert await child.wait(10.0)
+        assert (child.runs, child.code, child.end, child.was_killed) == (False, 0, "ended with 0", False)
+        child.tell("too late")
+        child.kill()
+
+    asyncio.run(main())
+
+
+def test_a_death_is_noticed_and_what_it_cut_off_is_left_out(module):
+    async def main():
+        child = Child(module, (), restarts=RestartLimit(1, 60.0))
+        for starts in (1, 2):
+            await child.start({"whole": starts})
+            child.tell("die")
+            assert [answer async for answer in child.answers()] == [{"whole": starts}]
+            assert await child.wait(10.0)
+            assert (child.code, child.end, child.starts) == (-signal.SIGKILL, "was killed by signal 9", starts)
+            assert child.was_killed
+            assert child.may_restart() == (starts == 1)
+
+    asyncio.run(main())
+
+
+def test_what_it_complains_of(module):
+    async def main():
+        child = Child(module, (), heard=False, complains=True)
+        await child.start("fail")
+        assert await child.complaint() == "it can't be done\n"
+        await child.wait()
+        assert child.end == "ended with 7"
+        assert not child.may_restart()
+
+    asyncio.run(main())
+
+
+def test_one_that_does_not_obey_is_killed(module):
+    async def main():
+        child = Child(module, ())
+        await child.start("deaf")
+        await anext(child.answers())
+        child.end_orders()
+        assert not await child.wait(0.2)
+        child.kill()
+        assert await child.wait(10.0)
+        assert child.was_killed
+
+    asyncio.run(main())

@@ -1,0 +1,103 @@
+"""The page of faults in docs/ says what the messages say."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.faults import BY_NAME, KINDS, LOOP_DIED, FaultReport, latched, raised
+from micromanip.rt import states
+from micromanip.rt.records import CELL_STATE, EVENT
+from micromanip.settings.documents import faults_page
+from micromanip.settings.documents.faults_page import render
+from micromanip.settings.schema.faults import Faults
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "faults.md"
+
+
+def test_page_is_up_to_date():
+    assert DOCUMENT.read_text() == render(), "run: make docs"
+
+
+def test_every_fault_is_told_completely():
+    assert set(KINDS) == set(range(states.NO_FAULT + 1, states.EVENT_CODES))
+    codes = [kind.code for kind in BY_NAME.values()]
+    assert len(set(codes)) == len(codes)
+    page = render()
+    for kind in BY_NAME.values():
+        assert f"## {kind.code}: " in page
+        assert all(f"- {cause}\n" in page for cause in kind.likely_causes)
+        assert kind.likely_causes
+        assert kind.detection.endswith(".")
+        assert kind.next_step.endswith(".")
+
+
+def test_limits_on_the_page_are_the_schemas(monkeypatch):
+    """A default that is changed shows; beside it that of the set `simulation`, where it is another."""
+    assert "Error above 20 um (simulation: 400 um) for 5 ms (simulation: 100 ms) while tracking." in render()
+    other = Faults(axis={"following_error": {"limit_um": 7.5, "reaction": "ramp"}, "saturation": {"warn_ms": None}})
+    monkeypatch.setattr(faults_page, "Faults", lambda: other)
+    page = render()
+    assert "Error above 7.5 um (simulation: 400 um) for 5 ms (simulation: 100 ms) while tracking." in page
+    assert "More voltage asked for than there is, for never." in page
+
+
+@pytest.mark.parametrize("kind", BY_NAME.values(), ids=BY_NAME)
+def test_no_limit_is_typed_by_hand(kind):
+    assert not re.search(r"\d (ns|us|ms|s|um|V|%|cycles|times)\b", f"{kind.detection} {kind.reaction}")
+
+
+def test_message_says_code_what_causes_and_next_step():
+    text = KINDS[states.STRAIN_INVALID]
+    message = str(FaultReport(text, "y", 4.0, 3.0))
+    assert message.startswith("X-201 axis y: no usable strain-gauge sample for 4 cycles (limit 3). Likely: ")
+    assert message.endswith(text.next_step)
+    assert all(cause in message for cause in text.likely_causes)
+
+
+def state_with(fault, axis, value, limit, cycle=4711):
+    state = np.zeros(1, CELL_STATE)[0]
+    state["fault"], state["fault_axis"], state["fault_cycle"] = fault, axis, cycle
+    state["fault_value"], state["fault_limit"] = value, limit
+    return state
+
+
+def test_a_latched_fault_is_a_record():
+    (report,) = latched(state_with(states.STRAIN_INVALID, 1, 4.0, 3.0), ["x", "y"], ["cell"])
+    assert (report.kind.code, report.axis, report.value, report.limit, report.cycle) == ("X-201", "y", 4.0, 3.0, 4711)
+    document = report.document()
+    assert json.loads(json.dumps(document)) == document
+    assert document["seen"] == "X-201 axis y: no usable strain-gauge sample for 4 cycles (limit 3)"
+    assert document["name"] == "STRAIN_INVALID"
+    assert latched(np.zeros(1, CELL_STATE)[0], ["x", "y"], []) == []
+
+
+def test_of_a_lost_link_the_value_is_its_driver():
+    (report,) = latched(state_with(states.LINK_LOST, -1, 1.0, 0.0), ["x"], ["cell", "bus"])
+    assert report.seen == "X-108 driver bus: the link is lost"
+    (unknown,) = latched(state_with(states.LINK_LOST, -1, np.nan, 0.0), ["x"], ["cell", "bus"])
+    assert (unknown.driver, unknown.document()["value"]) == (None, None)
+
+
+def test_the_fault_that_ends_the_run_comes_last():
+    state = state_with(states.HOST_DEAD, -1, 150.0, 100.0)
+    state["former"], state["former_axis"], state["former_value"] = states.STRAIN_INVALID, 0, 4.0
+    assert [(report.kind.code, report.axis) for report in latched(state, ["x"], [])] == [
+        ("X-201", "x"),
+        ("X-101", None),
+    ]
+
+
+def test_an_event_that_this_version_does_not_know():
+    assert raised(np.array([(1, 1000, -1, 2.5, 1.0, 0, 0)], EVENT)[0], ["x"]) is None
+
+
+def test_what_was_seen_may_be_said_otherwise():
+    report = FaultReport(LOOP_DIED, what="the loop process was killed by signal 9", box="/trips/a.npz")
+    assert str(report).startswith("X-104 the loop process was killed by signal 9. Likely: ")
+    assert str(report).endswith(f"{LOOP_DIED.next_step} Black box: /trips/a.npz")
+    alone = FaultReport(LOOP_DIED, what="it is gone", explained=False)
+    assert str(alone) == "X-104 it is gone"
+    assert alone.document()["likely_causes"] == []

@@ -31,7 +31,7 @@ from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
 from .loop_orders import loop_orders
-from .messages import fault_message
+from .messages import LOOP_DIED, fault_message
 from .parameter_buffers import ParameterSlots
 from .refusals import axis_refusals, output_refusals, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
@@ -68,6 +68,8 @@ class Controller:
         self.process: asyncio.subprocess.Process | None = None
         self._commands = asyncio.Lock()
         self._ready = False
+        self._killed: str | None = None
+        """Why this process has killed the loop process, where it has."""
 
     @property
     def prepared(self) -> Prepared:
@@ -122,10 +124,21 @@ class Controller:
 
     @property
     def state(self) -> str:
-        """Name of the cell's state."""
+        """Name of the cell's state; FAULT once the loop process has died, whatever it said last."""
+        if self.death is not None:
+            return STATE_NAMES[FAULT]
         if not self._ready:
             return STATE_NAMES[STARTING]
         return STATE_NAMES[int(self.words[w.STATE])]
+
+    @property
+    def death(self) -> str | None:
+        """In plain words how the loop process has ended without bringing its outputs to rest; None where it has not."""
+        code = None if self.process is None else self.process.returncode
+        if code is None or self.words[w.FINISHED]:
+            return None
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}"
+        return self._killed or f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=how)}. {LOOP_DIED.next_step}"
 
     def declare_ready(self) -> None:
         """Starting is over: from now on `state` is the cell's, and `arm` is given to the loop."""
@@ -140,6 +153,7 @@ class Controller:
         if not ((command == STOP and self._turns) or await self._is_ready()):
             raise CheckFailed(f"{COMMAND_NAMES[command]} refused: the controller is still starting")
         async with self._commands:
+            self._refuse_dead(f"{COMMAND_NAMES[command]} refused")
             words = self.control["words"]
             before = self.state
             number = int(words[w.COMMAND_NUMBER]) + 1
@@ -151,6 +165,10 @@ class Controller:
                 raise CheckFailed(f"{COMMAND_NAMES[command]}: the loop did not answer within {_ANSWER_S:g} s")
             if not self.words[w.COMMAND_ACCEPTED]:
                 raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(command, before))}")
+
+    def _refuse_dead(self, what: str) -> None:
+        if self.death is not None:
+            raise CheckFailed(f"{what}: {self.death}")
 
     @property
     def _turns(self) -> bool:
@@ -194,6 +212,7 @@ class Controller:
     async def apply(self, parameters: Any, permit: Callable[[], None] = lambda: None) -> int:
         """Swap to the parameters (1,) at a cycle boundary; their version. CheckFailed where the loop takes none."""
         async with self._commands:
+            self._refuse_dead("nothing was changed")
             permit()
             version = self.slots.put_in_force(parameters)
             await self._take("new parameters", lambda: ask(self.words, w.VERSION_ACTIVE) == version)
@@ -203,6 +222,7 @@ class Controller:
     async def offer(self, parameters: Any) -> int:
         """Let a candidate (1,) compute beside what is in force; its version. CheckFailed where the loop takes none."""
         async with self._commands:
+            self._refuse_dead("nothing was changed")
             version = self.slots.offer(parameters)
             shadow = self.status["shadow"][0]
             await self._take("candidate", lambda: self.words[w.SHADOW] == SHADOWING and shadow["version"] == version)
@@ -228,7 +248,8 @@ class Controller:
 
     def faults(self) -> list[str]:
         """Every latched fault, the one that ends the run last."""
-        return [message for name in ("former", "fault") if (message := self._fault_message(name)) is not None]
+        said = (self._fault_message("former"), self._fault_message("fault"), self.death)
+        return [message for message in said if message is not None]
 
     def _fault_message(self, name: str) -> str | None:
         state = self.status["state"][0]
@@ -246,9 +267,10 @@ class Controller:
         pairs = zip(self._safe.items(), self.offsets, strict=True)
         return {name: call_context(safe, base + offset) for (name, safe), offset in pairs}
 
-    def kill(self) -> None:
-        """End the loop process at once; `make_safe` is then the host's to call."""
+    def kill(self, why: str) -> None:
+        """End the loop process at once; `make_safe` is then the host's to call, and `why` what is said of it."""
         if self.process is not None and self.process.returncode is None:
+            self._killed = why
             self.process.kill()
 
     async def wait(self) -> int:

@@ -91,8 +91,6 @@ class Daemon:
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
-        self._ended: str | None = None
-        """Why this process ended the loop process, if it did: its death is no news then."""
         self._beats = self._looks = 0
 
     async def run(self) -> Report:
@@ -120,7 +118,6 @@ class Daemon:
                 refuse_real(self._prepared)
                 await self._snapshot.keep(self._prepared.source)  # before the loop looks for signs of life
                 await self._controller.start(ready=False)
-                await self._workers.in_hand(self._controller.beat)
                 return await self._supervise()
         finally:
             control_socket.close()
@@ -140,14 +137,14 @@ class Daemon:
             self._boxes.start()
             if self._recorder is not None:
                 await self._recorder.start()
-            if not ended.done():
+            if await self._workers.in_hand(lambda: ended.done() or stopped.done()):
                 self._tell_ready()
-            if self._prepared.configuration.arm_on_start:
-                await self._verbs.command(states.ARM, Peer("configuration"))
+                if self._prepared.configuration.arm_on_start:
+                    await self._verbs.command(states.ARM, Peer("configuration"))
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
             if not ended.done():
                 await self._end(ended)
-            await self._judge(ended.result())
+            await self._judge()
             await self._boxes.stop()
             self._boxes.announce(last=True)
             await self._end_recording()
@@ -186,17 +183,15 @@ class Daemon:
             await self._controller.command(states.STOP)
         done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
         if not done:
-            self._ended = f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=_DISOBEYED)}. {LOOP_DIED.next_step}"
-            self._controller.kill()
+            self._controller.kill(f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=_DISOBEYED)}. {LOOP_DIED.next_step}")
             await ended
 
-    async def _judge(self, code: int) -> None:
+    async def _judge(self) -> None:
         """Raise where the loop process did not end by itself, its outputs brought to the safe value."""
-        if self._controller.words[w.FINISHED]:
+        message = self._controller.death
+        if message is None:
             return
-        how = f"was killed by signal {-code}" if code < 0 else f"ended with {code}"
         await self._make_safe()
-        message = self._ended or f"{LOOP_DIED.code} {LOOP_DIED.what.format(how=how)}. {LOOP_DIED.next_step}"
         await self._boxes.stop(died=message)
         raise CheckFailed(message + self._boxes.where(LOOP_DEATH))
 
@@ -227,8 +222,7 @@ class Daemon:
                 cycles, turned = int(self._controller.words[w.CYCLES_RUN]), time.monotonic()
             elif time.monotonic() - turned > _STUCK_S[self._prepared.configuration.loop.limits]:
                 what = LOOP_STUCK.what.format(value=time.monotonic() - turned)
-                self._ended = f"{LOOP_STUCK.code} {what}. {LOOP_STUCK.next_step}"
-                self._controller.kill()
+                self._controller.kill(f"{LOOP_STUCK.code} {what}. {LOOP_STUCK.next_step}")
                 return
             self._signals.gather()
             self._show(self._report())

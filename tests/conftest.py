@@ -3,19 +3,21 @@
 The laws' tests run in three modes: compiled, with bounds checks (NUMBA_BOUNDSCHECK=1) and as plain
 Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the search is shorter.
 ``--hypothesis-profile=explore`` searches longer, and elsewhere in each run; ``soak`` takes ten thousand steps of a
-state machine.
+state machine; ``mutation`` does not ask for the smallest example.
 """
 
 from pathlib import Path
 
 import numba
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 JIT = not numba.config.DISABLE_JIT
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
 settings.register_profile("steady", max_examples=60 if JIT else 15, derandomize=True, database=None, **_COMMON)
+_QUICK = {"phases": (Phase.explicit, Phase.generate), "max_examples": 15, "derandomize": True, "database": None}
+settings.register_profile("mutation", **_QUICK, **_COMMON)
 settings.register_profile("explore", max_examples=1000 if JIT else 100, database=None, **_COMMON)
 settings.register_profile("soak", max_examples=100, stateful_step_count=100, database=None, **_COMMON)
 settings.load_profile("steady")

@@ -1,35 +1,31 @@
 """Mutation testing of the last gates before the outputs and of the fault manager: `make mutation`.
 
-Each mutant is the module with one small change. It must fail the module's tests, or be listed with the reason why it
-can't be told from the original. Exit code 1 where an unlisted mutant survives, or a listed one dies or is not made any
-more. Plain Python (NUMBA_DISABLE_JIT), a forked process a mutant; nothing is written to the source tree. The usual
-packages do not fit: mutmut leaves out decorated functions, which all of ours are; cosmic-ray changes files in place.
+Each mutant is the module with one small change of one function. It must fail the module's tests, or be listed with the
+reason why it can't be told from the original. Exit code 1 where an unlisted mutant survives, or a listed one dies or is
+not made any more. Plain Python (NUMBA_DISABLE_JIT). The tests are collected once; a mutant is a forked process that
+puts the changed code into the function and runs them until one fails, those first that have killed most. Nothing is
+written to the source tree. The usual packages do not fit: mutmut leaves out decorated functions, which all of ours are;
+cosmic-ray changes files in place.
 """
 
 import ast
 import contextlib
 import copy
 import importlib
-import importlib.abc
-import importlib.util
+import inspect
 import os
+import resource
 import signal
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, FunctionType
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"
-import coverage  # noqa: F401  what all mutants' tests need is imported once, before the fork
-import hypothesis.stateful
-import hypothesis.strategies  # noqa: F401
-import numba  # noqa: F401
 import pytest
-
-import micromanip.host.daemon
-import micromanip.rt.laws.hysteresis
-import micromanip.rt.swap  # noqa: F401
+from _pytest.runner import runtestprotocol
 
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = ROOT / "tests" / "rt" / "equivalent_mutants.toml"
@@ -41,7 +37,8 @@ TARGETS: dict[str, tuple[str, str | None]] = {
     "micromanip.host.safe.outputs": ("tests/host/test_safe_outputs.py", None),
     "micromanip.host.safe.bus_rest": ("tests/host/test_bus_rest.py", None),
 }
-TIMEOUT_S = 120
+TIMES, AT_LEAST_S, WAIT_S = 10, 3, 120
+"""A mutant that takes so many times the processor time of the original, or waits for so long, comes to no end."""
 
 COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Mod: ast.Mult}
@@ -88,11 +85,18 @@ def replacements(node: ast.AST, names: list[str], keys: list[str]) -> Iterator[a
         for always in (True, False) if isinstance(node, ast.If) else (False,):
             yield type(node)(constant(always), node.body, node.orelse)
     elif isinstance(node, ast.Return) and node.value is not None:
-        yield from (ast.Return(constant(0.0)), ast.Return(ast.UnaryOp(ast.USub(), node.value)))
+        yield ast.Return(constant(0.0))
+        if not isinstance(node.value, ast.Compare | ast.BoolOp) and called(node.value) not in ("all", "any"):
+            yield ast.Return(ast.UnaryOp(ast.USub(), node.value))  # of a truth value it is the same one
     elif isinstance(node, ast.Assign | ast.AugAssign):
         yield ast.Pass()
-    elif isinstance(node, ast.Call) and len(node.args) > 1:
+    elif isinstance(node, ast.Call) and len(node.args) > 1 and called(node) not in ("min", "max"):
         yield ast.Call(node.func, [*node.args[1::-1], *node.args[2:]], node.keywords)
+
+
+def called(node: ast.expr) -> str | None:
+    """Name of the function that is called."""
+    return node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else None
 
 
 def places(function: ast.FunctionDef) -> list[tuple[ast.AST, str, int | None]]:
@@ -170,90 +174,137 @@ def _name(original: ast.FunctionDef, changed: ast.FunctionDef) -> str:
     return f"{original.name}: {before[k].strip()} -> {after[k].strip()}" + (f" ({earlier + 1})" if earlier else "")
 
 
-class Substitute(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Imports the mutant instead of the module."""
+class Mutants:
+    """A pytest plugin: runs the collected tests once a mutant, instead of once."""
 
-    def __init__(self, name: str, tree: ast.Module, file: str) -> None:
-        self.name, self.tree, self.file = name, tree, file
+    def __init__(self, module: str) -> None:
+        self._module = importlib.import_module(module)
+        self.tree = ast.parse(inspect.getsource(self._module))
+        self.cases = list(mutants(self.tree))
+        self.alive: list[str] = []
+        self._kills: Counter[str] = Counter()
 
-    def find_spec(self, name, path=None, target=None):
-        """Only the one module."""
-        return importlib.util.spec_from_loader(name, self, origin=self.file) if name == self.name else None
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session):
+        """The module as it is must pass; then every mutant."""
+        session.config._tmp_path_factory.getbasetemp()  # one for all processes
+        before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        killer, status = self._end(*self._start(session.items, self.tree, WAIT_S))
+        if status:
+            sys.exit(f"{self._module.__name__}: its tests fail without any mutation: {killer or status}")
+        needed_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s
+        self._try_all(session.items, max(AT_LEAST_S, round(TIMES * needed_s)))
+        return True
 
-    def exec_module(self, module: ModuleType) -> None:
-        """The mutant's code."""
-        module.__file__ = self.file
-        exec(compile(self.tree, self.file, "exec"), module.__dict__)
+    def _try_all(self, items: list[pytest.Item], most_s: int) -> None:
+        running: dict[int, tuple[str, int]] = {}
+        for name, tree in [*self.cases, (None, None)]:
+            while len(running) >= (os.cpu_count() or 1) or (name is None and running):
+                child, status = os.wait()
+                finished, answer = running.pop(child)
+                killer, code = self._end(child, answer, status)
+                self._kills.update([killer] if killer else [])
+                if code == 0:
+                    self.alive.append(finished)
+                elif code not in (1, -signal.SIGALRM, -signal.SIGVTALRM, -signal.SIGSEGV):
+                    sys.exit(f"{finished}: the tests could not be run (exit code {code})")
+                print("." if code else "S", end="", file=sys.stderr, flush=True)
+            if name is not None:
+                child, answer = self._start(sorted(items, key=self._rank), tree, most_s)
+                running[child] = (name, answer)
+        print(file=sys.stderr)
+
+    def _rank(self, item: pytest.Item) -> int:
+        return -self._kills[item.nodeid]
+
+    def _start(self, items: list[pytest.Item], tree: ast.Module, most_s: int) -> tuple[int, int]:
+        """Run the tests on `tree` in a process of its own; its id, and where the name of the test that failed comes."""
+        answer, told = os.pipe()
+        child = os.fork()
+        if child:
+            os.close(told)
+            return child, answer
+        code = 70
+        with contextlib.suppress(Exception):
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, 1)
+            os.dup2(null, 2)
+            signal.setitimer(signal.ITIMER_VIRTUAL, most_s)
+            signal.alarm(WAIT_S)
+            put_in_place(self._module, tree)
+            failed = first_failure(items)
+            os.write(told, failed.encode())
+            code = 1 if failed else 0
+        os._exit(code)
+
+    def _end(self, child: int, answer: int, status: int | None = None) -> tuple[str, int]:
+        """Who killed it, and its exit code."""
+        status = os.waitpid(child, 0)[1] if status is None else status
+        with os.fdopen(answer) as told:
+            return told.read(), os.waitstatus_to_exitcode(status)
 
 
-def start(module: str, tree: ast.Module, file: str) -> int:
-    """Run the module's tests on `tree` in a process of its own; its id."""
+def put_in_place(module: object, tree: ast.Module) -> None:
+    """Give each function of the module the code that it has in `tree`; whoever holds it already runs that too."""
+
+    def walk(code: CodeType, holder: object) -> None:
+        for inner in code.co_consts:
+            found = vars(holder).get(inner.co_name) if isinstance(inner, CodeType) else None
+            if isinstance(found, type):
+                walk(inner, found)
+            elif found is not None:
+                function = inspect.unwrap(getattr(found, "fget", None) or getattr(found, "__func__", found))
+                if isinstance(function, FunctionType) and function.__code__.co_qualname == inner.co_qualname:
+                    function.__code__ = inner
+
+    walk(compile(tree, module.__file__, "exec"), module)
+
+
+def first_failure(items: list[pytest.Item]) -> str:
+    """The first of the tests that fails; empty where all pass."""
+    for item, following in zip(items, [*items[1:], None], strict=True):
+        if any(report.failed for report in runtestprotocol(item, nextitem=following, log=False)):
+            return item.nodeid
+    return ""
+
+
+def tried(module: str) -> Mutants:
+    """All mutants of a module, with those that have survived."""
     tests, but = TARGETS[module]
-    child = os.fork()
-    if child:
-        return child
-    code = 70
-    with contextlib.suppress(Exception):
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, 1)
-        os.dup2(null, 2)
-        signal.alarm(TIMEOUT_S)
-        sys.meta_path.insert(0, Substitute(module, tree, file))
-        # the tests, without the folder that they would look into; a failure is all that is wanted to know
-        code = pytest.main(
-            [
-                "-x",
-                "-q",
-                "--tb=no",
-                "-p",
-                "no:xdist",
-                "-p",
-                "no:rerunfailures",  # a mutant's failure is no accident
-                "-o",
-                "markers=flaky: as of rerunfailures\nxdist_group: as of xdist",
-                "-W",
-                "ignore::pytest.PytestAssertRewriteWarning",
-                str(ROOT / tests),
-                *([f"--deselect={tests}::{but}"] if but else []),
-            ]
-        )
-    os._exit(int(code))
-
-
-def survivors(module: str, cases: list[tuple[str, ast.Module]], file: str) -> list[str]:
-    """Names of the mutants whose tests all passed."""
-    alive, running = [], {}
-    for name, tree in [*cases, (None, None)]:
-        while len(running) >= (os.cpu_count() or 1) or (name is None and running):
-            child, status = os.wait()
-            finished = running.pop(child)
-            code = os.waitstatus_to_exitcode(status)
-            if code == 0:
-                alive.append(finished)
-            elif code not in (1, -signal.SIGALRM, -signal.SIGSEGV):
-                sys.exit(f"{finished}: the tests could not be run (exit code {code})")
-            print("." if code else "S", end="", file=sys.stderr, flush=True)
-        if name is not None:
-            running[start(module, tree, file)] = name
-    print(file=sys.stderr)
-    return alive
+    found = Mutants(module)
+    code = pytest.main(
+        [
+            "-q",
+            "--capture=no",
+            "--hypothesis-profile=mutation",
+            "-p",
+            "no:xdist",
+            "-p",
+            "no:rerunfailures",  # a mutant's failure is no accident
+            "-o",
+            "markers=flaky: as of rerunfailures\nxdist_group: as of xdist",
+            str(ROOT / tests),
+            *([f"--deselect={tests}::{but}"] if but else []),
+        ],
+        plugins=[found],
+    )
+    if code:
+        sys.exit(f"{module}: the tests could not be run (exit code {int(code)})")
+    return found
 
 
 def main() -> int:
     """0 where exactly the listed mutants survive."""
     os.chdir(ROOT)
     reasons = {
-        (entry["module"], entry["mutant"]): entry["reason"]
+        (entry["module"], mutant): entry["reason"]
         for entry in tomllib.loads(EQUIVALENT.read_text())["equivalent"]
+        for mutant in entry.get("mutants", [entry.get("mutant")])
     }
     wrong = 0
     for module in sys.argv[1:] or TARGETS:
-        file = str(ROOT / (module.replace(".", "/") + ".py"))
-        tree = ast.parse(Path(file).read_text())
-        if survivors(module, [("the module as it is", tree)], file) != ["the module as it is"]:
-            sys.exit(f"{module}: its tests fail without any mutation")
-        cases = list(mutants(tree))
-        alive = survivors(module, cases, file)
+        found = tried(module)
+        cases, alive = found.cases, found.alive
         listed = {mutant for known, mutant in reasons if known == module}
         gone = listed - {name for name, _ in cases}
         for text, names in (

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Self
 
 from micromanip.errors import PermissionDenied
+from micromanip.files.held_folder import HeldFolder
 
 from . import device_lock
 from .device_identity import identity
@@ -154,23 +155,13 @@ def _make(path: Path, device: str, names: Sequence[str], known: Mapping[str, flo
     header = json.dumps({"device": device, "start": _start_of_machine(), "names": list(names)}).encode()
     if len(header) >= _HEADER_BYTES:
         raise PermissionDenied(f"device {device} has too many outputs for {path}")
-    own = path.with_name(f".{path.name}.{os.getpid()}")
+    with mmap.mmap(-1, _size(len(names))) as memory:
+        memory.write(header.ljust(_HEADER_BYTES))
+        LastGiven(memory, len(names)).write([known.get(name, math.nan) for name in names])
+        content = memory[:]
     try:
-        own.unlink(missing_ok=True)
-        descriptor = os.open(own, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-        try:
-            os.fchmod(descriptor, 0o660 if path.parent.stat().st_mode & stat.S_ISGID else 0o600)
-            os.ftruncate(descriptor, _size(len(names)))
-            os.pwrite(descriptor, header.ljust(_HEADER_BYTES), 0)
-            with mmap.mmap(descriptor, _size(len(names))) as memory:
-                fresh = LastGiven(memory, len(names))
-                fresh.write([known.get(name, math.nan) for name in names])
-            own.rename(path)
-        except BaseException:
-            own.unlink(missing_ok=True)
-            raise
-        finally:
-            os.close(descriptor)
+        with HeldFolder(path.parent) as folder:
+            folder.write(path.name, content, 0o660 if folder.status().st_mode & stat.S_ISGID else 0o600)
     except OSError as problem:
         raise _denied(path, device, problem) from problem
 

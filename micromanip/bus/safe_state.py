@@ -134,7 +134,7 @@ class SafeState:
             self._last[i] = self._lowest[i] = self._highest[i] = values[i]
             self._known[i] = self._given[i] = True
             if self.state == SAFE_RAMP:
-                self._share[i] = min(1.0, self._share[i] + self._periods_s[i] / self._ramp_s)
+                self._share[i] += self._periods_s[i] / self._ramp_s
         self._rest_if_given()
 
     def attempted(self, indices: Sequence[int], values: Values) -> None:
@@ -151,6 +151,11 @@ class SafeState:
     def unsafe(self) -> list[int]:
         """Outputs of which it is not known that they are at rest."""
         return [i for i in range(len(self._outputs)) if not self._rests(i)]
+
+    def rests_with(self, values: Values) -> bool:
+        """Whether the device is known to have the safe value of every voltage, and `values` leave it there."""
+        voltages = [i for i, output in enumerate(self._outputs) if output.kind == VOLTAGE]
+        return all(self._rests(i) and abs(values[i] - self._outputs[i].safe) <= _EQUAL_V for i in voltages)
 
     def outside(self, values: Known) -> list[int]:
         """Which of these values no device may have: they are outside of the outputs' ranges."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from micromanip.rt.bus_image import (
     ALIVE_NS,
+    AT_REST,
     EPOCH,
     LINK,
     LINK_DOWN,
@@ -142,6 +143,7 @@ class Worker:
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         self._image.tell(EPOCH, self._image.ask(EPOCH) + 1)
         self._image.tell(OUTPUT_STATE, self.safe.state)
+        self._image.tell(AT_REST, 0)
         self._image.tell(LINK, LINK_UP)
         self._tell("up", self._driver.device)
         while not self._may_leave():
@@ -228,6 +230,7 @@ class Worker:
         was = self.safe.state
         self._values = self.safe.values(wanted[: len(self._values)].tolist(), written_ns, now_ns)
         self._decided_ns = now_ns
+        self._image.tell(AT_REST, int(self.safe.rests_with(self._values)))  # before anything else is sent
         if self.safe.state != was:
             self._image.tell(OUTPUT_STATE, self.safe.state)
 

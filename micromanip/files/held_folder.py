@@ -51,6 +51,10 @@ class HeldFolder:
     ) -> None:
         os.close(self._descriptor)
 
+    def status(self) -> os.stat_result:
+        """Whose it is, and who may write in it."""
+        return os.fstat(self._descriptor)
+
     def read(self, name: str) -> bytes | None:
         """Contents of the file; None where there is none, or something that is not a file: a link, a FIFO."""
         try:

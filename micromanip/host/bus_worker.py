@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -15,6 +16,7 @@ from micromanip.errors import DeviceUnavailable
 from micromanip.replies import Link
 from micromanip.rt.bus_image import (
     ALIVE_NS,
+    AT_REST,
     EPOCH,
     FOLLOWING,
     IMAGE,
@@ -22,6 +24,7 @@ from micromanip.rt.bus_image import (
     LINK_DOWN,
     LINK_LATCHED,
     LINK_UP,
+    OUTPUT_NAMES,
     OUTPUT_STATE,
     RESTING,
     SENT_NS,
@@ -171,9 +174,17 @@ class BusWorker:
             await self._listening
 
     @property
-    def is_followed(self) -> bool:
-        """Whether the outputs are in the loop's hand; a bus without any is."""
-        return not self._places or self.image.ask(OUTPUT_STATE) == FOLLOWING
+    def is_in_hand(self) -> bool:
+        """Whether the device is at rest with its outputs in the loop's hand; a bus without outputs is."""
+        followed = self.image.output_state == OUTPUT_NAMES[FOLLOWING]
+        return not self._places or (followed and self.image.ask(AT_REST) != 0)
+
+    @property
+    def way_to_rest_s(self) -> float:
+        """The longest that a device takes to its safe values once it is given them."""
+        rules = self._orders["rules"]
+        spans_s = [(each["high"] - each["low"]) / each["slew_V_per_s"] for each in rules["outputs"] if _slews(each)]
+        return float(rules["ramp_s"] + max(spans_s, default=0.0))
 
     @property
     def rests(self) -> bool:
@@ -235,6 +246,10 @@ def _rules(prepared: Prepared, name: str) -> dict[str, Any]:
         "dead_ns": round(configuration.faults.link.loop_silent_ms * 1e6),
         "patience_ns": round(configuration.faults.link.silent_ms * 1e6),
     }
+
+
+def _slews(output: dict[str, Any]) -> bool:
+    return math.isfinite(output["high"] - output["low"]) and math.isfinite(output["slew_V_per_s"])
 
 
 def _places(prepared: Prepared, name: str) -> dict[str, int]:

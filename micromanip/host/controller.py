@@ -12,7 +12,7 @@ from typing import Any
 
 from micromanip.bus.rights import beginning_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
-from micromanip.faults import FaultReport, latched
+from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.rt import mailbox as w
 from micromanip.rt.intrinsics import call_context
 from micromanip.rt.states import (
@@ -69,6 +69,8 @@ class Controller:
         """Once it has ended before its time, `make_safe` is the host's to call."""
         self._commands = asyncio.Lock()
         self._ready = False
+        self._killed: FaultReport | None = None
+        """Why this process has killed the loop process, where it has."""
 
     @property
     def prepared(self) -> Prepared:
@@ -113,10 +115,19 @@ class Controller:
 
     @property
     def state(self) -> str:
-        """Name of the cell's state."""
+        """Name of the cell's state; FAULT once the loop process has died, whatever it said last."""
+        if self.death is not None:
+            return STATE_NAMES[FAULT]
         if not self._ready:
             return STATE_NAMES[STARTING]
         return STATE_NAMES[int(self.words[w.STATE])]
+
+    @property
+    def death(self) -> FaultReport | None:
+        """How the loop process has ended without bringing its outputs to rest; None where it has not."""
+        if self.process.code is None or self.words[w.FINISHED]:
+            return None
+        return self._killed or FaultReport(LOOP_DIED, what=f"the loop process {self.process.end}")
 
     def declare_ready(self) -> None:
         """Starting is over: from now on `state` is the cell's, and `arm` is given to the loop."""
@@ -131,6 +142,7 @@ class Controller:
         if not ((command == STOP and self._turns) or await self._is_ready()):
             raise CheckFailed(f"{COMMAND_NAMES[command]} refused: the controller is still starting")
         async with self._commands:
+            self._refuse_dead(f"{COMMAND_NAMES[command]} refused")
             words = self.control["words"]
             before = self.state
             number = int(words[w.COMMAND_NUMBER]) + 1
@@ -142,6 +154,10 @@ class Controller:
                 raise CheckFailed(f"{COMMAND_NAMES[command]}: the loop did not answer within {_ANSWER_S:g} s")
             if not self.words[w.COMMAND_ACCEPTED]:
                 raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(command, before))}")
+
+    def _refuse_dead(self, what: str) -> None:
+        if self.death is not None:
+            raise CheckFailed(f"{what}: {self.death}")
 
     @property
     def _turns(self) -> bool:
@@ -181,6 +197,7 @@ class Controller:
     async def apply(self, parameters: Any, permit: Callable[[], None] = lambda: None) -> int:
         """Swap to the parameters (1,) at a cycle boundary; their version. CheckFailed where the loop takes none."""
         async with self._commands:
+            self._refuse_dead("nothing was changed")
             permit()
             version = self.slots.put_in_force(parameters)
             await self._take("new parameters", lambda: ask(self.words, w.VERSION_ACTIVE) == version)
@@ -190,6 +207,7 @@ class Controller:
     async def offer(self, parameters: Any) -> int:
         """Let a candidate (1,) compute beside what is in force; its version. CheckFailed where the loop takes none."""
         async with self._commands:
+            self._refuse_dead("nothing was changed")
             version = self.slots.offer(parameters)
             shadow = self.status["shadow"][0]
             await self._take("candidate", lambda: self.words[w.SHADOW] == SHADOWING and shadow["version"] == version)
@@ -212,13 +230,20 @@ class Controller:
     def faults(self) -> list[FaultReport]:
         """Every latched fault, the one that ends the run last."""
         configuration = self.prepared.configuration
-        return latched(self.status["state"][0], list(configuration.axes), list(configuration.drivers))
+        found = latched(self.status["state"][0], list(configuration.axes), list(configuration.drivers))
+        return found if self.death is None else [*found, self.death]
 
     def make_safe(self) -> dict[str, int]:
         """Bring the outputs to their safe value with the loop dead; by driver 0, or a code where that failed."""
         base = self.segments.contexts.bytes().ctypes.data
         pairs = zip(self._safe.items(), self.offsets, strict=True)
         return {name: call_context(safe, base + offset) for (name, safe), offset in pairs}
+
+    def kill(self, why: FaultReport) -> None:
+        """End the loop process at once; `make_safe` is then the host's to call, and `why` what is said of it."""
+        if self.process.runs:
+            self._killed = why
+            self.process.kill()
 
     async def wait(self) -> None:
         """Wait for the loop process to end; `process` knows how it did."""

@@ -93,8 +93,6 @@ class Daemon:
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
-        self._ended: FaultReport | None = None
-        """Why this process ended the loop process, if it did: its death is no news then."""
         self._beats = self._looks = 0
 
     async def run(self) -> Report:
@@ -122,7 +120,6 @@ class Daemon:
                 refuse_real(self._prepared)
                 await self._snapshot.keep(self._prepared.source)  # before the loop looks for signs of life
                 await self._controller.start(ready=False)
-                await self._workers.in_hand(self._controller.beat)
                 return await self._supervise()
         finally:
             control_socket.close()
@@ -142,10 +139,10 @@ class Daemon:
             self._boxes.start()
             if self._recorder is not None:
                 await self._recorder.start()
-            if not ended.done():
+            if await self._workers.in_hand(lambda: ended.done() or stopped.done()):
                 self._tell_ready()
-            if self._prepared.configuration.arm_on_start:
-                await self._verbs.command(states.ARM, Peer("configuration"))
+                if self._prepared.configuration.arm_on_start:
+                    await self._verbs.command(states.ARM, Peer("configuration"))
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
             if not ended.done():
                 await self._end(ended)
@@ -188,16 +185,15 @@ class Daemon:
             await self._controller.command(states.STOP)
         done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
         if not done:
-            self._ended = FaultReport(LOOP_DIED, what=_DISOBEYED)
-            self._controller.process.kill()
+            self._controller.kill(FaultReport(LOOP_DIED, what=_DISOBEYED))
             await ended
 
     async def _judge(self) -> None:
         """Raise where the loop process did not end by itself, its outputs brought to the safe value."""
-        if self._controller.words[w.FINISHED]:
+        died = self._controller.death
+        if died is None:
             return
         await self._make_safe()
-        died = self._ended or FaultReport(LOOP_DIED, what=f"the loop process {self._controller.process.end}")
         report = await self._boxes.loop_died(died)
         if journal.is_connected():
             journal.send(journal.fields(report))
@@ -230,8 +226,7 @@ class Daemon:
             if self._controller.words[w.CYCLES_RUN] != cycles:
                 cycles, turned = int(self._controller.words[w.CYCLES_RUN]), time.monotonic()
             elif time.monotonic() - turned > stuck_s:
-                self._ended = FaultReport(LOOP_STUCK, value=time.monotonic() - turned, limit=stuck_s)
-                self._controller.process.kill()
+                self._controller.kill(FaultReport(LOOP_STUCK, value=time.monotonic() - turned, limit=stuck_s))
                 return
             self._signals.gather()
             self._show(self._report())

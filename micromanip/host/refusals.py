@@ -15,6 +15,7 @@ _CELL = {
     "`micromanip status`",
     states.INTERLOCK_MISSING: "the signal interlock is not 1: is the guard closed?",
 }
+_AWAY = "a device of a bus has not taken its safe values yet: see `micromanip status`"
 _AXIS = {
     states.STRAIN_MISSING: "strain_{axis} is not valid, or stuck: check the gauge and its cable",
     states.STAGE_MISSING: "stage_{axis} is silent, not a number, or stuck: check the capacitive sensor and its cable; "
@@ -34,7 +35,7 @@ def refusals(bits: int, state: str) -> list[str]:
 def output_refusals(cell: Any, state: str) -> list[str]:
     """Why `reset` can't lead to READY: that says of every output that it rests. `cell` is the loop's state."""
     bits = states.LINK_MISSING * int(cell["link_down"] != 0) | states.OUTPUTS_MISSING * int(cell["outputs_taken"] != 0)
-    return refusals(bits, state)
+    return refusals(bits, state) or ([_AWAY] if cell["outputs_away"] != 0 else [])
 
 
 def axis_refusals(bits: int, axis: str) -> list[str]:

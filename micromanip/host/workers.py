@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, DeviceUnavailable
 from micromanip.replies import Link
 from micromanip.settings.check import Prepared
 
@@ -16,7 +16,7 @@ from .bus_worker import BusWorker
 from .shared_memory import Segments
 
 _IN_HAND_S, _POLL_S = 5.0, 0.01
-"""A device that begins away from rest is brought there first; READY waits for that as long as this."""
+"""A device that begins away from rest is brought there before READY, which waits so much longer than the way takes."""
 
 
 class Workers:
@@ -66,12 +66,22 @@ class Workers:
         for text in left:
             self._say(f"WARNING: {text}")
 
-    async def in_hand(self, beat: Callable[[], None]) -> None:
-        """Wait until all outputs follow the loop, giving a sign of life; what takes too long is told when arming."""
-        end = time.monotonic() + _IN_HAND_S
-        while time.monotonic() < end and not all(worker.is_followed for worker in self._workers):
-            beat()
+    async def in_hand(self, ends: Callable[[], bool]) -> bool:
+        """Wait until all outputs are at rest and follow the loop; False where it `ends` before.
+
+        Raises DeviceUnavailable where that takes too long: nobody is told READY while a device may have a voltage.
+        """
+        begin = time.monotonic()
+        while not ends():
+            away = [worker for worker in self._workers if not worker.is_in_hand]
+            if not away:
+                return True
+            for worker in away:
+                if time.monotonic() - begin > worker.way_to_rest_s + _IN_HAND_S:
+                    what = f"driver {worker.name}: its outputs are not brought to rest: {worker.outputs_told}"
+                    raise DeviceUnavailable(what + (f"; {worker.said}" if worker.said else ""))
             await asyncio.sleep(_POLL_S)
+        return False
 
     def adopt(self, prepared: Prepared) -> None:
         """Go by the limits and times of another configuration from now on."""

@@ -14,6 +14,7 @@ one tries again, a bounded number of times, and otherwise keeps what it had.
     SENT_TURN      worker       turn of the values that the device was given last
     SENT_NS        worker       when it was given those
     OUTPUT_STATE   worker       whether the outputs follow the loop, see OUTPUT_NAMES
+    AT_REST        worker       1 where the device has taken the safe value of every voltage, and is given no other next
     EPOCH_SEEN     loop         newest epoch that the loop has met
 """
 
@@ -29,7 +30,7 @@ from .intrinsics import fence, load_acquire, store_release
 from .jit import compiled
 from .records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL, Record
 
-OUTPUT_TURN, WRITTEN_NS, LINK, EPOCH, ALIVE_NS, SENT_TURN, SENT_NS, OUTPUT_STATE, EPOCH_SEEN = range(9)
+OUTPUT_TURN, WRITTEN_NS, LINK, EPOCH, ALIVE_NS, SENT_TURN, SENT_NS, OUTPUT_STATE, EPOCH_SEEN, AT_REST = range(10)
 _WORDS = 16
 
 LINK_DOWN, LINK_UP, LINK_LATCHED = range(3)
@@ -41,8 +42,9 @@ OUTPUT_NAMES = ("at rest", "following", "ramping to rest", "unknown")
 """The device was given the safe values, is given what the loop decides, is on the way to the safe values, or can't be
 reached: then nobody knows."""
 
-DOWN, TAKEN = -1, -2
-"""What ``exchange_image`` returns while the link can't be used, and while the outputs do not follow the loop."""
+DOWN, TAKEN, AWAY = -1, -2, -3
+"""What ``exchange_image`` returns while the link can't be used, while the outputs do not follow the loop, and while
+they follow it and the device is not known to be at rest."""
 _TRIES = 4
 
 IMAGE = np.dtype(
@@ -120,13 +122,16 @@ def link_is_up(c: Record, now_ns: int) -> bool:
 
 @compiled
 def exchange_image(c: Record, outputs: Any, inputs: Any, now_ns: int) -> int:
-    """One exchange of the loop with a bus; 0, DOWN, or TAKEN."""
+    """One exchange of the loop with a bus; 0, DOWN, TAKEN, or AWAY."""
     leave_outputs(c, outputs, now_ns)
     take_inputs(c, inputs, now_ns)
     if not link_is_up(c, now_ns):
         return DOWN
-    follows = c["outputs"] == 0 or load_acquire(c["words"], OUTPUT_STATE) == FOLLOWING
-    return 0 if follows else TAKEN
+    if c["outputs"] == 0:
+        return 0
+    if load_acquire(c["words"], OUTPUT_STATE) != FOLLOWING:
+        return TAKEN
+    return 0 if load_acquire(c["words"], AT_REST) != 0 else AWAY
 
 
 @compiled

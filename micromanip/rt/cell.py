@@ -16,7 +16,7 @@ from .axis import axis_cycle, sample
 from .checks import arming_step, judge_checks, keep_checks, watch_arming
 from .commands import apply_command
 from .digital_io import is_enabled, read_lines, switch
-from .exchange import FIRST_TAKEN
+from .exchange import ALL_FOLLOW, FIRST_TAKEN
 from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
@@ -65,9 +65,10 @@ def watch_drivers(p: Record, s: Record, code: int) -> None:
     A failure is a fault in any state, a link that is down in use. Outputs that do not follow the loop are one while the
     axes are moved by it: not before the first voltage of arming, and not on a ramp, which goes where they go too.
     """
-    taken = code <= FIRST_TAKEN
+    taken = ALL_FOLLOW < code <= FIRST_TAKEN
     s["link_down"] = 1 if FIRST_TAKEN < code < 0 else 0
     s["outputs_taken"] = 1 if taken else 0
+    s["outputs_away"] = 1 if code != 0 else 0
     state = s["state"]
     parks = (state == RAMPING and s["soft"] == 0) or (state == ARMING and s["phase"] == PARKED)
     moves = is_enabled(s) and not parks

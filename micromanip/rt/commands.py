@@ -74,7 +74,7 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
     elif command == RESET:
         if state != FAULT or s["stopping"] != 0:
             return False
-        if s["link_down"] != 0 or s["outputs_taken"] != 0:  # READY says that everything rests at park
+        if s["outputs_away"] != 0:  # READY says that everything rests at park
             return False
         forget(p, s)
         enter(s, READY)

@@ -251,6 +251,7 @@ CELL_STATE = record(
     ("refused", "i8"),
     ("link_down", "i8"),
     ("outputs_taken", "i8"),
+    ("outputs_away", "i8"),
     ("enable", SENSOR_STATE),
     ("interlock", SENSOR_STATE),
     ("retracted", SENSOR_STATE),

@@ -7,7 +7,8 @@
                     +--> OFF or FAULT                 FAULT is latched until reset; nothing re-arms by itself
 
 A disarm or a stop while tracking first fades the correction out with the loops closed (``soft``); a fault ramps
-at once. A cell that was told to stop (``stopping``) ends in OFF whatever happens on the way.
+at once. READY says that everything rests: the end of a ramp waits until the devices have taken their safe values.
+A cell that was told to stop (``stopping``) ends in OFF whatever happens on the way.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def cut(p: Record, s: Record) -> None:
 
 @compiled
 def is_parked(p: Record, s: Record) -> bool:
-    """Whether every output gets to its park voltage within this cycle, however slow its slew limit is."""
+    """Whether every output of the loop gets to its park voltage within this cycle, however slow its slew limit is."""
     for i in range(p["axes"]):
         limiter = p["axis"][i]["limiter"]
         if abs(s["axis"][i]["voltage_V"] - limiter["park_V"]) > limiter["slew_V"]:
@@ -98,7 +99,10 @@ def finish_phase(p: Record, s: Record, retracted: bool) -> None:
     ):
         begin_ramp(p, s)
     elif state == RAMPING and s["soft"] == 0 and passed >= p["ramp_cycles"] and is_parked(p, s):
-        enter(s, FAULT if s["fault"] != NO_FAULT else READY)
+        if s["fault"] != NO_FAULT:
+            enter(s, FAULT)
+        elif s["outputs_away"] == 0 or s["stopping"] != 0:
+            enter(s, READY)
     if s["stopping"] != 0 and s["state"] in (READY, FAULT) and is_parked(p, s):
         enter(s, OFF)
 

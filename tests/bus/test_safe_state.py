@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -112,6 +113,30 @@ def test_a_dead_loop_is_a_ramp_to_rest_amplifier_last(device):
     assert device.state.state == RESTING
 
 
+def test_the_loop_lives_or_is_dead_by_the_age_of_what_it_wrote(device):
+    for _ in range(3):
+        device.turn(0.0)
+    device.state.values([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
+    assert device.state.state == FOLLOWING
+    assert device.state.values([5.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS) == [5, 1, 0, 0.25]
+    device.state.values([5.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS + 1)
+    assert device.state.state == SAFE_RAMP
+
+
+def test_at_whatever_time_it_is_followed(device):
+    device.turn(40.0)
+    assert device.state.state == RESTING
+    device.state.values([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
+    assert device.state.state == FOLLOWING
+
+
+def test_outputs_at_rest_stay_there_when_the_loop_dies(device):
+    device.turn(40.0)
+    device.turn(40.0)
+    device.state.values([40.0, 1.0, 0.0, 9.0], 0, DEAD_NS + 1)
+    assert device.state.state == RESTING
+
+
 def test_a_loop_is_dead_after_its_time_and_not_before(device):
     assert not device.state.is_dead(7, 7 + DEAD_NS)
     assert device.state.is_dead(7, 8 + DEAD_NS)
@@ -126,6 +151,77 @@ def test_it_is_not_followed_again_before_it_asks_for_rest(device):
     assert device.volts(80.0) == 0.0
     assert device.turn(0.0)[ENABLE] == 1
     assert device.state.state == FOLLOWING
+
+
+def test_rest_is_asked_for_by_the_safe_value_and_by_nothing_else():
+    device = Device((replace(OUTPUTS[VOLT], safe=10.0), *OUTPUTS[1:]))
+    device.state.remember([10.0, 0.0, 1.0, None])
+    for wanted in (-10.0, 0.0, 10.1):
+        device.turn(wanted)
+        device.turn(wanted)
+        assert device.state.state == RESTING
+    assert device.turn(10.0 + 1e-10)[ENABLE] == 1
+    assert device.state.state == FOLLOWING
+
+
+def test_what_differs_by_a_nanovolt_is_rest(device):
+    device.state.given(ALL, [1e-9, 0.0, 1.0, 0.25])
+    assert device.state.state == RESTING
+    device.turn(1e-9)
+    assert device.state.state == FOLLOWING
+
+
+def test_outputs_that_the_loop_itself_has_at_rest_stay_in_its_hand(device):
+    device.follow(0.0)
+    values = device.state.values([0.0, 0.0, 1.0, 9.0], 0, 0)
+    device.state.given(ALL, values)
+    assert (values, device.state.state) == ([0, 0, 1, 0.25], FOLLOWING)
+
+
+def test_what_nobody_uses_is_given_its_safe_value_whatever_it_had(device):
+    device.state.remember([0.0, 0.0, 1.0, 7.0])
+    values = device.turn(0.0, takes=False)
+    device.state.given([VOLT, ENABLE, FEED_HOLD], values)
+    assert device.state.state == RESTING
+    assert device.turn(0.0)[SPARE] == 0.25
+    assert device.state.state == FOLLOWING
+
+
+def test_which_outputs_are_not_at_rest(device):
+    assert device.state.unsafe == [VOLT, ENABLE, FEED_HOLD]
+    device.turn()
+    assert device.state.unsafe == []
+    device.follow(40.0)
+    assert device.state.unsafe == [VOLT, ENABLE, FEED_HOLD]
+
+
+def test_the_voltages_rest_where_they_were_taken_and_nothing_else_comes_next(device):
+    safe = [0.0, 1.0, 0.0, 9.0]
+    assert not device.state.rests_with(safe), "nothing is known of them"
+    device.follow(0.0)
+    assert device.state.rests_with(safe), "the switches are the loop's"
+    assert not device.state.rests_with([0.1, 1.0, 0.0, 9.0])
+    assert not device.state.rests_with([-0.1, 1.0, 0.0, 9.0])
+    device.state.attempted([VOLT], [0.1, 1.0, 0.0, 9.0])
+    assert not device.state.rests_with(safe), "that may have arrived"
+    device.turn(0.0)
+    assert device.state.rests_with([1e-9, 1.0, 0.0, 9.0])
+    device.state.leave()
+    assert not device.state.rests_with(safe)
+
+
+def test_the_voltages_rest_at_a_safe_value_of_their_own():
+    device = Device((replace(OUTPUTS[VOLT], safe=10.0), *OUTPUTS[1:]))
+    device.state.remember([10.0, None, None, None])
+    device.turn(0.0)
+    assert device.state.rests_with([10.0, 0.0, 0.0, 0.0])
+    assert not device.state.rests_with([-10.0, 0.0, 0.0, 0.0])
+    assert not device.state.rests_with([0.0, 0.0, 0.0, 0.0])
+
+
+def test_each_output_has_a_period():
+    with pytest.raises(ValueError, match="shorter"):
+        SafeState(OUTPUTS, [PERIOD_S], RAMP_S, DEAD_NS)
 
 
 def test_after_a_break_of_any_length_the_ramp_begins_where_the_device_was_left(device):
@@ -207,6 +303,11 @@ def test_who_takes_over_sends_the_last_value_again(device, arrived):
     assert device.state.state == RESTING
 
 
+def test_so_it_does_on_the_way_up(device):
+    device.state.remember([-15.0, 1.0, 0.0, None])
+    assert device.volts() == -15.0
+
+
 def test_what_was_remembered_is_known_and_what_was_not_is_not(device):
     assert all(map(math.isnan, device.state.last))
     device.state.remember([60.0, None, 0.0, None])
@@ -223,13 +324,33 @@ def test_what_is_read_back_counts_more_than_what_was_remembered(device):
     assert device.volts() == pytest.approx(30.0, abs=0.01)
 
 
-def test_what_is_read_back_as_expected_lets_a_ramp_go_on(device):
+def test_what_is_read_back_is_known(device):
+    device.state.read_back([0.0, None, None, None])
+    assert device.state.last[VOLT] == 0.0
+    device.follow(40.0)
+    device.state.read_back([43.0, None, None, None])
+    assert device.state.last[VOLT] == 43.0
+    assert device.volts(90.0) == 53.0
+
+
+def test_from_what_is_read_back_and_not_expected_a_ramp_begins_anew(device):
     device.follow(80.0)
     device.state.leave()
     for _ in range(TURNS // 2):
         device.turn()
     device.state.leave()
-    device.state.read_back([device.state.last[VOLT] + 0.01, None, None, None])
+    device.state.read_back([20.0, None, None, None])
+    assert device.volts() == pytest.approx(20.0, abs=0.01)
+
+
+@pytest.mark.parametrize("off_V", [0.01, -STEP_V])
+def test_what_is_read_back_as_expected_lets_a_ramp_go_on(device, off_V):
+    device.follow(80.0)
+    device.state.leave()
+    for _ in range(TURNS // 2):
+        device.turn()
+    device.state.leave()
+    device.state.read_back([device.state.last[VOLT] + off_V, None, None, None])
     for _ in range(TURNS // 2 + 2):
         device.turn()
     assert device.state.state == RESTING
@@ -247,6 +368,8 @@ def test_a_device_that_went_to_rest_by_itself_is_not_moved_again(device):
 @pytest.mark.parametrize(("found", "bound"), [(200.0, 150.0), (-70.0, -20.0)])
 def test_a_voltage_beyond_the_range_begins_at_the_nearest_bound(device, found, bound):
     assert device.state.outside([found, None, 1.0, None]) == [VOLT]
+    with pytest.raises(ValueError, match="longer"):
+        device.state.outside([found])
     device.state.read_back([found, None, None, None])
     assert device.volts() == pytest.approx(bound, abs=0.02)
     again = Device()
@@ -265,6 +388,12 @@ def test_the_ends_of_the_range_belong_to_it(device, end):
 def test_a_value_that_may_not_be_sent_keeps_the_one_before(device, wrong):
     device.follow(80.0)
     assert device.turn(wrong) == [80, 1, 0, 0.25]
+    assert device.state.refused == 1
+
+
+def test_what_is_not_finite_is_not_sent_even_without_a_range():
+    device = Device((replace(OUTPUTS[VOLT], low=-math.inf, high=math.inf), *OUTPUTS[1:])).follow(80.0)
+    assert device.volts(math.inf) == 80.0
     assert device.state.refused == 1
 
 
@@ -307,6 +436,15 @@ def test_voltages_of_tasks_of_their_own_ramp_each_at_its_rate():
         state.given([0] if turn % 2 else [0, 1], values)
     assert values == [0.0, pytest.approx(0.0, abs=0.1)]
     assert state.state == RESTING
+
+
+def test_a_task_that_is_held_up_holds_up_no_other():
+    state = SafeState([OUTPUTS[VOLT]] * 2, [PERIOD_S] * 2, RAMP_S, DEAD_NS)
+    state.read_back([80.0, 80.0])
+    for _ in range(TURNS // 2):
+        values = state.values([0.0, 0.0], 0, 0)
+        state.given([0], values)
+    assert values == [pytest.approx(40.0), pytest.approx(80.0, abs=0.01)]
 
 
 ACTS = st.lists(

@@ -14,7 +14,7 @@ from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
 from micromanip.bus.worker import Rules, Worker
-from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN, exchange_image
+from micromanip.rt.bus_image import AT_REST, AWAY, FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN, exchange_image
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
 MS = 1_000_000
@@ -39,6 +39,7 @@ class ScriptedDriver(BusDriver):
         self.errors, self.open_errors, self.given, self.opened, self.closed = [], [], [], 0, 0
         self.sequence, self.outcome, self.confirms = 0, None, False
         self.has = [None, None]
+        self.before_each = lambda: None
 
     def loads(self):
         return (Load("scripted", 0.1, "nothing"),)
@@ -52,6 +53,7 @@ class ScriptedDriver(BusDriver):
         return self.has
 
     def perform(self, task, values, inbox):
+        self.before_each()
         if self.errors:
             raise self.errors.pop(0)
         if self.outcome is not Outcome.HELD:
@@ -147,7 +149,7 @@ def test_what_the_loop_decides_arrives_and_what_is_measured_comes_back(bench):
     bench.follow(40.0)
     bench.until(lambda: bench.signals[0]["sequence"] > 3, 40.0)
     assert bench.signals[0]["value"] == bench.signals[0]["sequence"]
-    assert bench.cycle(40.0) == 0
+    assert bench.cycle(40.0) == AWAY
     assert bench.image.link == "up"
 
 
@@ -237,7 +239,7 @@ def test_every_step_is_within_the_slew_limit_whatever_the_loop_wants(bench):
 
 def test_the_loop_is_told_in_the_cycle_in_which_its_outputs_are_taken_away(bench):
     bench.follow(80.0)
-    bench.until(lambda: bench.cycle(80.0) == 0, 80.0)
+    bench.until(lambda: bench.cycle(80.0) == AWAY, 80.0)
     bench.until(lambda: bench.safe.state == SAFE_RAMP)  # the loop stood still
     assert bench.cycle(80.0) == TAKEN
     bench.until(lambda: bench.safe.state == RESTING, 80.0)
@@ -365,3 +367,33 @@ def test_the_next_worker_goes_on_from_what_the_device_was_given(said, tmp_path, 
         other.until(lambda: other.safe.state == RESTING)
     assert other.driver.given[0][0] == 80.0
     assert largest_step(other.driver, 80.0) <= STEP_V + 1e-9
+
+
+def test_the_loop_is_told_that_the_device_rests_when_it_has_taken_that_and_not_before(bench):
+    """A worker that stood still is behind: what the loop wants is at rest, what the device has is not."""
+    bench.follow(40.0)
+    bench.driver.outcome = Outcome.HELD
+    for _ in range(20):
+        assert bench.cycle(0.0) == AWAY
+        time.sleep(0.002)
+    bench.driver.outcome = None
+    bench.until(lambda: bench.cycle(0.0) == 0)
+    assert bench.driver.given[-1][0] == 0.0
+
+
+def test_before_anything_else_is_sent_it_is_not_at_rest(bench):
+    told = []
+    bench.until(lambda: bench.cycle(0.0) == 0)
+    bench.driver.before_each = lambda: told.append((bench.worker._values[0], bench.image.ask(AT_REST)))
+    bench.follow(40.0)
+    assert {rests for value, rests in told if value != 0.0} == {0}
+
+
+def test_a_link_that_comes_back_is_not_at_rest_before_it_was_given_that(bench):
+    bench.until(lambda: bench.cycle(0.0) == 0)
+    bench.driver.outcome = Outcome.HELD
+    bench.driver.errors.append(LinkError("cut"))
+    bench.until(lambda: bench.driver.opened == 2 and bench.cycle(0.0) == TAKEN)
+    rests = bench.image.ask(AT_REST)
+    bench.driver.outcome = None
+    assert rests == 0

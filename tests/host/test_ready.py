@@ -2,14 +2,17 @@
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, DeviceUnavailable
 from micromanip.host import controller as module
+from micromanip.host import workers
 from micromanip.host.controller import Controller
+from micromanip.host.workers import Workers
 from micromanip.rt import mailbox as w
-from micromanip.rt.states import ARM, READY, STOP
+from micromanip.rt.states import ARM, READY, RESET, STOP
 from micromanip.settings.check import prepare
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -69,3 +72,58 @@ def test_before_its_loop_turns_nothing_waits(controller):
     for command in (ARM, STOP):
         with pytest.raises(CheckFailed, match="still starting"):
             asyncio.run(controller.command(command))
+
+
+def test_a_loop_that_has_died_is_a_fault_whatever_it_said_last(controller):
+    """The outputs may be anywhere until `make_safe` has done its work, which takes seconds."""
+    controller.declare_ready()
+    controller.process = SimpleNamespace(returncode=None)
+    assert (controller.state, controller.faults()) == ("READY", [])
+    controller.process.returncode = -9
+    assert controller.state == "FAULT"
+    (said,) = controller.faults()
+    assert said.startswith("X-104")
+    assert "signal 9" in said
+    for asked in (controller.command(RESET), controller.apply(controller.prepared.parameters)):
+        with pytest.raises(CheckFailed, match=r"(reset refused|nothing was changed): X-104"):
+            asyncio.run(asked)
+
+
+def test_a_loop_that_has_come_to_its_end_is_none(controller):
+    controller.declare_ready()
+    controller.process = SimpleNamespace(returncode=0)
+    controller.words[w.FINISHED] = 1
+    assert (controller.state, controller.faults()) == ("READY", [])
+
+
+class Hand:
+    """A worker whose device is at rest and follows after so many looks."""
+
+    name, said, way_to_rest_s, outputs_told = "piezo", "it hangs", 0.05, "voltage_x unknown, last 68 V"
+
+    def __init__(self, looks):
+        self.looks = looks
+
+    @property
+    def is_in_hand(self):
+        self.looks -= self.looks > 0
+        return self.looks == 0
+
+
+@pytest.fixture
+def hands(monkeypatch):
+    monkeypatch.setattr(workers, "_IN_HAND_S", 0.05)
+    all_of_them = Workers.__new__(Workers)
+    all_of_them._workers = [Hand(1), Hand(3)]
+    return all_of_them
+
+
+def test_ready_is_told_when_every_device_rests(hands):
+    assert asyncio.run(hands.in_hand(lambda: False))
+
+
+def test_a_device_that_is_not_brought_to_rest_is_never_ready(hands):
+    hands._workers[1] = Hand(1_000_000)
+    with pytest.raises(DeviceUnavailable, match=r"driver piezo: .* voltage_x unknown, last 68 V; it hangs"):
+        asyncio.run(hands.in_hand(lambda: False))
+    assert not asyncio.run(hands.in_hand(lambda: True)), "a loop that died, or a stop, comes first"

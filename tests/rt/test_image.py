@@ -22,6 +22,7 @@ def up(image, now_ns=0):
     im.tell(image, im.ALIVE_NS, now_ns)
     im.tell(image, im.LINK, im.LINK_UP)
     im.tell(image, im.OUTPUT_STATE, im.FOLLOWING)
+    im.tell(image, im.AT_REST, 1)
 
 
 def exchange(image, now_ns=0, outputs=None, signals=None):
@@ -92,6 +93,17 @@ def test_the_link_is_down_until_it_has_held_a_cycle():
     up(image, 100)
     assert exchange(image, 200)[0] == im.DOWN  # it has just come up: what was before is over
     assert exchange(image, 300)[0] == 0
+
+
+def test_outputs_that_follow_are_at_rest_where_the_worker_says_so():
+    for outputs, code in ((2, im.AWAY), (0, 0)):
+        image = new(outputs=outputs)
+        up(image, 100)
+        exchange(image, 200)
+        im.tell(image, im.AT_REST, 0)
+        assert exchange(image, 300)[0] == code
+        im.tell(image, im.AT_REST, 1)
+        assert exchange(image, 400)[0] == 0
 
 
 @pytest.mark.parametrize("state", [im.RESTING, im.SAFE_RAMP, im.UNKNOWN])

@@ -3,7 +3,7 @@
 import pytest
 
 from micromanip.rt.cell import watch_drivers
-from micromanip.rt.exchange import FIRST_TAKEN
+from micromanip.rt.exchange import ALL_FOLLOW, FIRST_TAKEN
 from micromanip.rt.states import (
     ARM,
     ARMING,
@@ -13,12 +13,14 @@ from micromanip.rt.states import (
     HOLDING,
     LINK_LOST,
     NO_FAULT,
+    OFF,
     OUTPUTS_MISSING,
     OUTPUTS_TAKEN,
     RAMPING,
     RAMPS,
     READY,
     RESET,
+    STOP,
     TRACKING,
 )
 
@@ -64,15 +66,48 @@ def test_so_does_a_hold_and_the_fading_out_before_a_ramp(cell, command):
     assert (cell.s["state"], cell.s["soft"], cell.s["fault"]) == (RAMPING, 0, OUTPUTS_TAKEN)
 
 
-def test_on_the_ramp_and_at_rest_it_is_no_fault(cell):
+def ramped(cell):
+    """Armed, disarmed and at the end of the ramp, on which the outputs were taken."""
     cell.arm()
     cell.step(command=DISARM)
     while cell.s["soft"] != 0:
         cell.step()
     cell.code = FIRST_TAKEN
-    while cell.s["state"] == RAMPING:
-        cell.step()
+    cell.run(3 * int(cell.p["ramp_cycles"]))
+    return cell
+
+
+@pytest.mark.parametrize("code", [FIRST_TAKEN, TAKEN_FROM_SECOND, ALL_FOLLOW])
+def test_on_the_ramp_it_is_no_fault_but_ready_waits_until_the_devices_rest(cell, code):
+    ramped(cell).code = code
+    cell.run(50)
+    assert (cell.s["state"], cell.s["fault"]) == (RAMPING, NO_FAULT)
+    cell.code = 0
+    cell.step()
     assert (cell.s["state"], cell.s["fault"]) == (READY, NO_FAULT)
+
+
+def test_outputs_that_follow_and_are_away_are_no_fault_in_any_state(cell):
+    cell.code = ALL_FOLLOW
+    cell.arm()
+    cell.run(50)
+    assert (cell.s["state"], cell.s["fault"], cell.s["outputs_taken"], cell.s["link_down"]) == (
+        TRACKING,
+        NO_FAULT,
+        0,
+        0,
+    )
+
+
+def test_a_stop_does_not_wait_for_the_devices(cell):
+    ramped(cell).step(command=STOP)
+    assert cell.s["state"] == OFF
+
+
+def test_nor_does_a_fault_which_says_of_no_output_that_it_rests(cell):
+    ramped(cell).code = -2
+    cell.step()
+    assert (cell.s["state"], cell.s["fault"]) == (FAULT, LINK_LOST)
 
 
 def test_arming_waits_for_outputs_in_the_loops_hand(cell):
@@ -98,13 +133,14 @@ def test_it_is_not_taken_for_a_lost_link_nor_a_lost_link_for_it(cell):
     assert cell.s["state"] == FAULT
 
 
-@pytest.mark.parametrize("code", [FIRST_TAKEN, -2])
+@pytest.mark.parametrize("code", [FIRST_TAKEN, ALL_FOLLOW, -2])
 def test_a_reset_waits_until_the_outputs_are_known_to_rest(cell, code):
     cell.arm()
-    cell.code = code
+    cell.code = -2
     cell.step()
     while cell.s["state"] == RAMPING:
         cell.step()
+    cell.code = code
     assert not cell.step(command=RESET)
     assert cell.s["state"] == FAULT
     cell.code = 0

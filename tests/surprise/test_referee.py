@@ -70,6 +70,12 @@ def test_an_arming_is_over_after_a_second_at_rest():
     assert judged(*UP_AND_DOWN, *rest, *ramp(1_300, 5.0, 0.0), armed_ms=[90, 1_290]) == []
 
 
+def test_an_arming_at_rest_counts_until_its_first_voltage():
+    """Values at rest go on arriving after `arm` was asked for: they are not yet what it leads to."""
+    rest = ramp(0, *[0.0] * 150)
+    assert judged(*rest, *ramp(1_500, 5.0, 0.0), armed_ms=[1_455]) == []
+
+
 def test_claim_while_the_device_is_elsewhere():
     held = ramp(100, 5.0, 10.0, 15.0)
     assert judged(*held, *ramp(900, 10.0, 5.0, 0.0), armed_ms=[90], claims_ms=[500]) == ["claim"]

@@ -124,3 +124,12 @@ def test_reset_and_refused(wire, device, controller):
     with socket.create_connection(("127.0.0.1", wire.place)) as again:
         assert asked(again, b"SVA 1 8\n") == b"0\n"
     assert [each.volts for each in wire.arrivals.copy()] == [6.0, 8.0]
+
+
+def test_a_refused_port_is_nobody_elses(wire):
+    """Once another process of the machine had been given it meanwhile, and the line never came back."""
+    wire.cut("refused")
+    with socket.socket() as other, pytest.raises(OSError, match="in use"):
+        other.bind(("127.0.0.1", wire.place))
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", wire.place))

@@ -13,7 +13,7 @@ RULES = ("range", "slew", "unarmed", "claim", "astray", "crash", "return", "left
 """The last four are judged in the yard: a loop that tracks on while its outputs are in nobody's or the worker's hand;
 tracebacks and bugs; back to READY; nothing left behind."""
 SHOWN = "state"
-"""Shown and not judged: READY or OFF while the device is elsewhere, in a report that says so itself under `links`."""
+"""Shown and not judged: OFF while the device is elsewhere, in a report that says so itself under `links`."""
 REST_V = 0.5
 """So near to rest is at rest, where somebody claims it: what is on its way moves by more than that."""
 REST_NS = 1_000_000_000
@@ -132,7 +132,7 @@ class Referee:
             resting = all(bounds.at_rest(last.get(name, bounds.rest_V)) for name, bounds in self.bounds.items())
             armed = any(at <= each.time_ns for at in self._armed_ns)
             if self._resting and armed:
-                self._resting = False
+                self._resting, rest_since_ns = False, None
             if not resting:
                 if self._resting:
                     what = f"{each.name} left rest for {each.volts:g} V, and nobody had armed"

@@ -38,18 +38,18 @@ class Wire:
         self._links = []
         self._cut = None
         self._lock = threading.RLock()
-        self._listen(("127.0.0.1", 0))
-        self.place = self._address[1]
+        self._keeper = _bound(("127.0.0.1", 0))
+        """Never listens: while the port is refused, nobody else on this machine may be given its number."""
+        self.place = self._keeper.getsockname()[1]
+        self._listen()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def _listen(self, address):
-        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self._listener.bind(address)
-        self._listener.listen(8)
-        self._address = self._listener.getsockname()
+    def _listen(self):
+        listener = _bound(self._keeper.getsockname())
+        listener.listen(8)
+        self._listener = listener
 
     def cut(self, how):
         """Cut it, one of `CUTS`; it stays like this until `mend`."""
@@ -60,6 +60,7 @@ class Wire:
                 for link in list(self._links):
                     self._drop(link, reset=True)
             if how == "refused":
+                self._listener.shutdown(socket.SHUT_RDWR)  # at once: `_run` may be waiting on it, which keeps it open
                 self._listener.close()
                 self._listener = None
 
@@ -68,7 +69,7 @@ class Wire:
         with self._lock:
             self._cut = None
             if self._listener is None:
-                self._listen(self._address)
+                self._listen()
             for link in list(self._links):
                 data, link.late = link.late, b""
                 self._forward(link, data)
@@ -84,6 +85,7 @@ class Wire:
                 self._drop(link)
             if self._listener is not None:
                 self._listener.close()
+            self._keeper.close()
 
     def _run(self):
         while not self._ending.is_set():
@@ -144,3 +146,10 @@ class Wire:
             link.front.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
         link.front.close()
         link.back.close()  # in order: what was passed on arrives
+
+
+def _bound(address):
+    end = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    end.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    end.bind(address)
+    return end

@@ -142,7 +142,7 @@ class Yard:
         if status["state"] in ("READY", "OFF"):
             elsewhere = [link["outputs"] for link in status["links"].values() if link["outputs"] not in _WITH_THE_LOOP]
             who = f"{whence} says state {status['state']}" + (f", outputs {elsewhere[0]}" if elsewhere else "")
-            self.referee.claim(from_ns, to_ns, who, SHOWN if elsewhere else "claim")
+            self.referee.claim(from_ns, to_ns, who, SHOWN if elsewhere and status["state"] == "OFF" else "claim")
         for name, link in status["links"].items():
             if link["outputs"] == "at rest":
                 self.referee.claim(from_ns, to_ns, f"{whence} says outputs of {name} at rest")
@@ -251,9 +251,12 @@ class Yard:
             self.device.order(device="clear")
         self.config.write_text(self.text)
         end = time.monotonic() + _BACK_S
-        refused = self._ready(end)
-        if refused is None:
-            refused = self._reloaded()
+        while (refused := self._ready(end)) is None:
+            try:
+                refused = self._reloaded()
+                break
+            except DeviceUnavailable as problem:  # it was killed only just now: what `_ready` asked had not heard of it
+                self.note(f"reload: {problem}")
         if refused is not None:
             self.wrong("return", refused)
             self._anew()
@@ -298,6 +301,8 @@ class Yard:
         try:
             with self.client() as client:
                 client.reload()
+        except DeviceUnavailable:
+            raise
         except (MicromanipError, TimeoutError) as problem:
             return f"READY, but it does not take over the good file: {problem}"
         self.file_in_force(self.text.encode())

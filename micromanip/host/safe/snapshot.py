@@ -21,6 +21,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from micromanip.files.held_folder import HeldFolder
 from micromanip.settings.check import Prepared
 from micromanip.settings.text.source import Source
 
@@ -86,25 +87,9 @@ def write(source: Source, files: Mapping[str, str | None], folder: Path) -> None
     folder.mkdir(parents=True, exist_ok=True)
     with contextlib.suppress(FileExistsError):
         path.parent.mkdir(mode=0o750)
-    at = _opened_folder(path.parent, {os.geteuid()})
-    own = f".{path.name}.{os.getpid()}"
-    try:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(own, dir_fd=at)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-        try:
-            with open(os.open(own, flags, 0o640, dir_fd=at), "wb") as stream:  # noqa: PTH123 (of a descriptor)
-                stream.write(json.dumps(document).encode())
-                stream.flush()
-                os.fsync(stream.fileno())
-            os.rename(own, path.name, src_dir_fd=at, dst_dir_fd=at)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(own, dir_fd=at)
-            raise
-        os.fsync(at)
-    finally:
-        os.close(at)
+    with HeldFolder(path.parent, below=folder) as held:
+        _refuse_strangers(path.parent, held.status(), {os.geteuid()})
+        held.write(path.name, json.dumps(document).encode(), 0o640)
 
 
 class SnapshotKeeper:

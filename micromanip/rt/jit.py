@@ -255,17 +255,22 @@ class Compiler:
 
     def _cached(self, function: Any, build: Callable[[bool], Any], *, tell: bool) -> Any:
         """What `build(cache)` makes; whether there is a cache is found out once."""
-        if self._caches is None:
-            self._caches = self._open_cache()
-        if tell and not any(self.cache_dir.rglob(f"*.{function.__name__}-*.nbi")):
+        is_kept = self.keeps(function)
+        if tell and not is_kept:
             Compiler.tell(function.__name__)
         config = _numba().config
         previous = config.CACHE_DIR
         config.CACHE_DIR = str(self.cache_dir)
         try:
-            return build(self._caches)
+            return build(bool(self._caches))
         finally:
             config.CACHE_DIR = previous
+
+    def keeps(self, function: Any) -> bool:
+        """Whether machine code of `function` is in the cache."""
+        if self._caches is None:
+            self._caches = self._open_cache()
+        return any(self.cache_dir.rglob(f"*.{function.__name__}-*.nbi"))
 
     def _open_cache(self) -> bool:
         fresh = not os.path.lexists(self.cache_dir)

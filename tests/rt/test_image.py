@@ -114,7 +114,7 @@ def test_outputs_that_do_not_follow_are_seen_in_the_very_next_cycle(state):
     assert exchange(image, 500)[0] == im.DOWN  # the graver news
     bus_without_outputs = new(outputs=0)
     up(bus_without_outputs, 100)
-    im.tell(bus_without_outputs, im.OUTPUT_STATE, state)
+    ProcessImage(bus_without_outputs).tell(im.OUTPUT_STATE, state)
     exchange(bus_without_outputs, 200)
     assert exchange(bus_without_outputs, 300)[0] == 0
 

@@ -140,10 +140,10 @@ class Compiled:
         functools.update_wrapper(self, function)
         self.py_func, self._compiler, self._signature, self._built_in = function, compiler, signature, built_in
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
         if self._signature is None and not self._compiler.allocates and not self.laws_compiled:
-            return self.py_func(*arguments)
-        return self.dispatcher(*arguments)
+            return self.py_func(*arguments, **named)
+        return self.dispatcher(*arguments, **named)
 
     def __reduce__(self) -> str:
         return str(self.py_func.__qualname__)

@@ -6,12 +6,13 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from micromanip.errors import CheckFailed
 
-_COMMAND = "import sys; from micromanip.cli.main import main; sys.exit(main())"
+COMMAND = "import sys; from micromanip.cli.main import main; sys.exit(main())"
 _LOOK_S = 0.02
 
 
@@ -22,7 +23,7 @@ class Observed:
     seconds: float
     """From its start to the line waited for."""
     peak_mb: dict[int, float]
-    """Peak resident memory (MB) of each process, the command itself first."""
+    """Most resident memory (MB) of each process from that line on, the command itself first."""
 
 
 def observe(arguments: list[str], line: str, cache: Path) -> Observed:
@@ -32,7 +33,7 @@ def observe(arguments: list[str], line: str, cache: Path) -> Observed:
     """
     begin = time.perf_counter()
     environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
-    command = [sys.executable, "-c", _COMMAND, *arguments]
+    command = [sys.executable, "-c", COMMAND, *arguments]
     with subprocess.Popen(
         command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -46,7 +47,7 @@ def observe(arguments: list[str], line: str, cache: Path) -> Observed:
         peaks: dict[int, float] = {}
         while process.poll() is None:
             for pid in (process.pid, *children(process.pid)):
-                peaks[pid] = peak_mb(pid) or peaks.get(pid, 0.0)
+                peaks[pid] = max(resident_mb(pid), peaks.get(pid, 0.0))
             time.sleep(_LOOK_S)
         said.append(process.stderr.read())
         if process.returncode != 0 or line not in map(str.strip, said):
@@ -54,13 +55,15 @@ def observe(arguments: list[str], line: str, cache: Path) -> Observed:
     return Observed(seconds, peaks)
 
 
-def reference(program: str) -> tuple[float, float]:
-    """Wall time (s) and peak resident memory (MB) of ``python -c PROGRAM``."""
+def reference(program: str, arguments: Sequence[str] = (), code: int = 0) -> tuple[float, float]:
+    """Wall time (s) and peak resident memory (MB) of ``python -c PROGRAM ARGUMENTS``, which must end with `code`."""
     begin = time.perf_counter()
-    process = subprocess.Popen([sys.executable, "-c", program])
-    _, code, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(code)
-    if process.returncode != 0:
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    _, ended, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(ended)
+    if process.returncode != code:
         raise CheckFailed(f"python -c {program!r} ended with {process.returncode}")
     return time.perf_counter() - begin, usage.ru_maxrss / 1024
 
@@ -76,13 +79,13 @@ def children(pid: int) -> list[int]:
     return found
 
 
-def peak_mb(pid: int) -> float:
-    """Peak resident memory of a process so far; 0 where it has ended."""
+def resident_mb(pid: int) -> float:
+    """Resident memory of a process; 0 where it has ended."""
     try:
         status = Path(f"/proc/{pid}/status").read_text()
     except OSError:
         return 0.0
     for line in status.splitlines():
-        if line.startswith("VmHWM:"):
+        if line.startswith("VmRSS:"):
             return int(line.split()[1]) / 1024
     return 0.0

@@ -8,11 +8,13 @@ state machine; ``mutation`` does not ask for the smallest example.
 
 from pathlib import Path
 
-import numba
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-JIT = not numba.config.DISABLE_JIT
+from micromanip.rt.jit import PLAIN, Compiled
+
+JIT = not PLAIN
+Compiled.laws_compiled = True  # what the laws' tests call is the machine code, not the Python of the same law
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
 settings.register_profile("steady", max_examples=60 if JIT else 15, derandomize=True, database=None, **_COMMON)

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import ctypes
+import time
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.rt.bus_image import IMAGE, OUTPUT_STATE, UNKNOWN
+from micromanip.rt.bus_image import IMAGE, OUTPUT_STATE, RESTING, SENT_NS, UNKNOWN
+from micromanip.rt.tell import ask
 
-from .cyclic import CyclicDriver, Functions
+from .cyclic import CONTEXT_C, CyclicDriver, Functions
 from .driver import BusDriver, BusOptions, Channel
+
+UNSAFE = 1
+"""What ``safe`` returns where the worker did not bring its outputs to rest in time."""
+PATIENCE_NS, _STEP_S = 5_000_000_000, 2e-3
 
 
 class BusBridge(CyclicDriver):
@@ -65,11 +73,30 @@ class BusBridge(CyclicDriver):
     def functions(self) -> Functions:
         return bridge_functions()
 
+    def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
+        return wait_for_rest
+
+
+def wait_for_rest(context: NDArray[np.uint8]) -> int:
+    """Wait until the worker, which has noticed by itself that the loop is dead, has brought its outputs to rest.
+
+    Given up, UNSAFE, when for a while the device has taken nothing: a worker that died is started anew meanwhile.
+    """
+    words = context.view(IMAGE)[0]["words"]
+    begin_ns = time.monotonic_ns()
+    while ask(words, OUTPUT_STATE) != RESTING:
+        if time.monotonic_ns() - max(begin_ns, ask(words, SENT_NS)) > PATIENCE_NS:
+            return UNSAFE
+        time.sleep(_STEP_S)
+    return 0
+
 
 def bridge_functions() -> Functions:
     """The four functions of every bus, in this process."""
     from . import bridge_functions as compiled  # loaded only where it is going to be called
 
-    return Functions(
-        compiled.open_c.address, compiled.exchange_c.address, compiled.safe_c.address, compiled.close_c.address
-    )
+    safe = ctypes.cast(_SAFE, ctypes.c_void_p).value or 0
+    return Functions(compiled.open_c.address, compiled.exchange_c.address, safe, compiled.close_c.address)
+
+
+_SAFE = CONTEXT_C(lambda at: wait_for_rest(np.ctypeslib.as_array((ctypes.c_uint8 * IMAGE.itemsize).from_address(at))))

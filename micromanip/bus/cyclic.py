@@ -20,7 +20,9 @@ process when the loop is dead, so all that it needs lives in the context.
 
 from __future__ import annotations
 
+import ctypes
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -29,6 +31,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from .driver import Channel
+
+CONTEXT_C = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+"""A driver's open, safe or close."""
+
+
+def call_context(function: int, context: int) -> int:
+    """Call a driver's open, safe or close (addresses) from Python; its return code."""
+    return int(CONTEXT_C(function)(context))
 
 
 @dataclass(frozen=True)
@@ -101,3 +111,12 @@ class CyclicDriver(ABC):
     @abstractmethod
     def functions(self) -> Functions:
         """Addresses of the four functions in the calling process; compiles or loads them if need be."""
+
+    def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
+        """``safe``, loaded: the host calls it with the context once the loop has died, and gets the code.
+
+        It must neither take time nor fail by then. A driver that is compiled by numba may do it in Python, so that the
+        host need not load a compiler.
+        """
+        safe = self.functions().safe
+        return lambda context: call_context(safe, context.ctypes.data)

@@ -12,19 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt import bus_image as rt
-from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
+from micromanip.rt import tell as shared
+from micromanip.rt.records import MAX_OUTPUTS
 
 from .driver import Inbox
 
 
 class ProcessImage:
-    """One bus' image (``rt.image.IMAGE``)."""
+    """One bus' image (``rt.bus_image.IMAGE``)."""
 
     def __init__(self, record: NDArray[Any]) -> None:
         """`record` is an array (1,) of IMAGE in shared memory."""
         self._record = record
+        image = record[0]
+        # plain views, made once: a field of a record costs ten times an element of an array
+        self._words, self._turns = memoryview(image["words"]), memoryview(image["input_turn"])
+        inputs = image["input"]
+        self._value: Any = memoryview(inputs["value"])
+        self._time_ns = memoryview(inputs["time_ns"])
+        self._sequence, self._status = memoryview(inputs["sequence"]), memoryview(inputs["status"])
+        self._count = int(image["outputs"])
+        self._wanted, self._sent = image["value"][: self._count], image["sent"][: self._count]
         self._values = np.zeros(MAX_OUTPUTS)
-        self._readings = np.zeros(MAX_SIGNALS)
         self._written_ns = 0
 
     @classmethod
@@ -51,32 +60,55 @@ class ProcessImage:
 
     def ask(self, word: int) -> int:
         """One of the words."""
-        return int(rt.ask(self._record, word))
+        return shared.ask(self._words, word)
 
     def tell(self, word: int, value: int) -> None:
-        """Write one of the worker's words."""
-        rt.tell(self._record, word, value)
+        """Write one of the worker's words, after all that was published before."""
+        shared.tell(self._words, word, value)
 
     def take_over(self) -> None:
-        """Begin where another worker may have died in the middle of writing."""
-        rt.take_over(self._record)
+        """Begin where another worker may have died in the middle of writing: what that one was writing is dropped.
+
+        A sample that was half written keeps its sequence, so that the loop does not take it for a fresh one; it is
+        marked as bad.
+        """
+        for i in range(int(self._record[0]["inputs"])):
+            if self._turns[i] & 1:
+                self._status[i] = rt.DOWN
+                shared.tell(self._turns, i, self._turns[i] + 1)
+        if self._words[rt.SENT_TURN] & 1:
+            shared.tell(self._words, rt.SENT_TURN, self._words[rt.SENT_TURN] + 1)
 
     def publish(self, inbox: Inbox) -> None:
         """Hand all samples to the loop; the inbox is empty then."""
         for first, values, time_ns, status, lost in inbox.readings:
-            count = len(values)
-            if count == 1:
-                rt.publish(self._record, first, values[0], time_ns, status, lost)
-            else:
-                self._readings[:count] = values
-                rt.publish_all(self._record, first, count, self._readings, time_ns, status, lost)
+            for i, value in enumerate(values, first):
+                self.publish_sample(i, value, time_ns, status, lost)
         inbox.clear()
 
+    def publish_sample(self, channel: int, value: float, time_ns: int, status: int = 0, lost: int = 0) -> None:
+        """Hand a fresh sample of one input to the loop; `lost` are missing before it."""
+        turn = self._turns[channel] | 1
+        shared.tell(self._turns, channel, turn)
+        shared.fence()
+        self._value[channel], self._time_ns[channel], self._status[channel] = value, time_ns, status
+        self._sequence[channel] += 1 + lost
+        shared.tell(self._turns, channel, turn + 1)
+
     def wanted(self) -> tuple[NDArray[np.float64], int]:
-        """What the loop wants of the outputs (MAX_OUTPUTS,), and when it wrote that (ns, 0 if never)."""
-        written_ns = int(rt.take_outputs(self._record, self._values))
-        if written_ns >= 0:
-            self._written_ns = written_ns
+        """What the loop wants of the outputs (MAX_OUTPUTS,), and when it wrote that (ns, 0 if never).
+
+        As before where the loop is just writing.
+        """
+        for _ in range(rt.TRIES):
+            turn = self.ask(rt.OUTPUT_TURN)
+            if turn & 1:
+                continue
+            values, written_ns = self._wanted.copy(), self._words[rt.WRITTEN_NS]
+            shared.fence()
+            if self._words[rt.OUTPUT_TURN] == turn:
+                self._values[: self._count], self._written_ns = values, written_ns
+                break
         return self._values, self._written_ns
 
     def known(self, count: int) -> list[float | None] | None:
@@ -86,5 +118,10 @@ class ProcessImage:
         return [value if math.isfinite(value) else None for value in self._record[0]["sent"][:count].tolist()]
 
     def remember_sent(self, values: NDArray[np.float64], now_ns: int) -> None:
-        """Note what the device was given."""
-        rt.remember_sent(self._record, values, now_ns)
+        """Note what the device was given: it is where a worker that takes this one's place begins."""
+        turn = self._words[rt.SENT_TURN] | 1
+        self.tell(rt.SENT_TURN, turn)
+        shared.fence()
+        self._sent[:] = values[: self._count]
+        self._words[rt.SENT_NS] = now_ns
+        self.tell(rt.SENT_TURN, turn + 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from micromanip.rt.intrinsics import call_context
+from micromanip.bus.cyclic import call_context
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 

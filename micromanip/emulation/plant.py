@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from micromanip.bus.cyclic import CyclicDriver
+from micromanip.bus.cyclic import CyclicDriver, call_context
 from micromanip.errors import CheckFailed
-from micromanip.rt.intrinsics import call_context
 from micromanip.rt.records import SIGNAL
 
 PERIOD_NS = 100_000

@@ -14,7 +14,6 @@ from micromanip.bus.rights import beginning_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.rt import mailbox as w
-from micromanip.rt.intrinsics import call_context
 from micromanip.rt.states import (
     ARM,
     COMMAND_NAMES,
@@ -54,19 +53,21 @@ class Controller:
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
         self._drivers = dict(prepared.wiring.drivers)
         # loaded now: it must neither take time nor fail once the loop has died
-        self._safe = {name: driver.functions().safe for name, driver in self._drivers.items()}
+        self._safe = {name: driver.safe_in_host() for name, driver in self._drivers.items()}
         self.offsets, size = context_layout([len(context) for context in contexts])
         self.segments = Segments.create(size, prepared.samples)
         shared = self.segments.contexts.bytes()
-        for offset, context in zip(self.offsets, contexts, strict=True):
-            shared[offset : offset + len(context)] = context
+        self._contexts = [shared[at : at + len(each)] for at, each in zip(self.offsets, contexts, strict=True)]
+        for place, context in zip(self._contexts, contexts, strict=True):
+            place[:] = context
         self.control = self.segments.control.record(CONTROL)
         self.status = self.segments.status.record(STATUS)
         self.ring = self.segments.ring.record(RING)
         self.slots = ParameterSlots(self.control, self.words, prepared.parameters[0])
         module, descriptors = "micromanip.host.loop_process", (*self.segments.descriptors, *locks)
-        self.process = Child(module, descriptors, heard=False, complains=True)
+        self.process = Child(module, descriptors, complains=True)
         """Once it has ended before its time, `make_safe` is the host's to call."""
+        self._relaying: asyncio.Task[None] | None = None
         self._commands = asyncio.Lock()
         self._ready = False
         self._killed: FaultReport | None = None
@@ -82,10 +83,10 @@ class Controller:
         self._prepared = prepared
         self.adopted(prepared)
 
-    async def start(self, *, ready: bool = True) -> None:
+    async def start(self, *, ready: bool = True, say: Callable[[str], None] = lambda _: None) -> None:
         """Start the loop process; returns when it has run for so long that every sensor has said something.
 
-        `ready` says that starting is over then; else `declare_ready` will.
+        `ready` says that starting is over then; else `declare_ready` will. `say` gets what takes long meanwhile.
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
         self.beat()
@@ -93,6 +94,7 @@ class Controller:
         with beginning_on_cpu(self.prepared.configuration.loop.cpu):
             await self.process.start(orders)
         self.process.end_orders()
+        self._relaying = asyncio.create_task(self._relay(say))
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
         while self.words[w.CYCLES_RUN] < heard:
             if not self.process.runs:
@@ -235,9 +237,12 @@ class Controller:
 
     def make_safe(self) -> dict[str, int]:
         """Bring the outputs to their safe value with the loop dead; by driver 0, or a code where that failed."""
-        base = self.segments.contexts.bytes().ctypes.data
-        pairs = zip(self._safe.items(), self.offsets, strict=True)
-        return {name: call_context(safe, base + offset) for (name, safe), offset in pairs}
+        return {name: safe(context) for (name, safe), context in zip(self._safe.items(), self._contexts, strict=True)}
+
+    async def _relay(self, say: Callable[[str], None]) -> None:
+        """Pass on what the loop process tells people while it starts."""
+        async for answer in self.process.answers():
+            say(str(answer["text"]))
 
     def kill(self, why: FaultReport) -> None:
         """End the loop process at once; `make_safe` is then the host's to call, and `why` what is said of it."""

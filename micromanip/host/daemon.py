@@ -119,7 +119,7 @@ class Daemon:
             async with self._workers:
                 refuse_real(self._prepared)
                 await self._snapshot.keep(self._prepared.source)  # before the loop looks for signs of life
-                await self._controller.start(ready=False)
+                await self._controller.start(ready=False, say=self._say)
                 return await self._supervise()
         finally:
             control_socket.close()

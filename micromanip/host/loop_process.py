@@ -6,32 +6,34 @@ reaches the host only. It takes its orders as one JSON document on standard inpu
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from micromanip.bus.bridge import bridge_functions
-from micromanip.bus.cyclic import CyclicDriver, Functions
+from micromanip.bus.cyclic import CyclicDriver, Functions, call_context
 from micromanip.bus.registry import driver_class
 from micromanip.errors import DeviceUnavailable, MicromanipError, PermissionDenied
-from micromanip.rt.intrinsics import call_context
+from micromanip.rt.histogram import BINS
+from micromanip.rt.jit import Compiler, compiled, prepare
 from micromanip.rt.loop import run_loop
-from micromanip.rt.mailbox import FINISHED, RIGHTS
+from micromanip.rt.mailbox import COMMAND, COMMAND_NUMBER, FINISHED, HEARTBEAT_NS, RIGHTS, WORDS
 from micromanip.rt.records import CELL_STATE, DRIVER
-from micromanip.rt.states import ARM, READY
+from micromanip.rt.states import ARM, HOST_DEAD, RAMPS, READY
 from micromanip.rt.telemetry import ROW
-from micromanip.rt.virtual import run_virtual
 
 from .realtime import enter_real_time, missing_rights
 from .shared_memory import CONTROL, RING, STATUS, Segments
 from .socket_file import remove_stale
 
-_WARM_CYCLES = 3000
+_WARM_CYCLES, _WARM_PERIOD_NS = 3000, 20_000
 
 
 def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tuple[str, int, int]]]:
@@ -59,19 +61,53 @@ def _functions(entry: dict[str, Any], period_ns: int) -> Functions:
     return kind(kind.Options.model_validate_json(entry["options"]), period_ns).functions()
 
 
-def _warm(control: Any, status: Any, samples: Any) -> None:
-    """Run the cycle on copies, so that its code and the machine's caches are hot before the first deadline."""
-    state = np.zeros(1, CELL_STATE)
+def _warm(control: Any, status: Any, samples: Any, spin_ns: int) -> None:
+    """Run the loop on copies, so that its code and the machine's caches are hot before the first deadline.
+
+    It arms without drivers, in short periods that may be missed; once the sign of life is over it parks and ends.
+    """
+    state, shadow = np.zeros(1, CELL_STATE), np.zeros(1, CELL_STATE)
     state[0]["state"] = READY
     signals = np.zeros_like(status["signals"])
     signals["sequence"] = 1
-    rows = np.zeros(16, ROW)
     parameters = control["parameters"][:1].copy()
     parameters["axis"]["strain_age_ns"] = parameters["axis"]["stage_age_ns"] = np.iinfo(np.int64).max
-    drivers = np.zeros(1, DRIVER)
-    run_virtual(
-        parameters, state, drivers, 0, signals, status["outputs"].copy(), samples.copy(), rows, _WARM_CYCLES, 10, ARM, 1
+    parameters["period_ns"] = _WARM_PERIOD_NS
+    parameters["overruns_in_a_row"], parameters["overrun_level"] = np.iinfo(np.int64).max, np.inf
+    parameters["heartbeat_ns"] = parameters["hold_cycles"] = 0
+    parameters["ramp_cycles"] = 1
+    parameters["reaction"][0][HOST_DEAD] = RAMPS
+    words = np.zeros(WORDS, np.int64)
+    words[COMMAND], words[COMMAND_NUMBER] = ARM, 1
+    words[HEARTBEAT_NS] = time.monotonic_ns() + _WARM_CYCLES * _WARM_PERIOD_NS
+    arguments = (
+        *(words, parameters, np.zeros(WORDS, np.int64), state, shadow, np.zeros(1, CELL_STATE)),
+        *(np.zeros(1, DRIVER), 0, signals, status["outputs"].copy(), samples, np.zeros(WORDS, np.int64)),
+        *(np.zeros(16, ROW), np.zeros(BINS, np.int64), np.zeros(BINS, np.int64), np.zeros(2, np.int64), spin_ns),
     )
+    run_loop(*arguments)
+
+
+def _compile(orders: dict[str, Any]) -> None:
+    """The loop, and on another CPU at the same time what the drivers have; both are in the cache from then on."""
+    child = None if compiled.keeps(run_loop) else os.fork()
+    if child != 0:
+        prepare(run_loop)
+        if child is not None:
+            os.waitpid(child, 0)
+        return
+    with contextlib.suppress(OSError):
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    try:
+        for entry in orders["drivers"]:
+            _functions(entry, orders["period_ns"])
+    finally:  # what it could not do is done, and told, once more by its parent
+        os._exit(0)
+
+
+def _tell_compiling(name: str) -> None:
+    """A line for people: the host passes it on."""
+    print(json.dumps({"text": f"compiling {name} for this processor, once after an update"}), flush=True)  # noqa: T201
 
 
 def main() -> int:
@@ -82,9 +118,11 @@ def main() -> int:
     segments = Segments.attach(orders["descriptors"], writable=True)
     control, status, ring = segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     samples = segments.sample_table()
+    Compiler.tell = staticmethod(_tell_compiling)
     try:
+        _compile(orders)
         drivers, opened = _drivers(orders, segments)
-        _warm(control, status, samples)
+        _warm(control, status, samples, orders["spin_ns"])
         segments.ring.bytes()[::4096] = 0
         rights = enter_real_time(orders["cpu"], orders["priority"])
         if rights and orders["refuse_without_rights"]:

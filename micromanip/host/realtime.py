@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
+import mmap
 import os
+from pathlib import Path
 
 from micromanip.bus.rights import lock_memory, stay_on_cpu
 from micromanip.rt.mailbox import NO_FIFO, NO_LOCK, NO_PIN
@@ -32,7 +35,9 @@ def enter_real_time(cpu: int | None, priority: int) -> int:
     refused = 0
     gc.collect()
     gc.freeze()
-    if not lock_memory():
+    if lock_memory():
+        _let_go_of_the_compiler()
+    else:
         refused |= NO_LOCK
     if cpu is not None and not stay_on_cpu(cpu):
         refused |= NO_PIN
@@ -42,6 +47,17 @@ def enter_real_time(cpu: int | None, priority: int) -> int:
         refused |= NO_FIFO
     _stay_awake()
     return refused
+
+
+def _let_go_of_the_compiler() -> None:
+    """LLVM's code, 150 MB that the lock has just read from the disk, is not called any more: its pages go."""
+    libc = ctypes.CDLL(None)
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        place, access, *_, name = line.split()
+        if "llvmlite" in name and "w" not in access:
+            first, end = (int(address, 16) for address in place.split("-"))
+            libc.munlock(ctypes.c_void_p(first), ctypes.c_size_t(end - first))
+            libc.madvise(ctypes.c_void_p(first), ctypes.c_size_t(end - first), mmap.MADV_DONTNEED)
 
 
 def _stay_awake() -> None:

@@ -41,7 +41,7 @@ def begin_arming(p: Record, s: Record) -> None:
     enter(s, ARMING)
 
 
-@compiled
+@compiled.rare
 def apply_command(p: Record, s: Record, command: int) -> bool:
     """Carry out a command; False, and nothing changed, where the state or a sensor does not allow it."""
     state = s["state"]

@@ -61,7 +61,7 @@ def cell_fault(p: Record, s: Record, code: int, active: bool, value: float, limi
         raise_fault(p, s, code, -1, value, limit, p["reaction"][code])
 
 
-@compiled
+@compiled.rare
 def raise_fault(p: Record, s: Record, code: int, axis: int, value: float, limit: float, reaction: int) -> None:
     """Write a fault down, latch it (the first one stays) and react; one that only warns is written down."""
     note(s, code, axis, value, limit, reaction)
@@ -95,7 +95,7 @@ def react(p: Record, s: Record, reaction: int) -> None:
         begin_ramp(p, s)
 
 
-@compiled
+@compiled.rare
 def forget(p: Record, s: Record) -> None:
     """Unlatch, with an empty bucket; every condition that still stands is raised anew in the next cycle."""
     s["fault"] = NO_FAULT

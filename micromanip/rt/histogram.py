@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from .jit import compiled
 
 SPLIT = 32
@@ -40,18 +42,9 @@ def count(histogram: Any, value: int) -> None:
     histogram[bin_of(value)] += 1
 
 
-@compiled
 def percentile(histogram: Any, fraction: float) -> int:
     """Smallest bin edge (ns) that at least `fraction` of all values do not exceed by a bin; 0 when empty."""
-    total = 0
-    for k in range(len(histogram)):
-        total += histogram[k]
-    if total == 0:
+    seen = np.cumsum(histogram)
+    if seen[-1] == 0:
         return 0
-    wanted = max(1, math.ceil(fraction * total))
-    seen = 0
-    for k in range(len(histogram)):
-        seen += histogram[k]
-        if seen >= wanted:
-            return lower_edge(k)
-    return lower_edge(len(histogram) - 1)
+    return lower_edge(int(np.searchsorted(seen, max(1, math.ceil(fraction * seen[-1])))))

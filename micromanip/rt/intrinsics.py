@@ -24,12 +24,6 @@ CONTEXT_SIGNATURE = types.int32(types.intp)
 _EXCHANGE_C = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
 )
-_CONTEXT_C = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
-
-
-def call_context(function: int, context: int) -> int:
-    """Call a driver's open, safe or close (addresses) from Python; its return code."""
-    return int(_CONTEXT_C(function)(context))
 
 
 if numba.config.DISABLE_JIT:

@@ -3,6 +3,9 @@
 Rules it fixes for the whole hot path: no GIL, C division semantics (no exceptions), no
 fast-math (which would make ``isfinite(nan)`` true), and a cache on disk.
 
+Nothing is compiled, and numba is not even imported, before an entry point is called or prepared: the host and the
+commands read records and call single laws as plain Python, and need no compiler for that.
+
 The cache folder is keyed by a hash of *all* sources of the package, numba's version and the
 bounds-check flag: numba's own cache looks at the file of one function only, so that a change in
 a callee of another file would go unnoticed, and it ignores the flag.
@@ -15,6 +18,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import functools
 import hashlib
 import os
 import shutil
@@ -22,14 +26,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
-
-import numba
-from numba.core import caching
+from typing import Any, ClassVar, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _KEPT_CACHES = 24
+PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+"""Everything runs as plain Python: the decorators leave functions as they are."""
 
 
 def cache_root() -> Path:
@@ -75,18 +78,41 @@ def _leave(refuge: Path, owner: int) -> None:
 
 
 @contextlib.contextmanager
-def _in_spite_of_the_disk(_cache: caching.Cache) -> Iterator[None]:
+def _in_spite_of_the_disk(_cache: Any) -> Iterator[None]:
     """What can't be loaded is compiled, what can't be saved is compiled again the next time."""
     with contextlib.suppress(OSError):
         yield
 
 
-# numba's own place for this, which it fills on Windows only; elsewhere a disk that fills would end the program
-caching.Cache._guard_against_spurious_io_errors = _in_spite_of_the_disk  # type: ignore[assignment,method-assign]
+@functools.cache
+def _numba() -> Any:
+    """numba, told how to type our functions where compiled code calls them."""
+    import numba
+    from numba.core import caching
+    from numba.extending import models, register_model
+
+    # numba's own place for this, which it fills on Windows only; elsewhere a disk that fills would end the program
+    caching.Cache._guard_against_spurious_io_errors = _in_spite_of_the_disk  # type: ignore[assignment,method-assign]
+
+    class Inner(numba.types.Dispatcher):
+        """One specialisation for all values of an argument: numba would make one for each literal fault code."""
+
+        def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+            plain = numba.types.unliteral
+            return super().get_call_type(
+                context, tuple(map(plain, args)), {name: plain(kind) for name, kind in kws.items()}
+            )
+
+    register_model(Inner)(models.OpaqueModel)
+    numba.micromanip_inner = Inner
+    return numba
 
 
 def _digest(folders: tuple[Path, ...]) -> str:
-    hashed = hashlib.sha256(f"{numba.__version__} {numba.config.BOUNDSCHECK}".encode())
+    from importlib.metadata import version  # takes a while, and the host never asks
+
+    checks = os.environ.get("NUMBA_BOUNDSCHECK")
+    hashed = hashlib.sha256(f"{version('numba')} {checks}".encode())
     for folder in folders:
         for source in sorted(folder.rglob("*.py")):
             hashed.update(source.read_bytes())
@@ -100,51 +126,151 @@ def _prune(root: Path) -> None:
         shutil.rmtree(old, ignore_errors=True)
 
 
+class Compiled:
+    """A function of the hot path, compiled when it is needed.
+
+    Compiled code that calls it has it built in. Python that calls it runs an entry point's machine code, and a law as
+    plain Python: a single call is not worth a compiler. `laws_compiled` makes Python's calls of laws compiled, too.
+    """
+
+    laws_compiled: ClassVar[bool] = False
+
+    def __init__(self, function: Any, compiler: Compiler, signature: Any, *, built_in: bool = True) -> None:
+        """`signature` (None for a law) makes it an entry point; `built_in`: at every call, however often it is."""
+        functools.update_wrapper(self, function)
+        self.py_func, self._compiler, self._signature, self._built_in = function, compiler, signature, built_in
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        if self._signature is None and not self._compiler.allocates and not self.laws_compiled:
+            return self.py_func(*arguments, **named)
+        return self.dispatcher(*arguments, **named)
+
+    def __reduce__(self) -> str:
+        return str(self.py_func.__qualname__)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
+
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """Numba's function for calls from Python; that of an entry point is compiled, or loaded from the cache."""
+        return self._compiler.build(self.py_func, self._signature)
+
+    @functools.cached_property
+    def _inner(self) -> Any:
+        """Numba's function for calls from compiled code, without what Python's calls need."""
+        if self._signature is not None:
+            return self.dispatcher
+        options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": self._built_in}
+        return _numba().njit(**self._compiler.options, **options)(self.py_func)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba asks of a global in a function that it compiles."""
+        return _numba().micromanip_inner(self._inner)
+
+
+class CFunction:
+    """A C function that is compiled, or loaded from the cache, when its address is asked for."""
+
+    def __init__(self, function: Any, compiler: Compiler, signature: Any) -> None:
+        self.py_func, self._compiler, self._signature = function, compiler, signature
+
+    @functools.cached_property
+    def _compiled(self) -> Any:
+        return self._compiler.build_c(self.py_func, self._signature)
+
+    @property
+    def address(self) -> int:
+        """Where it is in this process."""
+        return int(self._compiled.address)
+
+    @property
+    def ctypes(self) -> Any:
+        """The same for calls from Python."""
+        return self._compiled.ctypes
+
+
 class Compiler:
     """Decorates functions of one package for the hot path; the package's folder keys its cache.
 
-    Inner functions are inlined into the entry point that calls them, and compiled without numba's memory
+    Inner functions are built into the entry point that calls them, and compiled without numba's memory
     management: a cycle that would allocate does not even compile. `allocates` lifts that for offline code.
     """
 
+    tell: ClassVar[Callable[[str], None]] = staticmethod(lambda _: None)
+    """Hears the name of each function that has to be compiled because it is not in the cache."""
+
     def __init__(self, package_file: str, *, allocates: bool = False) -> None:
-        own = Path(package_file).resolve().parent
-        rt = Path(__file__).resolve().parent
-        self.cache_dir = cache_root() / f"{own.name}-{_digest((rt, own) if own != rt else (rt,))}"
+        self._package = Path(package_file).resolve().parent
         self._caches: bool | None = None
-        self._options = {"nogil": True, "error_model": "numpy", "_nrt": allocates}
+        self.allocates = allocates
+        self.options = {"nogil": True, "error_model": "numpy", "_nrt": allocates}
+
+    @functools.cached_property
+    def cache_dir(self) -> Path:
+        """Where the machine code of these very sources is kept."""
+        rt = Path(__file__).resolve().parent
+        folders = (rt,) if self._package == rt else (rt, self._package)
+        return cache_root() / f"{self._package.name}-{_digest(folders)}"
 
     def __call__(self, function: Function) -> Function:
-        """Decorator: compiled when first called; what an entry point calls is built into the entry point."""
-        compiled_function: Function = self._compile(function, None)
-        return compiled_function
+        """Decorator: what compiled code calls is built into it."""
+        return self._decorated(function, None)
+
+    def rare(self, function: Function) -> Function:
+        """Decorator of what few cycles call from many places: called where it is, so that the others stay short."""
+        return self._decorated(function, None, built_in=False)
 
     def entry(self, signature: Any) -> Callable[[Function], Function]:
-        """Decorator: compiled, or loaded from the cache, at once, so that nothing is compiled while the loop runs."""
-        return lambda function: self._compile(function, signature)
+        """Decorator: what Python calls, with all that it calls built in; see ``prepare``."""
+        return lambda function: self._decorated(function, signature)
 
-    def _compile(self, function: Any, signature: Any) -> Any:
-        inlined = signature is None
+    def _decorated(self, function: Function, signature: Any, **how: bool) -> Function:
+        return function if PLAIN else Compiled(function, self, signature, **how)  # type: ignore[return-value]
+
+    def c_function(self, signature: Any) -> Callable[[Any], CFunction]:
+        """Decorator: a C function whose ``.address`` a driver hands to the loop."""
+        return lambda function: CFunction(function, self, signature)
+
+    def build(self, function: Any, signature: Any) -> Any:
+        """Numba's function for calls from Python."""
+        numba = _numba()
         return self._cached(
-            lambda cache: numba.njit(signature, forceinline=inlined, cache=cache, **self._options)(function)
+            function,
+            lambda cache: numba.njit(signature, forceinline=signature is None, cache=cache, **self.options)(function),
+            tell=signature is not None,
         )
 
-    def c_function(self, signature: Any) -> Callable[[Any], Any]:
-        """Decorator: compiles to a C function whose ``.address`` a driver hands to the loop."""
-        return lambda function: self._cached(
-            lambda cache: numba.cfunc(signature, cache=cache, nopython=True, error_model="numpy")(function)
+    def build_c(self, function: Any, signature: Any) -> Any:
+        """Numba's function for calls from C."""
+        numba = _numba()
+        return self._cached(
+            function,
+            lambda cache: numba.cfunc(signature, cache=cache, nopython=True, error_model="numpy")(function),
+            tell=True,
         )
 
-    def _cached(self, build: Callable[[bool], Any]) -> Any:
+    def _cached(self, function: Any, build: Callable[[bool], Any], *, tell: bool) -> Any:
         """What `build(cache)` makes; whether there is a cache is found out once."""
+        is_kept = self.keeps(function)
+        if tell and not is_kept:
+            Compiler.tell(function.__name__)
+        config = _numba().config
+        previous = config.CACHE_DIR
+        config.CACHE_DIR = str(self.cache_dir)
+        try:
+            return build(bool(self._caches))
+        finally:
+            config.CACHE_DIR = previous
+
+    def keeps(self, function: Any) -> bool:
+        """Whether machine code of `function` is in the cache."""
         if self._caches is None:
             self._caches = self._open_cache()
-        previous = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(self.cache_dir)
-        try:
-            return build(self._caches)
-        finally:
-            numba.config.CACHE_DIR = previous
+        return any(self.cache_dir.rglob(f"*.{function.__name__}-*.nbi"))
 
     def _open_cache(self) -> bool:
         fresh = not os.path.lexists(self.cache_dir)
@@ -161,3 +287,10 @@ class Compiler:
 
 
 compiled = Compiler(__file__)
+
+
+def prepare(*functions: Any) -> None:
+    """Compile entry points, or load them from the cache, so that nothing is compiled while the loop runs."""
+    if not PLAIN:
+        for function in functions:
+            function.dispatcher  # noqa: B018  (made as it is looked at)

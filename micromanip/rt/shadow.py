@@ -39,7 +39,7 @@ _PATIENCE = 3
 """So many times its length a trial may take; a tuning that can't be judged by then is taken back."""
 
 
-@compiled
+@compiled.rare
 def start_shadow(p: Record, candidate: Record, s: Record, shadow: Record) -> None:
     """Begin with `candidate` where the active tuning is."""
     for i in range(candidate["axes"]):
@@ -54,7 +54,7 @@ def end_trial(s: Record) -> None:
     s["shadow"] = NO_SHADOW
 
 
-@compiled
+@compiled.rare
 def promote(p: Record, s: Record) -> bool:
     """Begin the trial; False where there is no candidate, or nothing is tracked that could be compared."""
     if s["shadow"] != SHADOWING or s["state"] != TRACKING:

@@ -38,7 +38,7 @@ def swap_axis(old: Record, new: Record, s: Record) -> None:
     s["closed"] = 0
 
 
-@compiled
+@compiled.rare
 def swap_cell(old: Record, new: Record, s: Record) -> None:
     """Carry the whole cell over; the caller uses `new` from this cycle on."""
     for i in range(new["axes"]):

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.bus.cyclic import call_context
 from micromanip.errors import CheckFailed
 from micromanip.faults import FaultReport, latched
 from micromanip.rt.arming import planned_cycles
-from micromanip.rt.intrinsics import call_context
 from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import ARM, NO_COMMAND, READY, TRACKING
 from micromanip.rt.telemetry import ROW

@@ -17,7 +17,8 @@ from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.worker import Rules, Worker
 from micromanip.emulation.devices import Devices
-from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING, exchange_image
+from micromanip.rt.bus_exchange import exchange_image
+from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.settings.check import prepare
 

@@ -14,7 +14,8 @@ from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
 from micromanip.bus.worker import Rules, Worker
-from micromanip.rt.bus_image import AT_REST, AWAY, FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN, exchange_image
+from micromanip.rt.bus_exchange import exchange_image
+from micromanip.rt.bus_image import AT_REST, AWAY, FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
 MS = 1_000_000

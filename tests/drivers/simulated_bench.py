@@ -10,7 +10,7 @@ from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.options import Options
 from micromanip_drivers.simulated.records import CHANNELS, CONTEXT
 
-from micromanip.rt.intrinsics import call_context
+from micromanip.bus.cyclic import call_context
 from micromanip.rt.records import SIGNAL
 from micromanip.settings.check import prepare
 

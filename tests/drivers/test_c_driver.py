@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ConfigDict
 
-from micromanip.bus.cyclic import CyclicDriver, Functions
-from micromanip.rt.intrinsics import call_context
+from micromanip.bus.cyclic import CyclicDriver, Functions, call_context
 from micromanip.rt.states import ARM, DRIVER_ERROR, FAULT, READY, TRACKING
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.faults import AxisFaults, StrainInvalid

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from micromanip.bus.image import ProcessImage
 from micromanip.rt import bus_image as im
+from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
 
@@ -18,23 +20,24 @@ def new(inputs=3, outputs=2, silent_ns=1000):
 
 
 def up(image, now_ns=0):
-    im.tell(image, im.EPOCH, im.ask(image, im.EPOCH) + 1)
-    im.tell(image, im.ALIVE_NS, now_ns)
-    im.tell(image, im.LINK, im.LINK_UP)
-    im.tell(image, im.OUTPUT_STATE, im.FOLLOWING)
-    im.tell(image, im.AT_REST, 1)
+    worker = ProcessImage(image)
+    worker.tell(im.EPOCH, worker.ask(im.EPOCH) + 1)
+    worker.tell(im.ALIVE_NS, now_ns)
+    worker.tell(im.LINK, im.LINK_UP)
+    worker.tell(im.OUTPUT_STATE, im.FOLLOWING)
+    worker.tell(im.AT_REST, 1)
 
 
 def exchange(image, now_ns=0, outputs=None, signals=None):
     signals = np.zeros(MAX_SIGNALS, SIGNAL) if signals is None else signals
     given = np.zeros(MAX_OUTPUTS) if outputs is None else outputs
-    return im.exchange_image(image[0], given, signals, now_ns), signals
+    return exchange_image(image[0], given, signals, now_ns), signals
 
 
 def test_a_sample_goes_through():
     image = new()
-    im.publish(image, 1, 12.5, 700, 0, 0)
-    im.publish(image, 1, 13.5, 800, 4, 2)
+    ProcessImage(image).publish_sample(1, 12.5, 700, 0, 0)
+    ProcessImage(image).publish_sample(1, 13.5, 800, 4, 2)
     _, signals = exchange(image, 900)
     assert signals[1].tolist() == (13.5, 800, 4, 4)  # value, time, sequence with the two lost, status
     assert signals[0].tolist() == (0.0, 0, 0, 0)
@@ -42,24 +45,26 @@ def test_a_sample_goes_through():
 
 def test_a_sample_taken_after_the_deadline_counts_as_taken_then():
     image = new()
-    im.publish(image, 0, 1.0, 950, 0, 0)
+    ProcessImage(image).publish_sample(0, 1.0, 950, 0, 0)
     assert exchange(image, 900)[1][0]["time_ns"] == 900
 
 
 @given(st.lists(st.lists(st.floats(-200, 200), min_size=2, max_size=2), min_size=1, max_size=20))
 def test_the_newest_outputs_are_taken(history):
-    image, values = new(), np.zeros(MAX_OUTPUTS)
+    image = new()
+    worker = ProcessImage(image)
     for k, outputs in enumerate(history):
         padded = np.zeros(MAX_OUTPUTS)
         padded[:2] = outputs
         exchange(image, k, padded)
-    assert im.take_outputs(image, values) == len(history) - 1
+    values, written_ns = worker.wanted()
+    assert written_ns == len(history) - 1
     assert values[:2].tolist() == history[-1]
 
 
 def test_a_half_written_sample_is_not_taken():
     image = new()
-    im.publish(image, 0, 1.0, 10, 0, 0)
+    ProcessImage(image).publish_sample(0, 1.0, 10, 0, 0)
     _, signals = exchange(image, 20)
     image[0]["input_turn"][0] |= 1  # the writer is in the middle, or was killed there
     image[0]["input"][0]["value"] = 99.0
@@ -69,22 +74,26 @@ def test_a_half_written_sample_is_not_taken():
 
 def test_a_worker_that_takes_over_drops_what_was_half_written():
     image = new()
-    im.publish(image, 0, 1.0, 10, 0, 0)
+    ProcessImage(image).publish_sample(0, 1.0, 10, 0, 0)
     image[0]["input_turn"][0] |= 1
     image[0]["input"][0]["value"] = 99.0
-    im.take_over(image)
+    ProcessImage(image).take_over()
     _, signals = exchange(image, 20)
     assert (signals[0]["sequence"], signals[0]["status"]) == (1, im.DOWN)
-    im.publish(image, 0, 2.0, 30, 0, 0)
+    ProcessImage(image).publish_sample(0, 2.0, 30, 0, 0)
     _, signals = exchange(image, 40, signals=signals)
     assert signals[0].tolist() == (2.0, 30, 2, 0)
 
 
 def test_outputs_that_are_just_being_written_are_not_taken():
-    image, values = new(), np.full(MAX_OUTPUTS, 7.0)
-    exchange(image, 5, np.arange(MAX_OUTPUTS, dtype=float))
+    image = new()
+    worker = ProcessImage(image)
+    exchange(image, 5, np.full(MAX_OUTPUTS, 7.0))
+    worker.wanted()
+    exchange(image, 6, np.full(MAX_OUTPUTS, 8.0))
     image[0]["words"][im.OUTPUT_TURN] |= 1
-    assert im.take_outputs(image, values) == -1
+    values, written_ns = worker.wanted()
+    assert (values[:2].tolist(), written_ns) == ([7.0, 7.0], 5)
 
 
 def test_the_link_is_down_until_it_has_held_a_cycle():
@@ -100,9 +109,9 @@ def test_outputs_that_follow_are_at_rest_where_the_worker_says_so():
         image = new(outputs=outputs)
         up(image, 100)
         exchange(image, 200)
-        im.tell(image, im.AT_REST, 0)
+        ProcessImage(image).tell(im.AT_REST, 0)
         assert exchange(image, 300)[0] == code
-        im.tell(image, im.AT_REST, 1)
+        ProcessImage(image).tell(im.AT_REST, 1)
         assert exchange(image, 400)[0] == 0
 
 
@@ -112,13 +121,13 @@ def test_outputs_that_do_not_follow_are_seen_in_the_very_next_cycle(state):
     up(image, 100)
     exchange(image, 200)
     assert exchange(image, 300)[0] == 0
-    im.tell(image, im.OUTPUT_STATE, state)
+    ProcessImage(image).tell(im.OUTPUT_STATE, state)
     assert exchange(image, 400)[0] == im.TAKEN
-    im.tell(image, im.LINK, im.LINK_DOWN)
+    ProcessImage(image).tell(im.LINK, im.LINK_DOWN)
     assert exchange(image, 500)[0] == im.DOWN  # the graver news
     bus_without_outputs = new(outputs=0)
     up(bus_without_outputs, 100)
-    im.tell(bus_without_outputs, im.OUTPUT_STATE, state)
+    ProcessImage(bus_without_outputs).tell(im.OUTPUT_STATE, state)
     exchange(bus_without_outputs, 200)
     assert exchange(bus_without_outputs, 300)[0] == 0
 
@@ -136,7 +145,7 @@ def test_a_link_that_came_back_between_two_cycles_was_lost_all_the_same():
     up(image, 100)
     exchange(image, 200)
     assert exchange(image, 300)[0] == 0
-    im.tell(image, im.LINK, im.LINK_DOWN)
+    ProcessImage(image).tell(im.LINK, im.LINK_DOWN)
     up(image, 310)
     assert exchange(image, 400)[0] == im.DOWN
     assert exchange(image, 500)[0] == 0
@@ -146,12 +155,13 @@ def test_a_link_that_came_back_between_two_cycles_was_lost_all_the_same():
 def test_no_reader_ever_sees_half_a_sample():
     """A writer in another thread, without the interpreter's lock: value and time always belong together."""
     image, ends = new(), threading.Event()
+    worker = ProcessImage(image)
 
     def write():
         k = 0
         while not ends.is_set():
             k += 1
-            im.publish(image, 0, float(k), k, 0, 0)
+            worker.publish_sample(0, float(k), k)
 
     writer = threading.Thread(target=write)
     writer.start()

@@ -23,7 +23,6 @@ def test_compiled_or_not():
 @pytest.mark.compiled_only
 def test_compiled_code_holds_the_rules():
     """No GIL, no exceptions, no fast-math."""
-    play(1.0, 2.0, 3.0)
     options = play.targetoptions
     assert options["nogil"]
     assert options["error_model"] == "numpy"

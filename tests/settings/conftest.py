@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from micromanip.errors import ConfigError
+from micromanip.rt.jit import Compiled
 from micromanip.settings.load import load
 
 GOOD = Path(__file__).with_name("cell.yaml")
@@ -40,3 +41,9 @@ def cell(tmp_path, monkeypatch):
 @pytest.fixture(scope="module")
 def good_lines():
     return Cell.text.splitlines()
+
+
+@pytest.fixture(autouse=True)
+def _laws_as_in_the_host(monkeypatch):
+    """A configuration is checked and compiled to gains without a compiler: the laws it calls are plain Python."""
+    monkeypatch.setattr(Compiled, "laws_compiled", False)

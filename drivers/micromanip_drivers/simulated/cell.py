@@ -7,10 +7,11 @@ from typing import Any
 import numba
 from numba import types
 
-from micromanip.driver import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, SIGNAL, minimum_jerk, now_ns, sleep_until
+from micromanip.driver import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, SIGNAL, now_ns, sleep_until
 
 from .bus import receive_samples, send_outputs, send_samples, write
 from .compiled import compiled
+from .discharge import DISCHARGE_STEP_NS, DISCHARGE_STEPS, begin_discharge, discharge_to, end_discharge
 from .faults import disturb, exchange_error, remember
 from .lines import advance_lines, cut_share, follow_enable, latch_switches, powered, read_lines, worked_periods
 from .plant import drive, machining_force, move, quantised
@@ -24,8 +25,6 @@ from .records import (
     SUBSTEPS,
 )
 from .sensors import read
-
-_DISCHARGE_STEPS, _DISCHARGE_STEP_NS = 200, 1_000_000
 
 
 @compiled
@@ -146,19 +145,13 @@ def open_c(context: Any) -> Any:
 
 @compiled
 def discharge(c: Any) -> None:
-    """Every voltage to 0 in 0.2 s: a step would ring the flexure. A stall draws it out, and makes no step either."""
-    charged = False
-    for i in range(c["axes"]):
-        s = c["s"][i]
-        s["charged_V"] = s["latched_V"]
-        charged = charged or s["charged_V"] != 0.0
-    step = 0
-    while charged and step < _DISCHARGE_STEPS:
+    """Every voltage to 0 in 0.2 s."""
+    step = begin_discharge(c)
+    while step < DISCHARGE_STEPS:
         step += 1
-        for i in range(c["axes"]):
-            s = c["s"][i]
-            s["latched_V"] = s["charged_V"] * (1.0 - minimum_jerk(step / _DISCHARGE_STEPS))
-        sleep_until(c["timespec"], now_ns(c["timespec"]) + _DISCHARGE_STEP_NS)
+        discharge_to(c, step)
+        sleep_until(c["timespec"], now_ns(c["timespec"]) + DISCHARGE_STEP_NS)
+    end_discharge(c)
 
 
 @compiled.c_function(_CONTEXT_FUNCTION)
@@ -166,8 +159,6 @@ def safe_c(context: Any) -> Any:
     """Discharge, noted for whoever looks."""
     c = numba.carray(context, 1)[0]
     discharge(c)
-    c["lines"]["amplifier_enable"] = 0
-    c["safe"] = 1
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions
 
 from . import mechanics
 from . import options as o
+from .discharge import discharge_in_host
 from .records import (
     AXIS_LINES,
     CARRIED,
@@ -113,6 +115,9 @@ class SimulatedCell(CyclicDriver):
         from . import cell  # compiled or loaded only where it is going to be called
 
         return Functions(cell.open_c.address, cell.exchange_c.address, cell.safe_c.address, cell.close_c.address)
+
+    def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
+        return discharge_in_host
 
     def _unknown(self, channel: str) -> str:
         """What to say of a channel that is none of the inputs."""

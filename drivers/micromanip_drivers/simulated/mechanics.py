@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from .options import Plant
 
@@ -36,6 +35,8 @@ def continuous(plant: Plant) -> tuple[Matrix, Matrix]:
 
 def discrete(plant: Plant, step_s: float) -> tuple[Matrix, Matrix]:
     """Exact zero-order-hold discretisation of `continuous` over `step_s`."""
+    from scipy.linalg import expm  # not for the loop's process, which only computes with what comes out
+
     a, b = continuous(plant)
     block = np.zeros((7, 7))
     block[:5, :5], block[:5, 5:] = a, b

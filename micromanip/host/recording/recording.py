@@ -17,14 +17,16 @@ import importlib.util
 import tempfile
 from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
 from micromanip.host.child import Child
-from micromanip.host.controller import Controller
 from micromanip.replies import Recorded
 
 from .unclosed import close_unclosed
+
+if TYPE_CHECKING:  # the recorder's process needs the layout only
+    from micromanip.host.controller import Controller
 
 ROWS, STATE, PARAMETERS = "rows", "state", "parameters"
 LOST, COMPLETE, PROBLEM = "lost", "complete", "problem"

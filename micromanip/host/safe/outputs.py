@@ -11,11 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 from micromanip.bus.bridge import BusBridge
-from micromanip.bus.cyclic import CyclicDriver
+from micromanip.bus.cyclic import CyclicDriver, call_context
 from micromanip.bus.device_lock import DeviceLocks
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.errors import CheckFailed, DeviceUnavailable
-from micromanip.rt.intrinsics import call_context
 
 from .bus_rest import BusRest
 from .plan import SafePlan

@@ -1,0 +1,91 @@
+"""The loop's side of a process image: outputs left for the worker, what has come taken, and whether the link is up."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .bus_image import (
+    ALIVE_NS,
+    AT_REST,
+    AWAY,
+    DOWN,
+    EPOCH,
+    EPOCH_SEEN,
+    FOLLOWING,
+    LINK,
+    LINK_UP,
+    OUTPUT_STATE,
+    OUTPUT_TURN,
+    TAKEN,
+    TRIES,
+    WRITTEN_NS,
+)
+from .intrinsics import fence, load_acquire, store_release
+from .jit import compiled
+from .records import Record
+
+
+@compiled
+def begin_turn(words: Any, index: int) -> None:
+    """Before a payload is written: its turn is odd, and seen to be so before any of the payload."""
+    store_release(words, index, words[index] | 1)
+    fence()
+
+
+@compiled
+def end_turn(words: Any, index: int) -> None:
+    """After a payload has been written."""
+    store_release(words, index, words[index] + 1)
+
+
+@compiled
+def leave_outputs(c: Record, outputs: Any, now_ns: int) -> None:
+    """The loop leaves its `outputs`, decided at `now_ns`."""
+    begin_turn(c["words"], OUTPUT_TURN)
+    for i in range(c["outputs"]):
+        c["value"][i] = outputs[i]
+    c["words"][WRITTEN_NS] = now_ns
+    end_turn(c["words"], OUTPUT_TURN)
+
+
+@compiled
+def take_inputs(c: Record, inputs: Any, now_ns: int) -> None:
+    """The loop takes what has come; a sample taken after `now_ns`, this cycle's deadline, counts as taken then."""
+    for i in range(c["inputs"]):
+        for _ in range(TRIES):
+            turn = load_acquire(c["input_turn"], i)
+            if turn & 1 != 0:
+                continue
+            source = c["input"][i]
+            value, time_ns = source["value"], source["time_ns"]
+            sequence, status = source["sequence"], source["status"]
+            fence()
+            if load_acquire(c["input_turn"], i) == turn:
+                inputs[i]["value"], inputs[i]["time_ns"] = value, min(time_ns, now_ns)
+                inputs[i]["sequence"], inputs[i]["status"] = sequence, status
+                break
+
+
+@compiled
+def link_is_up(c: Record, now_ns: int) -> bool:
+    """Whether the link was up without a break since the cycle before, and its worker is alive."""
+    words = c["words"]
+    up = load_acquire(words, LINK) == LINK_UP and now_ns - load_acquire(words, ALIVE_NS) <= c["silent_ns"]
+    epoch = load_acquire(words, EPOCH)
+    same = epoch == words[EPOCH_SEEN]
+    words[EPOCH_SEEN] = epoch
+    return up and same
+
+
+@compiled
+def exchange_image(c: Record, outputs: Any, inputs: Any, now_ns: int) -> int:
+    """One exchange of the loop with a bus; 0, DOWN, TAKEN, or AWAY."""
+    leave_outputs(c, outputs, now_ns)
+    take_inputs(c, inputs, now_ns)
+    if not link_is_up(c, now_ns):
+        return DOWN
+    if c["outputs"] == 0:
+        return 0
+    if load_acquire(c["words"], OUTPUT_STATE) != FOLLOWING:
+        return TAKEN
+    return 0 if load_acquire(c["words"], AT_REST) != 0 else AWAY

@@ -1,0 +1,60 @@
+"""What a process need not load it does not: only the loop has a compiler, and a command that asks starts quickly."""
+
+import subprocess
+import sys
+
+import pytest
+
+COMPILER = ("numba", "llvmlite")
+HEAVY = (*COMPILER, "scipy", "matplotlib", "pydantic", "numpy")
+
+
+def loaded(program, names):
+    """Which of `names` a fresh Python has after `program`."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys\n{program}\nprint(*(n for n in {names!r} if n in sys.modules))"],
+        capture_output=True, text=True, timeout=300, check=True,
+    )  # fmt: skip
+    return done.stdout.splitlines()[-1].split()
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "micromanip.host.daemon",
+        "micromanip.cli.check",
+        "micromanip.bus.worker_process",
+        "micromanip.host.recording.recorder",
+        "micromanip.host.trips.process",
+    ],
+)
+def test_only_the_loop_has_a_compiler(module):
+    assert loaded(f"import {module}", COMPILER) == []
+
+
+@pytest.mark.parametrize("module", ["micromanip.host.recording.recorder", "micromanip.host.trips.process"])
+def test_who_reads_the_ring_needs_numpy_only(module):
+    assert loaded(f"import {module}", HEAVY) == ["numpy"]
+
+
+def test_a_host_that_prepares_a_run_has_none():
+    program = """
+from pathlib import Path
+from micromanip.host.controller import Controller
+from micromanip.settings.check import prepare
+controller = Controller(prepare(Path("config/simulated.yaml")), Path("unused"))
+assert controller.make_safe() == {"cell": 0}
+"""
+    assert loaded(program, COMPILER) == []
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["status", "--help"], ["status", "--socket", "/nowhere"]])
+def test_what_asks_starts_quickly(arguments):
+    program = f"""
+from micromanip.cli.main import main
+try:
+    main({arguments!r})
+except SystemExit:
+    pass
+"""
+    assert loaded(program, HEAVY) == []

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.bus.cyclic import call_context
 from micromanip.bus.inspection import findings
 from micromanip.bus.registry import driver_class
 from micromanip.driver.testing import call_context, virtual_cell

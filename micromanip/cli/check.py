@@ -19,8 +19,8 @@ def command(config: Path, as_json: bool) -> None:
     Exit code 78 with one line FILE:LINE: KEY: what is wrong, for each problem.
     """
     from micromanip.settings.check import prepare
+    from micromanip.settings.commissioned import changes_since
     from micromanip.settings.feedback import feedback_warnings, strain_loops
-    from micromanip.settings.schema.commissioned import changes_since
     from micromanip.settings.wiring.buses import budget as bus_budget
     from micromanip.virtual.cycle_budget import measure
 

@@ -24,7 +24,7 @@ from micromanip.replies import Status
 from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import Prepared, refuse_real
-from micromanip.settings.schema.commissioned import changes_since
+from micromanip.settings.commissioned import changes_since
 from micromanip.settings.text.source import Source
 
 from .audit import AuditTrail

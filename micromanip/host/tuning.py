@@ -12,9 +12,9 @@ from micromanip.replies import Change, Differences, Jogged, Parameter, Saved, Sw
 from micromanip.rt.states import FAULT, OFF, READY, STATE_NAMES, TRACKING
 from micromanip.settings.change import DISARM
 from micromanip.settings.check import validate
+from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import validate_document
 from micromanip.settings.protection import WEAKENS
-from micromanip.settings.schema.commissioned import changes_since
 from micromanip.settings.schema.reference import Jog
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.place import Path as KeyPath

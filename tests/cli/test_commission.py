@@ -8,8 +8,8 @@ import pytest
 
 from micromanip.cli.main import main
 from micromanip.design import paper
+from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import load_with_source
-from micromanip.settings.schema.commissioned import changes_since
 
 pytestmark = pytest.mark.xdist_group("commission")  # what the tests share is made once, not by each worker
 

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.cli.main import main
+from micromanip.settings.commissioned import changes_since, tuning_hash
 from micromanip.settings.load import load
-from micromanip.settings.schema.axis import Axis, Inner, SetPoint
-from micromanip.settings.schema.commissioned import Commissioned, changes_since, tuning_hash
+from micromanip.settings.schema.axis import Axis, Commissioned, Inner, SetPoint
 from micromanip.settings.write import with_models
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from micromanip.errors import ConfigError, UsageError
 from micromanip.settings.change import RESTART, leaves, needs
 from micromanip.settings.check import prepared, revise, validate
+from micromanip.settings.commissioned import changes_since
 from micromanip.settings.feedback import feedback_warnings, strain_loops
-from micromanip.settings.schema.commissioned import changes_since
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.shape import Shape

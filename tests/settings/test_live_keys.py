@@ -14,7 +14,7 @@ from micromanip.errors import ConfigError, UsageError
 from micromanip.host import bus_worker
 from micromanip.settings.change import RESTART, leaves, needed, needs
 from micromanip.settings.check import prepared, revise, validate
-from micromanip.settings.schema.commissioned import changes_since
+from micromanip.settings.commissioned import changes_since
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.shape import Shape

@@ -14,7 +14,6 @@ from micromanip.control.pid import pid_gains
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
-from micromanip.settings.schema.frame import frame_of
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import Configuration, Output, Signal, Start
 from micromanip.settings.schema.reference import Tracker
@@ -103,7 +102,7 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     a["voltage"] = wiring.outputs[f"voltage_{name}"]
     a["strain_age_ns"] = _max_age_ns(configuration.signals.get(f"strain_{name}"))
     a["stage_age_ns"] = _max_age_ns(configuration.signals.get(f"stage_{name}"))
-    frame = frame_of(configuration)
+    frame = configuration.frame
     followed = (f"deviation_{name}",) if frame is None else frame.signals
     a["reference_age_ns"] = min(_max_age_ns(configuration.signals.get(each)) for each in followed)
     for role in ("strain", "stage"):
@@ -116,7 +115,7 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
 
 def _fill_frame(f: Any, configuration: Configuration, wiring: Wiring) -> None:
     """How the deviations come of the tracker's own coordinates."""
-    frame = frame_of(configuration)
+    frame = configuration.frame
     if frame is None:
         return
     rows, columns = np.shape(frame.matrix)

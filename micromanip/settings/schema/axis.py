@@ -21,7 +21,6 @@ from micromanip.quantities import (
 from micromanip.rt.laws.estimator import MAX_STATES
 
 from .base import Settings
-from .commissioned import Commissioned
 from .faults import AxisFaults
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
 
@@ -98,6 +97,20 @@ class Outer(Settings):
     oscillation_um: Distance = Field(default=1e-3, description="Noise of that oscillator, rms a cycle.")
     sensor_noise_um: Distance = Field(default=0.012, description="Noise of the capacitive sensor, rms.")
     sample_cycles: int = Field(default=1, strict=True, ge=1, le=64, description="Loop cycles between sensor samples.")
+
+
+HASH_DIGITS = 16
+
+
+class Commissioned(Settings):
+    """What `commission` notes beside the tuning that it wrote; `check` and `run` warn where the two differ."""
+
+    hash: str = Field(
+        pattern=f"^[0-9a-f]{{{HASH_DIGITS}}}$",
+        description="Of the axis' tuning: its keys with their values, without limits, authority and this section.",
+    )
+    report: str = Field(min_length=1, description="File name of the report.")
+    date: str = Field(min_length=1, description="Day of the commissioning.")
 
 
 class Axis(Settings):

@@ -32,7 +32,8 @@ from micromanip.rt.records import MAX_AXES, MAX_DRIVERS, MAX_OUTPUTS, MAX_SIGNAL
 from .axis import Axis
 from .base import Flag, Settings
 from .faults import Faults
-from .reference import Reference
+from .frame import Frame
+from .reference import Reference, Tracker
 
 SCHEMA_VERSION = 1
 
@@ -274,6 +275,11 @@ class Configuration(Settings):
         description="The plant behind the devices that `micromanip simulate-device` plays; besides `driver` "
         "it takes the keys of that driver. `run` does not use it.",
     )
+
+    @property
+    def frame(self) -> Frame | None:
+        """The tracker's frame, where there is one."""
+        return self.reference.frame if isinstance(self.reference, Tracker) else None
 
 
 __all__ = ["SCHEMA_VERSION", "Configuration", "Control", "Count", "Driver", "Loop", "Output", "Signal", "Start"]

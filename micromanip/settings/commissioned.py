@@ -5,29 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pydantic import Field
-
+from micromanip.settings.schema.axis import HASH_DIGITS, Axis
 from micromanip.settings.text.digits import rounded
-
-from .base import Settings
-
-if TYPE_CHECKING:
-    from .axis import Axis
-
-_HASH_DIGITS = 16
-
-
-class Commissioned(Settings):
-    """What `commission` notes beside the tuning that it wrote; `check` and `run` warn where the two differ."""
-
-    hash: str = Field(
-        pattern=f"^[0-9a-f]{{{_HASH_DIGITS}}}$",
-        description="Of the axis' tuning: its keys with their values, without limits, authority and this section.",
-    )
-    report: str = Field(min_length=1, description="File name of the report.")
-    date: str = Field(min_length=1, description="Day of the commissioning.")
 
 
 def tuning_hash(axis: Axis) -> str:
@@ -40,7 +21,7 @@ def tuning_hash(axis: Axis) -> str:
     """
     tuning = _canonical(axis.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"}))
     text = json.dumps(tuning, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()[:_HASH_DIGITS]
+    return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 
 
 def changes_since(axes: Mapping[str, Axis]) -> list[str]:

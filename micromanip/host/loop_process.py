@@ -27,9 +27,9 @@ from micromanip.rt.states import ARM, READY
 from micromanip.rt.telemetry import ROW
 from micromanip.rt.virtual import run_virtual
 
+from .control.socket_file import remove_stale
 from .realtime import enter_real_time, missing_rights
 from .shared_memory import CONTROL, RING, STATUS, Segments
-from .socket_file import remove_stale
 
 _WARM_CYCLES = 3000
 

@@ -19,7 +19,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.buses import bus_findings
-from micromanip.settings.wiring.places import Wiring, wire
+from micromanip.settings.wiring.places import Wiring, driver_options, wire
 from micromanip.settings.wiring.simulated import simulated_findings
 from micromanip.settings.wiring.simulation import build_plant
 
@@ -87,12 +87,20 @@ def validate(source: Source) -> Configuration:
     return configuration
 
 
-def revise(running: Prepared, source: Source) -> Prepared:
-    """`source` checked and compiled to take the place of `running`, on its drivers as they are.
+def validate_with_options(source: Source) -> Configuration:
+    """As `validate`, but the options of the drivers are looked at too."""
+    configuration = validate(source)
+    for name, entry in configuration.drivers.items():
+        driver_options(source, name, entry)
+    return configuration
+
+
+def revise(running: Prepared, configuration: Configuration, source: Source) -> Prepared:
+    """`configuration`, which `source` validated to, compiled to take the place of `running` on its drivers as they are.
 
     It must name the same drivers, channels and axes (see `change`); raises ConfigError as `prepare` does.
     """
-    configuration, wiring = validate(source), running.wiring
+    wiring = running.wiring
     _refuse(source, _wired_findings(configuration, wiring))
     same = configuration.reference == running.configuration.reference
     samples = running.samples if same else load_samples(configuration, source)

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import os
 import re
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -106,14 +107,14 @@ def swapped(prepared, tmp_path_factory):
                 for _ in range(ATTEMPTS):
                     await pass_cycles(controller, 3000)
                     before = int(controller.words[w.VERSION_ACTIVE])
-                    await controller.apply(new)
+                    await controller.apply(replace(prepared, parameters=new))
                     assert controller.words[w.VERSION_ACTIVE] == before + 1
                     await pass_cycles(controller, 2000)
                     assert controller.state == "TRACKING", (name, controller.fault())
                     assert controller.fault() is None
                     near = rows_of(controller.ring)[-10_000:]
                     rows[name] = near[(near["version"] >= before) & (near["state"] == TRACKING)]
-                    await controller.apply(prepared.parameters)
+                    await controller.apply(prepared)
                     if rows[name]["periods"].max() <= KICK:
                         break
         return rows
@@ -204,7 +205,7 @@ def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
 
     async def during(controller):
         await pass_cycles(controller, 4000)
-        await controller.apply(new)
+        await controller.apply(replace(prepared, parameters=new))
         await pass_cycles(controller, 4000)
 
     said, _, file = record(prepared, tmp_path, during)
@@ -224,7 +225,7 @@ def test_recording_over_quick_swaps_has_every_set(prepared, tmp_path):
     async def during(controller):
         for k in range(20):
             new[0]["axis"]["pid"]["gain"] = 0.4 + 0.01 * k
-            await controller.apply(new)
+            await controller.apply(replace(prepared, parameters=new))
         await pass_cycles(controller, 2000)
 
     _, _, file = record(prepared, tmp_path, during)

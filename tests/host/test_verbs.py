@@ -1,5 +1,6 @@
 """Values changed while it runs: whole or not at all, each refusal with its reasons, everything noted."""
 
+import contextlib
 import re
 
 import pytest
@@ -164,13 +165,13 @@ def test_what_needs_disarm_at_rest(cell, state):
 def test_armed_at_the_last_moment(cell):
     """The state counts at the swap, not when the values were checked."""
     cell.controller.state = "READY"
-    adopt = cell.controller.adopt
 
-    async def arm_before(prepared, permit):
+    @contextlib.asynccontextmanager
+    async def arm_before():
         cell.controller.state = "ARMING"
-        return await adopt(prepared, permit)
+        yield
 
-    cell.controller.adopt = arm_before
+    cell.controller.commanding = arm_before
     refused(cell, CheckFailed, f".* the state is ARMING: {CENTRE} needs disarm", "set", changes={CENTRE: 65})
 
 

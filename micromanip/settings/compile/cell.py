@@ -15,7 +15,7 @@ from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
 from micromanip.settings.schema.hysteresis import NoModel
-from micromanip.settings.schema.model import Configuration, Output, Signal, Start
+from micromanip.settings.schema.model import PLAUSIBLE_UM, Configuration, Output, Signal, Start
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
@@ -31,7 +31,6 @@ _PROCESS_MARGIN = 2.0
 _NOISE_SIGMA, _PLAUSIBLE_SIGMA, _GAP_SAMPLES = 3.0, 5.0, 4
 _LONGEST_MEAN_S = 1.0
 """Over more than this the mean of what a contact makes only falls."""
-PLAUSIBLE_UM = (-1000.0, 1000.0)
 
 _SCORE_AFTER_S = 1.0
 

@@ -11,6 +11,7 @@ from micromanip.quantities import Micrometres, Real
 from micromanip.rt.laws.coordinate_transform import MAX_FRAME
 
 from .base import Settings
+from .key import NewStart
 
 PREFIX = "tracker_"
 
@@ -18,7 +19,7 @@ PREFIX = "tracker_"
 class Frame(Settings):
     """Tracker coordinates to axes: deviation_<axis> = row of the matrix times the signals, plus the offset."""
 
-    signals: tuple[str, ...] = Field(
+    signals: NewStart[tuple[str, ...]] = Field(
         min_length=1, max_length=MAX_FRAME, description="Signals with the tracker's coordinates, named tracker_<name>."
     )
     matrix: tuple[tuple[Real, ...], ...] = Field(

@@ -28,7 +28,7 @@ def command(config: Path, as_json: bool) -> None:
     configuration, wiring = prepared.configuration, prepared.wiring
     budget = measure(prepared) if wiring.virtual else None
     loop = configuration.loop
-    warnings = [*changes_since(configuration.axes), *feedback_warnings(configuration, wiring)]
+    warnings = [*prepared.source.notes, *changes_since(configuration.axes), *feedback_warnings(configuration, wiring)]
     report: dict[str, Any] = {
         "ok": True,
         "warnings": warnings,

@@ -129,7 +129,7 @@ class Daemon:
 
     async def _supervise(self) -> Report:
         rights = missing_rights(int(self._controller.words[w.RIGHTS]))
-        for advice in (*rights, *changes_since(self._prepared.configuration.axes)):
+        for advice in (*rights, *self._prepared.source.notes, *changes_since(self._prepared.configuration.axes)):
             self._say(f"WARNING: {advice}")
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]

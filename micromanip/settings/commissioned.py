@@ -9,6 +9,7 @@ from typing import Any
 
 from micromanip.settings.schema.axis import HASH_DIGITS, Axis
 from micromanip.settings.text.digits import rounded
+from micromanip.settings.text.renames import first_names
 
 
 def tuning_hash(axis: Axis) -> str:
@@ -17,9 +18,11 @@ def tuning_hash(axis: Axis) -> str:
     The note of the commissioning itself, limits and authority are not.
 
     Canonical JSON, keys sorted, numbers rounded as where they are written to a file: a file that was written
-    and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out.
+    and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out. A key
+    counts by the name that it was given first, so a report stays that of its axis where a later layout has another.
     """
-    tuning = _canonical(axis.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"}))
+    tuning = axis.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"})
+    tuning = _canonical(first_names(tuning, ("axes", "*")))
     text = json.dumps(tuning, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 

@@ -87,7 +87,9 @@ SWAPS = {
     "PID times": {"inner": lambda axis: axis.inner.model_copy(update={"Ti_ms": 1.0, "Td_ms": 0.05, "filter_ms": 0.5})},
     "hysteresis model": {"hysteresis": lambda axis: axis.hysteresis_affine},
     "feedforward off": {"inner": lambda axis: axis.inner.model_copy(update={"mode": "pid"})},
-    "outer loop": {"outer": lambda axis: axis.outer.model_copy(update={"effort": 30.0, "disturbance_um": 0.03})},
+    "outer loop": {
+        "outer": lambda axis: axis.outer.model_copy(update={"control_weight": 30.0, "disturbance_um": 0.03})
+    },
 }
 
 

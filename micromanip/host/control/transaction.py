@@ -173,7 +173,7 @@ class Tuning:
         prepared, version = await self._transact(verb, source)
         new = prepared.configuration
         since = [text for text in changes_since(new.axes) if text not in changes_since(old.axes)]
-        return Swap(version=version, changed=changes(old, new), warnings=since)
+        return Swap(version=version, changed=changes(old, new), warnings=[*source.notes, *since])
 
     async def save(self, *, force: bool) -> Saved:
         """Write the running values into the file.

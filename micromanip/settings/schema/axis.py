@@ -87,7 +87,7 @@ class Outer(Settings):
     """Kalman filter and LQG on the capacitive sensor."""
 
     model: LinearModel
-    effort: Positive = Field(
+    control_weight: Positive = Field(
         default=10.0,
         description="LQR weight of the set-point, beside 1 of the error; smaller is faster and less robust.",
     )

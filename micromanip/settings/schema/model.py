@@ -253,7 +253,9 @@ class Switches(Settings):
 class Configuration(Settings):
     """The whole file."""
 
-    schema_version: NewStart[Literal[1]] = Field(description="Version of this layout.")
+    schema_version: NewStart[Literal[2]] = Field(
+        description="Version of this layout; a file of version 1 is read all the same."
+    )
     loop: NewStart[Loop]
     start: AtRest[Start] = Start()
     drivers: NewStart[dict[str, Driver]] = Field(

@@ -30,10 +30,10 @@ from micromanip.rt.states import (
 from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
-from .control.refusals import axis_refusals, output_refusals, refusals
 from .loop_orders import loop_orders
 from .messages import fault_message
 from .parameter_buffers import ParameterSlots
+from .refusals import axis_refusals, output_refusals, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
 
 _ANSWER_S = 1.0

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from micromanip.host.control.refusals import axis_refusals, refusals
+from micromanip.host.refusals import axis_refusals, refusals
 from micromanip.rt.arming import forget_checks
 from micromanip.rt.phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from micromanip.rt.states import (

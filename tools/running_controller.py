@@ -45,7 +45,7 @@ WAITING = (("arm_on_start: true", "arm_on_start: false"),)
 
 # Overruns can be told from a noisy machine's stalls only with a long period: 3 of these are 15 ms.
 SLOW = """\
-schema_version: 1
+schema_version: 2
 loop: {rate_hz: 200, cpu: null, spin_us: 10, limits: hardware}
 start: {lift_s: 0.1, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.2}
 faults: {deadline: {share_percent: null}, hold: {timeout_s: 0.2}}

@@ -16,7 +16,7 @@ from .options import StrictCommand, json_option, print_json, socket_option
 from .parameters import echo_changes
 
 
-@click.command("shadow", cls=StrictCommand, epilog="Example: micromanip shadow axes.x.outer.effort=12")
+@click.command("shadow", cls=StrictCommand, epilog="Example: micromanip shadow axes.x.outer.control_weight=12")
 @click.argument("assignments", nargs=-1, metavar="[KEY=VALUE...]")
 @socket_option
 @json_option

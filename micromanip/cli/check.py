@@ -19,8 +19,8 @@ def command(config: Path, as_json: bool) -> None:
     Exit code 78 with one line FILE:LINE: KEY: what is wrong, for each problem.
     """
     from micromanip.settings.check import prepare
+    from micromanip.settings.commissioned import changes_since
     from micromanip.settings.feedback import feedback_warnings, strain_loops
-    from micromanip.settings.schema.commissioned import changes_since
     from micromanip.settings.wiring.buses import budget as bus_budget
     from micromanip.virtual.cycle_budget import measure
 
@@ -28,7 +28,7 @@ def command(config: Path, as_json: bool) -> None:
     configuration, wiring = prepared.configuration, prepared.wiring
     budget = measure(prepared) if wiring.virtual else None
     loop = configuration.loop
-    warnings = [*changes_since(configuration.axes), *feedback_warnings(configuration, wiring)]
+    warnings = [*prepared.source.notes, *changes_since(configuration.axes), *feedback_warnings(configuration, wiring)]
     report: dict[str, Any] = {
         "ok": True,
         "warnings": warnings,

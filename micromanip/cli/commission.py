@@ -148,7 +148,8 @@ def write_results(
     The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room.
     """
     from micromanip.design.commission.report import write_report
-    from micromanip.settings.schema.commissioned import Commissioned, tuning_hash
+    from micromanip.settings.commissioned import tuning_hash
+    from micromanip.settings.schema.axis import Commissioned
     from micromanip.settings.write import with_tuning, write_atomically
 
     today = datetime.datetime.now(datetime.UTC).date().isoformat()

@@ -6,7 +6,7 @@ after its delay:
 
     x+ = A x + B (u[k-d] + w + o),   y = C x
 
-The regulator minimises ``sum y^2 + effort u^2`` on the controllable states. References and disturbances are
+The regulator minimises ``sum y^2 + control_weight u^2`` on the controllable states. References and disturbances are
 handled by the regulator equations ``Pi S = A Pi + B Gamma + E``, ``C Pi = C_ref``, so that they
 are followed, or cancelled, without error in the model: ``u = -K x + (Gamma + K Pi) w``.
 """
@@ -44,7 +44,7 @@ class OuterSettings(Protocol):
     @property
     def model(self) -> LinearModel: ...
     @property
-    def effort(self) -> float: ...
+    def control_weight(self) -> float: ...
     @property
     def input_noise_um(self) -> float: ...
     @property
@@ -151,12 +151,12 @@ def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int)
 
 
 def regulate(
-    A: Matrix, B: Matrix, C: Matrix, controllable: int, effort: float, S: Matrix
+    A: Matrix, B: Matrix, C: Matrix, controllable: int, weight: float, S: Matrix
 ) -> tuple[Matrix, Matrix, Matrix]:
     """LQR gain K (nc,), feedforward (nd,) of the disturbances and (5,) of the reference with transition `S`."""
     Ac, Bc, Cc = A[:controllable, :controllable], B[:controllable, None], C[:controllable]
-    P = solve_discrete_are(Ac, Bc, np.outer(Cc, Cc), np.array([[effort]]))
-    K = np.linalg.solve(Bc.T @ P @ Bc + effort, Bc.T @ P @ Ac)[0]
+    P = solve_discrete_are(Ac, Bc, np.outer(Cc, Cc), np.array([[weight]]))
+    K = np.linalg.solve(Bc.T @ P @ Bc + weight, Bc.T @ P @ Ac)[0]
     E, D = A[:controllable, controllable:], A[controllable:, controllable:]
     exo = np.asarray(block_diag(D, S))
     forcing = np.hstack([E, np.zeros((controllable, len(S)))])
@@ -185,7 +185,7 @@ def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period
     A, B, C, controllable = augment(outer, period_s)
     omega = 2 * np.pi * (reference.oscillation_Hz if reference else 1.0)
     S = reference_transition(omega, period_s)
-    K, disturbance, following = regulate(A, B, C, controllable, outer.effort, S)
+    K, disturbance, following = regulate(A, B, C, controllable, outer.control_weight, S)
     L, variance = observer_gain(outer, A, C, controllable)
     n = len(outer.model.A)
     b = np.array(outer.model.B, dtype=float)

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -182,38 +182,29 @@ class Controller:
             reasons += axis_refusals(int(cell["axis"][i]["refused"]), name)
         return [*reasons, *map(str, self.faults()[-1:])]
 
-    async def adopt(self, prepared: Prepared, permit: Callable[[], None]) -> int:
-        """Run `prepared` from the next cycle boundary on; the parameter version then in force.
-
-        `permit` may raise; no command comes between it and the swap. Raises CheckFailed while the loop is starting.
-        """
-
-        def decide() -> None:
-            permit()
-            self.prepared = prepared
-
+    @contextlib.asynccontextmanager
+    async def commanding(self) -> AsyncIterator[None]:
+        """Nobody else commands the loop meanwhile. Raises CheckFailed while the loop is starting."""
         if not await self._is_ready():
             raise CheckFailed("nothing was changed: the controller is still starting")
-        return await self.apply(prepared.parameters, decide)
-
-    async def apply(self, parameters: Any, permit: Callable[[], None] = lambda: None) -> int:
-        """Swap to the parameters (1,) at a cycle boundary; their version. CheckFailed where the loop takes none."""
         async with self._commands:
             self._refuse_dead("nothing was changed")
-            permit()
-            version = self.slots.put_in_force(parameters)
-            await self._take("new parameters", lambda: ask(self.words, w.VERSION_ACTIVE) == version)
-            self.slots.taken()
-            return version
+            yield
 
-    async def offer(self, parameters: Any) -> int:
-        """Let a candidate (1,) compute beside what is in force; its version. CheckFailed where the loop takes none."""
-        async with self._commands:
-            self._refuse_dead("nothing was changed")
-            version = self.slots.offer(parameters)
-            shadow = self.status["shadow"][0]
-            await self._take("candidate", lambda: self.words[w.SHADOW] == SHADOWING and shadow["version"] == version)
-            return version
+    async def apply(self, prepared: Prepared) -> int:
+        """Swap to `prepared` at a cycle boundary; its version. CheckFailed where the loop takes none."""
+        version = self.slots.put_in_force(prepared.parameters)
+        self.prepared = prepared
+        await self._take("new parameters", lambda: ask(self.words, w.VERSION_ACTIVE) == version)
+        self.slots.taken()
+        return version
+
+    async def offer(self, prepared: Prepared) -> int:
+        """Let a candidate compute beside what is in force; its version. CheckFailed where the loop takes none."""
+        version = self.slots.offer(prepared.parameters)
+        shadow = self.status["shadow"][0]
+        await self._take("candidate", lambda: self.words[w.SHADOW] == SHADOWING and shadow["version"] == version)
+        return version
 
     async def _take(self, what: str, taken: Callable[[], bool]) -> None:
         if not await _comes_true(taken):

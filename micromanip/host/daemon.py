@@ -25,21 +25,21 @@ from micromanip.replies import Status
 from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import Prepared, refuse_real
-from micromanip.settings.schema.commissioned import changes_since
+from micromanip.settings.commissioned import changes_since
 from micromanip.settings.schema.faults import LOOP_STUCK_S
 from micromanip.settings.text.source import Source
 
 from . import journal
-from .audit import AuditTrail
-from .control_socket import ControlSocket
+from .control.audit import AuditTrail
+from .control.authority import Peer
+from .control.server import ControlSocket
+from .control.socket_file import Access
+from .control.verbs import Verbs
 from .controller import Controller
 from .notify import ServiceManager
-from .peer import Peer
 from .realtime import NO_NICE, missing_rights
-from .socket_file import Access
 from .state_directory import state_directory
 from .statistics import SignalStatistics, report
-from .verbs import Verbs
 from .workers import Workers
 
 _HEARTBEAT_S = 0.02
@@ -128,11 +128,11 @@ class Daemon:
 
     async def _supervise(self) -> Report:
         rights = missing_rights(int(self._controller.words[w.RIGHTS]))
-        for advice in (*rights, *changes_since(self._prepared.configuration.axes)):
+        for advice in (*rights, *self._prepared.source.notes, *changes_since(self._prepared.configuration.axes)):
             self._say(f"WARNING: {advice}")
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
-        helpers.append(asyncio.create_task(self._verbs.shadow.follow_trials()))
+        helpers.append(asyncio.create_task(self._verbs.follow_trials()))
         helpers.append(asyncio.create_task(self._trail.tell_repeats()))
         stopped = asyncio.create_task(self._stop.wait())
         try:
@@ -142,7 +142,7 @@ class Daemon:
             if await self._workers.in_hand(lambda: ended.done() or stopped.done()):
                 self._tell_ready()
                 if self._prepared.configuration.arm_on_start:
-                    await self._verbs.command(states.ARM, Peer("configuration"))
+                    await self._verbs.ask("arm", Peer("configuration"))
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
             if not ended.done():
                 await self._end(ended)
@@ -254,7 +254,7 @@ class Daemon:
     async def _reload(self) -> None:
         try:
             with self._service.reload():
-                swap = await self._verbs.reload(Peer("SIGHUP"))
+                swap = await self._verbs.ask("reload", Peer("SIGHUP"))
         except MicromanipError as refusal:
             self._say(f"WARNING: reload refused: {refusal}")
             return

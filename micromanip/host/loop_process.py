@@ -29,9 +29,9 @@ from micromanip.rt.records import CELL_STATE, DRIVER
 from micromanip.rt.states import ARM, HOST_DEAD, RAMPS, READY
 from micromanip.rt.telemetry import ROW
 
+from .control.socket_file import remove_stale
 from .realtime import enter_real_time, missing_rights
 from .shared_memory import CONTROL, RING, STATUS, Segments
-from .socket_file import remove_stale
 
 _WARM_CYCLES, _WARM_PERIOD_NS = 3000, 20_000
 

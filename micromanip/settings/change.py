@@ -1,80 +1,39 @@
-"""What a change of each key takes: applied while tracking, only with the outputs at rest, or only by a new start."""
+"""What a change of values takes: applied while tracking, only with the outputs at rest, or only by a new start.
+
+The schema says it of each key (`micromanip.settings.schema.key`), and which way a value protects less: that way it
+takes outputs at rest, the other way it may change at any time.
+"""
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.faults import REACTIONS
+from micromanip.settings.schema.key import LARGER, LIVE, NEITHER, RESTART, SMALLER, WIDER
+from micromanip.settings.schema.model import PLAUSIBLE_UM, Configuration
 from micromanip.settings.schema.reference import File
 from micromanip.settings.text.place import Path
-
-LIVE, DISARM, RESTART = "live", "needs disarm", "needs restart"
-
-RULES: tuple[tuple[str, str], ...] = (
-    ("schema_version", RESTART),
-    ("loop.**", RESTART),
-    ("control.**", RESTART),
-    ("start.**", DISARM),
-    ("drivers.**", RESTART),
-    ("signals.*.max_age_us", LIVE),
-    ("signals.*.range_um", LIVE),
-    ("signals.**", RESTART),
-    ("outputs.*.range_V", DISARM),
-    ("outputs.*.slew_V_per_ms", DISARM),
-    # also park_V: an output at rest would move to another one without being armed; `identify` reads the current in the
-    # file that it is given
-    ("outputs.**", RESTART),
-    ("switches.**", RESTART),
-    ("faults.**", LIVE),
-    ("shadow.**", LIVE),
-    ("reference.target_um.**", LIVE),
-    ("reference.frame.signals", RESTART),
-    ("reference.path", RESTART),  # the samples' memory is made when the loop starts
-    ("reference.**", DISARM),
-    ("axes.*.mode", DISARM),
-    ("axes.*.centre_um", DISARM),
-    ("axes.*.setpoint.range_um", DISARM),
-    ("axes.*.setpoint.slew_um_per_ms", LIVE),
-    ("axes.*.hysteresis.**", LIVE),
-    ("axes.*.hysteresis_affine.**", LIVE),  # kept for `evaluate`, which reads the file; nothing that runs uses it
-    ("axes.*.inner.**", LIVE),
-    ("axes.*.outer.**", LIVE),
-    ("axes.*.faults.**", LIVE),
-    ("axes.*.authority_percent", LIVE),
-    ("axes.*.commissioned.**", LIVE),
-    ("arm_on_start", RESTART),
-    ("simulation.**", RESTART),  # of `simulate-device`, which does not hear of what is set here
-)
-"""The first rule that fits counts; ``*`` is one name, ``**`` any number of parts, also none."""
+from micromanip.settings.text.shape import Shape
 
 ABSENT = object()
 """Stands for a key that a configuration does not have."""
+WEAKENS = "would weaken a protection and needs disarm"
 
 Values = dict[Path, Any]
 
 
-_SPLIT = {pattern: tuple(pattern.split(".")) for pattern, _ in RULES}
-_NEEDED = dict(RULES)
-
-
-def rule(path: Path) -> str | None:
-    """The rule that fits `path`; None where none does."""
-    return next((pattern for pattern, parts in _SPLIT.items() if fits(parts, path)), None)
+@functools.cache
+def said(path: Path, word: str) -> str | None:
+    """What the schema says of the key at `path`: of its `change`, or which value is `weaker`; None where nothing."""
+    return Shape.of(Configuration).at(path).said(word)
 
 
 def needed(path: Path) -> str:
-    """What a change of the key at `path` takes; of one that no rule knows: a new start."""
-    return _NEEDED.get(rule(path) or "", RESTART)
-
-
-def fits(pattern: tuple[str, ...], path: Path) -> bool:
-    """Whether a split pattern of a rule means the key at `path`."""
-    if pattern[0] != path[0]:
-        return False
-    if pattern[-1] == "**":
-        pattern, path = pattern[:-1], path[: len(pattern) - 1]
-    return len(pattern) == len(path) and all(wanted in ("*", part) for wanted, part in zip(pattern, path, strict=True))
+    """What a change of the key at `path` takes; of one that the schema does not know: a new start."""
+    return said(path, "change") or RESTART
 
 
 def values(configuration: Configuration) -> Values:
@@ -119,3 +78,31 @@ def needs(old: Configuration, new: Configuration) -> dict[Path, str]:
         elif before != after and section in ("drivers", "axes"):  # their order is that of the loop's records
             found[section,] = RESTART
     return found
+
+
+def demands(old: Configuration, new: Configuration) -> dict[Path, str]:
+    """What is more than live of the changes from `old` to `new`, by key: DISARM, RESTART or WEAKENS."""
+    weakened = {path: WEAKENS for path, pair in changed(old, new).items() if is_weaker(path, *pair)}
+    return weakened | {path: what for path, what in needs(old, new).items() if what != LIVE}
+
+
+def is_weaker(path: Path, old: Any, new: Any) -> bool:
+    """Whether `new` protects less than `old` at `path`."""
+    weaker = said(path, "weaker")
+    if weaker in (None, NEITHER) or ABSENT in (old, new):
+        return False
+    if isinstance(old, str):
+        return REACTIONS.index(new) < REACTIONS.index(old)
+    if weaker in (LARGER, SMALLER):
+        return _size(new) > _size(old) if weaker == LARGER else _size(new) < _size(old)
+    inner, outer = (new, old) if weaker == WIDER else (old, new)
+    (inner_low, inner_high), (outer_low, outer_high) = _bounds(inner), _bounds(outer)
+    return inner_low < outer_low or inner_high > outer_high
+
+
+def _size(value: float | None) -> float:
+    return math.inf if value is None else value
+
+
+def _bounds(pair: tuple[float, float] | None) -> tuple[float, float]:
+    return PLAUSIBLE_UM if pair is None else pair

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,24 +14,19 @@ from numpy.typing import NDArray
 from micromanip.control.outer_gains import dc_gain, outer_gains, tracker_gain
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.compile.waveform import load_samples
-from micromanip.settings.schema.frame import PREFIX, frame_findings, frame_of
 from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.buses import bus_findings
-from micromanip.settings.wiring.places import Wiring, wire
+from micromanip.settings.wiring.places import Wiring, driver_options, wire
 from micromanip.settings.wiring.simulated import simulated_findings
 from micromanip.settings.wiring.simulation import build_plant
 
 from .feedback import feedback_findings
 from .load import validate_document
+from .names import name_findings
 
-ROLES = (
-    *("strain", "stage", "deviation", "acceleration", "true_strain", "true_stage", "path_error", "uncompensated"),
-    *("amplifier_ok", "temperature_ok"),
-)
-LINES = ("enable", "interlock", "retracted")
 _NO_SOLUTION = (np.linalg.LinAlgError, ValueError, FloatingPointError)
 _LATE_PERIODS = 5
 """A loop may be late by so many periods without losing its outputs."""
@@ -88,17 +82,25 @@ def validate(source: Source) -> Configuration:
     configuration = validate_document(source)
     _refuse(
         source,
-        [*_names(configuration), *_reach(configuration), *_machine(configuration), *frame_findings(configuration)],
+        [*name_findings(configuration), *_reach(configuration), *_machine(configuration)],
     )
     return configuration
 
 
-def revise(running: Prepared, source: Source) -> Prepared:
-    """`source` checked and compiled to take the place of `running`, on its drivers as they are.
+def validate_with_options(source: Source) -> Configuration:
+    """As `validate`, but the options of the drivers are looked at too."""
+    configuration = validate(source)
+    for name, entry in configuration.drivers.items():
+        driver_options(source, name, entry)
+    return configuration
+
+
+def revise(running: Prepared, configuration: Configuration, source: Source) -> Prepared:
+    """`configuration`, which `source` validated to, compiled to take the place of `running` on its drivers as they are.
 
     It must name the same drivers, channels and axes (see `change`); raises ConfigError as `prepare` does.
     """
-    configuration, wiring = validate(source), running.wiring
+    wiring = running.wiring
     _refuse(source, _wired_findings(configuration, wiring))
     same = configuration.reference == running.configuration.reference
     samples = running.samples if same else load_samples(configuration, source)
@@ -120,47 +122,6 @@ def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Findin
 def _refuse(source: Source, findings: list[Finding]) -> None:
     if findings:
         raise source.errors(findings)
-
-
-def _names(configuration: Configuration) -> Iterator[Finding]:
-    known = [*LINES, *(f"{role}_{axis}" for axis in configuration.axes for role in ROLES)]
-    frame = frame_of(configuration)
-    for name in configuration.signals:
-        if name not in known and not name.startswith(PREFIX):
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            yield (
-                ("signals", name),
-                f"no axis takes a signal of this name{hint} (names are <role>_<axis>, {', '.join(LINES)})",
-            )
-    for name, signal in configuration.signals.items():
-        if signal.range_um is not None and not name.startswith(("strain_", "stage_")):
-            yield ("signals", name, "range_um"), "only strain and stage signals have a range: nobody would look at it"
-    for name in configuration.outputs:
-        if name not in {f"voltage_{axis}" for axis in configuration.axes}:
-            yield (
-                ("outputs", name),
-                f"no axis has this output; outputs are named voltage_<axis> ({', '.join(configuration.axes)})",
-            )
-    if isinstance(configuration.reference, Jog):
-        for name in configuration.reference.target_um:
-            if name not in configuration.axes:
-                yield ("reference", "target_um", name), f"no such axis; axes are {', '.join(configuration.axes)}"
-    follows = isinstance(configuration.reference, Tracker)
-    for name, axis in configuration.axes.items():
-        wanted = ["strain"] if axis.mode != "voltage" else []
-        wanted += ["stage"] if axis.mode == "stage" else []
-        wanted += ["deviation"] if follows and frame is None else []
-        for role in wanted:
-            if f"{role}_{name}" not in configuration.signals:
-                yield (
-                    ("axes", name),
-                    f"mode {axis.mode} needs the signal {role}_{name}, which the section signals does not have",
-                )
-        if f"voltage_{name}" not in configuration.outputs:
-            yield ("axes", name), f"there is no output voltage_{name}; add it to the section outputs"
-        if follows and axis.mode == "voltage":
-            yield ("axes", name, "mode"), "a voltage can't follow the source signal; use mode strain or stage"
 
 
 def excursion(reference: Reference) -> tuple[float, float]:

@@ -127,7 +127,7 @@ def test_an_untuned_cell_is_told_what_it_lacks(capsys, tmp_path):
 def test_too_much_gain_fails(capsys, tmp_path):
     text = (CONFIG / "simulated.yaml").read_text(encoding="utf-8")
     file = tmp_path / "hot.yaml"
-    file.write_text(text.replace("effort: 10.0", "effort: 0.01"), encoding="utf-8")
+    file.write_text(text.replace("control_weight: 10.0", "control_weight: 0.01"), encoding="utf-8")
     options = ("--axis", "y", "--out", str(tmp_path), "--no-figures", "--samples", "0")
     code, report = analysed(capsys, str(file), *options)
     assert code == 1

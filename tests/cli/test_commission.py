@@ -8,8 +8,8 @@ import pytest
 
 from micromanip.cli.main import main
 from micromanip.design import paper
+from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import load_with_source
-from micromanip.settings.schema.commissioned import changes_since
 
 pytestmark = pytest.mark.xdist_group("commission")  # what the tests share is made once, not by each worker
 
@@ -91,10 +91,10 @@ def test_the_report_names_the_tuning_it_is_about(commissioned):
 def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
     text = (commissioned[0] / "out" / "tuned.yaml").read_text(encoding="utf-8")
     tuned, _ = load_with_source(commissioned[0] / "out" / "tuned.yaml")
-    effort = f"effort: {tuned.axes['y'].outer.effort:g}"
-    assert effort in text
+    weight = f"control_weight: {tuned.axes['y'].outer.control_weight:g}"
+    assert weight in text
     other = tmp_path / "other.yaml"
-    other.write_text(text.replace(effort, "effort: 5.0"), encoding="utf-8")
+    other.write_text(text.replace(weight, "control_weight: 5.0"), encoding="utf-8")
     assert code_of("check", other) == 0
     assert "axis y was changed after it was commissioned (report report.html, " in capsys.readouterr().err
 

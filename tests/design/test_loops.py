@@ -70,7 +70,7 @@ def test_closed_outer_loop_has_the_poles_of_regulator_and_observer(sample_cycles
 
 
 def test_late_samples_cost_margin():
-    settings, gains, _ = designed(2, sample_cycles=10, effort=100.0, disturbance_um=0.003, oscillation_Hz=None)
+    settings, gains, _ = designed(2, sample_cycles=10, control_weight=100.0, disturbance_um=0.003, oscillation_Hz=None)
     plant = model_system(settings.model, PERIOD_S)
     found = [margins(stage_loop(gains, plant, 10, late)) for late in (0, 5, 10)]
     assert all(m.stable for m in found)
@@ -123,9 +123,9 @@ def test_broken_at_the_set_point_or_at_the_sensor_is_the_same():
 # the sensitivity peaks, so Ms is asserted to 12 % and the margins to 1.7 dB and 4 degrees. Axis y has the model that is
 # nearest to the plant there.
 TABLE = [
-    ({"effort": 30.0, "disturbance_um": 0.03, "oscillation_Hz": None}, 1.67, 9.8, 49.0),
-    ({"effort": 10.0, "disturbance_um": 0.1, "oscillation_Hz": 200.0, "oscillation_um": 1e-3}, 1.87, 7.5, 45.0),
-    ({"effort": 3.0, "disturbance_um": 0.3, "oscillation_Hz": 200.0, "oscillation_um": 2e-3}, 2.06, 5.9, 42.0),
+    ({"control_weight": 30.0, "disturbance_um": 0.03, "oscillation_Hz": None}, 1.67, 9.8, 49.0),
+    ({"control_weight": 10.0, "disturbance_um": 0.1, "oscillation_Hz": 200.0, "oscillation_um": 1e-3}, 1.87, 7.5, 45.0),
+    ({"control_weight": 3.0, "disturbance_um": 0.3, "oscillation_Hz": 200.0, "oscillation_um": 2e-3}, 2.06, 5.9, 42.0),
 ]
 
 

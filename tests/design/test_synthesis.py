@@ -80,7 +80,9 @@ def test_the_outer_loop_has_its_margins():
     assert again.gain_dB == pytest.approx(design.margins.gain_dB)
     assert np.abs(gains.closed_loop_poles).max() < 1.0
     efforts, bandwidths = [entry[0] for entry in design.tried], [entry[1] for entry in design.tried]
-    assert design.outer.effort == pytest.approx(min(e for e in efforts if e >= 0.99 * design.outer.effort), rel=1e-3)
+    assert design.outer.control_weight == pytest.approx(
+        min(e for e in efforts if e >= 0.99 * design.outer.control_weight), rel=1e-3
+    )
     assert bandwidths[0] > 2.0 * bandwidths[-1]  # the knob turns something
 
 

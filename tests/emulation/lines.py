@@ -12,7 +12,7 @@ from testbus.virtual_bus import VirtualLoop
 from micromanip.emulation.devices import Devices
 
 CELL = """\
-schema_version: 1
+schema_version: 2
 loop: {{rate_hz: 10000, limits: simulation}}
 drivers:
   device:

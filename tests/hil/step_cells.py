@@ -8,7 +8,7 @@ HELD_V, PARK_V, RANGE_V = 60.0, 0.0, (-20.0, 100.0)
 SLEW_V_PER_S, RAMP_S = 1500.0, 0.2
 
 CELL = """\
-schema_version: 1
+schema_version: 2
 loop: {{rate_hz: 500, cpu: null, spin_us: 10, limits: simulation}}
 start: {{lift_s: 0.3, check_s: null, sweep_s: 0.0, settle_s: 0.0, authority_s: 0.2, ramp_s: {ramp_s}}}
 drivers:

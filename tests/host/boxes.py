@@ -58,7 +58,7 @@ def box(rows=None, events=(), **trip):
         "monotonic_ns": TRIP * 100_000,
         "period_ns": 100_000,
         "axes": ["x", "y"],
-        "configuration": "schema_version: 1\n",
+        "configuration": "schema_version: 2\n",
         "sha256": "0" * 64,
         "path": "cell.yaml",
     }

@@ -1,17 +1,18 @@
 """A controller without a loop, and the verbs that speak to it."""
 
 import asyncio
+import contextlib
 import re
 from pathlib import Path
 
 import numpy as np
 
 from micromanip.errors import CheckFailed
-from micromanip.host.audit import AuditTrail
-from micromanip.host.peer import Peer
-from micromanip.host.protocol import Request
+from micromanip.host.control.audit import AuditTrail
+from micromanip.host.control.authority import Peer
+from micromanip.host.control.server import Request
+from micromanip.host.control.verbs import Verbs
 from micromanip.host.shared_memory import STATUS
-from micromanip.host.verbs import Verbs
 from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import prepare
@@ -29,17 +30,20 @@ class StandIn:
         self.status = np.zeros((), STATUS)
         self.shadow(states.NO_SHADOW)
 
-    async def adopt(self, prepared, permit):
-        permit()
+    @contextlib.asynccontextmanager
+    async def commanding(self):
+        yield
+
+    async def apply(self, prepared):
         await asyncio.sleep(0)
         self.swaps.append(prepared.parameters)
         self.prepared = prepared
         self.shadow(states.NO_SHADOW)
         return self.version
 
-    async def offer(self, parameters):
+    async def offer(self, prepared):
         await asyncio.sleep(0)
-        self.offers.append(parameters)
+        self.offers.append(prepared.parameters)
         self.shadow(states.SHADOWING)
         return self.version
 
@@ -95,7 +99,7 @@ class Cell:
 
     def follow(self):
         """What the daemon does now and then."""
-        asyncio.run(self.verbs.shadow.follow())
+        asyncio.run(self.verbs.follow())
 
     def value(self, key):
         (parameter,) = self("get", keys=[key])

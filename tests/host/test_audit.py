@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.errors import CheckFailed
-from micromanip.host.audit import AuditTrail
-from micromanip.host.audit_files import AuditFiles, Keeping
-from micromanip.host.peer import Peer
-from micromanip.host.protocol import Request, operating
-from micromanip.host.repeats import Repeats
+from micromanip.host.control.audit import AuditTrail, Repeats
+from micromanip.host.control.audit_files import AuditFiles, Keeping
+from micromanip.host.control.authority import Peer
+from micromanip.host.control.server import Request
+from micromanip.host.control.verbs import noted
 from micromanip.host.state_directory import state_directory
 
 ALICE = Peer("alice", 1000, 42)
@@ -119,7 +119,7 @@ async def _refuse(_request):
 def test_huge_values_do_not_push_out_what_was_there(trail):
     """Five hundred refusals, each of another 60 kB: who armed stays on the first page, and the trail stays small."""
     note(trail, ALICE, "arm")
-    verb = trail.followed(operating(_refuse))
+    verb = noted(trail, _refuse)
 
     async def flood():
         for k in range(500):

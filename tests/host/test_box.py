@@ -50,7 +50,7 @@ def damaged(folder):
     content = good.read_bytes()
     middle = len(content) // 2
     yield "empty", b""
-    yield "text", b"schema_version: 1\n"
+    yield "text", b"schema_version: 2\n"
     yield "cut", content[:middle]
     yield (
         "flipped",

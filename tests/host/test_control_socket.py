@@ -18,13 +18,11 @@ from hypothesis import strategies as st
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError
-from micromanip.host import socket_file
-from micromanip.host.authority import Authority, Right
-from micromanip.host.control_socket import ControlSocket
-from micromanip.host.peer import Peer
-from micromanip.host.protocol import observing, operating
-from micromanip.host.slots import Bounds
-from micromanip.host.socket_file import Access, bound, claim, remove_stale
+from micromanip.host.control import socket_file
+from micromanip.host.control.admission import Bounds
+from micromanip.host.control.authority import Authority, Peer, Right
+from micromanip.host.control.server import ControlSocket, observing, operating
+from micromanip.host.control.socket_file import Access, bound, claim, remove_stale
 
 LIMIT = 65536
 ECHO = {"version": 1, "ok": True, "result": "here"}

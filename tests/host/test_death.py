@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.records import CONTEXT
 
+from micromanip.host.control.socket_file import remove_stale
 from micromanip.host.shared_memory import Segment
-from micromanip.host.socket_file import remove_stale
 from micromanip.host.trips.store import Box, trips
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING

@@ -80,7 +80,7 @@ def test_story_has_trip_states_axes_and_configuration(tmp_path):
     rows = tracking_rows()
     rows["axis"]["voltage_V"][BEFORE - 3800 : BEFORE, 0] = 150.0
     config = tmp_path / "cell.yaml"
-    config.write_text("schema_version: 1\n")
+    config.write_text("schema_version: 2\n")
     told = box(rows)
     told.meta["path"], told.meta["sha256"] = str(config), hashlib.sha256(config.read_bytes()).hexdigest()
     result = story(told, tmp_path / "t.npz")
@@ -96,7 +96,7 @@ def test_story_has_trip_states_axes_and_configuration(tmp_path):
     assert order[-2:] == [(0.0, "X-201 axis x"), (0.0, "RAMPING")]
     text = "\n".join(lines(result))
     assert "150.0 V of -20 to 150 V, at an end of it 38 % of the last second" in text
-    config.write_text("schema_version: 1\n# touched\n")
+    config.write_text("schema_version: 2\n# touched\n")
     assert story(told, tmp_path / "t.npz")["configuration"]["now"] == "changed"
     config.unlink()
     assert story(told, tmp_path / "t.npz")["configuration"]["now"] == "missing"

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import os
 import re
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -87,7 +88,9 @@ SWAPS = {
     "PID times": {"inner": lambda axis: axis.inner.model_copy(update={"Ti_ms": 1.0, "Td_ms": 0.05, "filter_ms": 0.5})},
     "hysteresis model": {"hysteresis": lambda axis: axis.hysteresis_affine},
     "feedforward off": {"inner": lambda axis: axis.inner.model_copy(update={"mode": "pid"})},
-    "outer loop": {"outer": lambda axis: axis.outer.model_copy(update={"effort": 30.0, "disturbance_um": 0.03})},
+    "outer loop": {
+        "outer": lambda axis: axis.outer.model_copy(update={"control_weight": 30.0, "disturbance_um": 0.03})
+    },
 }
 
 
@@ -107,14 +110,14 @@ def swapped(prepared, tmp_path_factory):
                 for _ in range(ATTEMPTS):
                     await pass_cycles(controller, 3000)
                     before = int(controller.words[w.VERSION_ACTIVE])
-                    await controller.apply(new)
+                    await controller.apply(replace(prepared, parameters=new))
                     assert controller.words[w.VERSION_ACTIVE] == before + 1
                     await pass_cycles(controller, 2000)
                     assert controller.state == "TRACKING", (name, controller.faults())
                     assert controller.faults() == []
                     near = rows_of(controller.ring)[-10_000:]
                     rows[name] = near[(near["version"] >= before) & (near["state"] == TRACKING)]
-                    await controller.apply(prepared.parameters)
+                    await controller.apply(prepared)
                     if rows[name]["periods"].max() <= KICK:
                         break
         return rows
@@ -205,7 +208,7 @@ def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
 
     async def during(controller):
         await pass_cycles(controller, 4000)
-        await controller.apply(new)
+        await controller.apply(replace(prepared, parameters=new))
         await pass_cycles(controller, 4000)
 
     said, _, file = record(prepared, tmp_path, during)
@@ -225,7 +228,7 @@ def test_recording_over_quick_swaps_has_every_set(prepared, tmp_path):
     async def during(controller):
         for k in range(20):
             new[0]["axis"]["pid"]["gain"] = 0.4 + 0.01 * k
-            await controller.apply(new)
+            await controller.apply(replace(prepared, parameters=new))
         await pass_cycles(controller, 2000)
 
     _, _, file = record(prepared, tmp_path, during)

@@ -10,7 +10,7 @@ import pytest
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
-from micromanip.host.socket_file import remove_stale
+from micromanip.host.control.socket_file import remove_stale
 from micromanip.host.trips.store import Box, trips
 from micromanip.rt.states import RAMPING, TRACKING
 from tools.running_controller import MICROMANIP, WAITING, calm, reset, until

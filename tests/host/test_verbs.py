@@ -1,5 +1,6 @@
 """Values changed while it runs: whole or not at all, each refusal with its reasons, everything noted."""
 
+import contextlib
 import re
 
 import pytest
@@ -7,9 +8,9 @@ import pytest
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, UsageError
 from micromanip.rt import states
 from micromanip.settings.check import prepare
-from micromanip.settings.schema.commissioned import tuning_hash
+from micromanip.settings.commissioned import tuning_hash
 
-from .standin import Cell, jogging
+from .standin import SIMULATED, Cell, jogging
 
 K, TI, MODE, CENTRE = "axes.x.inner.K_V_per_um", "axes.x.inner.Ti_ms", "axes.x.mode", "axes.x.centre_um"
 
@@ -164,13 +165,13 @@ def test_what_needs_disarm_at_rest(cell, state):
 def test_armed_at_the_last_moment(cell):
     """The state counts at the swap, not when the values were checked."""
     cell.controller.state = "READY"
-    adopt = cell.controller.adopt
 
-    async def arm_before(prepared, permit):
+    @contextlib.asynccontextmanager
+    async def arm_before():
         cell.controller.state = "ARMING"
-        return await adopt(prepared, permit)
+        yield
 
-    cell.controller.adopt = arm_before
+    cell.controller.commanding = arm_before
     refused(cell, CheckFailed, f".* the state is ARMING: {CENTRE} needs disarm", "set", changes={CENTRE: 65})
 
 
@@ -362,3 +363,19 @@ def test_fields_are_checked(cell, verb, fields, message):
     assert cell.controller.commands == cell.controller.swaps == []
     looked_only = verb in ("status", "get", "diff", "audit")
     assert [entry[:2] for entry in cell.entries] == ([] if looked_only else [(verb, False)])
+
+
+def test_a_file_of_an_older_layout(tmp_path):
+    """It runs as ever; `reload` says the new name, `set` takes the old one, and `save` writes the new one."""
+    text = SIMULATED.read_text()
+    older = text.replace("schema_version: 2", "schema_version: 1").replace("control_weight:", "effort:")
+    cell = Cell(tmp_path, older)
+    (note,) = cell("reload")["warnings"]
+    assert "axes.x.outer.effort: called control_weight since schema_version 2" in note
+    assert cell("diff") == {"file": str(cell.config), "changed_on_disk": False, "differences": []}
+    (change,) = cell("set", changes={"axes.x.outer.effort": 12.0})["changed"]
+    assert change == {"key": "axes.x.outer.control_weight", "old": 10.0, "new": 12.0}
+    cell("save")
+    written = text.replace("control_weight: 10.0", "control_weight: 12.0", 1)
+    assert cell.config.read_text().split() == written.split()
+    assert cell("reload")["warnings"] == []

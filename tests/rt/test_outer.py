@@ -54,7 +54,7 @@ def test_model_is_the_given_one_with_delay_and_disturbances(delay, oscillation_H
 
 @variants
 def test_feedback_is_dlqr(delay, oscillation_Hz):
-    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz, effort=3.0)
+    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz, control_weight=3.0)
     A, B, C, n = split(settings, gains)
     K, _, poles = control.dlqr(A, B[:, None], np.outer(C, C), np.array([[3.0]]))
     assert gains.feedback[:n] == pytest.approx(np.asarray(K)[0], rel=1e-6, abs=1e-8)
@@ -72,7 +72,7 @@ def test_feedback_is_the_limit_of_the_finite_horizon(delay, oscillation_Hz):
     A, B, C, n = split(settings, gains)
     P = np.outer(C, C)
     for _ in range(4000):
-        K = (B @ P @ A) / (settings.effort + B @ P @ B)
+        K = (B @ P @ A) / (settings.control_weight + B @ P @ B)
         P = np.outer(C, C) + A.T @ P @ (A - np.outer(B, K))
     assert gains.feedback[:n] == pytest.approx(K, rel=1e-6, abs=1e-8)
 

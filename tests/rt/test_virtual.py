@@ -121,10 +121,12 @@ SWAPS = {
     "hysteresis model": affine,
     "no hysteresis model": lambda c: inner(with_axes(c, hysteresis=NoModel(model="none")), mode="pid"),
     "feedforward alone": lambda c: inner(c, mode="feedforward"),
-    "regulator": lambda c: outer(c, effort=30.0),
+    "regulator": lambda c: outer(c, control_weight=30.0),
     "observer": lambda c: outer(c, disturbance_um=0.03, oscillation_um=2e-3),
     "no oscillator": lambda c: outer(c, oscillation_Hz=None),
-    "everything": lambda c: outer(inner(affine(c), K_V_per_um=0.45, Td_ms=0.1), effort=20.0, disturbance_um=0.05),
+    "everything": lambda c: outer(
+        inner(affine(c), K_V_per_um=0.45, Td_ms=0.1), control_weight=20.0, disturbance_um=0.05
+    ),
 }
 
 MODES = {

@@ -1,11 +1,16 @@
-"""Configurations that together have every key of the file, and the places of their values."""
+"""Configurations that together have every key of the file, the places of their values, and `set` on each of them."""
 
 import copy
 import functools
 from pathlib import Path
 
-from micromanip.settings.check import prepared
-from micromanip.settings.text.source import Source
+from micromanip.settings.change import leaves, needs
+from micromanip.settings.check import prepared, revise, validate_with_options
+from micromanip.settings.schema.key import RESTART
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.keys import assigned
+from micromanip.settings.text.shape import Shape
+from micromanip.settings.text.source import Source, key_text
 
 CONFIG = Path(__file__).parents[2] / "config"
 
@@ -151,3 +156,27 @@ def source(document):
 def spelt_out(name):
     """The document with every default."""
     return running(name).configuration.model_dump(mode="json")
+
+
+def places(name):
+    """Every key of the configuration, also those inside a driver's section, with its value."""
+    return leaves(spelt_out(name))
+
+
+def shape(path):
+    """What the models allow at a key."""
+    return Shape.of(Configuration).at(path)
+
+
+def after_set(name, path, value):
+    """What would be in force after `set`, None where nothing changes, RESTART where that is what it takes.
+
+    Raises ConfigError or UsageError where it is refused.
+    """
+    before = running(name)
+    taken = source(assigned(document(name), spelt_out(name), {key_text(path): value}))
+    configuration = validate_with_options(taken)
+    wanted = needs(before.configuration, configuration).values()
+    if not wanted or RESTART in wanted:
+        return RESTART if wanted else None
+    return revise(before, configuration, taken)

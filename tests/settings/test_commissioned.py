@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.cli.main import main
+from micromanip.settings.commissioned import changes_since, tuning_hash
 from micromanip.settings.load import load
-from micromanip.settings.schema.axis import Axis, Inner, SetPoint
-from micromanip.settings.schema.commissioned import Commissioned, changes_since, tuning_hash
+from micromanip.settings.schema.axis import Axis, Commissioned, Inner, SetPoint
 from micromanip.settings.write import with_models
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -102,7 +102,9 @@ def test_a_file_written_and_loaded_again_has_the_same_hash(tmp_path):
 
     axes = {}
     for name, axis in configuration.axes.items():
-        outer = axis.outer.model_copy(update={"model": disturbed(axis.outer.model), "effort": rng.uniform(1, 10)})
+        outer = axis.outer.model_copy(
+            update={"model": disturbed(axis.outer.model), "control_weight": rng.uniform(1, 10)}
+        )
         weights = tuple(weight * rng.uniform(0.9, 1.1) for weight in axis.hysteresis.weights)
         hysteresis = axis.hysteresis.model_copy(update={"weights": weights})
         axes[name] = axis.model_copy(update={"outer": outer, "hysteresis": hysteresis})

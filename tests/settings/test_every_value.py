@@ -17,16 +17,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.errors import ConfigError, UsageError
-from micromanip.settings.change import RESTART, leaves, needs
-from micromanip.settings.check import prepared, revise, validate
+from micromanip.settings.check import prepared
+from micromanip.settings.commissioned import changes_since
 from micromanip.settings.feedback import feedback_warnings, strain_loops
-from micromanip.settings.schema.commissioned import changes_since
-from micromanip.settings.schema.model import Configuration
-from micromanip.settings.text.keys import assigned
-from micromanip.settings.text.shape import Shape
-from micromanip.settings.text.source import Source, key_text
+from micromanip.settings.schema.key import RESTART
 from micromanip.settings.wiring.buses import budget
-from micromanip.settings.wiring.places import driver_options
 
 NASTY = [
     *(1e300, -1e300, 1e-300, 1e18, 1e9, 1e6, 1e4, 1e3, 1.0, 0.5, 1e-3, 1e-6, 1e-9, 0.0, -0.0, -1.0, -1e-9, math.nan),
@@ -50,19 +45,9 @@ def drawn(shape_range, present):
     return [*near, *ends, *NASTY]
 
 
-def all_places(name):
-    """Every key of the configuration, also those inside a driver's section, with its value."""
-    return leaves(every_key.spelt_out(name))
-
-
 def ends_of(path):
     """Lowest and highest value that the models allow there, as far as they say."""
-    shape = Shape.of(Configuration)
-    for part in path:
-        found = shape.child(part)
-        if not found.schema and shape.variants:
-            found = next((v.child(part) for v in shape.variants if v.child(part).schema), found)
-        shape = found
+    shape = every_key.shape(path)
     schema = shape.entry.schema if shape.type == "array" and shape.entry else shape.schema
     return schema.get("minimum"), schema.get("maximum")
 
@@ -87,20 +72,14 @@ def tried_in_the_file(name, path, value):
 
 
 def tried_with_set(name, path, value):
-    running = every_key.running(name)
     try:
-        document = assigned(every_key.document(name), every_key.spelt_out(name), {key_text(path): value})
-        source = Source.of(document, running.source.path)
-        configuration = validate(source)
-        for driver, entry in configuration.drivers.items():
-            driver_options(source, driver, entry)
-        if RESTART in needs(running.configuration, configuration).values():
-            return False
-        result = revise(running, source)
+        result = every_key.after_set(name, path, value)
     except (ConfigError, UsageError) as refusal:
         told(refusal)
         return False
-    works(result)
+    if result == RESTART:
+        return False
+    works(result or every_key.running(name))
     return True
 
 
@@ -137,14 +116,14 @@ def assert_numbers(record, name="parameters"):
 @functools.cache
 def places():
     """Of all configurations; not made before it is needed."""
-    return [(name, path) for name in every_key.NAMES for path in all_places(name)]
+    return [(name, path) for name in every_key.NAMES for path in every_key.places(name)]
 
 
 @hypothesis.settings(max_examples=max(300, hypothesis.settings().max_examples))
 @given(st.data())
 def test_whatever_stands_at_a_key(data):
     name, path = data.draw(st.sampled_from(places()), label="key")
-    present = all_places(name)[path]
+    present = every_key.places(name)[path]
     value = data.draw(st.sampled_from(drawn(ends_of(path), present)) | st.floats() | st.integers(), label="value")
     way = data.draw(st.sampled_from([tried_in_the_file, tried_with_set]), label="way")
     way(name, path, value)

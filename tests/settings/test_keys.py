@@ -55,7 +55,9 @@ def test_a_section_that_the_document_leaves_out():
 
 
 def test_whole_section():
-    assert assigned(DOCUMENT, DOCUMENT, {"axes.x.outer": {"effort": 1}})["axes"]["x"]["outer"] == {"effort": 1}
+    assert assigned(DOCUMENT, DOCUMENT, {"axes.x.outer": {"control_weight": 1}})["axes"]["x"]["outer"] == {
+        "control_weight": 1
+    }
 
 
 @pytest.mark.parametrize(
@@ -66,7 +68,7 @@ def test_whole_section():
         "y.inner.K_V_per_um": "unknown key y.inner.K_V_per_um; did you mean axes.y.inner.K_V_per_um?",
         "inner.K_V_per_um": "unknown key inner.K_V_per_um; did you mean axes.x.inner.K_V_per_um?",
         "zzz.qqq": "unknown key zzz.qqq; `get` lists all keys",
-        "axes.x.outer.effort": "axes.x.outer.effort: axes.x.outer is null; give the whole section, axes.x.outer={...}",
+        "axes.x.outer.model": "axes.x.outer.model: axes.x.outer is null; give the whole section, axes.x.outer={...}",
         "axes.x.weights[2]": "unknown key axes.x.weights[2]; did you mean axes.x.weights?",
     }.items(),
 )

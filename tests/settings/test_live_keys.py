@@ -12,13 +12,10 @@ import pytest
 
 from micromanip.errors import ConfigError, UsageError
 from micromanip.host import bus_worker
-from micromanip.settings.change import RESTART, leaves, needed, needs
-from micromanip.settings.check import prepared, revise, validate
-from micromanip.settings.schema.commissioned import changes_since
-from micromanip.settings.schema.model import Configuration
-from micromanip.settings.text.keys import assigned
-from micromanip.settings.text.shape import Shape
-from micromanip.settings.text.source import Source, key_text
+from micromanip.settings.change import needed
+from micromanip.settings.check import prepared
+from micromanip.settings.commissioned import changes_since
+from micromanip.settings.schema.key import RESTART
 
 _DESCRIPTOR, _OFFSET = 0, 0
 
@@ -81,7 +78,7 @@ def other_values(path, value):
         return varied
     if value is None:
         return [1.0, 10.0, 100.0, 2, 5_000.0, [-200.0, 300.0]]
-    return _choices(path)
+    return every_key.shape(path).choices
 
 
 def _scaled(value, factor, only):
@@ -90,36 +87,14 @@ def _scaled(value, factor, only):
     return value * factor if isinstance(value, float | int) else value
 
 
-def _choices(path):
-    shape = Shape.of(Configuration)
-    for part in path:
-        found = shape.child(part)
-        if not found.schema and shape.variants:
-            found = next((v.child(part) for v in shape.variants if v.child(part).schema), found)
-        shape = found
-    return shape.choices
-
-
-def swapped(name, path, value):
-    """What would be in force after `set`; None where it is refused, RESTART where that is why."""
-    running = every_key.running(name)
-    try:
-        document = assigned(every_key.document(name), every_key.spelt_out(name), {key_text(path): value})
-        source = Source.of(document, running.source.path)
-        configuration = validate(source)
-        wanted = set(needs(running.configuration, configuration).values())
-        if not wanted:
-            return None
-        return RESTART if RESTART in wanted else revise(running, source)
-    except (ConfigError, UsageError):
-        return None
-
-
 def effect(name, path, value):
     """Who takes the first value that is accepted at `path`; None where none is, or a restart is needed."""
     running = every_key.running(name)
     for other in other_values(path, value):
-        result = swapped(name, path, other)
+        try:
+            result = every_key.after_set(name, path, other)
+        except (ConfigError, UsageError):
+            continue
         if result == RESTART:
             return None
         if result is not None:
@@ -141,7 +116,7 @@ def effects():
     """By key: who takes a change of it in the first configuration where anybody does."""
     found = {}
     for name in CONFIGURATIONS:
-        for path, value in leaves(every_key.spelt_out(name)).items():
+        for path, value in every_key.places(name).items():
             key = generic(path)
             if needed(path) != RESTART and found.get(key) in (None, "nobody") and not is_set_aside(key):
                 found[key] = effect(name, path, value) or found.get(key)
@@ -160,7 +135,7 @@ def test_every_key_that_is_taken_reaches_somebody(effects):
 )
 def test_workers_are_told(key):
     path = tuple(key.split("."))
-    assert "workers" in effect("gcs", path, leaves(every_key.spelt_out("gcs"))[path])
+    assert "workers" in effect("gcs", path, every_key.places("gcs")[path])
 
 
 def test_what_is_read_at_a_start_only_needs_one():

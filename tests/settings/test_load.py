@@ -137,8 +137,8 @@ VALUES = {
         "did you mean sine?",
     ),
     "another version": (
-        ("schema_version: 1", "schema_version: 2"),
-        "2: schema_version: expected 1, not 2",
+        ("schema_version: 2", "schema_version: 3"),
+        "2: schema_version: expected 2, not 3",
     ),
     "entry of a list": (
         ("[0.1, 0.08, 0.05]", "[0.1, 0.08, high]"),

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.settings.change import ABSENT, values
+from micromanip.settings.change import ABSENT, is_weaker, said, values
 from micromanip.settings.load import load
-from micromanip.settings.protection import direction, is_weaker
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 WATCH, AXIS = ("faults", "axis"), ("axes", "x", "faults")
@@ -44,7 +43,7 @@ def test_every_key_that_watches_has_a_direction():
     watching = {p: v for p, v in values(load(SIMULATED)).items() if p[0] == "faults" or p[2:3] == ("faults",)}
     assert len(watching) > 80
     for path, value in watching.items():
-        assert direction(path) is not None
+        assert said(path, "weaker") is not None
         assert not is_weaker(path, value, value)
         if path[-1] == "reaction":
             assert is_weaker(path, "off", "warn")
@@ -52,7 +51,7 @@ def test_every_key_that_watches_has_a_direction():
 
 def test_what_protects_nothing_has_none():
     for path in (("axes", "x", "inner", "K_V_per_um"), ("signals", "strain_x", "driver"), ("loop", "rate_hz")):
-        assert direction(path) is None
+        assert said(path, "weaker") is None
         assert not is_weaker(path, 1.0, 2.0)
     assert not is_weaker(("signals", "new", "max_age_us"), ABSENT, 100.0)
 

@@ -16,7 +16,7 @@ from micromanip.settings.load import load_with_source, validate_section
     [
         ("axes.x.inner.Ti_ms", "41: axes.x.inner.Ti_ms"),
         (("axes", "x", "hysteresis", "weights", 2), "37: axes.x.hysteresis.weights[2]"),
-        ("axes.x.outer.effort", "26: axes.x.outer.effort"),  # not in the file: the section around it
+        ("axes.x.outer.control_weight", "26: axes.x.outer.control_weight"),  # not in the file: the section around it
         (("axes", "a\tb"), "25: axes.'a\\tb'"),
         ("start.lift_s", "2: start.lift_s"),
     ],

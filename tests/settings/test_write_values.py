@@ -12,7 +12,7 @@ from micromanip.settings.write_values import with_values
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 SHARED = """\
-schema_version: 1
+schema_version: 2
 loop: {rate_hz: 10000, limits: simulation}  # the loop
 drivers: {cell: {driver: simulated}}
 signals: {strain_x: {driver: cell}, strain_y: {driver: cell}}

@@ -11,7 +11,7 @@ DATABASES = Path(__file__).parents[2] / "config" / "can"
 FRAMES = Path("/run/can-databases")
 
 TEXT = """\
-schema_version: 1
+schema_version: 2
 loop: {rate_hz: 200, cpu: 1, priority: 80, spin_us: 10, limits: simulation}
 start: {lift_s: 0.5, settle_s: 0.2, authority_s: 0.5, ramp_s: 0.5}
 faults:

@@ -24,7 +24,7 @@ def can_cell(*changes):
 
 
 PATIENT = """\
-schema_version: 1
+schema_version: 2
 loop: {{rate_hz: 500, cpu: null, spin_us: 10, limits: simulation}}
 start: {{lift_s: 0.2, check_s: null, sweep_s: 0.0, settle_s: 0.0, authority_s: 0.2, ramp_s: 0.2}}
 drivers:

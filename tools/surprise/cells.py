@@ -19,7 +19,7 @@ from .wire import Wire
 NO_WATCHDOG_MS = 3.6e6
 
 _CELL = """\
-schema_version: 1
+schema_version: 2
 loop: {{rate_hz: 250, cpu: null, spin_us: 0, limits: simulation}}
 start:
   {{enable_s: 0.0, lift_s: 0.15, check_s: null, sweep_s: 0.0, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.3}}

@@ -23,7 +23,7 @@ def write_report(
     """Write `file`, whole or not at all: the verdict, then the evidence of each of `axes`.
 
     `facts` are names and values that stand below the verdict (date, configuration, versions), `hashes` the
-    :func:`~micromanip.settings.schema.commissioned.tuning_hash` of each axis by name. The same arguments make the same
+    :func:`~micromanip.settings.commissioned.tuning_hash` of each axis by name. The same arguments make the same
     bytes. Raises OSError where the file can't be written, ValueError where a curve's x and y differ in length.
     """
     write_atomically(file, _rendered(title, facts, axes, hashes))

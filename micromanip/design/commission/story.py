@@ -114,7 +114,7 @@ def resonance(found: Commissioned) -> tuple[float, float]:
 def _outer(found: Commissioned, analysis: AxisAnalysis) -> Section:
     outer = found.outer.outer
     figures = {
-        "effort": f"{outer.effort:g}",
+        "control weight": f"{outer.control_weight:g}",
         "random walk": f"{outer.disturbance_um:g} um a cycle",
         "sensor noise": f"{1e3 * outer.sensor_noise_um:.1f} nm",
         "bandwidth": f"{found.outer.bandwidth_Hz:.0f} Hz",

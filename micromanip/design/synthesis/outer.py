@@ -1,8 +1,9 @@
 """The outer loop by two human knobs: how fast (bandwidth), and how noisy the capacitive sensor is.
 
 The LQG of `control/outer_gains.py` has five figures; along one line through them everything that matters
-changes together, from calm to fast: the less effort counts, the more disturbance is expected. The line is that of
-three designs that were tried on the plant (effort 30, 10, 3 with a random walk of 0.03, 0.1, 0.3 um a cycle).
+changes together, from calm to fast: the smaller the control weight, the more disturbance is expected. The line is
+that of three designs that were tried on the plant (control weight 30, 10, 3 with a random walk of 0.03, 0.1,
+0.3 um a cycle).
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ from ..loops import Margins, model_system
 GAIN_DB, PHASE_DEG = 6.0, 35.0
 _RESERVE_DB, _RESERVE_DEG = 0.3, 2.0
 """What is asked for beyond the least margins: the next identification gives a slightly other model."""
-_EFFORTS = np.geomspace(1.0, 1000.0, 25)
+_CONTROL_WEIGHTS = np.geomspace(1.0, 1000.0, 25)
 _BESIDE = 0.1
 _WALK, _OSCILLATION = 1.0, 1e-2
-"""Random walk times effort along the line; noise of the tooth-passing oscillator in terms of that of the walk."""
+"""Random walk times control weight along the line; noise of the tooth-passing oscillator in terms of the walk's."""
 _LATE_WALK, _LATE_OSCILLATION = 0.1, 1e-1
 """The same where samples come late: then integral action costs more of the margins than damping does."""
 
 
 @dataclass(frozen=True)
 class OuterDesign:
-    """The tuning with its margins; `tried` has (effort, bandwidth_Hz, gain margin dB, phase margin deg) a design."""
+    """The tuning with its margins; `tried` has (weight, bandwidth_Hz, gain margin dB, phase margin deg) per design."""
 
     outer: Outer
     margins: Margins
@@ -64,11 +65,11 @@ def tune_outer(
     """
     tried, best = [], None
     walking, oscillating = (_LATE_WALK, _LATE_OSCILLATION) if late_cycles else (_WALK, _OSCILLATION)
-    for effort in _EFFORTS:
-        walk = walking / effort
+    for weight in _CONTROL_WEIGHTS:
+        walk = walking / weight
         outer = Outer(
             model=model,
-            effort=float(f"{effort:.4g}"),
+            control_weight=float(f"{weight:.4g}"),
             disturbance_um=float(f"{walk:.4g}"),
             oscillation_Hz=oscillation_Hz,
             oscillation_um=float(f"{oscillating * walk:.4g}"),
@@ -78,7 +79,7 @@ def tune_outer(
         gains = outer_gains(outer, None, period_s)
         found = margins(stage_loop(gains, model_system(model, period_s), sample_cycles, late_cycles))
         crossover = _bandwidth_Hz(found, oscillation_Hz)
-        tried.append((float(effort), crossover, found.gain_dB, found.phase_deg))
+        tried.append((float(weight), crossover, found.gain_dB, found.phase_deg))
         if not found.stable or found.gain_dB < GAIN_DB + _RESERVE_DB or found.phase_deg < PHASE_DEG + _RESERVE_DEG:
             continue
         if best is None or (bandwidth_Hz is not None and abs(crossover - bandwidth_Hz) < abs(best[2] - bandwidth_Hz)):

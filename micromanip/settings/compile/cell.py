@@ -14,9 +14,8 @@ from micromanip.control.pid import pid_gains
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
-from micromanip.settings.schema.frame import frame_of
 from micromanip.settings.schema.hysteresis import NoModel
-from micromanip.settings.schema.model import Configuration, Output, Signal, Start
+from micromanip.settings.schema.model import PLAUSIBLE_UM, Configuration, Output, Signal, Start
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
@@ -32,7 +31,6 @@ _PROCESS_MARGIN = 2.0
 _NOISE_SIGMA, _PLAUSIBLE_SIGMA, _GAP_SAMPLES = 3.0, 5.0, 4
 _LONGEST_MEAN_S = 1.0
 """Over more than this the mean of what a contact makes only falls."""
-PLAUSIBLE_UM = (-1000.0, 1000.0)
 
 _SCORE_AFTER_S = 1.0
 
@@ -103,7 +101,7 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     a["voltage"] = wiring.outputs[f"voltage_{name}"]
     a["strain_age_ns"] = _max_age_ns(configuration.signals.get(f"strain_{name}"))
     a["stage_age_ns"] = _max_age_ns(configuration.signals.get(f"stage_{name}"))
-    frame = frame_of(configuration)
+    frame = configuration.frame
     followed = (f"deviation_{name}",) if frame is None else frame.signals
     a["reference_age_ns"] = min(_max_age_ns(configuration.signals.get(each)) for each in followed)
     for role in ("strain", "stage"):
@@ -116,7 +114,7 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
 
 def _fill_frame(f: Any, configuration: Configuration, wiring: Wiring) -> None:
     """How the deviations come of the tracker's own coordinates."""
-    frame = frame_of(configuration)
+    frame = configuration.frame
     if frame is None:
         return
     rows, columns = np.shape(frame.matrix)

@@ -9,6 +9,8 @@ import json
 import sys
 from collections.abc import Iterator
 
+from micromanip.settings.schema.faults import REACTIONS
+from micromanip.settings.schema.key import NEITHER
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text import units
 from micromanip.settings.text.shape import Shape
@@ -24,11 +26,13 @@ or "no limit", where the type allows it; infinity and NaN are refused. Anchors a
 save repetition between axes.
 
 `<name>` stands for a name of your choice, `[i]` for an entry of a list.
+
+"Change" is what a change of the value takes while the controller runs ([Tuning a running cell](tuning-live.md)): live,
+it is applied at a cycle boundary; "needs disarm", only with the outputs at rest; "needs restart", only by a new start.
+A value that protects less than the present one needs disarm, too: "weaker if larger" says which one it is.
 """
-_HEADER = """\
-| Key | Type | Unit | Default | Range | Meaning |
-|---|---|---|---|---|---|
-"""
+_COLUMNS = ("Key", "Type", "Unit", "Default", "Range", "Change", "Meaning")
+_CHANGE = _COLUMNS.index("Change")
 
 
 def render() -> str:
@@ -75,13 +79,27 @@ def _section(path: str, shape: Shape, written: dict[str, str]) -> str:
 
 
 def _table(shape: Shape) -> str:
-    rows = []
+    rows: list[tuple[str, ...]] = [_COLUMNS]
     for key, field in shape.fields.items():
         unit = units.words_for(key) or ""
         default = "required" if key in shape.required else _default(field)
-        cells = (f"`{key}`", field.words(), unit, default, field.range(), _prose(field.description))
-        rows.append(f"| {' | '.join(cells)} |\n")
-    return _HEADER + "".join(rows)
+        rows.append(
+            (f"`{key}`", field.words(), unit, default, field.range(), _change(field), _prose(field.description))
+        )
+    if not any(row[_CHANGE] for row in rows[1:]):  # a driver's own options, or nothing but sections
+        rows = [row[:_CHANGE] + row[_CHANGE + 1 :] for row in rows]
+    header, *lines = (f"| {' | '.join(row)} |\n" for row in rows)
+    return f"{header}|{'---|' * len(rows[0])}\n{''.join(lines)}"
+
+
+def _change(field: Shape) -> str:
+    """What a change of the key takes; of a section, its keys say it."""
+    change, weaker = field.said("change") or "", field.said("weaker")
+    if field.fields or (field.entry and field.entry.fields and field.type == "object"):
+        return change if field.nullable else ""
+    if weaker in (None, NEITHER):
+        return change
+    return f"{change}, weaker if {'milder' if set(field.choices) & set(REACTIONS) else weaker}"
 
 
 def _default(field: Shape) -> str:

@@ -21,9 +21,9 @@ from micromanip.quantities import (
 from micromanip.rt.laws.estimator import MAX_STATES
 
 from .base import Settings
-from .commissioned import Commissioned
 from .faults import AxisFaults
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
+from .key import AtRest, LargerIsWeaker, Live
 
 Row = tuple[Real, ...]
 
@@ -31,8 +31,8 @@ Row = tuple[Real, ...]
 class SetPoint(Settings):
     """Limits of the actuator set-point."""
 
-    range_um: RangeUm = Field(description="Attainable range on the strain gauge.")
-    slew_um_per_ms: Speed = Field(
+    range_um: AtRest[RangeUm] = Field(description="Attainable range on the strain gauge.")
+    slew_um_per_ms: Live[Speed] = Field(
         default=20.0,
         description="Fastest change. Well below what the output's slew limit gives (V/ms times um/V): a set-point that "
         "the actuator cannot follow makes the outer loop swing.",
@@ -87,8 +87,9 @@ class Outer(Settings):
     """Kalman filter and LQG on the capacitive sensor."""
 
     model: LinearModel
-    effort: Positive = Field(
-        default=10.0, description="LQR weight of the set-point; smaller is faster and less robust."
+    control_weight: Positive = Field(
+        default=10.0,
+        description="LQR weight of the set-point, beside 1 of the error; smaller is faster and less robust.",
     )
     input_noise_um: Distance = Field(default=0.1, description="White noise on the set-point, rms a cycle.")
     disturbance_um: Distance = Field(
@@ -100,25 +101,41 @@ class Outer(Settings):
     sample_cycles: int = Field(default=1, strict=True, ge=1, le=64, description="Loop cycles between sensor samples.")
 
 
+HASH_DIGITS = 16
+
+
+class Commissioned(Settings):
+    """What `commission` notes beside the tuning that it wrote; `check` and `run` warn where the two differ."""
+
+    hash: str = Field(
+        pattern=f"^[0-9a-f]{{{HASH_DIGITS}}}$",
+        description="Of the axis' tuning: its keys with their values, without limits, authority and this section.",
+    )
+    report: str = Field(min_length=1, description="File name of the report.")
+    date: str = Field(min_length=1, description="Day of the commissioning.")
+
+
 class Axis(Settings):
     """One axis of the manipulator."""
 
-    mode: Literal["voltage", "strain", "stage"] = Field(
+    mode: AtRest[Literal["voltage", "strain", "stage"]] = Field(
         default="stage", description="What the reference is: a voltage (open loop), an actuator or a stage position."
     )
-    centre_um: Micrometres = Field(description="Working point on the strain gauge, where the stage's zero is.")
+    centre_um: AtRest[Micrometres] = Field(description="Working point on the strain gauge, where the stage's zero is.")
     setpoint: SetPoint
-    hysteresis: Hysteresis = Field(default=NoModel(model="none"), description="Its inverse is the feedforward.")
-    hysteresis_affine: PrandtlIshlinskii | None = Field(
+    hysteresis: Live[Hysteresis] = Field(default=NoModel(model="none"), description="Its inverse is the feedforward.")
+    hysteresis_affine: Live[PrandtlIshlinskii | None] = Field(
         default=None, description="Affine-shaped model that `evaluate` uses as configuration B; `run` does not."
     )
-    inner: Inner
-    outer: Outer | None = Field(default=None, description="Needed for mode stage.")
-    authority_percent: Percent = Field(default=100.0, description="Share of the reference signal that is followed.")
-    faults: AxisFaults = Field(
+    inner: Live[Inner]
+    outer: Live[Outer | None] = Field(default=None, description="Needed for mode stage.")
+    authority_percent: Live[Percent] = Field(
+        default=100.0, description="Share of the reference signal that is followed."
+    )
+    faults: LargerIsWeaker[Live[AxisFaults]] = Field(
         default=AxisFaults(), description="This axis' own limits; what is left out stands in faults.axis."
     )
-    commissioned: Commissioned | None = Field(default=None, description="The report that this tuning belongs to.")
+    commissioned: Live[Commissioned | None] = Field(default=None, description="The report that this tuning belongs to.")
 
     @model_validator(mode="after")
     def _is_reachable(self) -> Self:

@@ -27,7 +27,10 @@ from micromanip.quantities import (
 )
 
 from .base import Settings
+from .key import NarrowerIsWeaker, NeverWeaker, SmallerIsWeaker
 
+REACTIONS = ("warn", "hold", "ramp", "off")
+"""The mildest first."""
 Reaction = Literal["warn", "hold", "ramp", "off"]
 _REACTION = "What follows: warn only tells, hold freezes the correction, ramp goes to park, off cuts the amplifier."
 
@@ -66,7 +69,7 @@ class Disagreement(Settings):
         description="What the process may do: how far its steady force, when it comes, would push the stage without "
         "control: force over stiffness. Half of it comes as an oscillation on top, at outer.oscillation_Hz.",
     )
-    process_ms: Annotated[Milliseconds, Field(le=1000.0)] = Field(
+    process_ms: SmallerIsWeaker[Annotated[Milliseconds, Field(le=1000.0)]] = Field(
         default=20.0, description="The process' force is there within so long."
     )
     reaction: Reaction = Field(default="hold", description=_REACTION)
@@ -92,7 +95,7 @@ class Oscillation(Settings):
     """The inner loop swings: rms of its error in a band."""
 
     limit_um: Distance | None = Field(default=1.0, description="Largest rms in the band.")
-    band_Hz: RangeHz = Field(default=(300.0, 1500.0), description="Where a loop would swing.")
+    band_Hz: NarrowerIsWeaker[RangeHz] = Field(default=(300.0, 1500.0), description="Where a loop would swing.")
     time_ms: Milliseconds = Field(
         default=20.0, description="It must last so long; then the fallback gains, then again."
     )
@@ -107,7 +110,9 @@ class ReferenceLost(Settings):
 
     stale_periods: Positive | None = Field(default=2.0, description="Told after so many periods of the signal.")
     time_ms: Milliseconds | None = Field(default=20.0, description="The reaction follows after so long.")
-    decay_ms: Milliseconds = Field(default=200.0, description="The hold goes back to the working point in this time.")
+    decay_ms: NeverWeaker[Milliseconds] = Field(
+        default=200.0, description="The hold goes back to the working point in this time."
+    )
     reaction: Reaction = Field(default="hold", description=_REACTION)
 
 

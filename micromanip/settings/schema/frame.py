@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,18 +11,15 @@ from micromanip.quantities import Micrometres, Real
 from micromanip.rt.laws.coordinate_transform import MAX_FRAME
 
 from .base import Settings
+from .key import NewStart
 
-if TYPE_CHECKING:
-    from .model import Configuration
-
-Finding = tuple[tuple[str | int, ...], str]
 PREFIX = "tracker_"
 
 
 class Frame(Settings):
     """Tracker coordinates to axes: deviation_<axis> = row of the matrix times the signals, plus the offset."""
 
-    signals: tuple[str, ...] = Field(
+    signals: NewStart[tuple[str, ...]] = Field(
         min_length=1, max_length=MAX_FRAME, description="Signals with the tracker's coordinates, named tracker_<name>."
     )
     matrix: tuple[tuple[Real, ...], ...] = Field(
@@ -50,30 +46,3 @@ class Frame(Settings):
                 "orthogonal rows"
             )
         return self
-
-
-def frame_of(configuration: Configuration) -> Frame | None:
-    """The tracker's frame, where the configuration has one."""
-    return getattr(configuration.reference, "frame", None)
-
-
-def frame_findings(configuration: Configuration) -> Iterator[Finding]:
-    """A frame whose signals or axes are not those of the configuration; coordinates that nobody uses."""
-    frame = frame_of(configuration)
-    used = () if frame is None else frame.signals
-    for name in configuration.signals:
-        if name.startswith(PREFIX) and name not in used:
-            yield ("signals", name), "no frame uses it; name it in reference.frame.signals"
-    if frame is None:
-        return
-    for name in used:
-        if name not in configuration.signals:
-            yield ("reference", "frame", "signals"), f"the section signals has no {name}"
-    if len(frame.matrix) != len(configuration.axes):
-        yield (
-            ("reference", "frame", "matrix"),
-            f"{len(frame.matrix)} rows for {len(configuration.axes)} axes ({', '.join(configuration.axes)})",
-        )
-    for name in configuration.axes:
-        if f"deviation_{name}" in configuration.signals:
-            yield ("signals", f"deviation_{name}"), "reference.frame computes it already; one of the two must go"

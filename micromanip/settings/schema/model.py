@@ -32,9 +32,9 @@ from micromanip.rt.records import MAX_AXES, MAX_DRIVERS, MAX_OUTPUTS, MAX_SIGNAL
 from .axis import Axis
 from .base import Flag, Settings
 from .faults import Faults
-from .reference import Reference
-
-SCHEMA_VERSION = 1
+from .frame import Frame
+from .key import AtRest, LargerIsWeaker, Live, NewStart, WiderIsWeaker
+from .reference import Reference, Tracker
 
 
 class Loop(Settings):
@@ -161,6 +161,10 @@ class Simulation(Settings):
         return dict(self.model_extra or {})
 
 
+PLAUSIBLE_UM = (-1000.0, 1000.0)
+"""Strain and stage samples outside count as invalid where a signal has no range of its own."""
+
+
 class Signal(Settings):
     """An input of the loop."""
 
@@ -168,10 +172,10 @@ class Signal(Settings):
     channel: str | None = Field(
         default=None, description="The driver's name for it; the signal's own name if left out."
     )
-    max_age_us: Microseconds | None = Field(
+    max_age_us: LargerIsWeaker[Live[Microseconds | None]] = Field(
         default=300.0, description="Older than this it counts as invalid; null means no limit."
     )
-    range_um: RangeUm | None = Field(
+    range_um: WiderIsWeaker[Live[RangeUm | None]] = Field(
         default=None, description="Strain and stage samples outside are invalid; null: +-1000 um."
     )
 
@@ -183,8 +187,9 @@ class Output(Settings):
     channel: str | None = Field(
         default=None, description="The driver's name for it; the output's own name if left out."
     )
-    range_V: RangeV = Field(description="No voltage outside this range is ever written.")
-    slew_V_per_ms: Speed = Field(description="No voltage changes faster than this.")
+    range_V: AtRest[RangeV] = Field(description="No voltage outside this range is ever written.")
+    slew_V_per_ms: AtRest[Speed] = Field(description="No voltage changes faster than this.")
+    # not AtRest: an output at rest would move to another voltage without being armed
     park_V: Volts = Field(default=0.0, description="Voltage at rest and after a fault.")
     capacitance_uF: Positive | None = Field(default=None, description="Capacitance of the stack; with current_mA.")
     current_mA: Positive | None = Field(
@@ -248,32 +253,41 @@ class Switches(Settings):
 class Configuration(Settings):
     """The whole file."""
 
-    schema_version: Literal[1] = Field(description="Version of this layout.")
-    loop: Loop
-    start: Start = Start()
-    drivers: dict[str, Driver] = Field(
+    schema_version: NewStart[Literal[2]] = Field(
+        description="Version of this layout; a file of version 1 is read all the same."
+    )
+    loop: NewStart[Loop]
+    start: AtRest[Start] = Start()
+    drivers: NewStart[dict[str, Driver]] = Field(
         min_length=1, max_length=MAX_DRIVERS, description="Buses and cards, or the simulated cell."
     )
-    signals: dict[str, Signal] = Field(
+    signals: NewStart[dict[str, Signal]] = Field(
         max_length=MAX_SIGNALS,
         description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis> or, with reference.frame, "
         "tracker_<name>; true_strain_<axis>, "
         "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them. Digital, 1 is good: "
         "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut).",
     )
-    outputs: dict[str, Output] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
-    switches: Switches = Switches()
-    faults: Faults = Faults()
-    shadow: Trial = Trial()
-    reference: Reference = Field(description="Where the set-points of the axes come from.")
-    axes: dict[str, Axis] = Field(min_length=1, max_length=MAX_AXES, description="The axes of the manipulator.")
-    control: Control = Control()
-    arm_on_start: Flag = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
-    simulation: Simulation | None = Field(
+    outputs: NewStart[dict[str, Output]] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
+    switches: NewStart[Switches] = Switches()
+    faults: LargerIsWeaker[Live[Faults]] = Faults()
+    shadow: Live[Trial] = Trial()
+    reference: AtRest[Reference] = Field(description="Where the set-points of the axes come from.")
+    axes: NewStart[dict[str, Axis]] = Field(
+        min_length=1, max_length=MAX_AXES, description="The axes of the manipulator."
+    )
+    control: NewStart[Control] = Control()
+    arm_on_start: NewStart[Flag] = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
+    simulation: NewStart[Simulation | None] = Field(
         default=None,
         description="The plant behind the devices that `micromanip simulate-device` plays; besides `driver` "
         "it takes the keys of that driver. `run` does not use it.",
     )
 
+    @property
+    def frame(self) -> Frame | None:
+        """The tracker's frame, where there is one."""
+        return self.reference.frame if isinstance(self.reference, Tracker) else None
 
-__all__ = ["SCHEMA_VERSION", "Configuration", "Control", "Count", "Driver", "Loop", "Output", "Signal", "Start"]
+
+__all__ = ["Configuration", "Control", "Count", "Driver", "Loop", "Output", "Signal", "Start"]

@@ -21,6 +21,7 @@ from micromanip.rt.laws.reference import MAX_SINES
 
 from .base import Flag, Settings
 from .frame import Frame
+from .key import Live, NewStart
 
 
 class _Own(Settings):
@@ -60,7 +61,8 @@ class File(Settings):
     """Samples from a CSV file with a header; a column an axis, by its name."""
 
     source: Literal["file"]
-    path: str = Field(description="CSV file, relative to the configuration.")
+    # the memory of the samples is made when the loop starts
+    path: NewStart[str] = Field(description="CSV file, relative to the configuration.")
     sample_rate_Hz: Hertz = Field(default=10_000.0, description="Rows a second; interpolated to the loop's rate.")
 
 
@@ -95,7 +97,9 @@ class Jog(_Own):
     source: Literal["jog"]
     range_um: RangeUm = Field(description="How far it may be jogged.")
     speed_um_per_s: Speed = Field(default=50.0, description="How fast it moves.")
-    target_um: dict[str, Micrometres] = Field(default={}, description="Where each axis goes; offset_um if left out.")
+    target_um: Live[dict[str, Micrometres]] = Field(
+        default={}, description="Where each axis goes; offset_um if left out."
+    )
 
     @model_validator(mode="after")
     def _is_inside(self) -> Self:

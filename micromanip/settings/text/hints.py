@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 
-from . import units
+from . import renames, units
 from .place import Path, Place
 from .source import key_text
 
@@ -21,6 +21,8 @@ def unknown_key(place: Place) -> tuple[str, Path | None]:
     if section is None:
         return unknown, None
     fields = section.shape.fields
+    if (name := renames.new_name(place.path)) in fields:
+        return f"{unknown}: it is called {name} now", section.down(str(name)).path
     stem, _ = units.split(key)
     same_stem = [known for known in fields if units.split(known)[0] == stem]
     elsewhere = None if same_stem else _section_that_knows(section, key)

@@ -22,6 +22,8 @@ _NOUNS = {
     "string": ("text", "texts"),
     "object": ("a section", "sections"),
 }
+_SAID = ("change", "weaker")
+"""What a section says counts for its keys, too (`micromanip.settings.schema.key`)."""
 _COUNTED = {"Items": ("entry", "entries"), "Properties": ("entry", "entries"), "Length": ("character", "characters")}
 
 
@@ -65,7 +67,8 @@ class Shape:
         return self
 
     def _part(self, schema: Mapping[str, Any] | bool) -> Shape:
-        return Shape({} if isinstance(schema, bool) else schema, self.definitions)._resolved()
+        said = {word: self.schema[word] for word in _SAID if word in self.schema}
+        return Shape({**said, **({} if isinstance(schema, bool) else schema)}, self.definitions)._resolved()
 
     @property
     def description(self) -> str:
@@ -76,6 +79,10 @@ class Shape:
     def title(self) -> str:
         """Name of the section's class."""
         return str(self.schema.get("title", ""))
+
+    def said(self, word: str) -> str | None:
+        """What is said at the field, or at the section around it, of a `change` or of what is `weaker`."""
+        return self.schema.get(word)
 
     @property
     def type(self) -> str | None:
@@ -131,6 +138,14 @@ class Shape:
             return self._part(entries[part])
         fields = self.schema.get("properties", {})
         return self._part(fields[part]) if part in fields else self.entry or self._part({})
+
+    def at(self, path: Iterable[str | int]) -> Shape:
+        """What belongs at a key path; of a union, in the first alternative that has the key."""
+        shape = self
+        for part in path:
+            holders = (each for each in (shape, *shape.variants) if part in each.schema.get("properties", ()))
+            shape = next(holders, shape).child(part)
+        return shape
 
     def words(self, *, many: bool = False) -> str:
         """The type in words."""

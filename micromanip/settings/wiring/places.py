@@ -15,7 +15,6 @@ from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, Safe
 from micromanip.errors import ConfigError
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 from micromanip.settings.load import validate_section
-from micromanip.settings.schema.frame import frame_of
 from micromanip.settings.schema.model import Configuration, Driver, Output, Signal, Switch
 from micromanip.settings.text.source import Source
 
@@ -144,7 +143,7 @@ def wire(configuration: Configuration, source: Source, seed: int | None = None) 
         raise source.error(
             ("drivers",), f"{inputs} inputs and {outputs} outputs; at most {MAX_SIGNALS} and {MAX_OUTPUTS} fit"
         )
-    derived = [] if frame_of(configuration) is None else [f"deviation_{axis}" for axis in configuration.axes]
+    derived = [] if configuration.frame is None else [f"deviation_{axis}" for axis in configuration.axes]
     if inputs + len(derived) > MAX_SIGNALS:
         raise source.error(("reference", "frame"), f"{inputs} inputs leave no room for its signals in {MAX_SIGNALS}")
     signal_index = {name: inputs + i for i, name in enumerate(derived)}

@@ -140,7 +140,7 @@ REFUSED = [
 def test_refused_with_one_message_that_says_where(tmp_path, options, path, value, words):
     file = tmp_path / "cell.yaml"
     section = changed(options, path, value)
-    file.write_text(yaml.safe_dump({"schema_version": 1, "drivers": {"one": {"driver": "line", **section}}}))
+    file.write_text(yaml.safe_dump({"schema_version": 2, "drivers": {"one": {"driver": "line", **section}}}))
     with pytest.raises(ConfigError) as refusal:
         bus_driver(file, "one")
     lines = str(refusal.value).splitlines()
@@ -154,7 +154,7 @@ def test_the_line_is_that_of_the_key(tmp_path):
     """Also where only the driver can know that it is wrong."""
     file = tmp_path / "cell.yaml"
     section = {"driver": "line", **changed(BOARD, "binary.send.voltages.cyclic_safe", False)}
-    file.write_text(yaml.safe_dump({"schema_version": 1, "drivers": {"one": section}}))
+    file.write_text(yaml.safe_dump({"schema_version": 2, "drivers": {"one": section}}))
     number = 1 + next(i for i, line in enumerate(file.read_text().splitlines()) if "cyclic_safe" in line)
     with pytest.raises(
         ConfigError, match=rf"cell\.yaml:{number}: drivers\.one\.binary\.send\.voltages\.cyclic_safe: 1000"

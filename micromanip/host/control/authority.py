@@ -1,4 +1,4 @@
-"""Who is at the other end of a Unix socket, as the kernel says."""
+"""Who is at the other end of the control socket, as the kernel says, and what they may do."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import pwd
 import socket
 import struct
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Self
+
+from micromanip.errors import PermissionDenied
 
 _CREDENTIALS = struct.Struct("3i")
 _SO_PEERGROUPS = 59  # of Linux 4.13 and newer; Python has no name for it
@@ -50,3 +53,33 @@ def _name(uid: int) -> str:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
         return f"uid {uid}"
+
+
+class Right(StrEnum):
+    """What a verb takes: `OBSERVE` changes nothing, `OPERATE` moves something or changes what runs."""
+
+    OBSERVE = "observe"
+    OPERATE = "operate"
+
+
+@dataclass(frozen=True)
+class Authority:
+    """Numbers of the groups whose members operate and observe; root and the controller's own user always do both."""
+
+    operators: int
+    observers: int | None = None
+
+    def allows(self, peer: Peer, right: Right) -> bool:
+        """Whoever operates may observe, too."""
+        if peer.uid in (0, os.geteuid()) or self.operators in peer.groups:
+            return True
+        return right is Right.OBSERVE and self.observers in peer.groups
+
+    def demand(self, peer: Peer, right: Right, verb: str) -> None:
+        """Raise PermissionDenied where `peer` has not the `right` that `verb` takes."""
+        if not self.allows(peer, right):
+            may = "only observe" if self.allows(peer, Right.OBSERVE) else "do nothing here"
+            raise PermissionDenied(
+                f"{verb} refused: {peer.user} may {may}; to {right} takes to be in the group "
+                f"that control.{right}_group names, at the time of connecting"
+            )

@@ -1,34 +1,71 @@
 """The audit trail: who asked for what, when, from what to what, and whether it was done.
 
-JSON lines in the state directory. It never stops a verb: what can't be written is counted.
+JSON lines in the state directory. It never stops a verb: what can't be written is counted. Of refusals that come again
+and again the first is told, the others of the next minute are counted: so a client that asks for the impossible a
+thousand times a second neither fills the disk nor hides what others do.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from micromanip.errors import MicromanipError
 from micromanip.replies import Audit, AuditEntry, Change
 
 from .audit_files import KEEPING, AuditFiles, Keeping
-from .authority import Right
-from .peer import Peer
-from .protocol import Request, Verb
-from .repeats import Repeats
+from .authority import Peer
 
 _VALUE_CHARS, _REFUSED_CHARS, _REASON_CHARS, _NAME_CHARS = 1000, 100, 2000, 200
 """A value, one that was refused, a reason, and a name or key are cut to this length; what was cut is said."""
 _REFUSED_CHANGES = 20
 _LOOK_S = 5.0
+_WINDOW_S = 60.0
+_DISTINCT = 10
+_Key = tuple[str, int | None, str | None, str | None]
 
-Result = TypeVar("Result")
+
+@dataclass
+class _Seen:
+    until: float
+    newest: AuditEntry
+    count: int = 0
+
+
+class Repeats:
+    """What was refused within the last minute; a user has so many `distinct` refusals, more are counted together."""
+
+    def __init__(
+        self, window_s: float = _WINDOW_S, distinct: int = _DISTINCT, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._window_s, self._distinct, self._clock = window_s, distinct, clock
+        self._seen: dict[_Key, _Seen] = {}
+
+    def is_counted(self, entry: AuditEntry) -> bool:
+        """Take note of a refusal; True where it is counted with others and needs no line of its own."""
+        user: tuple[str, int | None] = (entry["user"], entry["uid"])
+        key: _Key = (*user, entry["verb"], entry["reason"])
+        is_new = key not in self._seen
+        if is_new and Counter(known[:2] for known in self._seen)[user] >= self._distinct:
+            key = (*user, None, None)
+        seen = self._seen.setdefault(key, _Seen(self._clock() + self._window_s, entry))
+        if is_new and key[2] is not None:
+            return False
+        seen.newest, seen.count = entry, seen.count + 1
+        return True
+
+    def over(self, *, now: bool = False) -> list[AuditEntry]:
+        """The newest of those whose minute is over (all of them: `now`), each with how many were counted."""
+        ended = [key for key, seen in self._seen.items() if now or seen.until <= self._clock()]
+        found = [self._seen.pop(key) for key in ended]
+        return [AuditEntry(**{**seen.newest, "repeated": seen.count}) for seen in found if seen.count]
 
 
 class AuditTrail:
@@ -63,37 +100,6 @@ class AuditTrail:
     async def refused(self, peer: Peer, verb: str, reason: str) -> None:
         """Add what was refused before it came to a verb."""
         await self.note(peer, verb, reason=reason)
-
-    @contextlib.asynccontextmanager
-    async def refusals(self, peer: Peer, verb: str, asked: Sequence[Change] = ()) -> AsyncIterator[None]:
-        """Whatever is raised within is noted: what was `asked`, and why it was not done."""
-        try:
-            yield
-        except MicromanipError as refusal:
-            await self.note(peer, verb, asked, str(refusal))
-            raise
-        except Exception as bug:
-            await self.note(peer, verb, asked, f"bug: {type(bug).__name__}: {bug}")
-            raise
-
-    async def done(
-        self, peer: Peer, verb: str, change: Callable[[], Awaitable[tuple[Result, Sequence[Change]]]]
-    ) -> Result:
-        """Result of `change`; the trail gets what it changed."""
-        result, changes = await change()
-        await self.note(peer, verb, changes)
-        return result
-
-    def followed(self, verb: Verb) -> Verb:
-        """The same verb; the trail gets why it was refused to somebody who asked for more than to look."""
-
-        async def act(request: Request) -> Any:
-            if verb.right(request) is Right.OBSERVE:
-                return await verb(request)
-            async with self.refusals(request.peer, request.verb, _asked(request.fields)):
-                return await verb(request)
-
-        return Verb(act, verb.right, verb.stops)
 
     async def tell_repeats(self) -> None:
         """As long as it runs: write down how often what was refused has been refused again."""
@@ -140,13 +146,6 @@ class AuditTrail:
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def _asked(fields: Mapping[str, Any]) -> list[Change]:
-    """What a request wanted: the new values of a `set` or `shadow`, the fields of any other."""
-    changes = fields.get("changes")
-    wanted = changes if isinstance(changes, Mapping) else fields
-    return [Change(key=key, old=None, new=value) for key, value in wanted.items()]
 
 
 def _refused(changes: Sequence[Change]) -> list[Change]:

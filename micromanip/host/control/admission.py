@@ -1,4 +1,4 @@
-"""How many clients a control socket serves: some for each user, and two more for those who come to stop the cell.
+"""Who is served, and when: so many clients of each user, one request at a time, and always those who stop the cell.
 
 Whoever finds the ordinary slots taken sits in a reserved one for a moment and is answered one `disarm` or `hold`.
 Nobody can keep a reserved slot: it is closed soon, and at once for a newcomer.
@@ -7,15 +7,19 @@ Nobody can keep a reserved slot: it is closed soon, and at once for a newcomer.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
-from collections.abc import Iterable
+import time
+from collections.abc import AsyncIterator, Iterable
 from dataclasses import dataclass, field
 
 from micromanip.errors import DeviceUnavailable
 
-from .peer import Peer
+from .authority import Peer
 
 _number = itertools.count()
+_REST_S = 0.02
+"""Longest rest after a request: clients that ask without a pause get half of the host's time, however many."""
 
 
 @dataclass(frozen=True)
@@ -93,3 +97,23 @@ class Slots:
     @staticmethod
     def _of(peer: Peer, clients: Iterable[Client]) -> int:
         return sum(client.peer.uid == peer.uid for client in clients)
+
+
+class Turns:
+    """One queue: at most one piece of work begins between two turns of the event loop."""
+
+    def __init__(self) -> None:
+        self._turn = asyncio.Lock()
+        self._rested = 0.0
+
+    @contextlib.asynccontextmanager
+    async def one(self) -> AsyncIterator[None]:
+        """Enter when the next may begin: whatever else is due comes first, and after each a rest as long."""
+        async with self._turn:
+            await asyncio.sleep(max(0.0, self._rested - time.monotonic()))
+        begin = time.monotonic()
+        try:
+            yield
+        finally:
+            now = time.monotonic()
+            self._rested = max(self._rested, now + min(now - begin, _REST_S))

@@ -5,29 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pydantic import Field
-
+from micromanip.settings.schema.axis import HASH_DIGITS, Axis
 from micromanip.settings.text.digits import rounded
-
-from .base import Settings
-
-if TYPE_CHECKING:
-    from .axis import Axis
-
-_HASH_DIGITS = 16
-
-
-class Commissioned(Settings):
-    """What `commission` notes beside the tuning that it wrote; `check` and `run` warn where the two differ."""
-
-    hash: str = Field(
-        pattern=f"^[0-9a-f]{{{_HASH_DIGITS}}}$",
-        description="Of the axis' tuning: its keys with their values, without limits, authority and this section.",
-    )
-    report: str = Field(min_length=1, description="File name of the report.")
-    date: str = Field(min_length=1, description="Day of the commissioning.")
+from micromanip.settings.text.renames import first_names
 
 
 def tuning_hash(axis: Axis) -> str:
@@ -36,11 +18,13 @@ def tuning_hash(axis: Axis) -> str:
     The note of the commissioning itself, limits and authority are not.
 
     Canonical JSON, keys sorted, numbers rounded as where they are written to a file: a file that was written
-    and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out.
+    and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out. A key
+    counts by the name that it was given first, so a report stays that of its axis where a later layout has another.
     """
-    tuning = _canonical(axis.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"}))
+    tuning = axis.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"})
+    tuning = _canonical(first_names(tuning, ("axes", "*")))
     text = json.dumps(tuning, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()[:_HASH_DIGITS]
+    return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 
 
 def changes_since(axes: Mapping[str, Axis]) -> list[str]:

@@ -1,0 +1,112 @@
+"""What the verbs answer: values, configurations beside each other, and the figures of a candidate.
+
+The loop gathers the figures of the tuning in force, of the candidate beside it, and of a trial.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from micromanip.replies import Change, Comparison, Difference, Parameter, Shadow, TrialError, TuningFigures
+from micromanip.rt.states import NO_SHADOW, SHADOW_NAMES, SHADOWING, STAGE, VOLTAGE
+from micromanip.settings.change import ABSENT, changed, needed, values
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.keys import selected
+from micromanip.settings.text.source import key_text
+
+from .candidate import Candidate
+
+
+def parameters(configuration: Configuration, keys: Sequence[str]) -> list[Parameter]:
+    """Values of `keys`, of all below where one is a section, of all without; UsageError where one is unknown."""
+    leaves = values(configuration)
+    paths = selected(leaves, configuration.model_dump(mode="json"), keys)
+    return [Parameter(key=key_text(path), value=leaves[path], change=needed(path)) for path in paths]
+
+
+def changes(old: Configuration, new: Configuration) -> list[Change]:
+    """What is another value in `new`."""
+    return [
+        Change(key=key_text(path), old=_shown(before), new=_shown(after))
+        for path, (before, after) in changed(old, new).items()
+    ]
+
+
+def differences(file: Configuration, running: Configuration) -> list[Difference]:
+    """What runs with another value than the file has."""
+    return [
+        Difference(key=key_text(path), file=_shown(on_disk), running=_shown(runs), change=needed(path))
+        for path, (on_disk, runs) in changed(file, running).items()
+    ]
+
+
+def _shown(value: Any) -> Any:
+    return None if value is ABSENT else value
+
+
+def report(candidate: Candidate | None, status: Any) -> Shadow:
+    """Where the candidate stands, with its figures."""
+    if candidate is None:
+        return Shadow(
+            standing=SHADOW_NAMES[NO_SHADOW],
+            version=None,
+            changed=[],
+            comparison={},
+            trial={},
+            passed_s=None,
+            trial_s=None,
+            reason=None,
+        )
+    cell, axes = candidate.prepared.parameters[0], list(candidate.prepared.configuration.axes)
+    period_s, promoted = int(cell["period_ns"]) * 1e-9, candidate.standing != SHADOWING
+    passed_cycles = max(0, int(status["state"][0]["trial_cycles"]))
+    return Shadow(
+        standing=SHADOW_NAMES[candidate.standing],
+        version=candidate.version,
+        changed=candidate.changed,
+        comparison={} if promoted else _comparison(status, cell, axes),
+        trial=_trial(status, cell, axes) if promoted else {},
+        passed_s=passed_cycles * period_s if promoted else None,
+        trial_s=int(cell["trial_cycles"]) * period_s,
+        reason=candidate.reason,
+    )
+
+
+def _comparison(status: Any, cell: Any, axes: list[str]) -> dict[str, Comparison]:
+    """Figures of both tunings by axis, of those that are controlled; `cell` are the candidate's parameters."""
+    active, candidate = status["state"][0]["axis"], status["shadow"][0]["axis"]
+    return {
+        name: Comparison(active=_figures(active[i], mode), candidate=_figures(candidate[i], mode))
+        for i, name in enumerate(axes)
+        if (mode := int(cell["axis"][i]["mode"])) != VOLTAGE
+    }
+
+
+def _trial(status: Any, cell: Any, axes: list[str]) -> dict[str, TrialError]:
+    """Errors on trial by axis, of those that are controlled."""
+    state = status["state"][0]
+    found = {}
+    for i, name in enumerate(axes):
+        if cell["axis"][i]["mode"] != VOLTAGE:
+            before = math.sqrt(state["trial_before"][i])
+            limit = float(cell["trial_factor"]) * before + float(cell["trial_floor"])
+            found[name] = TrialError(
+                before_um=_rounded(before), now_um=_root(state["trial_now"][i]), limit_um=_rounded(limit)
+            )
+    return found
+
+
+def _figures(axis: Any, mode: int) -> TuningFigures:
+    figures = axis["figures"]
+    innovation_um = _root(figures["innovation"]) if mode == STAGE else None
+    return TuningFigures(innovation_um=innovation_um, feedback_V=_root(figures["feedback"]))
+
+
+def _root(square: Any) -> float | None:
+    return _rounded(math.sqrt(square))
+
+
+def _rounded(value: float) -> float | None:
+    return round(value, 4) if math.isfinite(value) else None

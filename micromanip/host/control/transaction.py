@@ -1,0 +1,308 @@
+"""What is in force in one controller, and the one way to change it: whole at one cycle boundary, or not at all.
+
+`set`, `jog`, `reload` and `shadow` are one transaction (`Tuning._transact`): what was asked for is a document; it is
+validated once; what each changed key takes is judged against the state of the cell; the parameters are compiled, and
+applied while nobody else can command the loop; whoever keeps what runs is told.
+
+One change at a time. What the loop decides by itself, the end of a trial, is noticed before anything else is changed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import difflib
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.replies import Change, Differences, Jogged, Parameter, Saved, Shadow, Swap
+from micromanip.rt import mailbox as w
+from micromanip.rt.states import (
+    CONFIRMED,
+    FAULT,
+    NO_SHADOW,
+    OFF,
+    ON_TRIAL,
+    PROMOTE,
+    READY,
+    SHADOW_NAMES,
+    SHADOWING,
+    STATE_NAMES,
+    TAKEN_BACK,
+    TRACKING,
+    WITHDRAW,
+)
+from micromanip.settings.change import WEAKENS, demands
+from micromanip.settings.check import Prepared, revise, validate, validate_with_options
+from micromanip.settings.commissioned import changes_since
+from micromanip.settings.load import validate_document
+from micromanip.settings.schema.key import DISARM
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Jog
+from micromanip.settings.text.keys import assigned
+from micromanip.settings.text.place import Path as KeyPath
+from micromanip.settings.text.source import Source, key_text
+from micromanip.settings.write import write_atomically
+from micromanip.settings.write_values import with_values
+
+from ..controller import Controller
+from .answers import changes, differences, parameters, report
+from .candidate import Candidate, Outcome, step, why_taken_back
+
+_AT_REST = tuple(STATE_NAMES[state] for state in (OFF, READY, FAULT))
+_WHILE_TRACKING = {
+    "jog": "an axis is jogged",
+    "shadow": "a candidate is compared",
+    "promote": "a candidate is compared",
+}
+
+
+class Tuning:
+    """Values of one running controller, the file that they were read from, and the candidate beside them."""
+
+    def __init__(
+        self, controller: Controller, tell: Callable[[Source], None], happened: Callable[[Outcome], None]
+    ) -> None:
+        """`tell` hears of each configuration that has come into force, or has been written to the file."""
+        self._controller, self._tell, self._happened = controller, tell, happened
+        self._file = controller.prepared.source
+        self._candidate: Candidate | None = None
+        self._one_at_a_time = asyncio.Lock()
+
+    @property
+    def _prepared(self) -> Prepared:
+        return self._controller.prepared
+
+    async def get(self, keys: Sequence[str]) -> list[Parameter]:
+        """Running values of `keys`, of all below where one is a section; all values without keys."""
+        self.notice()
+        return await asyncio.to_thread(parameters, self._prepared.configuration, keys)
+
+    async def diff(self) -> Differences:
+        """The file on disk against what runs; ConfigError where the file is not valid as it is."""
+        source = await asyncio.to_thread(Source.read, self._file.path)
+        on_disk = await asyncio.to_thread(validate, source)
+        self.notice()
+        return Differences(
+            file=str(source.path),
+            changed_on_disk=source.hash != self._file.hash,
+            differences=differences(on_disk, self._prepared.configuration),
+        )
+
+    async def set(self, wanted: Mapping[str, Any]) -> Swap:
+        """Change the values of some keys; UsageError, ConfigError or CheckFailed says each reason why not."""
+        async with self._changing():
+            return await self._swap("set", await self._with(wanted))
+
+    async def jog(self, axis: str, *, by_um: float | None, to_um: float | None) -> tuple[Jogged, Change]:
+        """Send `axis` to another target while TRACKING; CheckFailed or ConfigError says why not."""
+        async with self._changing():
+            configuration = self._prepared.configuration
+            reference = configuration.reference
+            if not isinstance(reference, Jog):
+                raise CheckFailed(f"jog refused: reference.source is {reference.source}, not jog")
+            if axis not in configuration.axes:
+                near = difflib.get_close_matches(axis, configuration.axes, 1)
+                hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(configuration.axes)}"
+                raise UsageError(f"there is no axis {axis!r:.40}; {hint}")
+            present_um = reference.target_um.get(axis, reference.offset_um)
+            target_um = present_um + (by_um or 0.0) if to_um is None else to_um
+            key = f"reference.target_um.{axis}"
+            await self._swap("jog", await self._with({key: target_um}))
+            return Jogged(axis=axis, target_um=target_um), Change(key=key, old=present_um, new=target_um)
+
+    async def reload(self) -> Swap:
+        """Take over the file as it is now; errors as `set`, and nothing changed where one key of it can't be taken."""
+        async with self._changing():
+            source = await asyncio.to_thread(Source.read, self._file.path)
+            swap = await self._swap("reload", source)
+            self._keep(source)
+            return swap
+
+    async def shadow(self, wanted: Mapping[str, Any]) -> Shadow:
+        """Let what runs, but with other values of some keys, compute beside it; errors as those of `set`."""
+        async with self._changing():
+            candidate, version = await self._transact("shadow", await self._with(wanted))
+            changed = changes(self._prepared.configuration, candidate.configuration)
+            self._candidate = Candidate(version, candidate, changed)
+            return report(self._candidate, self._controller.status)
+
+    async def _with(self, wanted: Mapping[str, Any]) -> Source:
+        """What runs with other values of some keys, as a document; UsageError where there is no such key."""
+        known = self._prepared.configuration.model_dump(mode="json")
+        document = await asyncio.to_thread(assigned, self._prepared.source.data, known, wanted)
+        return Source.of(document, self._file.path)
+
+    async def _transact(self, verb: str, source: Source) -> tuple[Prepared, int]:
+        """Put `source` in force, or for `shadow` beside what is; what it was compiled to, and its version."""
+        self._refuse_on_trial()
+        self._refuse(verb, {})
+        prepared, wanted = await asyncio.to_thread(self._judged, verb, source)
+        async with self._controller.commanding():  # the state counts at the swap, not when the values were checked
+            self._refuse(verb, wanted)
+            if verb == "shadow":
+                return prepared, await self._controller.offer(prepared)
+            version = await self._controller.apply(prepared)
+        self._tell(prepared.source)
+        self._drop_candidate()
+        return prepared, version
+
+    def _judged(self, verb: str, source: Source) -> tuple[Prepared, Mapping[KeyPath, str]]:
+        """`source` ready to run, and what of its changes is more than live; ConfigError, CheckFailed."""
+        configuration = validate_with_options(source)
+        wanted = demands(self._prepared.configuration, configuration)
+        self._refuse(verb, wanted)  # before the rest: it takes the drivers, channels and axes to be those that run
+        prepared = revise(self._prepared, configuration, source)
+        back = source.data == self._file.data  # it is what the file says, and is called by the file's hash again
+        return replace(prepared, source=self._file) if back else prepared, wanted
+
+    def _refuse(self, verb: str, wanted: Mapping[KeyPath, str]) -> None:
+        """Raise CheckFailed where the present state does not allow the verb, or one of the changes; it names each."""
+        state = self._controller.state
+        if verb in _WHILE_TRACKING and state != STATE_NAMES[TRACKING]:
+            raise CheckFailed(f"{verb} refused: the state is {state}; {_WHILE_TRACKING[verb]} while TRACKING")
+        allowed = (DISARM, WEAKENS) if state in _AT_REST else ()
+        if refused := [f"{key_text(path)} {what}" for path, what in wanted.items() if what not in allowed]:
+            why = "a candidate takes live values only" if verb == "shadow" else f"the state is {state}"
+            raise CheckFailed(f"nothing was changed, {why}: {'; '.join(refused)}")
+
+    async def _swap(self, verb: str, source: Source) -> Swap:
+        old = self._prepared.configuration
+        prepared, version = await self._transact(verb, source)
+        new = prepared.configuration
+        since = [text for text in changes_since(new.axes) if text not in changes_since(old.axes)]
+        return Swap(version=version, changed=changes(old, new), warnings=[*source.notes, *since])
+
+    async def save(self, *, force: bool) -> Saved:
+        """Write the running values into the file.
+
+        Raises CheckFailed where it was changed on disk and not `force`, PermissionDenied where it can't be written.
+        """
+        async with self._changing():
+            on_disk = await asyncio.to_thread(Source.read, self._file.path)
+            if on_disk.hash != self._file.hash and not force:
+                raise CheckFailed(
+                    f"{on_disk.path} was changed on disk since it was loaded: see `micromanip diff`; `reload` takes "
+                    "over its values, `save --force` writes the running ones into it"
+                )
+            saved = await asyncio.to_thread(_written, on_disk, self._prepared.source.data)
+            self._keep(saved)
+            old, running = validate_document(on_disk), self._prepared.configuration
+            return Saved(file=str(saved.path), sha256=saved.hash, changed=changes(old, running))
+
+    async def promote(self) -> tuple[Shadow, list[Change]]:
+        """Put the candidate in force, on trial; CheckFailed where there is none, or nothing is tracked."""
+        async with self._changing():
+            candidate, old = self._candidate, self._prepared.configuration
+            if candidate is None or candidate.standing != SHADOWING:
+                there = f"the last one is {SHADOW_NAMES[candidate.standing]}" if candidate else "there is none"
+                raise CheckFailed(f"promote refused: {there}; `micromanip shadow KEY=VALUE` offers a candidate")
+            self._refuse("promote", {})
+            await self._controller.command(PROMOTE)
+            return self._stepped(SHADOWING, old)
+
+    async def withdraw(self) -> tuple[Shadow, list[Change]]:
+        """Let the candidate go, or take it back where it is on trial; CheckFailed where there is neither."""
+        async with self._changing():
+            candidate, old = self._candidate, self._prepared.configuration
+            if candidate is None or candidate.standing not in (SHADOWING, ON_TRIAL):
+                there = f"the last one is {SHADOW_NAMES[candidate.standing]}" if candidate else "there is none"
+                raise CheckFailed(f"withdraw refused: {there}; nothing to withdraw")
+            before, candidate.withdrawn = candidate.standing, True
+            try:
+                await self._controller.command(WITHDRAW)
+            except CheckFailed:
+                candidate.withdrawn = False  # the loop was quicker, and has a reason of its own
+                raise
+            if candidate.standing == SHADOWING:
+                self._candidate = None
+            return self._stepped(before, old)
+
+    def _stepped(self, before: int, old: Configuration) -> tuple[Shadow, list[Change]]:
+        """The candidate after a command, and what that has changed."""
+        self._notice()
+        shadow = report(self._candidate, self._controller.status)
+        moved = Change(key="candidate", old=SHADOW_NAMES[before], new=shadow["standing"])
+        return shadow, [moved, *changes(old, self._prepared.configuration)]
+
+    def standing(self) -> Shadow:
+        """Where the candidate stands, with its figures."""
+        self.notice()
+        return report(self._candidate, self._controller.status)
+
+    def _refuse_on_trial(self) -> None:
+        """Raise CheckFailed where the tuning in force may still be taken back."""
+        if self._candidate is not None and self._candidate.standing == ON_TRIAL:
+            raise CheckFailed(
+                f"nothing was changed: the promoted tuning, parameter version {self._candidate.version}, is on trial; "
+                "wait for its end (`micromanip shadow` shows it), or `micromanip withdraw`"
+            )
+
+    def _drop_candidate(self) -> None:
+        candidate, self._candidate = self._candidate, None
+        if candidate is not None and candidate.standing == SHADOWING:
+            message = (
+                f"WARNING: the candidate, parameter version {candidate.version}, is dropped: "
+                "another tuning came into force"
+            )
+            self._happened(Outcome("drop", message, [step(SHADOWING, NO_SHADOW), *candidate.changed]))
+
+    @contextlib.asynccontextmanager
+    async def _changing(self) -> AsyncIterator[None]:
+        """The only one to change anything, on the newest knowledge of the loop."""
+        async with self._one_at_a_time:
+            self._notice()
+            yield
+
+    def notice(self) -> None:
+        """Follow what the loop has decided; whoever changes something just now does so by itself."""
+        if not self._one_at_a_time.locked():
+            self._notice()
+
+    def _notice(self) -> None:
+        candidate, standing = self._candidate, int(self._controller.status["words"][w.SHADOW])
+        if candidate is None or candidate.standing == standing or standing in (NO_SHADOW, SHADOWING):
+            return
+        if candidate.standing == SHADOWING:
+            candidate.former = self._prepared
+            self._put_in_force(candidate.prepared)
+        candidate.standing = standing
+        if standing == CONFIRMED:
+            message = f"the promoted tuning, parameter version {candidate.version}, is confirmed"
+            self._happened(Outcome("confirm", message, [step(ON_TRIAL, CONFIRMED)]))
+        elif standing == TAKEN_BACK:
+            self._take_back(candidate)
+
+    def _take_back(self, candidate: Candidate) -> None:
+        assert candidate.former is not None
+        self._put_in_force(candidate.former)
+        if candidate.withdrawn:
+            candidate.reason = "it was withdrawn"
+            return
+        axes = list(self._prepared.configuration.axes)
+        taken_back = why_taken_back(self._controller.status, self._controller.state, axes)
+        candidate.reason = str(taken_back)
+        back = [Change(key=c["key"], old=c["new"], new=c["old"]) for c in candidate.changed]
+        why = Change(key="candidate", old=SHADOW_NAMES[ON_TRIAL], new=f"taken back: {candidate.reason}")
+        self._happened(Outcome("take back", taken_back, [why, *back]))
+
+    def _put_in_force(self, prepared: Prepared) -> None:
+        self._controller.prepared = prepared
+        self._tell(prepared.source)
+
+    def _keep(self, source: Source) -> None:
+        """`source` is the file now, and says what runs."""
+        self._file = source
+        self._put_in_force(replace(self._prepared, source=source))
+
+
+def _written(file: Source, document: Mapping[str, Any]) -> Source:
+    """`file` after `document` was written into it; PermissionDenied or DeviceUnavailable where it can't be."""
+    text = with_values(file, document)
+    try:
+        write_atomically(file.path, text)
+    except OSError as problem:
+        raise system_error(problem, f"{file.path} can't be written") from problem
+    return Source.parse(file.path, text)

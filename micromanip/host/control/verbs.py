@@ -1,0 +1,237 @@
+"""What a client can ask of a running controller, and what is noted of it in the audit trail."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Annotated, Any, Self
+
+from pydantic import Field, model_validator
+
+from micromanip.errors import MicromanipError
+from micromanip.faults import FaultReport
+from micromanip.quantities import Micrometres
+from micromanip.replies import Audit, Change, Jogged, Saved, Shadow, Status, Swap
+from micromanip.rt import states
+from micromanip.settings.schema.base import Flag, Settings
+from micromanip.settings.text.source import Source
+
+from ..controller import Controller
+from .audit import AuditTrail
+from .authority import Peer, Right
+from .candidate import Outcome
+from .server import Act, Nothing, Request, Verb, observing, operating
+from .transaction import Tuning
+
+Operation = Callable[[Request], Awaitable[tuple[Any, Sequence[Change]]]]
+"""Does what a request asks for; its result, and what it has changed."""
+
+_LOOP = Peer("loop")
+_LOOK_S = 0.2
+
+
+class Get(Settings):
+    """Fields of `get`."""
+
+    keys: tuple[str, ...] = Field(default=(), max_length=200, description="Keys or sections; all without one.")
+
+
+class Set(Settings):
+    """Fields of `set`."""
+
+    changes: dict[str, Any] = Field(min_length=1, max_length=200, description="New values by key.")
+
+
+class Save(Settings):
+    """Fields of `save`."""
+
+    force: Flag = Field(default=False, description="Write although the file was changed on disk.")
+
+
+class JogTo(Settings):
+    """Fields of `jog`."""
+
+    axis: str = Field(description="Name of the axis.")
+    by_um: Micrometres | None = Field(default=None, description="From its present target.")
+    to_um: Micrometres | None = Field(default=None, description="Its new target.")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.by_um is None) == (self.to_um is None):
+            raise ValueError("give either by_um or to_um")
+        return self
+
+
+class Last(Settings):
+    """Fields of `audit`."""
+
+    last: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(default=20, description="How many entries.")
+
+
+class Offer(Settings):
+    """Fields of `shadow`."""
+
+    changes: dict[str, Any] = Field(
+        default={}, max_length=200, description="The candidate's values by key; without any: where it stands."
+    )
+
+
+def noted(trail: AuditTrail, operation: Operation) -> Act:
+    """The result of `operation`; the trail gets what it changed, or what was asked for and why it was not done."""
+
+    async def act(request: Request) -> Any:
+        try:
+            result, changes = await operation(request)
+        except MicromanipError as refusal:
+            await trail.note(request.peer, request.verb, _asked(request.fields), str(refusal))
+            raise
+        except Exception as bug:
+            await trail.note(request.peer, request.verb, _asked(request.fields), f"bug: {type(bug).__name__}: {bug}")
+            raise
+        await trail.note(request.peer, request.verb, changes)
+        return result
+
+    return act
+
+
+def _asked(fields: Mapping[str, Any]) -> list[Change]:
+    """What a request wanted: the new values of a `set` or `shadow`, the fields of any other."""
+    changes = fields.get("changes")
+    wanted = changes if isinstance(changes, Mapping) else fields
+    return [Change(key=key, old=None, new=value) for key, value in wanted.items()]
+
+
+def _right_to_shadow(request: Request) -> Right:
+    """To see where the last candidate stands is to observe."""
+    return Right.OPERATE if request.fields.get("changes") else Right.OBSERVE
+
+
+class Verbs:
+    """The verbs of one controller."""
+
+    def __init__(
+        self,
+        controller: Controller,
+        trail: AuditTrail,
+        status: Callable[[], Status],
+        before_reset: Callable[[], Awaitable[None]],
+        tell: Callable[[Source], None],
+        say: Callable[[str | FaultReport], None],
+    ) -> None:
+        """`before_reset` returns when what is known of a fault is kept, or raises CheckFailed: not yet.
+
+        `tell` hears of each configuration that has come into force; `say` gets messages for people.
+        """
+        self._before_reset, self._say = before_reset, say
+        self._controller, self._trail, self._status = controller, trail, status
+        self._outcomes: deque[Outcome] = deque()
+        self._tuning = Tuning(controller, tell, self._happened)
+
+    def table(self) -> dict[str, Verb]:
+        """Every verb by its name."""
+        operations: dict[str, Operation] = {
+            "set": self._set,
+            "save": self._save,
+            "reload": self._reload,
+            "jog": self._jog,
+            "promote": self._promote,
+            "withdraw": self._withdraw,
+            "arm": self._commanded(states.ARM),
+            "disarm": self._commanded(states.DISARM),
+            "hold": self._commanded(states.HOLD),
+            "reset": self._commanded(states.RESET),
+        }
+        stops = ("disarm", "hold")
+        return {
+            "status": observing(self._answer_status),
+            "get": observing(self._get),
+            "diff": observing(self._diff),
+            "audit": observing(self._audit),
+            "shadow": Verb(self._shadow, _right_to_shadow),
+            **{name: operating(noted(self._trail, act), stops=name in stops) for name, act in operations.items()},
+        }
+
+    async def ask(self, verb: str, peer: Peer) -> Any:
+        """The answer to a verb without fields, asked in the name of `peer`, and noted as any other."""
+        return await self.table()[verb](Request(verb, {}, peer))
+
+    async def follow_trials(self) -> None:
+        """As long as it runs: notice what the loop has decided of a promoted tuning, tell it, and write it down."""
+        while True:
+            await self.follow()
+            await asyncio.sleep(_LOOK_S)
+
+    async def follow(self) -> None:
+        """Notice the end of a trial and note it in the audit trail, in the name of the loop."""
+        self._tuning.notice()
+        while self._outcomes:
+            outcome = self._outcomes.popleft()
+            await self._trail.note(_LOOP, outcome.verb, outcome.changed)
+
+    def _happened(self, outcome: Outcome) -> None:
+        self._outcomes.append(outcome)
+        self._say(outcome.told)
+
+    async def _answer_status(self, request: Request) -> Status:
+        request.read(Nothing)
+        self._tuning.notice()
+        return self._status()
+
+    async def _get(self, request: Request) -> Any:
+        return await self._tuning.get(request.read(Get).keys)
+
+    async def _diff(self, request: Request) -> Any:
+        request.read(Nothing)
+        return await self._tuning.diff()
+
+    async def _audit(self, request: Request) -> Audit:
+        return await asyncio.to_thread(self._trail.last, request.read(Last).last)
+
+    async def _set(self, request: Request) -> tuple[Swap, Sequence[Change]]:
+        swap = await self._tuning.set(request.read(Set).changes)
+        return swap, swap["changed"]
+
+    async def _save(self, request: Request) -> tuple[Saved, Sequence[Change]]:
+        saved = await self._tuning.save(force=request.read(Save).force)
+        return saved, saved["changed"]
+
+    async def _reload(self, request: Request) -> tuple[Swap, Sequence[Change]]:
+        request.read(Nothing)
+        swap = await self._tuning.reload()
+        return swap, swap["changed"]
+
+    async def _jog(self, request: Request) -> tuple[Jogged, Sequence[Change]]:
+        fields = request.read(JogTo)
+        jogged, moved = await self._tuning.jog(fields.axis, by_um=fields.by_um, to_um=fields.to_um)
+        return jogged, [moved]
+
+    async def _shadow(self, request: Request) -> Shadow:
+        if _right_to_shadow(request) is Right.OPERATE:
+            shadow: Shadow = await noted(self._trail, self._offer)(request)
+            return shadow
+        request.read(Offer)
+        return self._tuning.standing()
+
+    async def _offer(self, request: Request) -> tuple[Shadow, Sequence[Change]]:
+        shadow = await self._tuning.shadow(request.read(Offer).changes)
+        return shadow, shadow["changed"]
+
+    async def _promote(self, request: Request) -> tuple[Shadow, Sequence[Change]]:
+        request.read(Nothing)
+        return await self._tuning.promote()
+
+    async def _withdraw(self, request: Request) -> tuple[Shadow, Sequence[Change]]:
+        request.read(Nothing)
+        return await self._tuning.withdraw()
+
+    def _commanded(self, command: int) -> Operation:
+        async def operation(request: Request) -> tuple[None, Sequence[Change]]:
+            request.read(Nothing)
+            before = self._controller.state
+            if command == states.RESET:
+                await self._before_reset()
+            await self._controller.command(command)
+            return None, [Change(key="state", old=before, new=self._controller.state)]
+
+        return operation

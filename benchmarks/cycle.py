@@ -17,10 +17,10 @@ from micromanip.settings.check import prepare
 
 from .agreement import require_agreement
 from .plan import Plan
-from .recording import Outcome, Player, Recording, ours, record_arming, record_tracking, twin_player
+from .recording import Outcome, Player, Recording, ours, record_tracking, twin_player
 from .results import Result
 
-_COMPARED_CYCLES = 4000
+_BEGUN_S, _COMPARED_CYCLES = 0.1, 4000
 _STRETCH_CYCLES, _REPEATS = 500, 40
 _TRACKING_S = 1.5
 """Long enough that the path error is scored."""
@@ -31,7 +31,7 @@ def run(plan: Plan) -> list[Result]:
     prepared = prepare(plan.configuration)
     with tempfile.TemporaryDirectory() as folder:
         twin = twin_player(Path(folder))
-        _compared(record_arming(prepared, _COMPARED_CYCLES), twin)
+        _compared(record_tracking(prepared, _BEGUN_S, _COMPARED_CYCLES), twin)
         stretch = record_tracking(prepared, _TRACKING_S, _STRETCH_CYCLES)
         outcome = _compared(stretch, twin)
         plan.tell(f"cycle: our cycle and its C twin agree; {plan.pairs} pairs of {_STRETCH_CYCLES * _REPEATS} cycles")

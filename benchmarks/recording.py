@@ -10,18 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt import arming
 from micromanip.rt.records import CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
-from micromanip.rt.states import ARM, NO_COMMAND
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import Prepared
-from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
 
 from .replay import replay
 from .twin import compile_twin, require_covered
-
-_SETTLE_CYCLES = 100
 
 
 @dataclass(frozen=True)
@@ -32,7 +27,6 @@ class Recording:
     state: NDArray[Any]
     signals: NDArray[Any]
     """(cycles, MAX_SIGNALS)"""
-    commands: NDArray[np.int64]
     periods: NDArray[np.int64]
 
 
@@ -54,39 +48,18 @@ Player = Callable[[Recording, Outcome, int], None]
 """Replays a recording so many times into an outcome."""
 
 
-def arming_cycles(prepared: Prepared) -> int:
-    """Cycles from the start of `record_arming` to TRACKING."""
-    return _SETTLE_CYCLES + int(arming.planned_cycles(prepared.parameters[0], np.zeros(1, CELL_STATE)[0]))
-
-
-def record_arming(prepared: Prepared, tracking: int) -> Recording:
-    """The virtual cell from its first cycle: sensors come up, arming, and `tracking` cycles of TRACKING."""
-    return _record(prepared, _cell(prepared), arming_cycles(prepared) + tracking, _SETTLE_CYCLES)
-
-
 def record_tracking(prepared: Prepared, seconds: float, cycles: int) -> Recording:
     """`cycles` of the virtual cell, `seconds` after tracking began."""
-    cell = _cell(prepared)
+    require_covered(prepared.parameters)
+    cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration)
     cell.arm()
     cell.run(seconds, every=1000)
-    return _record(prepared, cell, cycles, None)
-
-
-def _cell(prepared: Prepared) -> VirtualCell:
-    return VirtualExperiment(prepared, process=True).cell(prepared.configuration)
-
-
-def _record(prepared: Prepared, cell: VirtualCell, cycles: int, arm_at: int | None) -> Recording:
-    require_covered(prepared.parameters)
     period_s = prepared.configuration.loop.period_ns * 1e-9
     state, log = cell.state.copy(), np.zeros((cycles, MAX_SIGNALS), SIGNAL)
-    commands = np.full(cycles, NO_COMMAND, np.int64)
-    if arm_at is not None:
-        commands[arm_at] = ARM
     for k in range(cycles):
-        cell.run(period_s, command=int(commands[k]))
+        cell.run(period_s)
         log[k] = cell.signals
-    return Recording(cell.parameters, state, log, commands, np.ones(cycles, np.int64))
+    return Recording(cell.parameters, state, log, np.ones(cycles, np.int64))
 
 
 def ours(recording: Recording, outcome: Outcome, repeats: int) -> None:
@@ -97,7 +70,6 @@ def ours(recording: Recording, outcome: Outcome, repeats: int) -> None:
         recording.state,
         outcome.state,
         recording.signals,
-        recording.commands,
         recording.periods,
         outcome.outputs,
         samples,
@@ -116,7 +88,6 @@ def twin_player(folder: Path) -> Player:
             recording.state.ctypes.data,
             outcome.state.ctypes.data,
             recording.signals.ctypes.data,
-            recording.commands.ctypes.data,
             recording.periods.ctypes.data,
             outcome.outputs.ctypes.data,
             outcome.rows.ctypes.data,

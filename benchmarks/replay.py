@@ -11,19 +11,19 @@ from micromanip.rt.cell import cell_cycle
 from micromanip.rt.jit import Compiler
 from micromanip.rt.records import SIGNAL
 from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, STATES, WORDS
+from micromanip.rt.states import NO_COMMAND
 from micromanip.rt.telemetry import write_row
 
 _compiled = Compiler(__file__)
 _SIGNAL_LOG = types.Array(numba.from_dtype(SIGNAL), 2, "C")
 
 
-@_compiled.entry(types.void(PARAMETERS, STATES, STATES, _SIGNAL_LOG, WORDS, WORDS, OUTPUTS, SAMPLES, ROWS, types.int64))
+@_compiled.entry(types.void(PARAMETERS, STATES, STATES, _SIGNAL_LOG, WORDS, OUTPUTS, SAMPLES, ROWS, types.int64))
 def replay(
     parameters: Any,
     first: Any,
     state: Any,
     signals: Any,
-    commands: Any,
     periods: Any,
     outputs: Any,
     samples: Any,
@@ -36,5 +36,5 @@ def replay(
         state[0] = first[0]
         for k in range(len(signals)):
             now_ns = (s["cycle"] + periods[k]) * p["period_ns"]
-            cell_cycle(p, s, signals[k], outputs, samples, commands[k], now_ns, periods[k])
+            cell_cycle(p, s, signals[k], outputs, samples, NO_COMMAND, now_ns, periods[k])
             write_row(p, s, signals[k], rows[k], now_ns, 0, 0, periods[k])

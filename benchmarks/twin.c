@@ -1,22 +1,499 @@
-/* The cell's cycle in plain C, the yardstick of `micromanip bench`: same records, same algorithms, same rows.
+/* One tracking cycle of the cell in plain C: the yardstick of `micromanip bench`, and an oracle for the laws.
  *
- *   twin_sensor  twin_laws  twin_estimator      one signal, one law
- *   twin_axis    twin_arming                    one axis; what arming makes of it
- *   twin_transitions  twin_faults  twin_watch   states, reactions, what is watched
- *   twin_cell    twin_figures  twin_telemetry   the cycle, its figures of merit, its row
+ * Same records, same algorithms, same telemetry rows as micromanip/rt, for what config/simulated.yaml uses: stage control
+ * after a tracker, with a Prandtl-Ishlinskii model and tanh shaping. It only tracks: no arming, no ramp, no
+ * command, and no reaction to a fault. Lengths in um, voltages in V.
  */
-#include "twin_telemetry.h"
+#include <math.h>
+#include <stdbool.h>
+
+#include "records.h"
+#define HISTORY_MASK (INPUT_HISTORY - 1)
+
+/* Python's min and max: the first of two that do not compare. */
+static inline double least(double a, double b) { return b < a ? b : a; }
+static inline double most(double a, double b) { return b > a ? b : a; }
+static inline int64_t earlier(int64_t a, int64_t b) { return a < b ? a : b; }
+static inline int64_t later(int64_t a, int64_t b) { return a > b ? a : b; }
+
+static void predict(const struct outer_parameters *p, double *restrict x, double u)
+{
+    double next[MAX_STATES];
+    int padded = (int)(p->states + 3) / 4 * 4;    /* the padding is zero and stays zero */
+    for (int i = 0; i < padded; i++)
+        next[i] = p->b[i] * u;
+    for (int j = 0; j < p->states; j++)
+        for (int i = 0; i < padded; i++)
+            next[i] += p->a_columns[j][i] * x[j];
+    for (int i = 0; i < padded; i++)
+        x[i] = next[i];
+}
+
+static double dot(const double *a, const double *b, int64_t count)
+{
+    double sum = 0.0;
+    for (int i = 0; i < count; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+static void advance(const struct outer_parameters *p, const double *history, double *x, int64_t first, int64_t last)
+{
+    for (int64_t cycle = first; cycle < last; cycle++)
+        predict(p, x, history[cycle & HISTORY_MASK]);
+}
+
+static void predict_to(const struct outer_parameters *p, struct estimator_state *s, int64_t cycle)
+{
+    double held = s->history[s->cycle & HISTORY_MASK];
+    for (int64_t skipped = s->cycle + 1; skipped < earlier(cycle, s->cycle + INPUT_HISTORY); skipped++)
+        s->history[skipped & HISTORY_MASK] = held;
+    advance(p, s->history, s->x, later(s->cycle, cycle - INPUT_HISTORY + 1), cycle);
+    s->cycle = cycle;
+}
+
+/* No more of an innovation than is plausible at once; while more comes the limit opens, and closes slowly again. */
+static double believed(const struct outer_parameters *p, struct estimator_state *s, double innovation)
+{
+    double limit_um = p->innovation_um + s->opened_um;
+    if (s->repeated >= 2)
+        limit_um = p->repeated_um;
+    double applied = most(-limit_um, least(limit_um, innovation));
+    s->opened_um = most(2.0 * fabs(applied), 0.9 * s->opened_um);
+    return applied;
+}
+
+static void update(const struct outer_parameters *p, struct estimator_state *s, int64_t sample_cycle, double y)
+{
+    int64_t now = s->cycle;
+    int n = (int)p->states;
+    bool gap = sample_cycle - s->filtered_cycle > p->gap_cycles;
+    if (sample_cycle <= s->filtered_cycle || sample_cycle > now || now - sample_cycle >= INPUT_HISTORY)
+        return;
+    s->repeated = y == s->reading_um ? s->repeated + 1 : 0;
+    s->reading_um = y;
+    if (sample_cycle == now)
+        for (int i = 0; i < n; i++)
+            s->filtered[i] = s->x[i];
+    else
+        advance(p, s->history, s->filtered, s->filtered_cycle, sample_cycle);
+    s->innovation_um = y - dot(p->c, s->filtered, p->states);
+    double applied = believed(p, s, s->innovation_um);
+    for (int i = 0; i < n; i++)
+        s->x[i] = s->filtered[i] += p->gain[i] * (gap && i < p->slow ? s->innovation_um : applied);
+    advance(p, s->history, s->x, sample_cycle, now);
+    s->filtered_cycle = sample_cycle;
+}
+
+enum { BELIEVED = 1000 };   /* consecutive unusable cycles after which a reading that jumped away is believed */
+static const double any_value[2] = {-INFINITY, INFINITY};
+
+static bool read_signal(const struct signal *signal, struct sensor_state *s, int64_t now_ns, int64_t max_age_ns,
+                        const double *range_um, double rate_um_per_ns)
+{
+    bool arrived = signal->sequence != s->sequence;
+    double value = signal->value;
+    bool good = signal->status == 0 && isfinite(value) && range_um[0] <= value && value <= range_um[1];
+    s->fresh = 0;
+    if (arrived) {
+        int64_t taken_ns = earlier(signal->time_ns, now_ns);
+        if (s->sequence > 0) {
+            s->lost += later(0, signal->sequence - s->sequence - 1);
+            if (good && isfinite(rate_um_per_ns) && s->bad < BELIEVED)
+                good = fabs(value - s->value) <= rate_um_per_ns * (double)later(now_ns - s->arrived_ns, taken_ns - s->taken_ns);
+        }
+        s->identical = value == s->reading ? s->identical + 1 : 0;
+        s->sequence = signal->sequence;
+        s->reading = value;
+        s->arrived_ns = now_ns;
+        s->taken_ns = taken_ns;
+        if (good) {
+            s->value = value;
+            s->time_ns = taken_ns;
+            s->fresh = 1;
+        }
+    }
+    s->silent_ns = now_ns - s->arrived_ns;
+    s->age_ns = now_ns - s->time_ns;
+    if ((arrived && !good) || s->sequence == 0 || s->age_ns > max_age_ns)
+        s->bad++;
+    else if (arrived)
+        s->bad = 0;
+    return s->fresh;
+}
+
+static inline bool is_silent(const struct sensor_state *s, int64_t ns) { return s->sequence == 0 || s->silent_ns > ns; }
+
+/* Tracker: position, velocity, acceleration and oscillation, extrapolated in closed form. */
+static void extrapolate(const double *restrict from, double omega, double tau_s, double *restrict to)
+{
+    double sine = sin(omega * tau_s), cosine = cos(omega * tau_s);
+    to[0] = from[0] + tau_s * (from[1] + 0.5 * tau_s * from[2]);
+    to[1] = from[1] + tau_s * from[2];
+    to[2] = from[2];
+    to[3] = cosine * from[3] + sine / omega * from[4];
+    to[4] = -omega * sine * from[3] + cosine * from[4];
+}
+
+static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns)
+{
+    double gap_s = (double)(time_ns - s->time_ns) * 1e-9, innovation = NAN;
+    if (!(isfinite(value) && p->low_um <= value && value <= p->high_um)) {
+        s->rejected++;
+        return;
+    }
+    if (s->time_ns != 0 && gap_s <= 0.0)
+        return;
+    if (s->time_ns != 0 && gap_s <= p->horizon_s) {
+        extrapolate(s->filtered, p->oscillator, gap_s, s->w);
+        innovation = value - s->w[0] - s->w[3];
+    }
+    bool lost = s->followed && !isfinite(innovation);
+    double jump_um = isfinite(innovation) ? innovation : lost ? value - s->sampled_um : 0.0;
+    if (fabs(jump_um) > p->jump_um || (lost && s->doubted)) {
+        s->rejected++;
+        s->doubted = 1;
+        return;
+    }
+    s->silent = s->doubted = 0;
+    for (int i = 0; i < REFERENCE_STATES; i++)    /* anew from the first sample, and from the first after a gap */
+        s->filtered[i] = isfinite(innovation) ? s->w[i] + p->gain[i] * innovation : i == 0 ? value : 0.0;
+    s->sampled_um = value;
+    s->time_ns = time_ns;
+}
+
+static void tracker_reference(const struct reference_parameters *p, struct reference_state *s, int64_t now_ns)
+{
+    double age_s = (double)(now_ns - s->time_ns) * 1e-9;
+    if (p->predict && s->time_ns > 0 && age_s <= p->horizon_s) {
+        extrapolate(s->filtered, p->oscillator, age_s, s->w);
+        return;
+    }
+    for (int i = 0; i < REFERENCE_STATES; i++)
+        s->w[i] = i == 0 ? s->sampled_um : 0.0;
+}
+
+/* Inverse hysteresis: creep taken off, play operators, the inverse of c0 tanh(c1 v + c2) + c3. */
+static double play(double x, double r, double w) { return most(x - r, least(x + r, w)); }
+
+static double feedforward_voltage(const struct hysteresis_parameters *p, struct hysteresis_state *s, double setpoint_um)
+{
+    const double *c = p->shaping.c, open_interval = 1.0 - 1e-12;
+    double y = most(p->low_um, least(p->high_um, setpoint_um));
+    double widening = p->alpha * p->rate_cycles * fabs(s->change_um);
+    for (int m = 0; m < p->creeps; m++)
+        y -= p->creep_gain[m] * s->creep_um[m];
+    double u = y / p->alpha;
+    for (int i = 0; i < p->plays; i++) {
+        s->z[i] = play(y, p->r_hat[i] + widening, s->z[i]);
+        u += p->rho_hat[i] * s->z[i];
+    }
+    for (int m = 0; m < p->creeps; m++)
+        s->creep_um[m] += p->creep_step[m] * (u - s->creep_um[m]);
+    s->change_um = u - s->u_um;
+    s->u_um = u;
+    double ratio = most(-open_interval, least(open_interval, (u - c[3]) / c[0]));
+    s->output_V = (atanh(ratio) - c[2]) / c[1];
+    return s->output_V;
+}
+
+static void pid_step(const struct pid_parameters *p, struct pid_state *s, double error_um, int64_t periods)
+{
+    double elapsed_s = (double)periods * p->period_s;
+    s->derivative = (p->filter_s * s->derivative + p->derivative * (error_um - s->error)) / (p->filter_s + elapsed_s);
+    s->integrator += p->integral * (double)periods * error_um;
+    s->error = error_um;
+    s->output_V = p->gain * error_um + s->integrator + s->derivative;
+}
+
+static double limit(const struct limiter_parameters *p, double previous_V, double requested_V)
+{
+    if (!isfinite(previous_V))
+        return p->park_V;
+    double target = isfinite(requested_V) ? requested_V : previous_V;
+    target = most(previous_V - p->slew_V, least(previous_V + p->slew_V, target));
+    return most(p->low_V, least(p->high_V, target));
+}
+
+static void remember_wanted(struct axis_state *s, int64_t cycle)
+{
+    int64_t last = s->wanted_cycle;
+    for (int64_t skipped = later(last + 1, cycle - INPUT_HISTORY); skipped < cycle; skipped++) {
+        s->setpoints[skipped & HISTORY_MASK] = s->setpoints[last & HISTORY_MASK];
+        s->references[skipped & HISTORY_MASK] = s->references[last & HISTORY_MASK];
+    }
+    s->setpoints[cycle & HISTORY_MASK] = s->setpoint_um;
+    s->references[cycle & HISTORY_MASK] = s->reference.w[0] + s->reference.w[3];
+    s->wanted_cycle = cycle;
+}
+
+/* Where what was wanted when a sample was taken stands: of its cycle, or of the nearest one that is remembered. */
+static int64_t wanted_place(const struct axis_parameters *p, const struct axis_state *s, int64_t cycle, int64_t age_ns,
+                            int64_t way)
+{
+    int64_t wanted = cycle - (int64_t)((double)age_ns * p->cycles_per_ns + 0.5) - way;
+    return later(s->wanted_cycle - HISTORY_MASK, earlier(s->wanted_cycle, wanted)) & HISTORY_MASK;
+}
+
+/* The errors of a cycle: what the PID acts on, what is watched and what is scored. */
+static void measure_errors(const struct axis_parameters *p, struct axis_state *s, int64_t cycle)
+{
+    s->strain_error_um = s->setpoints[wanted_place(p, s, cycle, s->strain.age_ns, p->answer_cycles)] - s->strain.value;
+    s->path_um = s->references[wanted_place(p, s, cycle, s->stage.age_ns, 0)];
+    s->stage_error_um = s->path_um - s->stage.value;
+    s->error_fresh = s->strain.fresh;
+}
+
+static void sample(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns)
+{
+    s->strain_cycles++;
+    s->reference.silent++;
+    read_signal(&signals[p->strain], &s->strain, now_ns, p->strain_age_ns, p->strain_range_um, p->strain_rate_um_per_ns);
+    read_signal(&signals[p->stage], &s->stage, now_ns, p->stage_age_ns, p->stage_range_um, p->stage_rate_um_per_ns);
+    if (read_signal(&signals[p->deviation], &s->deviation, now_ns, p->reference_age_ns, any_value, INFINITY))
+        tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns);
+}
+
+static double demand(const struct axis_parameters *p, struct axis_state *s)
+{
+    double *w = s->reference.w, step = p->authority_step;
+    s->authority += most(-step, least(step, p->authority - s->authority));
+    for (int i = 0; i < REFERENCE_STATES; i++)
+        w[i] *= s->authority;
+    s->blend_um *= p->blend_decay;
+    double u = dot(p->outer.reference, w, REFERENCE_STATES) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
+    return p->centre_um + u + s->blend_um;
+}
+
+static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
+{
+    double step = p->setpoint_slew_um;
+    if (!isfinite(demand_um))
+        return false;
+    double low = least(p->setpoint_low_um, s->setpoint_um), high = most(p->setpoint_high_um, s->setpoint_um);
+    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, most(low, least(high, demand_um))));
+    return true;
+}
+
+static double request_voltage(const struct axis_parameters *p, struct axis_state *s)
+{
+    double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
+    if (s->strain.fresh && s->watch.coast == 0)
+        pid_step(&p->pid, &s->pid, s->strain_error_um, s->strain_cycles);
+    if (s->strain.fresh || s->watch.coast > 0)
+        s->strain_cycles = 0;
+    return feedforward + s->pid.output_V;
+}
+
+/* Whether every stage of the law is finite: estimate, feedforward, feedback and its memory, requested voltage. */
+static bool is_finite(const struct axis_parameters *p, const struct axis_state *s)
+{
+    double total = s->request_V + s->hysteresis.u_um + s->hysteresis.output_V + s->pid.integrator + s->pid.derivative;
+    for (int i = 0; i < p->outer.states; i++)
+        total += s->estimator.x[i];
+    return isfinite(total);
+}
+
+static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns)
+{
+    predict_to(&p->outer, &s->estimator, cycle);
+    if (s->stage.fresh && s->watch.degraded == 0)
+        update(&p->outer, &s->estimator, cycle - (int64_t)((double)s->stage.age_ns * p->cycles_per_ns + 0.5), s->stage.value);
+    tracker_reference(&p->reference, &s->reference, now_ns);
+    bool finite = move_setpoint(p, s, demand(p, s));
+    remember_wanted(s, cycle);
+    measure_errors(p, s, cycle);
+    s->request_V = request_voltage(p, s);
+    finite = finite && is_finite(p, s);
+    s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V);
+    s->pid.integrator -= p->pid.tracking * (s->request_V - s->voltage_V);
+    s->pid.output_V -= p->pid.tracking * (s->request_V - s->voltage_V);
+    s->estimator.history[s->estimator.cycle & HISTORY_MASK] = s->setpoint_um - p->centre_um;
+    return finite;
+}
+
+/* What is watched. Where a condition begins, the controller reacts and the twin does not: then the two disagree. */
+static inline int64_t lasting(int64_t count, bool active) { return active ? count + 1 : 0; }
+static inline double square(double x) { return x * x; }
+
+static inline void condition(struct watch_state *w, int64_t code, bool active)
+{
+    int64_t bit = INT64_C(1) << code;
+    w->raised = active ? w->raised | bit : w->raised & ~bit;
+}
+
+static double band_pass(const struct watch_parameters *limits, struct watch_state *w, double x)
+{
+    const double *b = limits->band_b;
+    double y = b[0] * x + b[1] * w->band_x1 + b[2] * w->band_x2;
+    y -= limits->band_a1 * w->band_y1 + limits->band_a2 * w->band_y2;
+    w->band_x2 = w->band_x1;
+    w->band_x1 = x;
+    w->band_y2 = w->band_y1;
+    w->band_y1 = y;
+    return y;
+}
+
+static int64_t sensor_end(const struct sensor_state *sensor, const double *range_um)
+{
+    int64_t end = (sensor->reading >= range_um[1]) - (sensor->reading <= range_um[0]);
+    bool pinned = sensor->bad >= 2 && sensor->identical && sensor->reading != sensor->value;
+    return end || !pinned ? end : sensor->reading > sensor->value ? 1 : -1;
+}
+
+static bool swings(const struct watch_parameters *p, struct swing *w, int64_t cycle, int64_t end)
+{
+    if (end && w->end && end != w->end) {
+        if (!w->times || cycle - w->first_cycle > p->swing_cycles) {
+            w->times = 0;
+            w->first_cycle = cycle;
+        }
+        w->times++;
+    }
+    w->end = end ? end : w->end;
+    return w->times >= p->swings;
+}
+
+static void watch_axis(const struct axis_parameters *axis, struct axis_state *a, int64_t cycle)
+{
+    const struct watch_parameters *p = &axis->watch;
+    const struct limiter_parameters *limiter = &axis->limiter;
+    struct watch_state *w = &a->watch;
+    bool bad = a->strain.bad >= p->strain_samples, stuck = a->strain.identical >= p->strain_identical;
+    w->coast = lasting(w->coast, bad || stuck);
+    condition(w, COASTING, w->coast > 0);
+    condition(w, STRAIN_INVALID, w->coast > p->coast_cycles && bad);
+    condition(w, STRAIN_STUCK, w->coast > p->coast_cycles && stuck);
+    bad = a->stage.bad >= p->stage_samples;
+    stuck = a->stage.identical >= p->stage_identical;
+    w->degraded = lasting(w->degraded, bad || stuck);
+    condition(w, DEGRADED, w->degraded > 0);
+    condition(w, STAGE_INVALID, w->degraded > p->degraded_cycles && bad);
+    condition(w, STAGE_STUCK, w->degraded > p->degraded_cycles && stuck);
+
+    bool known = w->degraded == 0 && w->coast == 0;
+    if (a->stage.fresh && w->degraded == 0)
+        w->innovation += p->innovation_step * (square(a->estimator.innovation_um) / p->innovation_variance - w->innovation);
+    condition(w, DISAGREEMENT, w->innovation > p->innovation_ratio);
+    w->following = lasting(w->following, known && fabs(a->stage_error_um) > p->following_um);
+    condition(w, FOLLOWING_ERROR, w->following >= p->following_cycles);
+    w->saturated = lasting(w->saturated, a->request_V > limiter->high_V || a->request_V < limiter->low_V);
+    condition(w, SATURATING, w->saturated >= p->saturating_cycles);
+    condition(w, SATURATED, w->saturated >= p->saturated_cycles);
+
+    if (a->error_fresh)
+        w->band_energy += p->band_step * (square(band_pass(p, w, a->strain_error_um)) - w->band_energy);
+    w->band_cycles = lasting(w->band_cycles, sqrt(w->band_energy) > p->band_um);
+    condition(w, OSCILLATION, w->band_cycles >= p->band_cycles);
+
+    bool up = a->voltage_V >= limiter->high_V || a->setpoint_um >= axis->setpoint_high_um;
+    bool down = a->voltage_V <= limiter->low_V || a->setpoint_um <= axis->setpoint_low_um;
+    bool found = swings(p, &w->driven_swing, cycle, up - down);
+    found |= swings(p, &w->strain_swing, cycle, sensor_end(&a->strain, axis->strain_range_um));
+    found |= swings(p, &w->stage_swing, cycle, sensor_end(&a->stage, axis->stage_range_um));
+    condition(w, LIMIT_CYCLE, found);
+    condition(w, REFERENCE_STALE, a->reference.silent >= p->stale_cycles);
+    condition(w, REFERENCE_LOST, a->reference.silent >= p->lost_cycles);
+}
+
+static void score(struct axis_state *a, double error_um, double uncompensated_um)
+{
+    a->errors++;
+    a->error_squares += error_um * error_um;
+    a->error_max = most(a->error_max, fabs(error_um));
+    a->uncompensated_squares += uncompensated_um * uncompensated_um;
+}
+
+static void mean_squares(const struct cell_parameters *p, struct axis_state *a)
+{
+    struct figures *f = &a->figures;
+    f->error += p->figures_step * (square(a->stage_error_um) - f->error);
+    f->innovation += p->figures_step * (square(a->estimator.innovation_um) - f->innovation);
+    f->feedback += p->figures_step * (square(a->voltage_V - a->hysteresis.output_V) - f->feedback);
+}
+
+/* The checks of arming count no more where a sensor was away. */
+static void keep_checks(const struct cell_parameters *p, struct axis_state *a)
+{
+    int64_t away_ns = BELIEVED * p->period_ns;
+    a->strain_check.passed &= a->strain.bad < BELIEVED && !is_silent(&a->strain, away_ns);
+    a->stage_check.passed &= a->strain_check.passed && !is_silent(&a->stage, away_ns);
+}
+
+static void cell_cycle(const struct cell_parameters *p, struct cell_state *s, const struct signal *signals, double *outputs,
+                       int64_t now_ns, int64_t periods)
+{
+    s->cycle += periods;
+    for (int i = 0; i < p->axes; i++)
+        sample(&p->axis[i], &s->axis[i], signals, now_ns);
+    for (int i = 0; i < p->axes; i++)
+        watch_axis(&p->axis[i], &s->axis[i], s->cycle);
+    for (int i = 0; i < p->axes; i++) {
+        const struct axis_parameters *axis = &p->axis[i];
+        struct axis_state *a = &s->axis[i];
+        a->hold_scale = 1.0;
+        a->reference.followed = 1;
+        condition(&a->watch, NOT_FINITE, !axis_cycle(axis, a, s->cycle, now_ns));
+        outputs[axis->voltage] = a->voltage_V;
+        if (s->cycle - s->tracking_cycle >= p->score_cycles)
+            score(a, signals[axis->path_error].value, signals[axis->uncompensated].value);
+        mean_squares(p, a);
+        keep_checks(p, a);
+    }
+}
+
+enum { OLDEST_NS = 2000000000 };
+
+static void write_axis(const struct axis_parameters *p, const struct axis_state *a, const struct signal *signals,
+                       struct axis_row *row)
+{
+    row->reference_um = a->reference.w[0] + a->reference.w[3];
+    row->deviation_um = a->deviation.value;
+    row->strain_um = a->strain.value;
+    row->stage_um = a->stage.value;
+    row->estimate_um = dot(p->outer.c, a->estimator.x, p->outer.states);
+    row->innovation_um = a->estimator.innovation_um;
+    row->setpoint_um = a->setpoint_um;
+    row->feedforward_V = a->hysteresis.output_V;
+    row->feedback_V = a->pid.output_V;
+    row->voltage_V = a->voltage_V;
+    row->true_strain_um = signals[p->true_strain].value;
+    row->true_stage_um = signals[p->true_stage].value;
+    row->path_error_um = signals[p->path_error].value;
+    row->uncompensated_um = signals[p->uncompensated].value;
+    row->conditions = a->watch.raised;
+    row->strain_age_ns = (int32_t)earlier(a->strain.age_ns, OLDEST_NS);
+    row->stage_age_ns = (int32_t)earlier(a->stage.age_ns, OLDEST_NS);
+    row->deviation_age_ns = (int32_t)earlier(a->deviation.age_ns, OLDEST_NS);
+    row->fresh = (int32_t)(a->strain.fresh + 2 * a->stage.fresh + 4 * a->deviation.fresh);
+}
+
+static void write_row(const struct cell_parameters *p, const struct cell_state *s, const struct signal *signals,
+                      struct row *row, int64_t now_ns, int64_t periods)
+{
+    row->cycle = s->cycle;
+    row->time_ns = now_ns;
+    row->lateness_ns = row->compute_ns = 0;
+    row->periods = (int32_t)periods;
+    row->state = (int32_t)s->state;
+    row->fault = (int32_t)s->fault;
+    row->version = (int32_t)s->version;
+    row->phase = (int32_t)s->phase;
+    row->lines = 1 << 3;    /* the amplifiers are on; no digital input is wired */
+    for (int i = 0; i < p->axes; i++)
+        write_axis(&p->axis[i], &s->axis[i], signals, &row->axis[i]);
+}
 
 /* Run `cycles` cycles on recorded signals, `repeats` times from the same state; a telemetry row each. */
 void replay(const struct cell_parameters *p, const struct cell_state *first, struct cell_state *s,
-            const struct signal signals[][MAX_SIGNALS], const int64_t *commands, const int64_t *periods, double *outputs,
-            struct row *rows, int64_t cycles, int64_t repeats)
+            const struct signal signals[][MAX_SIGNALS], const int64_t *periods, double *outputs, struct row *rows,
+            int64_t cycles, int64_t repeats)
 {
     for (int64_t r = 0; r < repeats; r++) {
         *s = *first;
         for (int64_t k = 0; k < cycles; k++) {
             int64_t now_ns = (s->cycle + periods[k]) * p->period_ns;
-            cell_cycle(p, s, signals[k], outputs, commands[k], now_ns, periods[k]);
+            cell_cycle(p, s, signals[k], outputs, now_ns, periods[k]);
             write_row(p, s, signals[k], &rows[k], now_ns, periods[k]);
         }
     }

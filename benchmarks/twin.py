@@ -30,24 +30,29 @@ def compile_twin(folder: Path) -> Any:
     if built.returncode != 0:
         raise CheckFailed(f"gcc does not compile the C twin: {built.stderr.strip()}")
     function = ctypes.CDLL(str(library)).replay
-    function.argtypes = [ctypes.c_void_p] * 8 + [ctypes.c_int64] * 2
+    function.argtypes = [ctypes.c_void_p] * 7 + [ctypes.c_int64] * 2
     function.restype = None
     return function
 
 
 def require_covered(parameters: Any) -> None:
     """Raise CheckFailed where `parameters` ask for a law that the twin does not have."""
-    for i in range(parameters[0]["axes"]):
-        a = parameters[0]["axis"][i]
+    p = parameters[0]
+    for i in range(p["axes"]):
+        a = p["axis"][i]
         roles = ("stage", "deviation", "true_strain", "true_stage", "path_error", "uncompensated")
         if not (
             a["mode"] == STAGE
             and a["feedback"]
-            and a["reference"]["kind"] in (reference.SIGNAL, reference.JOG)
+            and a["reference"]["kind"] == reference.SIGNAL
             and a["hysteresis"]["kind"] == feedforward.PRANDTL_ISHLINSKII
             and a["hysteresis"]["shaping"]["kind"] == shaping.TANH
             and all(a[role] >= 0 for role in roles)
+            and not any(p[line]["signal"] >= 0 for line in ("enable", "interlock", "retracted"))
+            and not any(a[line]["signal"] >= 0 for line in ("amplifier_ok", "temperature_ok"))
+            and not any(p[switch] >= 0 for switch in ("amplifier_enable", "feed_hold", "heartbeat"))
         ):
             raise CheckFailed(
-                "the C twin covers only stage control after a tracker or a jog, with a tanh Prandtl-Ishlinskii model"
+                "the C twin covers only stage control after a tracker, with a tanh Prandtl-Ishlinskii model and no "
+                "digital inputs and outputs"
             )

@@ -18,6 +18,7 @@ from micromanip.rt.states import (
     HOLDING,
     INTERLOCK_OPEN,
     NO_FAULT,
+    NOT_RESUMABLE,
     OSCILLATION,
     OVER_TEMPERATURE,
     RAMPING,
@@ -146,6 +147,14 @@ def test_gauge_and_capacitive_sensor_disagree():
     others = rows["axis"]["stage_um"][when[HOLDING] + 500 : when[RAMPING], 1:]
     assert np.ptp(others, axis=0).max() < 5.0  # they are held where they were, against the same forces
     assert_latched(cell, DISAGREEMENT, X)
+
+
+def test_hold_with_a_frozen_voltage_is_not_resumed():
+    cell = Protected("channel: stage_x, kind: offset, value: 3.0")
+    cell.run(0.1)
+    cell.cell.run(0.0001, command=ARM)
+    assert cell.s["state"] == HOLDING
+    assert cell.s["axis"]["refused"][X] & NOT_RESUMABLE
 
 
 def test_a_small_step_of_the_gauge_is_taken_for_a_disturbance():

@@ -14,14 +14,6 @@ def prepared():
 
 
 @pytest.fixture(scope="package")
-def arming(prepared):
-    """From the first cycle of a cell to TRACKING_CYCLES of tracking."""
-    from benchmarks.recording import record_arming
-
-    return record_arming(prepared, TRACKING_CYCLES)
-
-
-@pytest.fixture(scope="package")
 def tracking(prepared):
     from benchmarks.recording import record_tracking
 

@@ -44,6 +44,7 @@ def require_covered(parameters: Any) -> None:
         if not (
             a["mode"] == STAGE
             and a["feedback"]
+            and a["pid"]["notch_share"] == 0.0
             and a["reference"]["kind"] == reference.SIGNAL
             and a["hysteresis"]["kind"] == feedforward.PRANDTL_ISHLINSKII
             and a["hysteresis"]["shaping"]["kind"] == shaping.TANH
@@ -53,6 +54,6 @@ def require_covered(parameters: Any) -> None:
             and not any(p[switch] >= 0 for switch in ("amplifier_enable", "feed_hold", "heartbeat"))
         ):
             raise CheckFailed(
-                "the C twin covers only stage control after a tracker, with a tanh Prandtl-Ishlinskii model and no "
-                "digital inputs and outputs"
+                "the C twin covers only stage control after a tracker, with a tanh Prandtl-Ishlinskii model, and "
+                "neither a notch nor digital inputs and outputs"
             )

@@ -56,7 +56,7 @@ def command(
     gc.collect()
     gc.freeze()  # to look through all that was imported would make a stall now and then
     try:
-        for device in devices.played.values():
+        for device in devices.emulated.values():
             click.echo(f"READY {device.ready}", err=True)
         _play(devices, duration_s, commands)
         report = devices.report()
@@ -127,7 +127,7 @@ class _StatusLine:
     def _show(self) -> None:
         now_s = time.monotonic()
         parts = []
-        for name, device in self._devices.played.items():
+        for name, device in self._devices.emulated.items():
             report = device.report()
             rate = (report["frames"] - self._before.get(name, 0)) / (now_s - self._before_s)
             parts.append(f"{name} {rate:.0f} frames/s, load {report['bus_load_percent']:.0f} %")

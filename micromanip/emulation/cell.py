@@ -1,4 +1,4 @@
-"""What all played devices share: the plant, the amplifiers that move it, and what is wrong with its sensors."""
+"""What all emulated devices share: the plant, the amplifiers that move it, and what is wrong with its sensors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .signal_faults import SignalFaults
 _AMPLIFIER_OK = "amplifier_ok"
 
 
-class PlayedCell:
+class EmulatedCell:
     """Devices call `advance_to` before they read and after they wrote; signals go by the configuration's names."""
 
     def __init__(self, plant: PlantInRealTime, clock: Callable[[], int]) -> None:

@@ -1,4 +1,4 @@
-"""Lines of JSON by which a played device is told to fail: ``{"device": "freeze", "signal": "strain_x"}``."""
+"""Lines of JSON by which a emulated device is told to fail: ``{"device": "freeze", "signal": "strain_x"}``."""
 
 from __future__ import annotations
 

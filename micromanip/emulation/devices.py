@@ -1,4 +1,4 @@
-"""All devices of a configuration, played in one process with one plant behind them."""
+"""All devices of a configuration, emulated in one process with one plant behind them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from micromanip.settings.wiring.simulation import build_plant
 from micromanip.testbus.event_loop import EventLoop
 
 from .amplifier import WATCHDOG_MS
-from .cell import PlayedCell
+from .cell import EmulatedCell
 from .commands import (
     Clear,
     DeviceCommand,
@@ -27,9 +27,9 @@ from .commands import (
     device_command,
     parsed,
 )
-from .emulated import PlayedDevice, Surroundings
+from .emulated import EmulatedDevice, Surroundings
 from .plant import PERIOD_NS, PlantInRealTime
-from .protocols import play_all
+from .protocols import emulate_all
 
 _ENABLE = "amplifier_enable"
 
@@ -50,13 +50,13 @@ class Devices:
         self.loop_cpu = configuration.loop.cpu
         """The controller's, if it has one of its own."""
         self.loop = EventLoop() if loop is None else loop
-        self.cell = PlayedCell(PlantInRealTime(driver), self.loop.now_ns)
+        self.cell = EmulatedCell(PlantInRealTime(driver), self.loop.now_ns)
         if configuration.switches.amplifier_enable is None and _ENABLE in self.cell.plant.outputs:
             self.cell.wired_on = (_ENABLE,)
         self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
         surroundings = Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
         try:
-            self.played: dict[str, PlayedDevice] = play_all(surroundings)
+            self.emulated: dict[str, EmulatedDevice] = emulate_all(surroundings)
         except BaseException:
             self.loop.close()
             raise
@@ -65,12 +65,12 @@ class Devices:
         """Begin to talk; the plant's time begins too."""
         self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
         self.cell.plant.begin(self._began_ns)
-        for device in self.played.values():
+        for device in self.emulated.values():
             device.start(self._began_ns)
 
     def close(self) -> None:
         """Let go of the buses, and of the loop."""
-        for device in self.played.values():
+        for device in self.emulated.values():
             device.close()
         self.loop.close()
 
@@ -96,7 +96,7 @@ class Devices:
         return {
             "elapsed_s": (self.loop.now_ns() - self._began_ns) * 1e-9,
             "cpu_s": time.process_time() - self._began_cpu_s,
-            "devices": {name: device.report() for name, device in self.played.items()},
+            "devices": {name: device.report() for name, device in self.emulated.items()},
             **cell,
         }
 
@@ -127,26 +127,26 @@ class Devices:
                     device.reboot(command.for_s)
             case Clear():
                 self.cell.faults.clear()
-                for device in self.played.values():
+                for device in self.emulated.values():
                     device.clear()
 
     def _spoil(self, name: str | None, kind: str, value: float, for_s: float | None) -> None:
         """One signal, or all of them."""
-        known = [signal for device in self.played.values() for signal in device.signals]
+        known = [signal for device in self.emulated.values() for signal in device.signals]
         if name is not None and name not in known:
             raise UsageError(f"no device sends a signal {name}; there are {', '.join(known)}")
         for signal in known if name is None else [name]:
             self.cell.faults.begin(signal, kind, value, self.loop.now_ns(), for_s)
 
-    def _devices(self, driver: Any) -> list[PlayedDevice]:
+    def _devices(self, driver: Any) -> list[EmulatedDevice]:
         if driver is None:
-            return list(self.played.values())
-        if driver not in self.played:
-            raise UsageError(f"no driver {driver} is played; there are {', '.join(self.played)}")
-        return [self.played[driver]]
+            return list(self.emulated.values())
+        if driver not in self.emulated:
+            raise UsageError(f"no driver {driver} is emulated; there are {', '.join(self.emulated)}")
+        return [self.emulated[driver]]
 
-    def _messages(self, name: str | None) -> list[tuple[PlayedDevice, str]]:
-        known = [(device, message) for device in self.played.values() for message in device.messages]
+    def _messages(self, name: str | None) -> list[tuple[EmulatedDevice, str]]:
+        known = [(device, message) for device in self.emulated.values() for message in device.messages]
         chosen = [(device, message) for device, message in known if name in (None, message)]
         if not chosen:
             raise UsageError(f"no device sends a message {name}; there are {', '.join(m for _, m in known)}")

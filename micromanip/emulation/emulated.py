@@ -1,4 +1,4 @@
-"""What stands between a command line and any played device, whatever its protocol."""
+"""What stands between a command line and any emulated device, whatever its protocol."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from micromanip.settings.wiring.places import build_driver
 from micromanip.testbus.event_loop import EventLoop
 
 from .amplifier import Amplifier
-from .cell import PlayedCell
+from .cell import EmulatedCell
 
 _MISSED_PERIODS = 5
 """An amplifier that is commanded slowly has a watchdog to match: it forgives so many commands that don't come."""
@@ -35,7 +35,7 @@ class Surroundings:
     configuration: Configuration
     source: Source
     loop: EventLoop
-    cell: PlayedCell
+    cell: EmulatedCell
     watchdog_ms: float
 
     def options(self, driver: str) -> Any:
@@ -81,7 +81,7 @@ class Surroundings:
         return amplifier
 
 
-class PlayedDevice(Protocol):
+class EmulatedDevice(Protocol):
     """The device, or devices, behind one driver of the configuration."""
 
     @property
@@ -121,11 +121,11 @@ class PlayedDevice(Protocol):
         """Let go of the line."""
 
 
-Builder = Callable[[str, Surroundings], PlayedDevice]
+Builder = Callable[[str, Surroundings], EmulatedDevice]
 """Builds what is behind the driver of that name in the configuration; raises ConfigError or DeviceUnavailable."""
 
 
 def _missing(name: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, known, 1)
     hint = f"did you mean {near[0]}?" if near else "digital lines exist with `simulation: {lines: {}}`"
-    return f"the simulated plant has no {name}, which the devices are to play; {hint}"
+    return f"the simulated plant has no {name}, which the emulated devices need; {hint}"

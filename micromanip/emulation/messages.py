@@ -1,4 +1,4 @@
-"""What a simulated device sends by itself over and over: when it is due, and what is wrong with it."""
+"""What a emulated device sends by itself over and over: when it is due, and what is wrong with it."""
 
 from __future__ import annotations
 

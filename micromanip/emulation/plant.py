@@ -1,4 +1,4 @@
-"""A simulated cyclic driver advanced in real time: the plant that the played devices measure and move.
+"""A simulated cyclic driver advanced in real time: the plant that the emulated devices measure and move.
 
 Its periods lie on a grid of CLOCK_MONOTONIC; whatever happens between two instants of the grid is seen at the later
 one. A sample carries the plant's own time, so it agrees with what a controller on the same machine takes as now.

@@ -1,4 +1,4 @@
-"""Where and how urgently a process runs that plays devices: a real device has a processor of its own."""
+"""Where and how urgently a process runs that emulates devices: a real device has a processor of its own."""
 
 from __future__ import annotations
 

@@ -1,31 +1,31 @@
-"""Who plays the devices of which driver: one builder for each."""
+"""Who emulates the devices of which driver: one builder for each."""
 
 from __future__ import annotations
 
 from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.registry import driver_class
-from micromanip.emulation.can.canbus import play_canbus
-from micromanip.emulation.can.canopen import play_canopen
-from micromanip.emulation.line.device_of_a_line import play_line
-from micromanip.emulation.modbus.units_on_a_port import play_modbus
+from micromanip.emulation.can.canbus import emulate_canbus
+from micromanip.emulation.can.canopen import emulate_canopen
+from micromanip.emulation.line.device_of_a_line import emulate_line
+from micromanip.emulation.modbus.units_on_a_port import emulate_modbus
 
-from .emulated import Builder, PlayedDevice, Surroundings
+from .emulated import Builder, EmulatedDevice, Surroundings
 
 BUILDERS: dict[str, Builder] = {
-    "canbus": play_canbus,
-    "canopen": play_canopen,
-    "line": play_line,
-    "modbus": play_modbus,
+    "canbus": emulate_canbus,
+    "canopen": emulate_canopen,
+    "line": emulate_line,
+    "modbus": emulate_modbus,
 }
 """By the driver's entry point."""
 
 
-def play_all(surroundings: Surroundings) -> dict[str, PlayedDevice]:
+def emulate_all(surroundings: Surroundings) -> dict[str, EmulatedDevice]:
     """The devices of all drivers that speak on a bus, by the driver's name in the configuration.
 
-    Raises ConfigError for a driver that nobody can play the device of, and where there is none to play.
+    Raises ConfigError for a driver whose device nobody can emulate, and where there is none to emulate.
     """
-    devices: dict[str, PlayedDevice] = {}
+    devices: dict[str, EmulatedDevice] = {}
     try:
         for name, build in _builders(surroundings).items():
             devices[name] = build(name, surroundings)
@@ -42,9 +42,9 @@ def _builders(surroundings: Surroundings) -> dict[str, Builder]:
         if entry.driver in BUILDERS:
             builders[name] = BUILDERS[entry.driver]
         elif not _is_cyclic(entry.driver):
-            raise source.error(("drivers", name, "driver"), f"nothing plays a device for it; {_known()}")
+            raise source.error(("drivers", name, "driver"), f"nothing emulates a device for it; {_known()}")
     if not builders:
-        raise source.error(("drivers",), f"none of them has a device to play; {_known()}")
+        raise source.error(("drivers",), f"none of them has a device to emulate; {_known()}")
     return builders
 
 
@@ -54,4 +54,4 @@ def _is_cyclic(driver: str) -> bool:
 
 
 def _known() -> str:
-    return f"devices are played for {', '.join(BUILDERS)}"
+    return f"devices are emulated for {', '.join(BUILDERS)}"

@@ -1,4 +1,4 @@
-"""A watch over who commands a simulated device."""
+"""A watch over who commands a emulated device."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Bench:
 
     def __init__(self, file, **options):
         self.devices = Devices(file, loop=VirtualLoop(), **options)
-        self.played = self.devices.played["device"]
+        self.played = self.devices.emulated["device"]
         self.devices.start()
         self._closing = contextlib.ExitStack()
 

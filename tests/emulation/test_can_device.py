@@ -23,7 +23,7 @@ def test_messages_come_at_their_rates_and_count(controller):
 
 
 def test_counter_wraps(controller):
-    sent = controller.devices.played["can0"]._device.sent[0]
+    sent = controller.devices.emulated["can0"]._device.sent[0]
     sent.count = 65534
     controller.run(0.003)
     assert [values["Count"] for _, values in controller.decoded("Sensors")][:4] == [65534, 65535, 0, 1]
@@ -86,7 +86,7 @@ def test_a_step_up_moves_its_axis_only(controller):
 
 
 def test_what_is_not_understood_is_left_alone(controller):
-    line, voltages = controller.devices.played["can0"].bus.line, DATABASE.get_message_by_name("Voltages")
+    line, voltages = controller.devices.emulated["can0"].bus.line, DATABASE.get_message_by_name("Voltages")
     line.send(controller, Frame(voltages.frame_id, b"\x01"))
     line.send(controller, Frame(voltages.frame_id, bytes(8), extended=True))
     line.send(controller, Frame(0x7FF, bytes(8)))

@@ -51,7 +51,7 @@ class Master:
     def __init__(self, file):
         self.devices = Devices(file, loop=VirtualLoop())
         self.heard = []
-        self.line = self.devices.played["can0"].bus.line
+        self.line = self.devices.emulated["can0"].bus.line
         self.line.attach(self)
         self.devices.start()
         self.run(0.01)
@@ -101,7 +101,7 @@ def test_nodes_measure_and_move_the_plant(master):
     assert master.strain_um(1) - rest[0] > 20.0
     assert abs(master.strain_um(2) - rest[1]) < 1.0
     assert master.devices.report()["outputs"]["voltage_x"]["max"] == pytest.approx(50.0)
-    assert "2 messages out, 1 in, 1000 kbit/s, nodes gauge, amplifier" in master.devices.played["can0"].ready
+    assert "2 messages out, 1 in, 1000 kbit/s, nodes gauge, amplifier" in master.devices.emulated["can0"].ready
 
 
 def test_readings_go_by_the_configurations_names(master):

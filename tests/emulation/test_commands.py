@@ -133,9 +133,9 @@ def test_report_tells_what_came_since_the_last(controller):
         ('{"device": "offset", "signal": "strain_x"}', "value: missing"),
         ('{"device": "drift", "signal": "strain_x", "per_ms": 1}', "did you mean per_s"),
         ('{"device": "reboot", "for_s": -1}', "for_s: expected a number from 1e-06 to 86400"),
-        ('{"device": "reboot", "driver": "can1"}', "no driver can1 is played; there are can0"),
+        ('{"device": "reboot", "driver": "can1"}', "no driver can1 is emulated; there are can0"),
         ('{"inject": "dropp"}', "dropp"),
-        ('{"inject": "drop", "driver": "can1"}', "no driver can1 is played"),
+        ('{"inject": "drop", "driver": "can1"}', "no driver can1 is emulated"),
     ],
 )
 def test_what_can_not_be_done_is_answered_in_one_sentence(controller, line, said):

@@ -47,7 +47,10 @@ WRONG = {
     ),
     "no bitrate": (("    bitrate: 1000000\n", ""), r":\d+: drivers\.can0\.bitrate: missing"),
     "no such driver": (("driver: canbus", "driver: canbuss"), r"no driver called canbuss"),
-    "nothing to play": (("driver: canbus", "driver: simulated"), r":\d+: drivers: none of them has a device to play"),
+    "no device": (
+        ("driver: canbus", "driver: simulated"),
+        r":\d+: drivers: none of them has a device to emulate",
+    ),
 }
 
 

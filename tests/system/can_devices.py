@@ -49,7 +49,7 @@ class ForeignDevice:
         self.process.wait()
 
 
-class PlayedDevice:
+class EmulatedDevice:
     """``micromanip simulate-device`` for the service's own configuration, as an operator runs it."""
 
     def __init__(self, folder):

@@ -15,7 +15,7 @@ import pytest
 
 from tools.running_controller import command_line, rows_of, until
 
-from .can_devices import CACHE, DATABASE, OPERATOR, PATIENCE_S, ForeignDevice, PlayedDevice
+from .can_devices import CACHE, DATABASE, OPERATOR, PATIENCE_S, EmulatedDevice, ForeignDevice
 from .machine import CONFIG, PROGRAM, UNIT, done, ok
 from .vcan import CHANNEL, Dump, error_frame, set_link
 from .vm_cell import write
@@ -43,7 +43,7 @@ def service(peer, tmp_path_factory):
 def played(service, peer, tmp_path_factory):
     """It takes the place of the foreign device."""
     peer.end()
-    device = PlayedDevice(tmp_path_factory.mktemp("played"))
+    device = EmulatedDevice(tmp_path_factory.mktemp("played"))
     yield device
     device.process.kill()
     device.process.wait()

@@ -1,4 +1,4 @@
-"""The bus that CAN devices are played on, as the configuration of their driver has it."""
+"""The bus that CAN devices are emulated on, as the configuration of their driver has it."""
 
 from __future__ import annotations
 

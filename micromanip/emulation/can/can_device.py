@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from micromanip.emulation.amplifier import Amplifier
-from micromanip.emulation.cell import PlayedCell
+from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.messages import Due, MessageFigures, Periodic
 from micromanip.testbus.bus import Bus
 from micromanip.testbus.event_loop import EventLoop
@@ -30,7 +30,7 @@ class CanDevice:
         self,
         loop: EventLoop,
         bus: Bus,
-        cell: PlayedCell,
+        cell: EmulatedCell,
         sent: list[Sent],
         received: list[DbcMessage],
         outputs: dict[str, str],

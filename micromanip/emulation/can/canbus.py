@@ -7,8 +7,8 @@ from typing import Any
 
 import cantools
 
-from micromanip.emulation.cell import PlayedCell
-from micromanip.emulation.emulated import PlayedDevice, Surroundings, Wires
+from micromanip.emulation.cell import EmulatedCell
+from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.testbus.event_loop import EventLoop
 
 from .can_bus import CanBus
@@ -16,7 +16,7 @@ from .can_device import CanDevice, Sent
 from .dbc_message import DbcMessage
 
 
-class PlayedCanBus:
+class EmulatedCanBus:
     """One node that sends and takes all messages of the driver."""
 
     def __init__(self, bus: CanBus, device: CanDevice, loop: EventLoop) -> None:
@@ -65,7 +65,7 @@ class PlayedCanBus:
         return next(sent for sent in self._device.sent if sent.message.name == message)
 
 
-def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
+def emulate_canbus(name: str, surroundings: Surroundings) -> EmulatedDevice:
     """Bus and node of the driver called `name`."""
     keys, cell, loop = surroundings.options(name), surroundings.cell, surroundings.loop
     database: Any = cantools.database.load_file(surroundings.source.path.parent / keys.database, database_format="dbc")
@@ -79,10 +79,10 @@ def play_canbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     received = [DbcMessage(known[name_in_dbc], counter=entry.counter) for name_in_dbc, entry in keys.send.items()]
     bus = CanBus(keys, loop)
     device = CanDevice(loop, bus.line, cell, sent, received, wires.outputs, surroundings.amplifier(wires))
-    return PlayedCanBus(bus, device, loop)
+    return EmulatedCanBus(bus, device, loop)
 
 
-def _filling(message: str, signals: list[str], wires: Wires, cell: PlayedCell) -> dict[str, str]:
+def _filling(message: str, signals: list[str], wires: Wires, cell: EmulatedCell) -> dict[str, str]:
     """What each signal of a message is filled with: as configured, else by its own name, else with 0."""
     channels = {signal: f"{message}.{signal}" for signal in signals}
     return {

@@ -10,8 +10,8 @@ from typing import Any
 from canopen.objectdictionary import ObjectDictionaryError
 
 from micromanip.emulation.amplifier import Amplifier
-from micromanip.emulation.cell import PlayedCell
-from micromanip.emulation.emulated import PlayedDevice, Surroundings, Wires
+from micromanip.emulation.cell import EmulatedCell
+from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.errors import UsageError
 
 from .can_bus import CanBus
@@ -21,7 +21,7 @@ _IDLE_NS = 5_000_000
 _NUMBER = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?:sub([0-9A-Fa-f]{1,2}))?")
 
 
-class PlayedCanOpen:
+class EmulatedCanOpen:
     """Nodes that boot, obey NMT and watch their commander by themselves."""
 
     def __init__(
@@ -83,7 +83,7 @@ class PlayedCanOpen:
         self._off.clear()
 
 
-def play_canopen(name: str, surroundings: Surroundings) -> PlayedDevice:
+def emulate_canopen(name: str, surroundings: Surroundings) -> EmulatedDevice:
     """Bus and nodes of the driver called `name`."""
     source, cell, loop = surroundings.source, surroundings.cell, surroundings.loop
     keys, wires = surroundings.options(name), surroundings.wires(name)
@@ -106,13 +106,13 @@ def play_canopen(name: str, surroundings: Surroundings) -> PlayedDevice:
         bus.close()
         raise
     pdos = [sum(len(getattr(node, kind)) for node in keys.nodes.values()) for kind in ("tpdo", "rpdo")]
-    return PlayedCanOpen(bus, surroundings, nodes, wires, (pdos[0], pdos[1]))
+    return EmulatedCanOpen(bus, surroundings, nodes, wires, (pdos[0], pdos[1]))
 
 
 class _Behind:
     """What stands behind one node: its objects' names to the cell's."""
 
-    def __init__(self, cell: PlayedCell, amplifier: Amplifier, names: dict[str, str]) -> None:
+    def __init__(self, cell: EmulatedCell, amplifier: Amplifier, names: dict[str, str]) -> None:
         self._cell, self._amplifier, self._names = cell, amplifier, names
 
     def resolve(self, node: CanOpenNode) -> None:

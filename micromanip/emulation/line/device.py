@@ -1,11 +1,11 @@
-"""What all simulated devices on lines of their own have in common."""
+"""What all emulated devices on lines of their own have in common."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
 from micromanip.emulation.amplifier import Amplifier
-from micromanip.emulation.cell import PlayedCell
+from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import Wires
 from micromanip.emulation.messages import Due, MessageFigures, Periodic
 from micromanip.testbus.event_loop import EventLoop
@@ -20,7 +20,7 @@ _TICK_NS = 1_000_000
 class Behind:
     """The cell behind a device, by the names of the driver's channels."""
 
-    def __init__(self, cell: PlayedCell, wires: Wires, amplifier: Amplifier | None) -> None:
+    def __init__(self, cell: EmulatedCell, wires: Wires, amplifier: Amplifier | None) -> None:
         self.amplifier = amplifier
         self._cell, self._wires = cell, wires
 

@@ -1,4 +1,4 @@
-"""A line between a simulated device and whoever it talks to, with the faults that are injected into it."""
+"""A line between a emulated device and whoever it talks to, with the faults that are injected into it."""
 
 from __future__ import annotations
 

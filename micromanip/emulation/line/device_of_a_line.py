@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from micromanip.emulation.emulated import PlayedDevice, Surroundings
+from micromanip.emulation.emulated import EmulatedDevice, Surroundings
 from micromanip.emulation.messages import Due
 from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
@@ -18,7 +18,7 @@ from .faults import GcsError, Identity, parsed
 from .stream_device import StreamDevice, packet_layout, samples_per_packet
 
 
-class PlayedLine:
+class EmulatedLine:
     """One device on its line."""
 
     def __init__(self, line: DeviceLine, device: LineDevice, loop: EventLoop) -> None:
@@ -78,17 +78,17 @@ class PlayedLine:
         return next(periodic.message for periodic in self._device.periodic if periodic.message.name == name)
 
 
-def play_line(name: str, surroundings: Surroundings) -> PlayedDevice:
+def emulate_line(name: str, surroundings: Surroundings) -> EmulatedDevice:
     """Line and device of the driver called `name`."""
     keys, loop = surroundings.options(name), surroundings.loop
     if keys.ascii is not None and keys.ascii.preset not in PRESETS:
         where = ("drivers", name, "ascii", "preset")
-        raise surroundings.source.error(where, f"devices are played for the presets {' and '.join(PRESETS)}")
+        raise surroundings.source.error(where, f"devices are emulated for the presets {' and '.join(PRESETS)}")
     wires = surroundings.wires(name)
     amplifier = surroundings.amplifier(wires, _slowest_write_ms(keys) if wires.outputs else 0.0)
     behind = Behind(surroundings.cell, wires, amplifier)
     line = DeviceLine(loop, port_maker(keys, loop))
-    return PlayedLine(line, _device(name, keys, loop, line, behind), loop)
+    return EmulatedLine(line, _device(name, keys, loop, line, behind), loop)
 
 
 def _device(name: str, keys: Any, loop: EventLoop, line: DeviceLine, behind: Behind) -> LineDevice:

@@ -1,4 +1,4 @@
-"""What a simulated device on a line of its own needs of a port, be it serial, TCP or UDP."""
+"""What a emulated device on a line of its own needs of a port, be it serial, TCP or UDP."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A serial port whose far end is a simulated device: a pseudo terminal, with a link to it at the configured path.
+"""A serial port whose far end is a emulated device: a pseudo terminal, with a link to it at the configured path.
 
 What a pseudo terminal has not by itself comes from here: bytes take their time on the line, those that are sent while
 nobody has the port open are lost, and a port that was opened at another rate hears noise.

@@ -1,4 +1,4 @@
-"""A TCP port that a simulated device listens on; several programs may be connected at a time."""
+"""A TCP port that a emulated device listens on; several programs may be connected at a time."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class TcpPort(LinePort):
         except OSError as error:
             listener.close()
             raise DeviceUnavailable(
-                f"{self.name} can't be listened on: {error.strerror}; devices are played at an address of this "
+                f"{self.name} can't be listened on: {error.strerror}; devices are emulated at an address of this "
                 "machine, on a port that is free"
             ) from error
         self._listener = listener

@@ -1,4 +1,4 @@
-"""A UDP port that a simulated device sends from and receives at."""
+"""A UDP port that a emulated device sends from and receives at."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class UdpPort(LinePort):
         except OSError as error:
             opened.close()
             raise DeviceUnavailable(
-                f"{self.name} can't be opened: {error.strerror}; devices are played at an address of this "
+                f"{self.name} can't be opened: {error.strerror}; devices are emulated at an address of this "
                 "machine, on a port that is free"
             ) from error
         self._socket = opened

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from micromanip.emulation.emulated import PlayedDevice, Surroundings
+from micromanip.emulation.emulated import EmulatedDevice, Surroundings
 from micromanip.emulation.line.device import Behind
 from micromanip.emulation.line.device_line import DeviceLine, port_maker
 from micromanip.emulation.line.faults import Identity
@@ -25,7 +25,7 @@ _SILENCE_NS = 5_000_000
 """On a pseudo terminal the silence between frames is no longer exact; a begun frame is given up after this."""
 
 
-class PlayedModbus:
+class EmulatedModbus:
     """All units of one line; what they share is the port, and its faults."""
 
     def __init__(
@@ -130,7 +130,7 @@ class PlayedModbus:
         return next(unit for unit in self.units.values() if unit.name == name)
 
 
-def play_modbus(name: str, surroundings: Surroundings) -> PlayedDevice:
+def emulate_modbus(name: str, surroundings: Surroundings) -> EmulatedDevice:
     """Port and units of the driver called `name`."""
     keys, cell, loop = surroundings.options(name), surroundings.cell, surroundings.loop
     wires = surroundings.wires(name)
@@ -138,7 +138,7 @@ def play_modbus(name: str, surroundings: Surroundings) -> PlayedDevice:
     behind = Behind(cell, wires, amplifier)
     units = {unit.unit_id: unit_of(unit_name, unit, behind) for unit_name, unit in keys.units.items()}
     line = DeviceLine(loop, port_maker(keys, loop, half_duplex=True))
-    device = PlayedModbus(loop, line, units, behind, keys.serial is not None)
+    device = EmulatedModbus(loop, line, units, behind, keys.serial is not None)
     device.signals = list(wires.signals.values())
     return device
 

@@ -10,11 +10,14 @@ import math
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from micromanip.replies import Fault
 from micromanip.rt import states
+
+_WORDS = Path(__file__).with_name("faults.toml")
+"""By the file: where a process begins in a folder that has another one called ``micromanip``, the name finds that."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class FaultKind:
 
 
 def _table() -> dict[str, FaultKind]:
-    data = tomllib.loads((files("micromanip") / "faults.toml").read_text(encoding="utf-8"))
+    data = tomllib.loads(_WORDS.read_text(encoding="utf-8"))
     return {
         name: FaultKind(**entry | {"name": name, "likely_causes": tuple(entry["likely_causes"])})
         for name, entry in data.items()

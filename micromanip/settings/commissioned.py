@@ -13,16 +13,13 @@ from micromanip.settings.text.renames import first_names
 
 
 def tuning_hash(axis: Axis) -> str:
-    """First 16 hexadecimal digits of the SHA-256 over all keys of `axis` that a report is about.
-
-    The note of the commissioning itself, limits and authority are not.
+    """First 16 hexadecimal digits of the SHA-256 over all keys of `axis` that a report is about (``Axis.tuning``).
 
     Canonical JSON, keys sorted, numbers rounded as where they are written to a file: a file that was written
     and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out. A key
     counts by the name that it was given first, so a report stays that of its axis where a later layout has another.
     """
-    tuning = axis.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"})
-    tuning = _canonical(first_names(tuning, ("axes", "*")))
+    tuning = _canonical(first_names(axis.tuning(), ("axes", "*")))
     text = json.dumps(tuning, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 

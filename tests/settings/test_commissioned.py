@@ -67,6 +67,13 @@ def test_each_single_value_counts(path):
     assert tuning_hash(changed(AXIS, path)) != tuning_hash(AXIS)
 
 
+@pytest.mark.filterwarnings("ignore:Pydantic serializer warnings")
+def test_a_report_from_before_there_were_notches_is_still_about_the_axis():
+    assert "notch" not in AXIS.tuning()["inner"]
+    notched = AXIS.model_copy(update={"inner": changed(AXIS.inner, ("notch",))})
+    assert "notch" in notched.tuning()["inner"]
+
+
 def test_the_section_itself_does_not_count():
     noted = AXIS.model_copy(update={"commissioned": Commissioned(hash=STRANGE, report="a.html", date="2026-11-21")})
     assert tuning_hash(noted) == tuning_hash(AXIS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -136,6 +136,16 @@ class Axis(Settings):
         default=AxisFaults(), description="This axis' own limits; what is left out stands in faults.axis."
     )
     commissioned: Live[Commissioned | None] = Field(default=None, description="The report that this tuning belongs to.")
+
+    def tuning(self) -> dict[str, Any]:
+        """What a commissioning report is about: all but the note of it, limits and authority.
+
+        No notch is no key: the hash of a report from before there were notches stays what it was.
+        """
+        tuning = self.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"})
+        if self.inner.notch is None:
+            del tuning["inner"]["notch"]
+        return tuning
 
     @model_validator(mode="after")
     def _is_reachable(self) -> Self:

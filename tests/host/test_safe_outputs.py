@@ -231,6 +231,10 @@ def test_one_driver_keeps_no_other_one_from_rest(config, driver, monkeypatch):
         "driver cyclic",
     ]
     assert report.failed[0] == "driver hung: its outputs are unknown, bug: TypeError: unsupported operand"
+    x, y = report.failed[1:3]
+    assert x.startswith("driver half: voltage_x (safe: 0 V) can't be called safe: unknown, last 80 V; ")
+    assert y.startswith("driver half: ")
+    assert x != y
 
 
 def test_notes_name_their_driver(config):

@@ -7,6 +7,7 @@ claim     whenever the product says that the outputs rest, they do
 """
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass, field
 
 RULES = ("range", "slew", "unarmed", "claim", "astray", "crash", "return", "left")
@@ -162,33 +163,38 @@ class Referee:
         yield Violation("range", what, beyond_V, around(arrivals, k, begin_ns))
 
     def _lies(self, arrivals):
-        for claim in self._claims:
-            volts = self._best(arrivals, claim)
-            if volts is not None:
-                moved = {name: f"{value:g} V" for name, value in volts.items()}
-                worst_V = max(abs(value - self.bounds[name].rest_V) for name, value in volts.items())
-                yield Violation(claim.rule, f"{claim.who}; the device was at {moved}", worst_V)
-
-    def _best(self, arrivals, claim):
-        """None where the device was at rest at some time of the claim, or soon after; else its voltages."""
-        last, found = {}, None
         taken = sorted(
             ((each.taken_ns or each.time_ns, each.name, each.volts) for each in arrivals if not each.refused),
             key=lambda entry: entry[0],
         )
-        for at_ns, name, volts in [*taken, (math.inf, None, 0.0)]:
-            if at_ns > claim.from_ns - IN_FLIGHT_NS:
-                found = {
-                    output: last[output]
-                    for output, bounds in self.bounds.items()
-                    if output in last and not abs(last[output] - bounds.rest_V) <= REST_V
-                }
-                if not found:
-                    return None
-            if at_ns > claim.to_ns + IN_FLIGHT_NS:
-                return found
+        times_ns = [at_ns for at_ns, _, _ in taken]
+        before, last = 0, {}
+        for claim in sorted(self._claims, key=lambda each: each.from_ns):
+            begin = bisect_right(times_ns, claim.from_ns - IN_FLIGHT_NS)
+            last |= {name: volts for _, name, volts in taken[before:begin]}
+            before = begin
+            volts = self._best(dict(last), taken[begin : bisect_right(times_ns, claim.to_ns + IN_FLIGHT_NS)])
+            if volts:
+                moved = {name: f"{value:g} V" for name, value in volts.items()}
+                worst_V = max(abs(value - self.bounds[name].rest_V) for name, value in volts.items())
+                yield Violation(claim.rule, f"{claim.who}; the device was at {moved}", worst_V)
+
+    def _best(self, last, taken):
+        """Voltages that do not rest; none where all did at some time of the claim, or soon after."""
+        found = self._elsewhere(last)
+        for _, name, volts in taken:
+            if not found:
+                break
             last[name] = volts
+            found = self._elsewhere(last)
         return found
+
+    def _elsewhere(self, last):
+        return {
+            output: last[output]
+            for output, bounds in self.bounds.items()
+            if output in last and not abs(last[output] - bounds.rest_V) <= REST_V
+        }
 
 
 def _of_slew(each, before_V, step_V, arrivals, k, begin_ns):

@@ -37,7 +37,7 @@ test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and a
 	$(BIN)/pytest -n $(JOBS) --dist loadgroup tests
 
 compiled: $(READY)  # by one process, or each worker of pytest would compile the same
-	@$(BIN)/pytest --collect-only -qq tests >/dev/null
+	@$(BIN)/micromanip check config/simulated.yaml >/dev/null
 
 test-laws: $(READY) ## the tests of the laws with bounds checks, and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-checked test-laws-plain

@@ -77,21 +77,21 @@ def test_before_its_loop_turns_nothing_waits(controller):
 def test_a_loop_that_has_died_is_a_fault_whatever_it_said_last(controller):
     """The outputs may be anywhere until `make_safe` has done its work, which takes seconds."""
     controller.declare_ready()
-    controller.process = SimpleNamespace(returncode=None)
+    controller.process._process = SimpleNamespace(returncode=None)
     assert (controller.state, controller.faults()) == ("READY", [])
-    controller.process.returncode = -9
+    controller.process._process.returncode = -9
     assert controller.state == "FAULT"
     (said,) = controller.faults()
-    assert said.startswith("X-104")
-    assert "signal 9" in said
-    for asked in (controller.command(RESET), controller.apply(controller.prepared.parameters)):
+    assert str(said).startswith("X-104")
+    assert "signal 9" in str(said)
+    for asked in (controller.command(RESET), controller.commanding().__aenter__()):
         with pytest.raises(CheckFailed, match=r"(reset refused|nothing was changed): X-104"):
             asyncio.run(asked)
 
 
 def test_a_loop_that_has_come_to_its_end_is_none(controller):
     controller.declare_ready()
-    controller.process = SimpleNamespace(returncode=0)
+    controller.process._process = SimpleNamespace(returncode=0)
     controller.words[w.FINISHED] = 1
     assert (controller.state, controller.faults()) == ("READY", [])
 

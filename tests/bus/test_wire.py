@@ -68,7 +68,8 @@ class Cell:
     def __init__(self, folder, bus):
         (folder / "cell.yaml").write_text(step_cell(bus))
         self.folder, self.prepared = folder, prepare(folder / "cell.yaml")
-        self.bridge = self.prepared.wiring.buses["bus"]
+        (self.name,) = self.prepared.wiring.buses
+        self.bridge = self.prepared.wiring.buses[self.name]
         self.device = Emulated(folder / "cell.yaml")
         self.outputs, self.signals = np.zeros(MAX_OUTPUTS), np.zeros(MAX_SIGNALS, SIGNAL)
         self.place = self.prepared.wiring.outputs["voltage_x"]
@@ -85,7 +86,7 @@ class Cell:
         memory = None
         if remembers:
             memory = LastGiven.open(bus.device, [output.name for output in bus.outputs], self.folder)
-        outputs = self.prepared.wiring.safe_outputs("bus", configuration)
+        outputs = self.prepared.wiring.safe_outputs(self.name, configuration)
         self.worker = Worker(bus, self.image, Rules(outputs, RAMP_S, DEAD_NS, PATIENCE_NS), memory)
         self.thread = threading.Thread(target=self._run, args=(self.worker,))
         self.thread.start()
@@ -164,8 +165,7 @@ def judge(cell, bus, to_rest=True):
 def test_a_link_that_was_cut_for_longer_than_the_ramp(tmp_path, bus):
     with held(tmp_path, bus) as cell:
         judge(cell, bus, to_rest=False)
-        cut = dict(CUTS[bus])
-        cell.device.order(inject=cut.pop("kind"), for_s=3 * RAMP_S, **cut)
+        cell.device.order(inject=CUTS[bus], for_s=3 * RAMP_S)
         cell.until(lambda: cell.image.output_state == "unknown", HELD_V)
         assert cell.given_V == pytest.approx(HELD_V, abs=step_V(bus))
         cell.until(lambda: cell.image.output_state == "at rest", HELD_V)

@@ -1,19 +1,15 @@
 """Commissioning of a drawn plant; `make robustness` does fifty."""
 
-import runpy
-from pathlib import Path
-
 import pytest
 
 from micromanip.settings.check import prepare
 from micromanip.virtual.drawn_plants import LEAST_REACH_UM, SPREAD, drawn_cell
-
-ROOT = Path(__file__).parents[2]
+from tools.robustness import CONFIG, commission_drawn
 
 
 @pytest.fixture(scope="module")
 def factory():
-    return prepare(ROOT / "config" / "factory.yaml")
+    return prepare(CONFIG)
 
 
 def test_drawn_plants_are_seeded_and_reach_far_enough(factory):
@@ -27,8 +23,7 @@ def test_drawn_plants_are_seeded_and_reach_far_enough(factory):
 
 @pytest.mark.parametrize("seed", range(1))
 def test_drawn_plant(factory, seed):
-    commission = runpy.run_path(str(ROOT / "scripts" / "robustness.py"))["commission_drawn"]
-    result = commission(factory, seed)
+    result = commission_drawn(factory, seed)
     assert result["refused"] is None
     assert result["stable"]
     assert result["good"], result

@@ -3,11 +3,12 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
-JOBS   ?= 2
+# twice as many as cores: while some tests wait for processes and links, others compute
+JOBS   ?= 4
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run test test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill surprise fault-campaign fuzz-socket robustness docs tune clean
+.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill surprise fault-campaign fuzz-socket robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -28,11 +29,17 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: lint        ## all tests; the laws compiled, bounds-checked and as plain Python
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup tests
-	$(MAKE) --no-print-directory test-laws
+check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
+	$(BIN)/pytest -n 2 --dist loadgroup -m 'not live and not long' tests
 
-test-laws: $(READY)
+test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target lint compiled test-laws-plain test-laws-checked
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup tests
+
+compiled: $(READY)  # by one process, or each worker of pytest would compile the same
+	@$(BIN)/pytest --collect-only -qq tests >/dev/null
+
+test-laws: $(READY) ## the tests of the laws with bounds checks, and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-checked test-laws-plain
 
 test-laws-checked: $(READY)  # optimised little: it is compiled once and runs shortly

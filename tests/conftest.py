@@ -6,7 +6,7 @@ Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the s
 state machine; ``mutation`` does not ask for the smallest example.
 """
 
-from pathlib import Path
+import gc
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
@@ -39,21 +39,27 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1")
-
-
-REAL = ("bus", "cli", "drivers", "hil", "host", "emulation", "surprise")
-"""Here are real processes, sockets and pseudo terminals on a machine that others share, which may stall for a while."""
+    for marker in (
+        "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1",
+        "live: on real processes, links or clocks, which it waits for; left out of `make check`",
+        "long: computes for seconds; left out of `make check`",
+        "realtime: a machine that stalls can make it fail; once more if it does",
+    ):
+        config.addinivalue_line("markers", marker)
 
 
 def pytest_collection_modifyitems(config, items):
-    """What failed where a stall can be the cause is tried once more, and the summary counts it."""
     for item in items:
-        if item.path.relative_to(Path(__file__).parent).as_posix().startswith(REAL):
+        if "realtime" in item.keywords:
+            item.add_marker("live")
             item.add_marker(pytest.mark.flaky(reruns=1))
-    if JIT:
-        return
-    skip = pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)")
-    for item in items:
-        if "compiled_only" in item.keywords:
-            item.add_marker(skip)
+        if "compiled_only" in item.keywords and not JIT:
+            item.add_marker(pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)"))
+    # what waits first, what computes for long next: the short ones fill what is left
+    items.sort(key=lambda item: ("live" not in item.keywords, "long" not in item.keywords))
+
+
+def pytest_collection_finish():
+    """All that was imported stays: no search for garbage looks at it again."""
+    gc.collect()
+    gc.freeze()

@@ -22,6 +22,8 @@ from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.settings.check import prepare
 
+pytestmark = pytest.mark.live  # ramps and pauses take their time
+
 NEVER_MS, PATIENCE_S, RESOLVED_V = 1e9, 60.0, 0.01
 DEAD_NS, PATIENCE_NS = 300_000_000, 300_000_000
 HELD_V = 80.0

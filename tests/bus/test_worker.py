@@ -18,6 +18,8 @@ from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.bus_image import AT_REST, AWAY, FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
+pytestmark = pytest.mark.live  # ramps and pauses take their time
+
 MS = 1_000_000
 RAMP_S, DEAD_NS = 0.1, 300 * MS  # a loaded machine may hold a thread up for tens of ms
 PATIENCE_S = 20.0

@@ -1,9 +1,30 @@
-"""Packages of drivers, installed as pip would do it."""
+"""Packages of drivers, installed as pip would do it; a cell that was commissioned."""
 
 import importlib
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
+from micromanip.cli.main import main
+
+FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+
+
+@pytest.fixture(scope="session")
+def commissioned(tmp_path_factory):
+    """Axis y of the factory cell, commissioned once for all tests: its folder, and what was found."""
+    from micromanip.design.commission import cell
+
+    folder, found = tmp_path_factory.mktemp("commission"), []
+    config = folder / "cell.yaml"
+    config.write_bytes(FACTORY.read_bytes())
+    with pytest.MonkeyPatch.context() as patch:
+        commission_cell = cell.commission_cell
+        patch.setattr(cell, "commission_cell", lambda *them: found.append(commission_cell(*them)) or found[0])
+        main(["commission", str(config), "--axis", "y", "--out", str(folder / "out")])  # exits where it fails
+    return SimpleNamespace(folder=folder, found=found[0])
 
 
 @pytest.fixture

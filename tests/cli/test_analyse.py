@@ -10,7 +10,7 @@ import pytest
 
 from micromanip.cli.main import main
 
-pytestmark = pytest.mark.xdist_group("analyse")  # what the tests share is made once, not by each worker
+pytestmark = [pytest.mark.long, pytest.mark.xdist_group("analyse")]  # what is shared is made once
 
 CONFIG = Path(__file__).parents[2] / "config"
 SIMULATED, FACTORY = str(CONFIG / "simulated.yaml"), str(CONFIG / "factory.yaml")

@@ -200,6 +200,7 @@ def test_one_line_with_place_and_way_out(folder, name, capsys):
         assert not said.out
 
 
+@pytest.mark.live
 @pytest.mark.parametrize(("example", "interface"), [("can.yaml", "can97"), ("canopen.yaml", "can98")])
 def test_a_missing_interface_is_one_line_too(folder, example, interface):
     """Each its own: a device belongs to one controller at a time, and tests run side by side."""

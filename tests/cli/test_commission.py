@@ -11,7 +11,7 @@ from micromanip.design import paper
 from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import load_with_source
 
-pytestmark = pytest.mark.xdist_group("commission")  # what the tests share is made once, not by each worker
+pytestmark = [pytest.mark.long, pytest.mark.xdist_group("commission")]  # what is shared is made once
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 
@@ -24,18 +24,8 @@ def code_of(*arguments):
     return 0
 
 
-@pytest.fixture(scope="module")
-def commissioned(tmp_path_factory):
-    """Axis y of the factory cell, commissioned once for all tests: folder, exit code."""
-    folder = tmp_path_factory.mktemp("commission")
-    config = folder / "cell.yaml"
-    config.write_bytes(FACTORY.read_bytes())
-    return folder, code_of("commission", config, "--axis", "y", "--out", folder / "out")
-
-
 def test_it_passes_and_leaves_three_files_and_a_folder_of_the_run(commissioned):
-    folder, code = commissioned
-    assert code == 0
+    folder = commissioned.folder
     (run,) = (folder / "out").glob("[0-9]*-y")
     assert (folder / "out" / "latest").resolve() == run
     files = {"tuned.yaml", "previous.yaml", "report.html"}
@@ -49,7 +39,7 @@ def test_it_passes_and_leaves_three_files_and_a_folder_of_the_run(commissioned):
 
 
 def test_the_tuned_file_passes_check_without_warning(commissioned, capsys):
-    tuned = commissioned[0] / "out" / "tuned.yaml"
+    tuned = commissioned.folder / "out" / "tuned.yaml"
     assert code_of("check", tuned, "--json") == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["warnings"] == []
@@ -57,11 +47,11 @@ def test_the_tuned_file_passes_check_without_warning(commissioned, capsys):
 
 
 def test_only_the_named_axis_is_changed_and_comments_stay(commissioned):
-    tuned, _ = load_with_source(commissioned[0] / "out" / "tuned.yaml")
+    tuned, _ = load_with_source(commissioned.folder / "out" / "tuned.yaml")
     factory, source = load_with_source(FACTORY)
     assert tuned.axes["x"] == factory.axes["x"]
     assert tuned.axes["z"] == factory.axes["z"]
-    text = (commissioned[0] / "out" / "tuned.yaml").read_text(encoding="utf-8")
+    text = (commissioned.folder / "out" / "tuned.yaml").read_text(encoding="utf-8")
     assert all(line in text for line in source.text.splitlines() if line.strip().startswith("#"))
     y = tuned.axes["y"]
     assert y.commissioned.report == "report.html"
@@ -71,7 +61,7 @@ def test_only_the_named_axis_is_changed_and_comments_stay(commissioned):
 
 
 def test_evaluate_is_at_or_below_the_papers_sigma(commissioned, tmp_path, capsys):
-    tuned = commissioned[0] / "out" / "tuned.yaml"
+    tuned = commissioned.folder / "out" / "tuned.yaml"
     assert code_of("evaluate", tuned, "--axis", "y", "--no-figures", "--out", tmp_path, "--json") == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     judged = [row for row in rows if row["config"] in ("C", "D")]
@@ -81,16 +71,16 @@ def test_evaluate_is_at_or_below_the_papers_sigma(commissioned, tmp_path, capsys
 
 
 def test_the_report_names_the_tuning_it_is_about(commissioned):
-    tuned, _ = load_with_source(commissioned[0] / "out" / "tuned.yaml")
-    page = (commissioned[0] / "out" / "report.html").read_text(encoding="utf-8")
+    tuned, _ = load_with_source(commissioned.folder / "out" / "tuned.yaml")
+    page = (commissioned.folder / "out" / "report.html").read_text(encoding="utf-8")
     assert tuned.axes["y"].commissioned.hash in page
     for figure in (2, 5, 7, 8, 9):
         assert f"Figure {figure}" in page
 
 
 def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
-    text = (commissioned[0] / "out" / "tuned.yaml").read_text(encoding="utf-8")
-    tuned, _ = load_with_source(commissioned[0] / "out" / "tuned.yaml")
+    text = (commissioned.folder / "out" / "tuned.yaml").read_text(encoding="utf-8")
+    tuned, _ = load_with_source(commissioned.folder / "out" / "tuned.yaml")
     weight = f"control_weight: {tuned.axes['y'].outer.control_weight:g}"
     assert weight in text
     other = tmp_path / "other.yaml"

@@ -135,6 +135,7 @@ def test_a_whole_multiple_of_the_sampling_interval_thins(tmp_path, capsys):
     assert "slow.csv: --dt 0.007 s is no whole multiple of the record's sampling interval, 0.002 s by time" in said
 
 
+@pytest.mark.long
 def test_text_and_figures(csv, tmp_path, capsys):
     out = tmp_path / "out"
     assert code_of(csv, *COLUMNS, "--out", out) == 0

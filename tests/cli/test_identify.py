@@ -146,6 +146,7 @@ def live(tmp_path):
         each.process.wait()
 
 
+@pytest.mark.live
 def test_live_on_the_simulation(live):
     run = live(1)
     assert run.end() == 0, run.said
@@ -158,6 +159,7 @@ def test_live_on_the_simulation(live):
     assert columns["voltage_V"].min() > 15.0
 
 
+@pytest.mark.live
 def test_a_fault_leaves_no_file(live):
     run = live(30)
     loop = run.loop()
@@ -169,6 +171,7 @@ def test_a_fault_leaves_no_file(live):
     assert not (run.folder / "control.sock").exists()
 
 
+@pytest.mark.live
 def test_an_interrupted_experiment_leaves_no_file(live):
     run = live(30)
     run.reach_tracking()

@@ -1,11 +1,13 @@
 """Where results go: tried before anything moves, nothing older replaced, and a full disk loses as little as it can."""
 
+import contextlib
 import errno
 import json
 import os
+import resource
+import shutil
 import stat
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,7 @@ import pytest
 from micromanip.cli import results
 from micromanip.cli.main import main
 from micromanip.cli.results import Pictures, publish, results_folder, run_folder
+from micromanip.design import figures
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 from tools.running_controller import MICROMANIP
 
@@ -85,8 +88,14 @@ def test_identify_replaces_no_recording(tmp_path, capsys):
     assert code_of(*WRITERS["identify"], "--kind", "step", "--out", tmp_path) == 0
 
 
-def test_evaluate_sets_older_figures_aside(tmp_path):
+@pytest.mark.long
+def test_evaluate_sets_older_figures_aside(tmp_path, monkeypatch):
     """And where they are the same ones, byte for byte, there is nothing to keep."""
+
+    def draw_one(configuration, experiment, runs, axis, folder):
+        yield figures.save(figures.control_errors(runs, axis, 10_000), folder, "figure")
+
+    monkeypatch.setattr(figures, "draw_all", draw_one)
     assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0
     first = files_in(tmp_path)
     assert all("/" not in name for name in first)
@@ -160,14 +169,14 @@ def test_without_links_latest_is_a_file(tmp_path, monkeypatch):
     assert (tmp_path / "latest").read_text() == f"{run.name}\n"
 
 
-def test_commission_replaces_no_report(tmp_path):
-    """Also the one in a folder of an older version, and the file that it starts from."""
+@pytest.mark.long
+@pytest.mark.xdist_group("commission")
+def test_commission_replaces_no_report(commissioned, tmp_path):
+    """Also one that somebody put there, and the file that it starts from."""
     out = tmp_path / "out"
-    out.mkdir()
+    shutil.copytree(commissioned.folder / "out", out, symlinks=True)
     (out / "report.html").write_text("the evidence of last year")
-    assert code_of("commission", FACTORY, "--axis", "y", "--out", out) == 0
     first = files_in(out)
-    assert b"the evidence of last year" in first.values()
     assert code_of("commission", out / "tuned.yaml", "--axis", "y", "--seed", "2", "--out", out) == 0
     both = files_in(out)
     runs = sorted(out.glob("*-y*"))
@@ -197,23 +206,28 @@ def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
     assert files_in(tmp_path) == {"out/whole.png": b"whole"}
 
 
-def limited(folder, size, *arguments):
-    """A command that may write no file larger than `size` bytes: every user's full disk."""
-    limit = "import resource, signal, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2); "
-    return subprocess.run(
-        [sys.executable, "-c", limit + "from micromanip.cli.main import main; main(sys.argv[2:])", str(size)]
-        + [str(argument) for argument in arguments],
-        capture_output=True, text=True, timeout=300, check=False, cwd=folder, env=os.environ | {"TMPDIR": str(folder)},
-    )  # fmt: skip
+@contextlib.contextmanager
+def no_file_above(size):
+    """No file may become larger than `size` bytes: every user's full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def test_a_report_that_finds_no_room_does_not_cost_the_tuning(tmp_path):
+@pytest.mark.long
+@pytest.mark.xdist_group("commission")
+def test_a_report_that_finds_no_room_does_not_cost_the_tuning(commissioned, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("micromanip.design.commission.cell.commission_cell", lambda *_: commissioned.found)
     out = tmp_path / "out"
-    done = limited(tmp_path, 200_000, "commission", FACTORY, "--axis", "y", "--out", out, "--json")
-    assert done.returncode == 69, done.stderr
-    assert "Traceback" not in done.stderr
-    report = json.loads(done.stdout)
-    (line,) = [line for line in done.stderr.splitlines() if line.startswith("micromanip: ")]
+    with no_file_above(200_000):
+        code = code_of("commission", FACTORY, "--axis", "y", "--out", out, "--json")
+    done = capsys.readouterr()
+    assert code == 69, done.err
+    report = json.loads(done.out)
+    (line,) = [line for line in done.err.splitlines() if line.startswith("micromanip: ")]
     assert line.startswith(f"micromanip: not everything is written, the tuning is {report['run']}/tuned.yaml: ")
     assert code_of("check", out / "tuned.yaml") == 0
     assert not (out / "report.html").exists()
@@ -249,12 +263,13 @@ def test_an_experiment_that_was_not_recorded_moves_on_to_nothing(tmp_path, monke
     assert not (tmp_path / "out").exists()
 
 
-def test_figures_on_a_full_disk_do_not_cost_the_table(tmp_path):
-    done = limited(tmp_path, 20_000, "evaluate", SIMULATED, "--axis", "x", "--out", tmp_path / "out", "--json")
-    assert done.returncode == 69, done.stderr
-    assert "Traceback" not in done.stderr
-    assert "the figures are not complete" in done.stderr
-    report = json.loads(done.stdout)
+@pytest.mark.long
+def test_figures_on_a_full_disk_do_not_cost_the_table(tmp_path, capsys):
+    with no_file_above(20_000):
+        assert code_of("evaluate", SIMULATED, "--axis", "x", "--out", tmp_path / "out", "--json") == 69
+    done = capsys.readouterr()
+    assert "the figures are not complete" in done.err
+    report = json.loads(done.out)
     assert len(report["rows"]) == 9
     assert all(Path(file).stat().st_size <= 20_000 for file in report["figures"])
 
@@ -296,12 +311,14 @@ def piped(tmp_path, *arguments, reader):
     return int((tmp_path / "code").read_text()), (tmp_path / "err").read_text()
 
 
+@pytest.mark.live
 @pytest.mark.parametrize("arguments", [("check", SIMULATED), ("check", SIMULATED, "--json"), ("drivers",)])
 def test_a_reader_that_has_seen_enough(arguments, tmp_path):
     """`| head`: no word about it, and no failure."""
     assert piped(tmp_path, *arguments, reader="true") == (0, "")
 
 
+@pytest.mark.live
 def test_standard_output_on_a_full_disk(tmp_path):
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(

@@ -8,6 +8,8 @@ from conformance.broken import description, lifetime, link, reading, writing
 from .broken import BROKEN
 from .example import UdpStageContract
 
+pytestmark = pytest.mark.live  # a driver and its device side by side, and time-outs
+
 MODULES = (description, lifetime, link, reading, writing)
 CHECKS = [name for name in dir(UdpStageContract) if name.startswith("test_")]
 

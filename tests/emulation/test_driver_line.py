@@ -22,6 +22,8 @@ from .test_binary_board import BOARD
 from .test_gcs_controller import GCS
 from .test_stream_device import CAPACITIVE, TRACKER
 
+pytestmark = pytest.mark.realtime  # a device that stands still is a lost link
+
 SENT = {"voltage_x": 30.0, "voltage_y": 10.0}
 """Both axes stay where they are, far from each other: a value of the wrong one is seen."""
 FAULTS = {

@@ -21,6 +21,8 @@ from micromanip.settings.text.source import Source
 from .lines import ELSEWHERE, free_port, write_cell
 from .test_stream_device import CAPACITIVE, TRACKER
 
+pytestmark = pytest.mark.realtime  # so is a foreign program
+
 GAPS_UM = [(round(50.0 + 0.25 * i, 5), round(-3.0 - 0.5 * i, 5)) for i in range(40)]
 SIZE = 36
 """Bytes of a datagram."""

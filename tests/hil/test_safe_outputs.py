@@ -13,6 +13,8 @@ from tools.bus_faults.cells import gcs_cell, serial_cell
 from tools.emulated_device import Device
 from tools.running_controller import MICROMANIP, until
 
+pytestmark = pytest.mark.live  # processes
+
 SLEW_V_PER_MS = 0.5
 GCS_STEP_V, SERIAL_STEP_V = SLEW_V_PER_MS * 10.0, SLEW_V_PER_MS * 0.5
 """What a task at 100 Hz, at 2000 Hz, may move a voltage by at once."""

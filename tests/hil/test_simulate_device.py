@@ -13,6 +13,8 @@ import can
 import cantools
 import pytest
 
+pytestmark = pytest.mark.live  # processes
+
 CONFIG = Path(__file__).parents[2] / "config"
 CHANNEL = f"hil-{os.getpid()}"
 PATIENCE_S = 60.0

@@ -10,10 +10,13 @@ from tools.running_controller import Running, command_line, until
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for the groups
 def pytest_collection_modifyitems(items):
-    """All in one worker: two loops that share a CPU would disturb each other."""
+    """Who starts a controller is live; where its loop is judged, one worker has them all, one at a time."""
     for item in items:
         if Path(__file__).parent in item.path.parents:
-            item.add_marker(pytest.mark.xdist_group("loop"))
+            if "run" in item.fixturenames:
+                item.add_marker("live")
+            if "realtime" in item.keywords:
+                item.add_marker(pytest.mark.xdist_group("loop"))
 
 
 def memory_files():

@@ -12,6 +12,8 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.states import ARM
 from tools.running_controller import SLOW, WAITING, Running, calm, reset, until
 
+pytestmark = pytest.mark.live  # a running controller
+
 STATUS = b'{"version": 1, "verb": "status"}'
 
 
@@ -155,6 +157,7 @@ def test_client_of_a_controller_that_ends(run):
         Client(cell.socket)
 
 
+@pytest.mark.realtime  # a stall of 15 ms is a fault before its time
 def test_fault_is_latched_until_reset(run):
     """A fault shows in the status, refuses to arm, and is cleared by reset only; then nothing moves by itself."""
     cell = run(SLOW).reach("TRACKING")

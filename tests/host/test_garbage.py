@@ -11,6 +11,8 @@ from micromanip.rt import mailbox as w
 from tools.garbage import lines
 from tools.running_controller import WAITING, Running, calm
 
+pytestmark = pytest.mark.live  # a running controller
+
 BATCH = 200
 
 

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from micromanip.host.shared_memory import RING, RING_ROWS
 from micromanip.rt.mailbox import RING_HEAD
@@ -10,6 +11,8 @@ from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import READY, TRACKING
 from tools.kills.campaign import VICTIMS, campaign
 from tools.kills.envelope import Envelope
+
+pytestmark = pytest.mark.realtime  # a stall must not outlast the watches
 
 
 def test_each_process_once(tmp_path):

@@ -12,6 +12,8 @@ from micromanip.errors import CheckFailed
 from micromanip.rt import mailbox as w
 from tools.running_controller import Running, calm, rows_of, until
 
+pytestmark = pytest.mark.realtime  # path errors of a real loop
+
 TRIAL = ("arm_on_start: true", "shadow: {trial_s: 1.0, error_factor: 3.0}\narm_on_start: true")
 MOVING = (
     "reference: {source: hold, offset_um: 65}",

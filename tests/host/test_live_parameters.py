@@ -14,6 +14,8 @@ from micromanip.errors import CheckFailed, ConfigError
 from micromanip.rt import mailbox as w
 from tools.running_controller import Running, calm, rows_of, until
 
+pytestmark = pytest.mark.live  # a running controller
+
 OWN = ("arm_on_start: true", 'control: {socket_mode: "0600"}\narm_on_start: true')
 K = "axes.x.inner.K_V_per_um"
 

@@ -6,6 +6,8 @@ import pytest
 
 from tools.running_controller import WAITING, Running, simulated
 
+pytestmark = pytest.mark.realtime  # path errors of a real loop
+
 DURATIONS = {"p50", "p99", "p99_9", "p99_99", "max"}
 
 

@@ -23,6 +23,8 @@ from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
 from tools.running_controller import PATIENCE_S, QUICK, WAITING, calm, rows_of, simulated
 
+pytestmark = pytest.mark.realtime  # path errors of a real loop
+
 
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory):

@@ -10,7 +10,7 @@ import pytest
 from micromanip.host.state_directory import state_directory
 from micromanip.rt.jit import cache_root
 
-pytestmark = pytest.mark.compiled_only
+pytestmark = [pytest.mark.compiled_only, pytest.mark.live]  # in processes of their own
 
 PROGRAM = """\
 import sys

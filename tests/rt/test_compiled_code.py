@@ -41,6 +41,7 @@ ENTRIES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ENTRIES)
 def test_it_reaches_nothing_but_arithmetic(name):
     function, signature, by_address = ENTRIES[name]

@@ -24,6 +24,7 @@ INTERLEAVINGS = (
 )
 
 
+@pytest.mark.live
 @pytest.mark.xdist_group("loop")
 def test_no_rule_is_broken(tmp_path):
     yard = Yard(tmp_path, CELLS["gcs"])

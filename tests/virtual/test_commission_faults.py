@@ -98,6 +98,7 @@ def test_a_fault_on_the_way_ends_it(tmp_path):
     assert refusal(cell(tmp_path), fault) == "the experiment was ended by fault X-201; nothing was tuned"
 
 
+@pytest.mark.long
 def test_a_resonance_that_has_moved_is_followed(tmp_path):
     """Half as much mass again on the stage: another mode, another outer loop, the same margins."""
     heavy = cell(tmp_path, plant("stage_kg: 18.0"))

@@ -27,6 +27,7 @@ def sigmas_um(prepared, configuration):
     return out
 
 
+@pytest.mark.long
 def test_network_in_the_loop():
     factory = prepare(CONFIG / "factory.yaml")
     configuration = factory.configuration

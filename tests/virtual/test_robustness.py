@@ -21,6 +21,7 @@ def test_drawn_plants_are_seeded_and_reach_far_enough(factory):
     assert drawn_cell(factory, "x", 16)[1] != factors
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(1))
 def test_drawn_plant(factory, seed):
     result = commission_drawn(factory, seed)

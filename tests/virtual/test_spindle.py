@@ -100,6 +100,7 @@ def test_the_outer_loop_damps_the_resonance(tmp_path):
     assert np.abs(held).max() < np.abs(ringing).max()
 
 
+@pytest.mark.long
 @pytest.mark.xdist_group("commissioned cell")  # commissioned once, not by each worker
 @pytest.mark.parametrize(("predict", "times"), [(False, 30.0), (True, 100.0)], ids=["held", "predicted"])
 def test_a_cell_that_was_commissioned_from_factory_values(commissioned, predict, times):

@@ -74,6 +74,7 @@ def run(prepared, axis, seconds=0.6):
     return cell.run(seconds), cell
 
 
+@pytest.mark.long
 def test_the_tool_comes_into_contact(commissioned, tmp_path):
     make, axis = commissioned
     rows, cell = run(on_hardware(tmp_path, make), axis)

@@ -1,7 +1,6 @@
 """Every cycle's outputs of a running controller, watched from outside while its processes die."""
 
 import threading
-import time
 
 import numpy as np
 
@@ -72,13 +71,11 @@ class Envelope:
         return STATE_NAMES[before[-1][0]], PHASE_NAMES[before[-1][1]]
 
     def _follow(self):
-        while True:
-            ending = self._ending.is_set()
-            while len(rows := self._reader.read()):
+        while not self._ending.wait(_PAUSE_S):  # one batch holds many times what comes in a pause
+            if len(rows := self._reader.read()):
                 self._check(rows)
-            if ending:
-                return
-            time.sleep(_PAUSE_S)
+        while len(rows := self._reader.read()):
+            self._check(rows)
 
     def _check(self, rows):
         voltage = np.concatenate([self.voltage_V[None], rows["axis"]["voltage_V"][:, : self.axes]])

@@ -16,6 +16,8 @@ from micromanip.testbus.frame import Frame
 from .device_on_hub import BusPeer, Gate, channel_name, cut, strange, unit
 from .hub_in_thread import BITRATE, DATA_BITRATE, bench
 
+pytestmark = pytest.mark.realtime  # the contract judges time-outs, silence and load
+
 FOLDER = Path(__file__).parents[3] / "config"
 RATE_HZ = 200
 VOLTAGES, SENSORS = 0x100, 0x101

@@ -10,6 +10,8 @@ from micromanip.emulation.can.canopen_node import OPERATIONAL, PRE_OPERATIONAL
 
 from .cell import AMPLIFIER, AXES, EDS, SENSOR, cell, run, wait_for
 
+pytestmark = pytest.mark.realtime  # heartbeats and time-outs of 60 ms
+
 PARK = (0.0, 0.0, 0.0)
 
 

@@ -1,11 +1,14 @@
 """The framing `ascii` with the preset gcs, over TCP, against the contract of bus drivers."""
 
+import pytest
 from micromanip_drivers.line.driver import Line
 
 from micromanip.conformance import BusDriverContract, Golden
 
 from .gcs_controller import FRAMING, GcsController
 from .wires import TcpWire
+
+pytestmark = pytest.mark.realtime  # the contract judges time-outs, silence and load
 
 ANOTHER = {"ascii": {**FRAMING["ascii"], "identity": "Physik Instrumente.*E-709"}}
 _ETHERNET_BITS = 8 * (38 + 20 + 32)

@@ -1,11 +1,14 @@
 """The framing `binary` on a pseudo terminal, against the contract of bus drivers."""
 
+import pytest
 from micromanip_drivers.line.driver import Line
 
 from micromanip.conformance import BusDriverContract, Golden
 
 from .board import FRAMING, Board
 from .wires import PtyWire
+
+pytestmark = pytest.mark.realtime  # the contract judges time-outs, silence and load
 
 ANOTHER = {
     "binary": {

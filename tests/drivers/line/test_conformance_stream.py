@@ -1,11 +1,14 @@
 """The framing `stream`, over TCP and UDP, against the contract of bus drivers."""
 
+import pytest
 from micromanip_drivers.line.driver import Line
 
 from micromanip.conformance import BusDriverContract, Golden
 
 from .sensors import SENSOR, CapacitiveSensor, LaserTracker
 from .wires import TcpWire, UdpWire
+
+pytestmark = pytest.mark.realtime  # the contract judges time-outs, silence and load
 
 ANOTHER = {
     "stream": {

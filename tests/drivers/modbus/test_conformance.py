@@ -3,12 +3,15 @@
 import random
 from types import MappingProxyType
 
+import pytest
 from micromanip_drivers.modbus.driver import Modbus
 
 from micromanip.conformance import BusDriverContract, Golden
 
 from ..line.wires import PtyWire, TcpWire
 from .unit_peer import Raw, RtuPeer, UnitPeer, units
+
+pytestmark = pytest.mark.realtime  # the contract judges time-outs, silence and load
 
 ANOTHER = {"serial_number": {"function": 3, "address": 9, "type": "uint16", "value": 0x1235}}
 

@@ -10,6 +10,8 @@ from micromanip.bus.errors import DeviceFault, LinkError, TransientError
 
 from .scripted import READ, WRITE, Scripted
 
+pytestmark = pytest.mark.realtime  # an answer is late by milliseconds
+
 BOTH = pytest.mark.parametrize("serial", [True, False], ids=["rtu", "tcp"])
 
 

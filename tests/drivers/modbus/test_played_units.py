@@ -11,6 +11,8 @@ from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, Tran
 
 from .played import keys_of, played, until
 
+pytestmark = pytest.mark.realtime  # answers within time-outs
+
 FILES = pytest.mark.parametrize("name", ["modbus.yaml", "modbus_rtu.yaml"], ids=["tcp", "rtu"])
 
 

@@ -36,8 +36,8 @@ test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and a
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target lint compiled test-laws-plain test-laws-checked
 	$(BIN)/pytest -n $(JOBS) --dist loadgroup tests
 
-compiled: $(READY)  # by one process, or each worker of pytest would compile the same
-	@$(BIN)/micromanip check config/simulated.yaml >/dev/null
+compiled: $(READY)  # both loops, by one process, or each worker of pytest would compile the same
+	@$(BIN)/pytest -n0 --timeout 0 tests/virtual/test_variation.py tests/host/test_stop.py::test_ctrl_c_while_tracking
 
 test-laws: $(READY) ## the tests of the laws with bounds checks, and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-checked test-laws-plain

@@ -28,6 +28,7 @@ from micromanip.virtual.experiment import VirtualExperiment
 from .analysis import analysis_drawings
 from .commissioning import commissioning_drawings
 from .diagrams import DIAGRAMS
+from .house import house
 from .linear import linear_fit
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -163,6 +164,7 @@ def drawings() -> Iterator[tuple[str, Figure]]:
     """All pictures with the names of their files."""
     for name, draw in DIAGRAMS.items():
         yield name, draw()
+    yield "house", house()
     yield "play_operator", play_operator()
     prepared = prepare(ROOT / "config" / "simulated.yaml")
     configuration, experiment = prepared.configuration, VirtualExperiment(prepared)

@@ -83,7 +83,7 @@ def test_without_a_recording_there_is_nothing_to_tell(run):
 def test_recorder_killed(run):
     cell = run(calm(), "--record", "run.h5").reach("TRACKING")
     until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
-    os.kill(cell.child("recorder"), signal.SIGKILL)
+    os.kill(cell.child("recording.recorder"), signal.SIGKILL)
     until(lambda: "WARNING: the recorder of run.h5 died, nothing more is recorded" in cell.said, cell.last_words)
     until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
     rows = rows_of(cell.folder / "run.h5")  # also while the controller runs
@@ -97,7 +97,7 @@ def test_host_and_recorder_killed(run):
     cell = run(calm(), "--record", "run.h5").reach("TRACKING")
     until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
     cell.process.send_signal(signal.SIGSTOP)
-    os.kill(cell.child("recorder"), signal.SIGKILL)
+    os.kill(cell.child("recording.recorder"), signal.SIGKILL)
     cell.process.kill()
     cell.wait()
     cell.gone()
@@ -112,7 +112,7 @@ def test_file_that_may_not_grow(run):
     cell = run(calm(), "--record", "run.h5").reach("TRACKING")
     until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
     size = (cell.folder / "run.h5").stat().st_size + 2_000_000
-    resource.prlimit(cell.child("recorder"), resource.RLIMIT_FSIZE, (size, size))
+    resource.prlimit(cell.child("recording.recorder"), resource.RLIMIT_FSIZE, (size, size))
     until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
     found = end_failed(cell, f"run.h5: {os.strerror(errno.EFBIG)}")
     rows = rows_of(cell.folder / "run.h5")
@@ -286,7 +286,7 @@ def refused(cell, code, said):
 def test_report_is_json(run):
     """What `run --json` ends with stays one document where the recording failed."""
     cell = run(calm(), "--record", "run.h5").reach("TRACKING")
-    os.kill(until(lambda: cell.child("recorder"), cell.last_words), signal.SIGKILL)
+    os.kill(until(lambda: cell.child("recording.recorder"), cell.last_words), signal.SIGKILL)
     until(lambda: "died, nothing more is recorded" in cell.said, cell.last_words)
     assert cell.end() == 1
     assert json.loads(cell.out)["recording"]["state"] == "failed"

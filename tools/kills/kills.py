@@ -16,7 +16,7 @@ from .envelope import Envelope
 from .moments import Moment
 
 LETHAL = ("host", "loop")
-MODULES = {"loop": "loop_process", "recorder": "recorder", "black box": "trips.process"}
+MODULES = {"loop": "loop_process", "recorder": "recording.recorder", "black box": "trips.process"}
 DEATH_CODES = {"host": "X-101", "loop": "X-104"}
 _WAY_DOWN = ("HOLDING", "RAMPING", "FAULT", "OFF")
 _PATIENCE_S = 40.0

@@ -31,7 +31,7 @@ def brief(value: Any) -> str:
 
 
 def echo_changes(changes: Iterable[Change]) -> None:
-    """A line a change."""
+    """A line per change."""
     for change in changes:
         click.echo(f"  {change['key']}: {brief(change['old'])} -> {brief(change['new'])}")
 

@@ -31,7 +31,7 @@ def play(
     socket_path: Path,
     line: LiveLine,
 ) -> NDArray[Any]:
-    """Rows, one a cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
+    """Rows, one per cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
 
     Raises CheckFailed where a fault ended it, or cycles are missing from the recording.
     """

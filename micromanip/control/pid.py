@@ -73,7 +73,7 @@ def pid_gains(pid: PidSettings, period_s: float) -> PidGains:
         centre, angle = pid.notch.frequency_Hz, math.pi * pid.notch.frequency_Hz * period_s
         if angle > _FASTEST * math.pi:
             needed, given = centre / _FASTEST, 1.0 / period_s
-            raise ValueError(f"a notch at {centre:g} Hz needs at least {needed:.0f} samples a second, not {given:g}")
+            raise ValueError(f"a notch at {centre:g} Hz needs at least {needed:.0f} samples per second, not {given:g}")
         notch = {
             "notch_share": 0.01 * pid.notch.depth_percent,
             "notch_width": pid.notch.width_Hz / centre,

@@ -39,7 +39,7 @@ _LEAST_FIT_PERCENT = 50.0
 
 @dataclass(frozen=True)
 class Actuator:
-    """``dynamics`` from voltage (V) to strain gauge (um), a step a cycle, for swings near ``swing_um`` about a centre.
+    """``dynamics`` from voltage (V) to strain gauge (um), a step per cycle, for swings near ``swing_um``.
 
     ``fit_percent``: free run on the part of the record that was left out.
     """
@@ -77,7 +77,7 @@ def identify_actuator(configuration: Configuration, experiment: Experiment, axis
 
 
 def fit_actuator(voltage_V: Array, strain_um: Array, period_s: float, order: int = ORDER) -> Actuator:
-    """Dynamics from a record (n,), (n,) with a sample a cycle, excited by small noise about one voltage."""
+    """Dynamics from a record (n,), (n,) with a sample per cycle, excited by small noise about one voltage."""
     if len(voltage_V) != len(strain_um) or not (np.isfinite(voltage_V).all() and np.isfinite(strain_um).all()):
         raise CheckFailed("voltage and strain must be two finite records of one length")
     if voltage_V.std() == 0.0 or strain_um.std() == 0.0:

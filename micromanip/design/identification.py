@@ -72,7 +72,7 @@ def samples_for(configuration: Configuration, excitation: Excitation) -> Array:
 
 
 def recording(configuration: Configuration, excitation: Excitation, rows: NDArray[Any]) -> dict[str, Array]:
-    """Columns of the recording at about 1 kHz, without lead-in and lead-out, from `rows` (one a cycle)."""
+    """Columns of the recording at about 1 kHz, without lead-in and lead-out, from `rows` (one per cycle)."""
     every = max(1, round(configuration.loop.rate_hz / RECORD_RATE_HZ))
     i = list(configuration.axes).index(excitation.axis)
     used = rows[excitation.lead_cycles : len(excitation.samples) - excitation.lead_cycles : every]

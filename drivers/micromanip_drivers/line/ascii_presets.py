@@ -1,7 +1,7 @@
 """What is known of the protocols that have a preset.
 
-gcs: the General Command Set 2.0 of Physik Instrumente. `POS? 1 2` is answered by a line an axis, `1=12.3`; `SVA 1 12.3`
-is not answered; `ERR?` tells the number of the last error and forgets it; `*IDN?` tells who answers.
+gcs: the General Command Set 2.0 of Physik Instrumente. `POS? 1 2` is answered by a line per axis, `1=12.3`;
+`SVA 1 12.3` is not answered; `ERR?` tells the number of the last error and forgets it; `*IDN?` tells who answers.
 
 command,value: a command, perhaps a channel, and a value with commas between, as amplifiers of piezosystem jena take
 them. `rk,0` is answered by `rk,0,12.3`; `set,0,12.3` is not answered, or by `err,2`.

@@ -14,7 +14,7 @@ A capacitive sensor with three channels, over TCP (all numbers little-endian, as
           status: {at: 20, type: uint32, byte_order: little, good: [0]}
           blocks: {at: 24, type: uint16, byte_order: little, most: 8}   # samples in this packet
           counter: {at: 28, type: uint32, byte_order: little, counts: samples}
-          rate_hz: 4000                                 # samples a second
+          rate_hz: 4000                                 # samples per second
           block_bytes: 12
           fields:                                       # places in the block
             strain_x: {at: 0, type: int32, byte_order: little, scale: 5.96e-6}

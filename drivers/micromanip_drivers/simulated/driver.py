@@ -49,7 +49,7 @@ class SimulatedCell(CyclicDriver):
         self._check_bus()
         rows = options.tracker.coordinates
         if rows is not None and [len(row) for row in rows] != [len(options.axes)] * len(options.axes):
-            raise ConfigError(f"tracker.coordinates: a row and a column an axis, {len(options.axes)} of each")
+            raise ConfigError(f"tracker.coordinates: a row and a column per axis, {len(options.axes)} of each")
         for k, fault in enumerate(options.faults):
             if fault.channel not in (*self.inputs, EXCHANGE):
                 raise ConfigError(f"faults[{k}].channel: {self._unknown(fault.channel)}")

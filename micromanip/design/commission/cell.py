@@ -25,7 +25,7 @@ def _say(say: Callable[[str], None], axis: str, what: str) -> None:
 
 @dataclass(frozen=True)
 class CommissionedCell:
-    """The new `configuration`, what was found, and the evidence, an entry an axis."""
+    """The new `configuration`, what was found, and the evidence, an entry per axis."""
 
     configuration: Configuration
     axes: tuple[Commissioned, ...]

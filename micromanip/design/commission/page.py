@@ -29,7 +29,7 @@ def facts(pairs: Mapping[str, str]) -> str:
 
 
 def axes_table(axes: Sequence[Evidence], hashes: Mapping[str, str]) -> str:
-    """A row an axis: verdict, criteria met, hash of the tuning, link to its part."""
+    """A row per axis: verdict, criteria met, hash of the tuning, link to its part."""
     rows = [
         (
             f'<a href="#{_anchor(evidence)}">Axis {escape(evidence.axis)}</a>',

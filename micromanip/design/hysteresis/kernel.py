@@ -34,7 +34,7 @@ def _plays(
     states: Any,
     by_kappa: Any,
 ) -> None:
-    """Fill outputs and derivatives, a row a sample; see ``Sensitivities``."""
+    """Fill outputs and derivatives, a row per sample; see ``Sensitivities``."""
     samples, shapes = du.shape
     plays = len(r)
     w = np.zeros(plays)
@@ -75,7 +75,7 @@ def _plays(
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """Output (n,) of the model and its derivatives, a row a sample.
+    """Output (n,) of the model and its derivatives, a row per sample.
 
     ``by_shape`` (n, shapes) with respect to the shaping's parameters, ``by_threshold`` (n, plays),
     ``states`` (n, plays) the play outputs, which are the derivatives by the weights, ``by_kappa`` (n,).

@@ -99,7 +99,7 @@ class StreamDevice(LineDevice):
     @property
     def description(self) -> str:
         rate_hz = 1e9 / self.periodic[0].message.period_ns
-        return f"stream of {len(self.signals)} signals, {rate_hz:g} samples a second, {self._samples} a packet"
+        return f"stream of {len(self.signals)} signals, {rate_hz:g} samples per second, {self._samples} a packet"
 
     def start(self, now_ns: int) -> None:
         self._began_ns = now_ns

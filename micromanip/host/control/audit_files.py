@@ -1,4 +1,4 @@
-"""The files of the audit trail: one a day, synchronised line by line, bounded in all.
+"""The files of the audit trail: one per day, synchronised line by line, bounded in all.
 
 ``audit.jsonl`` is today's; a day that is over, or a part of it that has grown large, becomes ``audit-DATE.N.jsonl``.
 Where all together are too large, days that are over for long go first, then the day with most bytes loses its oldest

@@ -46,7 +46,7 @@ def load_samples(configuration: Configuration, source: Source) -> NDArray[np.flo
     if duration_s * configuration.loop.rate_hz >= _MOST_ROWS:
         raise source.error(
             ("reference", "sample_rate_Hz"),
-            f"at {reference.sample_rate_Hz:g} rows a second {reference.path} lasts {duration_s:.6g} s, more than the "
+            f"at {reference.sample_rate_Hz:g} rows per second {reference.path} lasts {duration_s:.6g} s, more than the "
             f"{_MOST_ROWS / configuration.loop.rate_hz:.6g} s that fit",
         )
     taken = np.arange(len(table)) / reference.sample_rate_Hz

@@ -23,9 +23,9 @@ class Frame(Settings):
         min_length=1, max_length=MAX_FRAME, description="Signals with the tracker's coordinates, named tracker_<name>."
     )
     matrix: tuple[tuple[Real, ...], ...] = Field(
-        min_length=1, description="A row an axis, in the order of the section axes; a column a signal. um per unit."
+        min_length=1, description="A row per axis, in the order of the section axes; a column per signal. um per unit."
     )
-    offset_um: tuple[Micrometres, ...] | None = Field(default=None, description="Added, a number an axis; null: none.")
+    offset_um: tuple[Micrometres, ...] | None = Field(default=None, description="Added, a number per axis; null: none.")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -58,12 +58,12 @@ class Sines(_Own):
 
 
 class File(Settings):
-    """Samples from a CSV file with a header; a column an axis, by its name."""
+    """Samples from a CSV file with a header; a column per axis, by its name."""
 
     source: Literal["file"]
     # the memory of the samples is made when the loop starts
     path: NewStart[str] = Field(description="CSV file, relative to the configuration.")
-    sample_rate_Hz: Hertz = Field(default=10_000.0, description="Rows a second; interpolated to the loop's rate.")
+    sample_rate_Hz: Hertz = Field(default=10_000.0, description="Rows per second; interpolated to the loop's rate.")
 
 
 class Tracker(Settings):

@@ -3,6 +3,8 @@
 import asyncio
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -98,3 +100,12 @@ def test_one_that_does_not_obey_is_killed(module):
         assert child.was_killed
 
     asyncio.run(main())
+
+
+@pytest.mark.parametrize("module", ["host.trips.process", "host.recording.recorder"])
+def test_a_child_begins_wherever_its_host_did(tmp_path, module):
+    """A folder of the name of the package, a state directory, say, stands in its way no more."""
+    (tmp_path / "micromanip").mkdir()
+    command = [sys.executable, "-m", f"micromanip.{module}"]
+    ended = subprocess.run(command, cwd=tmp_path, input="", capture_output=True, text=True, check=False, timeout=60)
+    assert (ended.returncode, ended.stderr) == (0, "")

@@ -36,8 +36,9 @@ test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and a
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target lint compiled test-laws-plain test-laws-checked
 	$(BIN)/pytest -n $(JOBS) --dist loadgroup tests
 
-compiled: $(READY)  # both loops, by one process, or each worker of pytest would compile the same
-	@$(BIN)/pytest -n0 --timeout 0 tests/virtual/test_variation.py tests/host/test_stop.py::test_ctrl_c_while_tracking
+compiled: $(READY)  # both loops, by one process each, or each worker of pytest would compile the same
+	@$(BIN)/micromanip check config/simulated.yaml >/dev/null
+	@$(BIN)/micromanip run config/factory.yaml --duration 0.1 --socket out/compiled.sock >/dev/null 2>&1
 
 test-laws: $(READY) ## the tests of the laws with bounds checks, and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-checked test-laws-plain

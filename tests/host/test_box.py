@@ -173,3 +173,28 @@ def test_what_never_found_room_is_told_at_the_end(tmp_path, capfd):
     kept.give_up()
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert [(m["key"], m["code"], "lost" in m) for m in said] == [(7, "X-202", False), (7, "X-202", True)]
+
+
+class EndsWhileABoxIsSaved:
+    """A capture whose loop latches a second fault and ends while the box of the first is completed."""
+
+    trips, cycles, finished = 1, 100, False
+
+    def tripped(self):
+        code = ("X-201", "X-101")[self.trips - 1]
+        return replace(box(code=code), meta=box(code=code).meta | {"complete": False, "utc_ns": 10**18 * self.trips})
+
+    def is_over(self, _box):
+        return True
+
+    def completed(self, given):
+        self.trips, self.finished = 2, True
+        return replace(given, meta=given.meta | {"complete": True})
+
+
+def test_a_fault_that_ends_the_run_while_a_box_is_saved(tmp_path, capfd):
+    watch = process.Watch(EndsWhileABoxIsSaved(), store.Shelf(tmp_path, 50, process.tell), 0, 1.0)
+    while not watch.over:
+        watch.look(host_lives=False)
+    assert [Box.load(file).trip["code"] for file in store.trips(tmp_path)] == ["X-201", "X-101"]
+    assert [json.loads(line)["key"] for line in capfd.readouterr().out.splitlines()] == [1, 1, 2, 2]

@@ -193,6 +193,7 @@ class Watch:
 
     def look(self, *, host_lives: bool) -> None:
         """Notice a trip, complete the one before; `over` once nothing more can come."""
+        finished = self._capture.finished  # before the trips: while a box is saved the loop may latch one more, and end
         newest = self._capture.trips
         if newest > self._seen:
             self._complete()
@@ -203,7 +204,7 @@ class Watch:
         self._shelf.retry()
         if self._capture.cycles != self._cycles:
             self._cycles, self._turned = self._capture.cycles, time.monotonic()
-        if self._capture.finished:
+        if finished:
             self.over = True
         elif not host_lives and time.monotonic() - self._turned > self._stuck_s:
             self.died(FaultReport(LOOP_DIED))

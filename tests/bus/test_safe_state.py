@@ -267,6 +267,13 @@ def test_a_ramp_that_is_too_short_for_the_slew_limit_takes_longer():
     assert [device.volts() for _ in range(6)] == [35, 25, 15, 5, 0, 0]
 
 
+def test_a_ramp_that_is_no_whole_number_of_periods_ends_at_rest():
+    device = Device(ramp_s=1.5 * PERIOD_S).follow(5.0)
+    device.state.leave()
+    assert 0.0 < device.volts() < 5.0
+    assert device.volts() == 0.0
+
+
 def test_where_a_value_may_have_arrived_or_not_the_next_is_near_to_both(device):
     device.follow(40.0)
     sent = device.turn(50.0, takes=False)

@@ -136,7 +136,7 @@ def test_a_notch_counts_in_the_phase_and_needs_samples_that_show_it(tmp_path):
         made["axes"]["x"]["mode"] = mode
         with pytest.raises(ConfigError) as refused:
             prepared(tmp_path, made)
-        says = "axes.x.inner: a notch at 460 Hz needs at least 1022 samples a second, not 1000 (strain_x 1000 Hz)"
+        says = "axes.x.inner: a notch at 460 Hz needs at least 1022 samples per second, not 1000 (strain_x 1000 Hz)"
         assert says in str(refused.value)
 
 

@@ -43,7 +43,7 @@ def pytest_configure(config):
         "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1",
         "live: on real processes, links or clocks, which it waits for; left out of `make check`",
         "long: computes for seconds; left out of `make check`",
-        "realtime: a machine that stalls can make it fail; once more if it does",
+        "realtime: a machine that stalls can make it fail; again if it does, twice at most",
     ):
         config.addinivalue_line("markers", marker)
 
@@ -52,6 +52,8 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         if "realtime" in item.keywords:
             item.add_marker("live")
+            item.add_marker(pytest.mark.flaky(reruns=2))
+        elif "live" in item.keywords:
             item.add_marker(pytest.mark.flaky(reruns=1))
         if "compiled_only" in item.keywords and not JIT:
             item.add_marker(pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)"))

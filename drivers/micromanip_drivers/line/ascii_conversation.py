@@ -2,7 +2,8 @@
 
 So a reply counts only for the request that was sent just before it. Where one is missing, nothing else is asked until
 it is sure that it can't come any more: the device is asked who it is, and since it answers in order, all that it says
-before that answer is old. Where nothing is known that asks so, `drain_ms` have to pass, or the missing reply must come.
+before that answer is old. Such answers are counted, because the one to an earlier asking proves nothing of what was
+asked after it. Where nothing is known that asks so, `drain_ms` have to pass, or the missing reply must come.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ class Conversation:
         self._reply_ns, self._drain_ns = round(options.reply_ms * 1e6), round(options.drain_ms * 1e6)
         self._owed: Reply | None = None
         self._owed_until_ns = 0
+        self._introductions_due = 0
+        self._introduced = False
         self._look_for_errors = False
         self._counters = dict.fromkeys(("replies", "missing_replies", "late_lines", "wrong_replies", "held_back"), 0)
 
@@ -63,6 +66,7 @@ class Conversation:
         """
         self._lines.clear()
         self._owed, self._look_for_errors = None, False
+        self._introductions_due = 0
         if self._pattern is not None:
             self._identify(self._pattern, deadline_ns)
         try:
@@ -77,23 +81,23 @@ class Conversation:
         """What the device says when it is asked who it is, for so long; for a probe, which shows a wrong one too."""
         if not self.who:
             return
-        self._port.send((self.who + self._end).encode())
+        self._ask_who()
         for line, _ in self._come(time.monotonic_ns() + round(wait_s * 1e9)):
             note = ""
             if self._pattern is not None:
-                fits = self._pattern.search(line) is not None
+                fits = self._is_introduction(line)
                 note = "as configured" if fits else f'not the device of the configuration: "{self._pattern.pattern}"'
             yield Answer(self.who, {"reply": line}, note)
 
     def is_held(self) -> bool:
         """Whether a reply of before may still come, so that nothing can be asked. Raises DeviceFault, LinkError."""
+        now_ns = time.monotonic_ns()  # before it listens: what comes in a stall between the two was not silence
         self.listen(0)
-        now_ns = time.monotonic_ns()
         if self._owed is None:
             return False
         if now_ns >= self._owed_until_ns:
-            if self._pattern is None:
-                self._owed = None
+            if self._pattern is None or self._introduced:
+                self._owed, self._introductions_due = None, 0
                 return False
             self._ask_for_order(now_ns)
         self._counters["held_back"] += 1
@@ -146,12 +150,13 @@ class Conversation:
             for line, time_ns in self._come(deadline_ns):
                 self._is_no_error(line)
                 if len(numbers) == len(replies):
+                    self._is_introduction(line)
                     self._counters["late_lines"] += 1
                     continue
                 found = replies[len(numbers)].numbers(line)
                 if found is not None:
                     numbers.append((found, time_ns))
-                elif self._pattern is not None and self._pattern.search(line):
+                elif self._is_introduction(line):
                     self._counters["late_lines"] += 1  # it was asked twice who it is
                 else:
                     self._lose(replies[-1])
@@ -190,18 +195,33 @@ class Conversation:
     def _ask_for_order(self, now_ns: int) -> None:
         self._lines.clear()
         self._owed_until_ns = now_ns + self._drain_ns
+        self._introduced = False
         if self._pattern is not None:
-            self._port.send((self.who + self._end).encode())
+            self._ask_who()
+
+    def _ask_who(self) -> None:
+        self._introductions_due += 1
+        self._port.send((self.who + self._end).encode())
+
+    def _is_introduction(self, line: str) -> bool:
+        if self._pattern is None or self._pattern.search(line) is None:
+            return False
+        self._introductions_due = max(0, self._introductions_due - 1)
+        return True
 
     def _stray(self, line: str, time_ns: int) -> None:
         self._is_no_error(line)
         self._counters["late_lines"] += 1
+        introduction = self._is_introduction(line)
         if self._owed is None:
             return
-        if self._pattern is not None:
-            in_order = self._pattern.search(line) is not None
-        else:
+        if self._pattern is None:
             in_order = self._owed.numbers(line) is not None
+        else:
+            in_order = introduction and self._introductions_due == 0
+            self._introduced |= introduction
+            if self._introduced:  # an answer may have been lost: then another, and `drain_ms` of silence, must do
+                self._owed_until_ns = time_ns + self._drain_ns
         if in_order:
             self._owed = None
             self._silence.heard(time_ns, more=False)
@@ -229,11 +249,11 @@ class Conversation:
         before, said = self._port.counters["bytes_in"], ""
         while (now_ns := time.monotonic_ns()) < deadline_ns:
             self._lines.clear()
-            self._port.send((self.who + self._end).encode())
+            self._ask_who()
             until_ns = min(deadline_ns, now_ns + _ASK_NS)
             while time.monotonic_ns() < until_ns:
                 for line, _ in self._come(until_ns):
-                    if pattern.search(line):
+                    if self._is_introduction(line):
                         return
                     said = line
         if said:

@@ -28,6 +28,16 @@ GCS = {
     "write": {"command": {"command": "SVA", "rate_hz": 100, "cyclic_safe": True, "fields": {"voltage": {"item": "1"}}}},
 }
 POSITION, VOLTAGE, COMMAND = 0, 1, 2
+WITHOUT_ERRORS = {
+    "terminator": "LF",
+    "identity": {"request": "*IDN?", "pattern": "Physik"},
+    "reply_ms": 4.0,
+    "drain_ms": 12.0,
+    "read": {
+        "position": {"request": "POS? 1", "reply": ["1={strain}"], "rate_hz": 100, "fields": {"strain": {}}},
+        "voltage": {"request": "VOL? 1", "reply": ["1={monitor}"], "rate_hz": 100, "fields": {"monitor": {}}},
+    },
+}
 
 
 def gcs_device(delay=lambda: 0.0, error="0", idn=IDN):
@@ -110,6 +120,45 @@ def test_a_late_reply_is_never_taken_for_that_of_another_question(identity):
     assert good > 20
     assert late > 5
     assert one.counters["late_lines"] > 5
+
+
+def test_the_answer_to_an_earlier_who_are_you_does_not_put_a_later_question_in_order():
+    """The reply is later than a drain, so it is asked twice who it is; the second answer comes after the next question."""
+    delays = []
+    one, _ = framing(gcs_device(lambda: delays.pop(0) if delays else 0.0), WITHOUT_ERRORS)
+    begin(one)
+    delays[:] = [0.025, 0.0, 0.008, 0.004]  # position, who, who once more, voltage
+    values = {POSITION: [], VOLTAGE: []}
+    task, end_s = POSITION, time.monotonic() + 0.2
+    while time.monotonic() < end_s:
+        try:
+            values[task] += read(one, task)
+        except TransientError:
+            task = VOLTAGE if task == POSITION else POSITION
+        time.sleep(0.0002)
+    assert len(values[VOLTAGE] + values[POSITION]) > 20
+    assert all(value > 1000 for value in values[POSITION])
+    assert all(value < 0 for value in values[VOLTAGE])
+
+
+@pytest.mark.parametrize("lost", [1, 2])
+def test_answers_that_were_lost_hold_the_questions_back_for_a_while_only(lost):
+    device, eaten = gcs_device(), []
+    one, _ = framing(
+        lambda data: (eaten.append(data) or []) if len(eaten) < 1 + lost else device(data), identity="Physik"
+    )
+    eaten[:] = [b""] * (1 + lost)
+    begin(one)
+    eaten.clear()
+    values, end_s = [], time.monotonic() + 1.0
+    while not values and time.monotonic() < end_s:
+        try:
+            values = read(one, VOLTAGE)
+        except TransientError:
+            time.sleep(0.0005)
+    assert eaten[0] == b"VOL? 1\n"
+    assert all(b"IDN" in one for one in eaten[1:])
+    assert values[0] < 0
 
 
 def test_a_missing_reply_is_one_error_and_the_next_question_waits():

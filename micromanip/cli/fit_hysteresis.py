@@ -48,8 +48,8 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 @json_option
 def command(
     file: Path, input_name: str, output_name: str, time_name: str | None, cut: tuple[float, float] | None,
-    rate_hz: float | None, step_s: float | None, burn_in_s: float, kind: str, creep: bool, plays: int, seed: int, validate: Path | None, folder: Path | None, into: Path | None,
-    axis: str | None, as_json: bool,
+    rate_hz: float | None, step_s: float | None, burn_in_s: float, kind: str, creep: bool, plays: int, seed: int,
+    validate: Path | None, folder: Path | None, into: Path | None, axis: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Fit a hysteresis model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet) and judge it.
 

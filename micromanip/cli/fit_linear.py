@@ -43,9 +43,10 @@ from .results import Pictures
 @json_option
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
-    rate_hz: float | None, dt: float | None, order: int | None, split: float, validate: Path | None, folder: Path | None, as_json: bool,
+    rate_hz: float | None, dt: float | None, order: int | None, split: float, validate: Path | None,
+    folder: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet); several are several experiments.
+    """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
     Delays are estimated. The fit of an output is 100 % less the rms error of the free run in percent of the output's
     rms, on the part held out, with state and offset at its start fitted; the strict one fits both to the first tenth
@@ -86,6 +87,11 @@ def command(
     pictures.require_written()
 
 
+def _arx1(figures: dict[str, Any], output: int) -> str:
+    beside = figures.get("arx1_strict_fit_percent")
+    return f", ARX(1) {beside[output]:.2f} %" if beside else ""
+
+
 def _names(columns: str, option: str) -> list[str]:
     names = [name.strip() for name in columns.split(",")]
     if not all(names) or len(set(names)) < len(names):
@@ -101,10 +107,9 @@ def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
         parts.append(("not fitted to", report["validation"]))
     for where, figures in parts:
         for k, name in enumerate(outputs):
-            click.echo(
-                f"{where}, {name}: fit {figures['fit_percent'][k]:.2f} %, "
-                f"rms error {figures['rms_error_percent'][k]:.2f} %, strict fit {figures['strict_fit_percent'][k]:.2f} %"
-            )
+            fit, rms, strict = (figures[f"{key}_percent"][k] for key in ("fit", "rms_error", "strict_fit"))
+            click.echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
+            click.echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
     for note in report["notes"]:
         click.echo(f"note: {note}")
     for name, coherence in zip(outputs, report["coherence"], strict=True):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ class Record:
     counts: NDArray[np.bool_] | None = None
     after_gap: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
-    told: str = field(default="")
+    told: str = ""
 
     def burn_in(self, seconds: float) -> int:
         """Samples that do not count; CheckFailed where too few would be left."""
@@ -76,11 +77,11 @@ def _on_the_grid(taken: Recording) -> Record:
     """The record with its missing samples as samples that don't count: the input goes straight from side to side."""
     notes = list(taken.notes)
     index, values, spikes = taken.index, taken.values, taken.spikes
-    gaps = np.diff(index)
-    if len(gaps) and gaps.max() > max(_LONGEST_GAP * len(index), _SHORT_GAP):
-        ends = [0, *(np.flatnonzero(gaps > max(_LONGEST_GAP * len(index), _SHORT_GAP)) + 1), len(index)]
-        first, last = max(zip(ends[:-1], ends[1:], strict=True), key=lambda piece: piece[1] - piece[0])
-        notes.append(f"the gap is too long to go on behind it: the {last - first} samples of the longest piece are used")
+    longest = max(_LONGEST_GAP * len(index), _SHORT_GAP)
+    pieces = [0, *(np.flatnonzero(np.diff(index) > longest) + 1).tolist(), len(index)]
+    if len(pieces) > 2:
+        first, last = max(pairwise(pieces), key=lambda piece: piece[1] - piece[0])
+        notes.append(f"the gap is too long to go on behind it: only the longest piece is used, {last - first} samples")
         index, values, spikes = index[first:last], values[first:last], spikes[first:last]
     grid = np.arange(int(index[0]), int(index[-1]) + 1)
     counts = np.zeros(len(grid), dtype=bool)
@@ -89,9 +90,17 @@ def _on_the_grid(taken: Recording) -> Record:
     u, y = (np.interp(grid, index, column) for column in smooth)
     behind = np.flatnonzero(np.diff(index) > _SHORT_GAP) + 1
     after = tuple(int(index[k] - index[0]) for k in behind)
-    all_count = bool(counts.all())
     return Record(
-        taken.file, *taken.names, u, y, taken.step_s, None if all_count else counts, after, tuple(notes), taken.told()
+        taken.file,
+        taken.names[0],
+        taken.names[1],
+        u,
+        y,
+        taken.step_s,
+        None if counts.all() else counts,
+        after,
+        tuple(notes),
+        taken.told(),
     )
 
 

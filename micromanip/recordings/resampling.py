@@ -48,7 +48,9 @@ def resampled(index: Index, values: Array, spikes: Flags, step_s: float, new_ste
         part = _low_passed(smooth[piece], ratio) if ratio > 1.0 else smooth[piece]
         first, last = index[piece.start] / ratio, index[piece.stop - 1] / ratio
         grid = np.arange(int(np.ceil(first - 1e-9)), int(np.floor(last + 1e-9)) + 1)
-        found.append(_between(index[piece].astype(float), part, spikes[piece], grid, np.asarray(grid * ratio, dtype=float)))
+        found.append(
+            _between(index[piece].astype(float), part, spikes[piece], grid, np.asarray(grid * ratio, dtype=float))
+        )
     return _joined(found)
 
 

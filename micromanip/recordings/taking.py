@@ -94,6 +94,9 @@ def take(file: Path, wanted: Wanted) -> Recording:
     table = read_table(file)
     found = [table.resolve(column) for column in wanted.columns]
     names = tuple(name for name, _ in found)
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise CheckFailed(f"{file}: the column {twice} is named twice; an input can't be an output")
     columns = {name: table[name] for name in names}
     notes: list[str] = []
     timed = wanted.time or (None if wanted.untimed else table.time_column())
@@ -123,9 +126,7 @@ def take(file: Path, wanted: Wanted) -> Recording:
     return Recording(file, names, units, scaled, clock.step_s, clock.index, spikes, notes)
 
 
-def _clock(
-    table: Table, timed: str | None, wanted: Wanted, samples: int, notes: list[str]
-) -> tuple[Clock, str | None]:
+def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes: list[str]) -> tuple[Clock, str | None]:
     if timed is None:
         if wanted.step_s is None:
             raise CheckFailed(

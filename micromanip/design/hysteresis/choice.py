@@ -17,10 +17,13 @@ Array = NDArray[np.float64]
 
 _FITTED_SHARE = 0.7
 _STARTS = {"pi-free": 2}
-_DELAYS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
-"""Dead times that are tried, in samples, as long as the error falls."""
+_DELAYS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0)
+_LATEST_S, _LATEST_SAMPLES = 2e-3, 2.0
+"""Dead times that are tried, in samples; what is later than both of these is dynamics, which other records show."""
 _WORTH = 0.97
 """A dead time is taken where the error falls below this share: it is one parameter more."""
+_ALIKE = 1.06
+"""Of kinds whose errors are within this factor of the least, the one with the fewest parameters is taken."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,8 @@ def choose(
 ) -> tuple[HysteresisFit, list[Candidate]]:
     """Best of `structures`: each is fitted to the first 70 % and judged on the rest; the winner is fitted to all.
 
-    The winner is tried behind dead times, too. The candidates come back best first.
+    Of kinds that are as good the simplest wins; it is tried behind dead times, too. The candidates come back with the
+    least error first.
     """
     used = counting(len(voltage_V), burn_in)
     count, rest = parted(used)
@@ -84,18 +88,22 @@ def choose(
         tried.append(_candidate(first, voltage_V, displacement_um, rest))
     if not tried:
         raise ValueError("no kind of model fits; the record may not show a hysteresis loop")
-    best = min(range(len(tried)), key=lambda k: tried[k].merit)
+    least = min(candidate.merit for candidate in tried)
+    alike = [k for k, candidate in enumerate(tried) if candidate.merit <= _ALIKE * least]
+    best = min(alike, key=lambda k: (len(fits[k].x), tried[k].merit))
+    chosen = tried[best]
     progress(f"{tried[best].name} behind a dead time")
     late = _with_dead_time(fits[best], tried[best], voltage_V, displacement_um, used, rest, range_um)
     if late is not None:
         tried.append(late)
+        chosen = late
     tried.sort(key=lambda candidate: candidate.merit)
-    chosen = tried[0]
     progress(f"{chosen.name}, on the whole record")
     structure = chosen.structure or structures[0]
     whole = fit(structure, voltage_V, displacement_um, range_um, used, starts_for(structure))
     if chosen.delay_samples:
-        whole = delayed(whole, chosen.delay_samples, voltage_V, displacement_um, used, range_um)
+        behind = delayed(whole, chosen.delay_samples, voltage_V, displacement_um, used, range_um)
+        whole = behind if behind.rms_um < whole.rms_um else whole
     return whole, tried
 
 
@@ -110,14 +118,14 @@ def _with_dead_time(
 ) -> Candidate | None:
     """The best dead time, or None where none is worth it."""
     count = int(np.flatnonzero(rest)[0])
-    best = plain
+    best, limit = plain, max(_LATEST_SAMPLES, _LATEST_S / first.structure.step_s)
     for samples in _DELAYS:
+        if samples > limit:
+            break
         try:
             fitted = delayed(first, samples, v[:count], y[:count], used[:count], range_um)
         except ValueError:
-            break
+            continue  # no inverse
         found = _candidate(fitted, v, y, rest)
-        if found.merit >= best.merit:
-            break
-        best = found
+        best = found if found.merit < best.merit else best
     return best if best.merit < _WORTH * plain.merit else None

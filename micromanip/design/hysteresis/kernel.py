@@ -113,7 +113,8 @@ def respond(
 ) -> Sensitivities:
     """Response to the shaped input `u` (n,), with `du` (n, shapes) its derivatives.
 
-    All plays were at `start`, with derivatives `dstart` (shapes,), before the first sample: (3) has 0. `kappa` (s) widens every threshold by kappa times the speed of u, at a sampling of `step_s`.
+    All plays were at `start`, with derivatives `dstart` (shapes,), before the first sample: (3) has 0. `kappa` (s)
+    widens every threshold by kappa times the speed of u, at a sampling of `step_s`.
     """
     n, plays = len(u), len(r)
     tables = np.empty(du.shape), np.empty((n, plays)), np.empty((n, plays))

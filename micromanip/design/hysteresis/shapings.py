@@ -7,12 +7,13 @@ value at the middle of the record, its half range and its position, and c3..c6 c
 from __future__ import annotations
 
 from copy import copy
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .centring import Array, span
+
+_Family = TypeVar("_Family", bound="Shaping")
 
 
 class Shaping(Protocol):
@@ -42,7 +43,7 @@ class Shaping(Protocol):
         ...
 
 
-def _about_zero(shaping: Any) -> Any:
+def _about_zero(shaping: _Family) -> _Family:
     moved = copy(shaping)
     moved.middle = 0.0
     return moved

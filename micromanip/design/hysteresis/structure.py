@@ -59,7 +59,8 @@ class Structure:
         else:
             weights = np.array([np.log(0.9 / self.plays), 0.2]) + spread * np.array([0.7, 0.1]) * rng.normal(size=2)
         kappa = [np.log(1e-3 * stroke / self.plays)] if self.rate else []
-        begin = [0.6 * stroke * (1.0 + 0.3 * spread * rng.normal())]
+        from_above = spread > 0.0 and rng.random() < 0.5
+        begin = [(0.6 if from_above else -0.6) * stroke * (1.0 + 0.3 * spread * rng.normal())]
         return np.concatenate([shape, [beta], weights, np.zeros(len(self.creep_s)), kappa, begin])
 
     @property

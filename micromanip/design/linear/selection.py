@@ -43,9 +43,9 @@ def select(
 ) -> Selected:
     """Fit to `experiments`, with an `order` or the best.
 
-    Candidates are compared by their strict error on the last quarter of the experiments, fitted to what lies before. The
-    part held out is looked at only to see that the model is not worse than ARX(1) there; a model that is, is replaced
-    where no order was asked for, and told of. Raises ValueError as `fit_linear` does.
+    Candidates are compared by their strict error on the last quarter of the experiments, fitted to what lies before.
+    The part held out is looked at only to see that the model is not worse than ARX(1) there; a model that is, is
+    replaced where no order was asked for, and told of. Raises ValueError as `fit_linear` does.
     """
     plain = fit_linear(experiments, dt, order, progress=progress)
     arx1 = fit_arx1(experiments, dt, plain.delays)
@@ -91,7 +91,7 @@ def _compared(
     left_out: Sequence[Experiment],
     again: Callable[[Sequence[Experiment], int, int], LinearFit],
 ) -> dict[tuple[int, bool], float]:
-    """Strict error (percent) by order and whether it was refined; what can't be fitted to the shorter part is absent."""
+    """Strict error (percent) by order and whether it was refined, of what can be fitted to the shorter part."""
     orders = [plain.order]
     if order is None:
         orders += [each for each in sorted(plain.tried, key=lambda n: plain.tried[n]) if each != plain.order][:_OTHERS]

@@ -1,4 +1,4 @@
-"""How a model predicts what it has not been shown: state and offset by the first tenth of a part, judged on the rest."""
+"""How a model predicts what it was not shown: state and offset by the first tenth of a part, judged on the rest."""
 
 from __future__ import annotations
 

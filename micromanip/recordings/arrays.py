@@ -85,7 +85,7 @@ def read_npz(file: Path) -> Table:
 
 
 def _why(problem: Exception) -> str:
-    if "pickle" in str(problem) or "Object arrays" in str(problem):
+    if any(word in str(problem) for word in ("pickle", "Object arrays", "Python objects")):
         return _OBJECTS
     why = str(problem).splitlines()[0] if str(problem) else "it ends early"
     return f"it is cut off or damaged ({why}); copy it again"

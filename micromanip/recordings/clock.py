@@ -96,7 +96,7 @@ def _rising(name: str, t: Array, steps: Array, where: Callable[[int], str], any_
 def _rounding(t: Array, steps: Array) -> float | None:
     """The last digit of times that are an even clock, rounded; None where they are not."""
     positive = steps[steps > 0]
-    if len(positive) == 0 or np.any(steps < 0):
+    if len(positive) in (0, len(steps)) or np.any(steps < 0):
         return None
     digit = float(positive.min())
     line = np.arange(len(t)) * float(t[-1]) / len(steps)

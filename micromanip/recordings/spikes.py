@@ -15,8 +15,8 @@ _WINDOW = 7
 _DEVIATIONS, _OTHERS, _SPAN = 12.0, 4.0, 0.01
 """A spike is so many standard deviations of what the median leaves, so many times what it leaves elsewhere (its
 quantile `_USUAL`), and that share of the signal's span away."""
-_USUAL = 0.99
-_MOST = 0.01
+_USUAL = 0.97
+_MOST = 0.02
 """More than this share of all samples are no spikes, but how the signal is."""
 _AROUND, _JUMP = 8, 6.0
 
@@ -39,6 +39,9 @@ def find_spikes(x: Array) -> Flags:
     usual = float(np.quantile(away, _USUAL))
     limit = max(_DEVIATIONS * max(scale, finest), _OTHERS * usual, _SPAN * float(high - low))
     found = away > limit
+    # those beside a spike have it in their median: once more without it
+    around = median_filter(bridged(x, np.asarray(found)), _WINDOW, mode="nearest")
+    found &= np.abs(x - around) > limit
     if finest == 0.0 or scale == 0.0 == usual or np.mean(found) > _MOST:
         return np.zeros(len(x), dtype=bool)
     return np.asarray(found)

@@ -145,8 +145,8 @@ def _judged(
     dead_time_s = best.delay_samples * record.step_s
     if dead_time_s:
         notes.append(
-            f"a dead time of {1e3 * dead_time_s:.4g} ms lies before the model; the feedforward can't undo it, "
-            "and what it does is better for the parameters being free of it"
+            f"a dead time of {1e3 * dead_time_s:.4g} ms lies before the model: the feedforward can't undo it, "
+            "but its parameters are free of it"
         )
     return Fitted(
         best.structure.name + ("+delay" if dead_time_s else ""),

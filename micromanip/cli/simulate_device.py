@@ -48,8 +48,7 @@ def command(
 
     Says READY on standard error as soon as a controller may connect.
     """
-    from micromanip.emulation.devices import Devices
-    from micromanip.emulation.precedence import take_precedence
+    from micromanip.emulation.devices import Devices, take_precedence
 
     devices = Devices(config, watchdog_ms, seed)
     take_precedence(devices.loop_cpu)

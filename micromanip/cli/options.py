@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
-from micromanip.client import default_socket
+from micromanip.client import Client, default_socket
+
+_Answer = TypeVar("_Answer")
 
 
 class StrictCommand(click.Command):
@@ -78,6 +82,37 @@ socket_option = click.option(
 def print_json(document: Any) -> None:
     """Print `document` as the only thing on standard output; JSON has no word for what is not a finite number."""
     click.echo(json.dumps(_plain(document), indent=2, allow_nan=False))
+
+
+def print_answer(answer: _Answer, show: Callable[[_Answer], object], as_json: bool) -> None:
+    """One JSON document, or what `show` prints for people."""
+    if as_json:
+        print_json(answer)
+    else:
+        show(answer)
+
+
+def asking(
+    show: Callable[[_Answer], object],
+) -> Callable[[Callable[..., Callable[[Client], _Answer]]], Callable[..., None]]:
+    """Decorator of a command to the running controller, with the options that go with it.
+
+    The function looks at its own arguments, before anybody is asked, and says what to ask; `show` prints the answer.
+    """
+
+    def decorate(function: Callable[..., Callable[[Client], _Answer]]) -> Callable[..., None]:
+        @socket_option
+        @json_option
+        @functools.wraps(function)
+        def command(socket_path: Path, as_json: bool, **given: Any) -> None:
+            ask = function(**given)
+            with Client(socket_path) as client:
+                answer = ask(client)
+            print_answer(answer, show, as_json)
+
+        return command
+
+    return decorate
 
 
 def _plain(value: Any) -> Any:

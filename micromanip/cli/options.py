@@ -5,13 +5,16 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from micromanip.client import Client, default_socket
+
+if TYPE_CHECKING:
+    from micromanip.settings.check import Prepared
 
 _Answer = TypeVar("_Answer")
 
@@ -77,6 +80,21 @@ socket_option = click.option(
     show_default="/run/micromanip/control.sock, or the user's own",
     help="Control socket.",
 )
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """A line each on standard error."""
+    for warning in warnings:
+        click.echo(f"WARNING: {warning}", err=True)
+
+
+def prepare_and_warn(config: Path, seed: int | None = None) -> Prepared:
+    """What ``settings.check.prepare`` makes of a file; its keys with names of an older version are told."""
+    from micromanip.settings.check import prepare
+
+    found = prepare(config, seed)
+    warn(found.source.notes)
+    return found
 
 
 def print_json(document: Any) -> None:

@@ -11,7 +11,7 @@ import click
 from micromanip.client import Client
 from micromanip.replies import Change, Differences, Parameter, Saved, Swap
 
-from .options import StrictCommand, asking
+from .options import StrictCommand, asking, warn
 
 _BRIEF = 60
 
@@ -39,8 +39,7 @@ def _echo_swap(swap: Swap) -> None:
     """What was taken over; warnings go to standard error."""
     click.echo(f"parameter version {swap['version']}" if swap["changed"] else "nothing to change")
     echo_changes(swap["changed"])
-    for warning in swap["warnings"]:
-        click.echo(f"WARNING: {warning}", err=True)
+    warn(swap["warnings"])
 
 
 def _echo_values(parameters: list[Parameter]) -> None:

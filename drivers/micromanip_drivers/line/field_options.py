@@ -10,12 +10,12 @@ value = scale x number + offset.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from micromanip.driver import did_you_mean
 from micromanip.driver.quantities import Range, Real, Scale
 
 from .section import Place, Section, Whole
@@ -44,9 +44,7 @@ class Number(Section):
     @classmethod
     def _is_known(cls, kind: str) -> str:
         if kind not in SIZES:
-            near = difflib.get_close_matches(kind.lower(), SIZES, 1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(SIZES)}"
-            raise ValueError(f"there is no type {kind}; {hint}")
+            raise ValueError(f"there is no type {kind}; {did_you_mean(kind, SIZES, 'there are')}")
         return kind
 
     @model_validator(mode="after")

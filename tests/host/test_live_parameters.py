@@ -71,7 +71,7 @@ def test_a_set_is_one_swap(cell, client):
     assert np.count_nonzero(steps) == 1
     assert steps.max() == 1
     slot = cell.control["parameters"][int(cell.control["words"][w.SLOT])]
-    assert list(slot["axis"]["pid"]["gain"]) == [0.55, 0.5, 0.6]
+    assert list(slot["axis"]["pid"]["K_V_per_um"]) == [0.55, 0.5, 0.6]
     assert client.value(K) == 0.55
 
 

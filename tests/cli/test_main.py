@@ -6,18 +6,11 @@ from pathlib import Path
 import click
 import pytest
 
-from micromanip.cli.main import COMMANDS, cli, main
+from micromanip.cli.main import COMMANDS, cli
+
+from .command import code_of
 
 CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
-
-
-def code_of(*arguments):
-    """Exit code of a command line."""
-    try:
-        main(list(arguments))
-    except SystemExit as ended:
-        return ended.code
-    return 0
 
 
 @pytest.mark.parametrize("name", COMMANDS)

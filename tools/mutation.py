@@ -8,6 +8,7 @@ written to the source tree. The usual packages do not fit: mutmut leaves out dec
 cosmic-ray changes files in place.
 """
 
+import argparse
 import ast
 import contextlib
 import copy
@@ -295,6 +296,11 @@ def tried(module: str) -> Mutants:
 
 def main() -> int:
     """0 where exactly the listed mutants survive."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("modules", nargs="*", metavar="MODULE", help=f"of these only: {', '.join(TARGETS)}")
+    modules = parser.parse_args().modules or list(TARGETS)
+    if unknown := set(modules) - set(TARGETS):
+        parser.error(f"no tests are named for {', '.join(sorted(unknown))}; there are {', '.join(TARGETS)}")
     os.chdir(ROOT)
     reasons = {
         (entry["module"], mutant): entry["reason"]
@@ -302,7 +308,7 @@ def main() -> int:
         for mutant in entry.get("mutants", [entry.get("mutant")])
     }
     wrong = 0
-    for module in sys.argv[1:] or TARGETS:
+    for module in modules:
         found = tried(module)
         cases, alive = found.cases, found.alive
         listed = {mutant for known, mutant in reasons if known == module}

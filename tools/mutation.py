@@ -2,10 +2,10 @@
 
 Each mutant is the module with one small change of one function. It must fail the module's tests, or be listed with the
 reason why it can't be told from the original. Exit code 1 where an unlisted mutant survives, or a listed one dies or is
-not made any more. Plain Python (NUMBA_DISABLE_JIT). The tests are collected once; a mutant is a forked process that
-puts the changed code into the function and runs them until one fails, those first that have killed most. Nothing is
-written to the source tree. The usual packages do not fit: mutmut leaves out decorated functions, which all of ours are;
-cosmic-ray changes files in place.
+not made any more. The laws are plain Python (NUMBA_DISABLE_JIT). The tests are collected once; a mutant is a forked
+process that puts the changed code into the function and runs them until one fails, those first that have killed most.
+Nothing is written to the source tree. The usual packages do not fit: mutmut leaves out decorated functions, which all
+of ours are; cosmic-ray changes files in place.
 """
 
 import argparse

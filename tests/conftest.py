@@ -6,6 +6,7 @@ Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the s
 state machine; ``mutation`` does not ask for the smallest example.
 """
 
+import contextlib
 import gc
 
 import pytest
@@ -34,6 +35,13 @@ def _own_state_directory(tmp_path_factory):
         patch.delenv("STATE_DIRECTORY", raising=False)
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield
+
+
+@pytest.fixture
+def closing():
+    """Closes what it is given when the test has ended, and hands it on."""
+    with contextlib.ExitStack() as stack:
+        yield lambda made: stack.enter_context(contextlib.closing(made))
 
 
 def pytest_addoption(parser):

@@ -5,7 +5,6 @@ What is wrong with a file is said in one sentence, CheckFailed, with the line wh
 
 from __future__ import annotations
 
-import difflib
 import re
 import warnings
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, did_you_mean
 from micromanip.files.regular_file import require_regular
 
 Array = NDArray[np.float64]
@@ -110,9 +109,7 @@ def column(file: Path, table: Mapping[str, Array], name: str) -> Array:
     """The column `name` (n,)."""
     if name in table:
         return table[name]
-    near = difflib.get_close_matches(name, table, 1)
-    hint = f"did you mean {near[0]}?" if near else f"its columns are {', '.join(table)}"
-    raise CheckFailed(f"{file}: there is no column {name}; {hint}")
+    raise CheckFailed(f"{file}: there is no column {name}; {did_you_mean(name, table, 'its columns are')}")
 
 
 def time_column(table: Mapping[str, Array]) -> str | None:

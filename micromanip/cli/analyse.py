@@ -11,7 +11,7 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
 from .results import Pictures
 
 
@@ -61,11 +61,10 @@ def command(
     from micromanip.design.analysis import analyse_axis
     from micromanip.design.criteria import criteria, notes, report
     from micromanip.design.loops import cluster
-    from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
     from micromanip.virtual.variation import VariedCell
 
-    prepared = prepare(config)
+    prepared = prepare_and_warn(config)
     names = list(prepared.configuration.axes)
     if only != "all" and only not in names:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")

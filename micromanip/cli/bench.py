@@ -12,7 +12,7 @@ import click
 import micromanip
 from micromanip.errors import DeviceUnavailable
 
-from .options import Quantity, StrictCommand, json_option, print_json
+from .options import Quantity, StrictCommand, json_option, print_answer
 
 
 @click.command("bench", cls=StrictCommand, epilog="Example: micromanip bench --only cycle --only offline")
@@ -42,10 +42,7 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))
     settings = plan.Plan(root / "config" / "simulated.yaml", pairs, lateness_s, lambda line: click.echo(line, err=True))
     document = runner.run(settings, only).document()
-    if as_json:
-        print_json(document)
-    else:
-        _table(document)
+    print_answer(document, _table, as_json)
 
 
 def source_tree() -> Path:

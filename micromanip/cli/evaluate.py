@@ -10,7 +10,7 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
 from .results import Pictures
 
 
@@ -44,10 +44,9 @@ def command(
     from rich.progress import Progress
 
     from micromanip.design.evaluation import evaluate, table, with_models
-    from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
 
-    prepared = prepare(config, seed)
+    prepared = prepare_and_warn(config, seed)
     names = list(prepared.configuration.axes)
     if only is not None and only not in names:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")

@@ -10,7 +10,7 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import StrictCommand, json_option, print_json
+from .options import StrictCommand, json_option, print_json, warn
 
 
 @click.command(
@@ -47,8 +47,7 @@ def command(
         steps = plan.uninstall(machine, root, purge=purge)
     else:
         steps = plan.install(machine, config, root, warnings.append)
-    for warning in warnings:
-        click.echo(f"WARNING: {warning}", err=True)
+    warn(warnings)
     described = [{"step": step.sentence, "diff": list(step.diff)} for step in steps]
     if not as_json:
         _show(described)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json, warn
 
 if TYPE_CHECKING:
     from micromanip.emulation.devices import Devices
@@ -48,10 +48,10 @@ def command(
 
     Says READY on standard error as soon as a controller may connect.
     """
-    from micromanip.emulation.devices import Devices
-    from micromanip.emulation.precedence import take_precedence
+    from micromanip.emulation.devices import Devices, take_precedence
 
     devices = Devices(config, watchdog_ms, seed)
+    warn(devices.notes)
     take_precedence(devices.loop_cpu)
     gc.collect()
     gc.freeze()  # to look through all that was imported would make a stall now and then

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, did_you_mean
 
 from .units import known, split_unit
 
 Array = NDArray[np.float64]
 
-_SHOWN = 12
 _TIMES = {"t", "time", "zeit", "x_value", "x-axis", "timestamp", "time stamp", "date/time", "seconds", "second", "sec"}
 
 
@@ -74,9 +72,7 @@ class Table(Mapping[str, Array]):
         if len(self) == 0:
             raise CheckFailed(f"{self.file}: there is no column of numbers in it")
         wanted = name if name and known(unit) is not None else asked
-        near = difflib.get_close_matches(wanted, self, 1)
-        shown = ", ".join(list(self)[:_SHOWN]) + (f" and {len(self) - _SHOWN} more" if len(self) > _SHOWN else "")
-        hint = f"did you mean {near[0]}?" if near else f"its columns are {shown}"
+        hint = did_you_mean(wanted, self, "its columns are")
         raise CheckFailed(f"{self.file}: there is no column {wanted}; {hint}")
 
     def _find(self, asked: str) -> str | None:

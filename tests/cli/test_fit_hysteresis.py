@@ -2,16 +2,18 @@
 
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from micromanip.cli.main import main
 from micromanip.design.hysteresis import predict
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+
+from . import command
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 STEP_S = 2e-3
@@ -36,13 +38,7 @@ def record(file, seed, step_s=STEP_S):
     return str(file)
 
 
-def code_of(*arguments):
-    """Exit code of ``fit hysteresis`` with so many arguments."""
-    try:
-        main(["fit", "hysteresis", *map(str, arguments)])
-    except SystemExit as ended:
-        return ended.code
-    return 0
+code_of = partial(command.code_of, "fit", "hysteresis")
 
 
 @pytest.fixture

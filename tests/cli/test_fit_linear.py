@@ -2,13 +2,14 @@
 
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from micromanip.cli.main import main
+from . import command
 
 DT = 2e-3
 POLES = 0.95 * np.exp(np.array([0.3j, -0.3j]))
@@ -34,13 +35,7 @@ def record(file, seed=1, dt=DT, **named):
     return str(file)
 
 
-def code_of(*arguments):
-    """Exit code of ``fit linear`` with so many arguments."""
-    try:
-        main(["fit", "linear", *map(str, arguments)])
-    except SystemExit as ended:
-        return ended.code
-    return 0
+code_of = partial(command.code_of, "fit", "linear")
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """``micromanip probe``: what answers on a bus, and a clear word where it can't be looked at."""
 
 import json
+from functools import partial
 
 import pytest
 from conformance.example import UdpPeer, UdpStage
@@ -9,7 +10,8 @@ from micromanip.bus import device_lock
 from micromanip.bus.device_lock import DeviceLocks
 from micromanip.bus.driver import Answer, BusDriver
 from micromanip.bus.errors import LinkError
-from micromanip.cli.main import main
+
+from .command import code_of
 
 
 class Stage(UdpStage):
@@ -45,12 +47,7 @@ def config(tmp_path, announce, monkeypatch):
     return file, peer
 
 
-def ended(*arguments):
-    try:
-        main(["probe", *map(str, arguments)])
-    except SystemExit as end:
-        return end.code
-    return 0
+ended = partial(code_of, "probe")
 
 
 def test_answers_in_a_table(config, capsys):

@@ -13,22 +13,15 @@ from pathlib import Path
 import pytest
 
 from micromanip.cli import results
-from micromanip.cli.main import main
 from micromanip.cli.results import Pictures, publish, results_folder, run_folder
 from micromanip.design import figures
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 from tools.running_controller import MICROMANIP
 
+from .command import code_of
+
 CONFIG = Path(__file__).parents[2] / "config"
 FACTORY, SIMULATED = CONFIG / "factory.yaml", CONFIG / "simulated.yaml"
-
-
-def code_of(*arguments):
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as ended:
-        return ended.code
-    return 0
 
 
 def files_in(folder):

@@ -1,4 +1,4 @@
-"""Templates of requests and replies: what is sent for values, and what a reply has to look like."""
+"""Text on a line: templates of what is said and answered, and lines out of a stream of bytes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from .ascii_options import AsciiOutput
 
 _PLACE = re.compile(r"\{(\w+)\}")
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_LONGEST = 4096
 
 
 class Reply:
@@ -70,3 +71,33 @@ def _number(options: AsciiOutput, value: float) -> str:
 def _escaped(text: str) -> str:
     """The text as it is, but for the number of blanks."""
     return r"\s+".join(re.escape(word) for word in re.split(r"\s+", text))
+
+
+class Lines:
+    """Lines end in a carriage return, a line feed, or both; blank ones are none. However the bytes are cut."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self.noise = 0
+        """Lines that were no printable text, or too long."""
+
+    def clear(self) -> None:
+        """Forget what is there of a line."""
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[str]:
+        """The lines that are complete with `data`, without blanks around them."""
+        *whole, self._rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+        if len(self._rest) > _LONGEST:
+            self.noise += 1
+            self._rest = b""
+        lines = []
+        for line in whole:
+            text = line.strip().decode("ascii", "replace")
+            if not text:
+                continue
+            if text.isprintable() and text.isascii():
+                lines.append(text)
+            else:
+                self.noise += 1
+        return lines

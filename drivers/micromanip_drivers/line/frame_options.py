@@ -1,4 +1,4 @@
-"""Keys of a number in a frame: where it lies, and how its bytes become a value. Nothing of it is guessed.
+"""Keys of frames: a number in one and how its bytes become a value, checksum, length, counter. Nothing is guessed.
 
     fields:
       strain_x: {at: 4, type: int32, byte_order: little, scale: 1.0e-4}
@@ -11,11 +11,13 @@ value = scale x number + offset.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Annotated, Literal
 
+import fastcrc
 from pydantic import Field, field_validator, model_validator
 
+from micromanip.driver import did_you_mean
 from micromanip.driver.quantities import Range, Real, Scale
 
 from .section import Place, Section, Whole
@@ -28,6 +30,8 @@ SIZES = {
 """Bytes of each type."""
 
 ByteOrder = Literal["little", "big"]
+_WIDTHS = {"crc8": 1, "crc16": 2, "crc32": 4, "crc64": 8}
+CRC_NAMES = [f"{width}.{name}" for width in _WIDTHS for name in sorted(getattr(fastcrc, width).algorithms_available)]
 
 
 class Number(Section):
@@ -44,9 +48,7 @@ class Number(Section):
     @classmethod
     def _is_known(cls, kind: str) -> str:
         if kind not in SIZES:
-            near = difflib.get_close_matches(kind.lower(), SIZES, 1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(SIZES)}"
-            raise ValueError(f"there is no type {kind}; {hint}")
+            raise ValueError(f"there is no type {kind}; {did_you_mean(kind, SIZES, 'there are')}")
         return kind
 
     @model_validator(mode="after")
@@ -135,3 +137,44 @@ def overlap(parts: Iterable[tuple[str, int, int]]) -> str | None:
             return f"{last[0]} (bytes {last[1]} to {last[2] - 1}) and {part[0]} (from byte {part[1]}) overlap"
         last = part
     return None
+
+
+class Crc(Section):
+    """A checksum; it is the last of the frame."""
+
+    name: str = Field(description="As fastcrc calls it: crc16.modbus, crc16.ibm_3740, crc32.iso_hdlc, crc8.smbus, ...")
+    byte_order: ByteOrder = Field(default="little", description="Which of its bytes comes first.")
+    first: Place = Field(default=0, description="First byte that it covers; it covers all from there on.")
+
+    @field_validator("name")
+    @classmethod
+    def _is_known(cls, name: str) -> str:
+        if name not in CRC_NAMES:
+            near = difflib.get_close_matches(name.lower().replace("-", "_").replace("/", "."), CRC_NAMES, 3)
+            hint = f"did you mean {', '.join(near)}?" if near else "its documentation lists them, e.g. crc16.modbus"
+            raise ValueError(f"fastcrc has no {name}: {hint}")
+        return name
+
+    @property
+    def size(self) -> int:
+        """How many bytes it has."""
+        return _WIDTHS[self.name.split(".")[0]]
+
+    @property
+    def function(self) -> Callable[[bytes], int]:
+        """From the bytes that it covers to the checksum."""
+        width, name = self.name.split(".")
+        function: Callable[[bytes], int] = getattr(getattr(fastcrc, width), name)
+        return function
+
+
+class Length(WholeNumber):
+    """A number in the frame that says how long it is."""
+
+    plus: Annotated[Whole, Field(ge=-65_535, le=65_535)] = Field(
+        default=0, description="Bytes of the frame that it does not count: the frame has so many more than it says."
+    )
+
+
+class Counter(WholeNumber):
+    """A number that the sender increments with each frame; it wraps at the end of its type."""

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from micromanip.errors import CheckFailed
-from micromanip.host.parameter_buffers import ParameterSlots
+from micromanip.host.parameter_buffers import ParameterBuffers
 from micromanip.host.shared_memory import CONTROL, SLOTS
 from micromanip.rt import mailbox as w
 from micromanip.rt.records import CELL_PARAMETERS
@@ -23,7 +23,7 @@ class Loop:
         self.words = np.zeros_like(self.control["words"])
         first = np.zeros(1, CELL_PARAMETERS)
         first["version"] = 1
-        self.slots = ParameterSlots(self.control, self.words, first[0])
+        self.buffers = ParameterBuffers(self.control, self.words, first[0])
         self.p = self.before = self.candidate = 0
         self.seen = {0: 1}
         self.shadow, self.taken, self.candidate_number = NO_SHADOW, 1, 0
@@ -57,18 +57,18 @@ class Loop:
     def do(self, action):
         new = np.zeros(1, CELL_PARAMETERS)
         if action == "set":
-            self.slots.put_in_force(new)
+            self.buffers.put_in_force(new)
             assert self.unharmed()
             self.cycle()
-            self.slots.taken()
+            self.buffers.taken()
         elif action == "set unheard":
-            self.slots.put_in_force(new)
+            self.buffers.put_in_force(new)
         elif action == "offer" and self.shadow != ON_TRIAL:
-            self.slots.offer(new)
+            self.buffers.offer(new)
             assert self.unharmed()
             self.cycle()
         elif action == "promote":
-            self.slots.keep_for_trial()
+            self.buffers.keep_for_trial()
             if self.shadow == SHADOWING:
                 self.before, self.p, self.shadow = self.p, self.candidate, ON_TRIAL
                 self.publish()
@@ -80,7 +80,7 @@ class Loop:
             self.publish()
         elif action == "burst":  # more than the host ever does, and with no answer of the loop in between
             for _ in range(SLOTS + 3):
-                self.slots._fill(new)
+                self.buffers._fill(new)
                 assert self.unharmed()
         assert self.unharmed()
 
@@ -123,7 +123,7 @@ def test_a_loop_that_takes_nothing():
     """Rather refused than a slot filled that it may be about to read."""
     loop = Loop()
     for _ in range(SLOTS - 1):
-        loop.slots.put_in_force(np.zeros(1, CELL_PARAMETERS))
+        loop.buffers.put_in_force(np.zeros(1, CELL_PARAMETERS))
     with pytest.raises(CheckFailed, match="the loop has taken none of the last sets"):
-        loop.slots.put_in_force(np.zeros(1, CELL_PARAMETERS))
+        loop.buffers.put_in_force(np.zeros(1, CELL_PARAMETERS))
     assert loop.unharmed()

@@ -140,8 +140,9 @@ class Value(TypedDict):
 class AxisValues(TypedDict):
     """What an axis does: position of the stage, set-point of the actuator, its gauge, its voltage, the error.
 
-    `headroom_V` is what the voltage has left to the nearer end of its range. `error_of` says what the error is of: path,
-    at the spindle (the simulation's truth, else by the stage's sensor); gauge, set-point less gauge; None in open loop.
+    `headroom_V` is what the voltage has left to the nearer end of its range. `error_of` says what the error is of:
+    path, at the spindle (the simulation's truth, else by the stage's sensor); gauge, set-point less gauge; None in
+    open loop.
     """
 
     position_um: Value

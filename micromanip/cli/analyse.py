@@ -127,14 +127,11 @@ def command(
 
 def print_criteria(judged: list[Any], title: str) -> None:
     """A line a criterion."""
-    from rich.console import Console
-    from rich.table import Table
+    from .tables import Figures, out_console
 
-    table = Table(title=title)
-    for column in ("axis", "criterion", "found", "wanted", ""):
-        table.add_column(column, overflow="fold")
+    table = Figures("axis", "criterion", "found", "wanted", "", title=title)
     for criterion in judged:
         verdict = "[green]PASS[/]" if criterion.passed else "[red]FAIL[/]"
         table.add_row(criterion.axis, criterion.name, criterion.value, criterion.limit, verdict)
     if judged:
-        Console(highlight=False).print(table)
+        out_console().print(table)

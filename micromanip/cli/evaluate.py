@@ -100,15 +100,14 @@ def command(
 
 def print_table(rows: list[dict[str, Any]]) -> None:
     """Sigma and maximum of each axis beside the paper's."""
-    from rich.console import Console
-    from rich.table import Table
-
     from micromanip.design import paper
+
+    from .tables import Figures, out_console
 
     configurations = ", ".join(f"{letter} {label}" for letter, label in paper.LABELS.items())
     if any(row["config"] not in paper.LABELS for row in rows):
         configurations += ", D own PID + tanh inverse"
-    report = Table(
+    report = Figures(
         title="Control error on the actuator side, um (the paper's figure in brackets)", caption=configurations
     )
     for heading in ("axis", "Hz", "", "sigma", "maximum", "with start", "true sigma", "true max"):
@@ -127,7 +126,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
             "-" if row["true_max_error_um"] is None else f"{row['true_max_error_um']:.2f}",
             end_section=config == last,
         )
-    Console(highlight=False).print(report)
+    out_console().print(report)
 
 
 def _beside(value: str, papers: float | None, digits: int) -> str:

@@ -100,10 +100,11 @@ def _rows(answers: dict[str, Answer]) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _table(answers: dict[str, Answer]) -> Table:
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table("answers", "name", "value", "note")
+    from .tables import Figures
+
+    table = Figures("answers", "name", "value", "note")
     for row in _rows(answers):
         table.add_row(*map(Text, row))
     return table

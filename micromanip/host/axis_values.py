@@ -6,7 +6,7 @@ sample that is young enough, a loop that is not closed, a controller that does n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from micromanip.rt.states import STAGE, VOLTAGE
 
 from .controller import Controller
-from .windows import Array, Windows
+from .windows import DIGITS, Array, Windows
 
 QUANTITIES = ("position_um", "setpoint_um", "strain_um", "voltage_V", "headroom_V", "error_um")
 """In the order of the columns here."""
@@ -57,7 +57,9 @@ class AxesValues:
         for i, name in enumerate(self._names):
             known, first = self._now(i, latest, now_ns), i * len(QUANTITIES)
             position, setpoint, strain, voltage, headroom, error = (
-                Value(latest=None if why else float(value), unknown=why, second=second[k], minute=minute[k])
+                Value(
+                    latest=None if why else round(float(value), DIGITS), unknown=why, second=second[k], minute=minute[k]
+                )
                 for k, (value, why) in enumerate(zip(known.values[-1], known.unknown, strict=True), first)
             )
             report[name] = AxisValues(
@@ -77,7 +79,10 @@ class AxesValues:
         silent_s = (now_ns - int(latest["time_ns"])) * 1e-9
         if silent_s > _SILENT_S:
             return _unknown(f"stale: the loop has stood still for {silent_s:.1f} s")
-        return self._known(i, latest.reshape(1))
+        known = self._known(i, latest.reshape(1))
+        axis, image = self._axis(i), self._controller.status["signals"]
+        hints = {0: _refused(image, axis, "stage"), 2: _refused(image, axis, "strain")}
+        return replace(known, unknown=tuple(why and why + hints.get(k, "") for k, why in enumerate(known.unknown)))
 
     def _axis(self, i: int) -> Any:
         return self._controller.prepared.parameters[0]["axis"][i]
@@ -99,21 +104,20 @@ class AxesValues:
         voltage = row["voltage_V"]
         headroom = np.minimum(voltage - axis["limiter"]["low_V"], axis["limiter"]["high_V"] - voltage)
         kind = self._error_of(i)
-        if axis["path_error"] >= 0:
-            error = row["path_error_um"]
-        elif kind == "path":
-            error = np.where((phase == CLOSED) & np.isfinite(position), row["path_error_um"], np.nan)
+        closed = (phase == CLOSED) & (kind is not None)
+        if kind == "path":  # the simulation's truth needs no sensor
+            seen = np.isfinite(position) | (axis["path_error"] >= 0)
+            error = np.where(closed & seen, row["path_error_um"], np.nan)
         else:
-            error = np.where((phase == CLOSED) & (kind is not None), setpoint - strain, np.nan)
+            error = np.where(closed, setpoint - strain, np.nan)
         idle = "open loop: mode voltage" if axis["mode"] == VOLTAGE else "loops open"
-        sensor = no_position if kind == "path" and axis["path_error"] < 0 else no_strain if kind == "gauge" else None
         why = (
             no_position,
             None if drives[-1] else idle,
             no_strain,
             None,
             None,
-            (sensor if phase[-1] == CLOSED else None) or idle,
+            (no_position if kind == "path" else no_strain) if closed[-1] else idle,
         )
         values = np.stack([position, setpoint, strain, voltage, headroom, error], axis=1)
         last = zip(np.isfinite(values[-1]), why, strict=True)
@@ -128,7 +132,17 @@ def _sample(row: Any, role: str, signal: str, place: int, longest_ns: int) -> tu
         return np.full(len(row), np.nan), f"no signal {signal}"
     last_ns = int(age_ns[-1])
     old = "2 s or more" if last_ns >= _OLDEST_NS else f"{last_ns * 1e-6:.3g} ms"
-    return np.where(stale, np.nan, row[f"{role}_um"]), f"stale: {signal} is {old} old, or never came"
+    return np.where(stale, np.nan, row[f"{role}_um"]), f"stale: no usable sample of {signal} for {old}"
+
+
+def _refused(image: Any, axis: Any, role: str) -> str:
+    """What the sensor's reading has against it; `image` has the signals as their drivers left them."""
+    reading, (low, high) = image[axis[role]], axis[f"{role}_range_um"]
+    if axis[role] < 0 or reading["sequence"] == 0:
+        return ""
+    if reading["status"] != 0:
+        return f"; it reads {reading['value']:.4g}, and its driver says that this is no good"
+    return "" if low <= reading["value"] <= high else f"; it reads {reading['value']:.4g}, outside {low:g} to {high:g}"
 
 
 def _unknown(why: str) -> _Known:

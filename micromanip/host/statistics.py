@@ -41,6 +41,7 @@ class Gathered:
 
     def axes(self) -> dict[str, AxisValues]:
         """What each axis does now."""
+        self.gather()
         return self._axes.report(self._reader.latest(), time.monotonic_ns())
 
 

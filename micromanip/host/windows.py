@@ -17,6 +17,9 @@ BLOCK_NS = 100_000_000
 _BLOCKS = 600
 """A minute."""
 
+DIGITS = 5
+"""Ten picometres, or 10 uV."""
+
 Array = NDArray[np.float64]
 
 
@@ -80,11 +83,11 @@ def _window(count: int, blocks: int, total: float, squares: float, least: float,
     mean, square = total / count, squares / count
     return {
         "seconds": round(blocks * BLOCK_NS * 1e-9, 1),
-        "mean": mean,
-        "min": least,
-        "max": most,
-        "rms": math.sqrt(square),
-        "peak": max(abs(least), abs(most)),
-        "deviation_rms": math.sqrt(max(0.0, square - mean * mean)),
-        "deviation_peak": max(most - mean, mean - least),
+        "mean": round(mean, DIGITS),
+        "min": round(least, DIGITS),
+        "max": round(most, DIGITS),
+        "rms": round(math.sqrt(square), DIGITS),
+        "peak": round(max(abs(least), abs(most)), DIGITS),
+        "deviation_rms": round(math.sqrt(max(0.0, square - mean * mean)), DIGITS),
+        "deviation_peak": round(max(most - mean, mean - least), DIGITS),
     }

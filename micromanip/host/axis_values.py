@@ -6,13 +6,12 @@ sample that is young enough, a loop that is not closed, a controller that does n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from micromanip.replies import AxisValues, Value
-from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
+from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, SWEEPING
 from micromanip.rt.states import STAGE, VOLTAGE
 
 from .controller import Controller
@@ -27,13 +26,9 @@ _OLDEST_NS = 2_000_000_000
 """Ages in the ring end here: the sample is at least so old, or never came."""
 
 
-@dataclass(frozen=True)
-class _Known:
-    """Quantities of one axis in some rows, and why one of them is unknown in the last row."""
-
-    values: Array
-    """(n, quantities), NaN where unknown."""
-    unknown: tuple[str | None, ...]
+_NO_NUMBER = "not a finite number"
+_DRIVES = np.isin(np.arange(len(PHASE_NAMES)), (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED))
+"""By the phase: whether the set-point moves the axis."""
 
 
 class AxesValues:
@@ -47,20 +42,16 @@ class AxesValues:
     def add(self, rows: Any) -> None:
         """Take in rows of the telemetry ring."""
         if len(rows):
-            values = [self._known(i, rows).values for i in range(len(self._names))]
-            self._windows.add(rows["time_ns"], np.concatenate(values, axis=1))
+            self._windows.add(rows["time_ns"], _known(rows, self._parameters).reshape(len(rows), -1))
 
     def report(self, latest: Any | None, now_ns: int) -> dict[str, AxisValues]:
         """Figures by axis at `now_ns`, CLOCK_MONOTONIC; `latest` is the newest row of the ring, None without any."""
-        second, minute = self._windows.over(_SECOND_S, now_ns), self._windows.over(_MINUTE_S, now_ns)
+        windows = zip(self._windows.over(_SECOND_S, now_ns), self._windows.over(_MINUTE_S, now_ns), strict=True)
         report: dict[str, AxisValues] = {}
         for i, name in enumerate(self._names):
-            known, first = self._now(i, latest, now_ns), i * len(QUANTITIES)
             position, setpoint, strain, voltage, headroom, error = (
-                Value(
-                    latest=None if why else round(float(value), DIGITS), unknown=why, second=second[k], minute=minute[k]
-                )
-                for k, (value, why) in enumerate(zip(known.values[-1], known.unknown, strict=True), first)
+                Value(latest=value, unknown=why, second=second, minute=minute)
+                for (value, why), (second, minute) in zip(self._now(i, latest, now_ns), windows, strict=False)
             )
             report[name] = AxisValues(
                 position_um=position,
@@ -69,81 +60,81 @@ class AxesValues:
                 voltage_V=voltage,
                 headroom_V=headroom,
                 error_um=error,
-                error_of=self._error_of(i),
+                error_of=_error_of(self._parameters[i]),
             )
         return report
 
-    def _now(self, i: int, latest: Any | None, now_ns: int) -> _Known:
+    @property
+    def _parameters(self) -> Any:
+        """Parameters of the axes (n) that are in force."""
+        return self._controller.prepared.parameters[0]["axis"][: len(self._names)]
+
+    def _now(self, i: int, latest: Any | None, now_ns: int) -> list[tuple[float | None, str | None]]:
+        """Each quantity of axis `i`, or None and why it is not known."""
         if latest is None:
-            return _unknown("the loop has not turned yet")
+            return [(None, "the loop has not turned yet")] * len(QUANTITIES)
         silent_s = (now_ns - int(latest["time_ns"])) * 1e-9
         if silent_s > _SILENT_S:
-            return _unknown(f"stale: the loop has stood still for {silent_s:.1f} s")
-        known = self._known(i, latest.reshape(1))
-        axis, image = self._axis(i), self._controller.status["signals"]
-        hints = {0: _refused(image, axis, "stage"), 2: _refused(image, axis, "strain")}
-        return replace(known, unknown=tuple(why and why + hints.get(k, "") for k, why in enumerate(known.unknown)))
+            return [(None, f"stale: the loop has stood still for {silent_s:.1f} s")] * len(QUANTITIES)
+        values = _known(latest.reshape(1), self._parameters)[0, i]
+        if np.isfinite(values).all():
+            return [(round(float(value), DIGITS), None) for value in values]
+        reasons = self._reasons(i, latest)
+        return [
+            (round(float(value), DIGITS), None) if np.isfinite(value) else (None, why)
+            for value, why in zip(values, reasons, strict=True)
+        ]
 
-    def _axis(self, i: int) -> Any:
-        return self._controller.prepared.parameters[0]["axis"][i]
-
-    def _error_of(self, i: int) -> str | None:
-        """What the error is: of the path at the spindle, of the gauge behind its set-point, None in open loop."""
-        axis = self._axis(i)
-        if axis["path_error"] >= 0 or axis["mode"] == STAGE:
-            return "path"
-        return None if axis["mode"] == VOLTAGE else "gauge"
-
-    def _known(self, i: int, rows: Any) -> _Known:
-        """Quantities of axis `i` in `rows`."""
-        axis, name, row, phase = self._axis(i), self._names[i], rows["axis"][:, i], rows["phase"]
-        position, no_position = _sample(row, "stage", f"stage_{name}", axis["stage"], axis["stage_age_ns"])
-        strain, no_strain = _sample(row, "strain", f"strain_{name}", axis["strain"], axis["strain_age_ns"])
-        drives = np.isin(phase, (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED)) & (axis["mode"] != VOLTAGE)
-        setpoint = np.where(drives, row["setpoint_um"], np.nan)
-        voltage = row["voltage_V"]
-        headroom = np.minimum(voltage - axis["limiter"]["low_V"], axis["limiter"]["high_V"] - voltage)
-        kind = self._error_of(i)
-        closed = (phase == CLOSED) & (kind is not None)
-        if kind == "path":  # the simulation's truth needs no sensor
-            seen = np.isfinite(position) | (axis["path_error"] >= 0)
-            error = np.where(closed & seen, row["path_error_um"], np.nan)
-        else:
-            error = np.where(closed, setpoint - strain, np.nan)
+    def _reasons(self, i: int, row: Any) -> tuple[str, ...]:
+        """Why each quantity of axis `i` may be unknown in `row`."""
+        axis, name = self._parameters[i], self._names[i]
+        stage, strain = (self._no_sample(axis, row["axis"][i], role, f"{role}_{name}") for role in ("stage", "strain"))
         idle = "open loop: mode voltage" if axis["mode"] == VOLTAGE else "loops open"
-        why = (
-            no_position,
-            None if drives[-1] else idle,
-            no_strain,
-            None,
-            None,
-            (no_position if kind == "path" else no_strain) if closed[-1] else idle,
-        )
-        values = np.stack([position, setpoint, strain, voltage, headroom, error], axis=1)
-        last = zip(np.isfinite(values[-1]), why, strict=True)
-        return _Known(values, tuple(None if known else text or "not a number" for known, text in last))
+        sensor = stage if _error_of(axis) == "path" else strain
+        error = sensor if row["phase"] == CLOSED and axis["mode"] != VOLTAGE else idle
+        return stage, idle, strain, _NO_NUMBER, _NO_NUMBER, error
+
+    def _no_sample(self, axis: Any, row: Any, role: str, signal: str) -> str:
+        """Why there is no sample of a sensor that counts; what it reads, where that is the reason."""
+        if axis[role] < 0:
+            return f"no signal {signal}"
+        age_ns = int(row[f"{role}_age_ns"])
+        why = f"for {'2 s or more' if age_ns >= _OLDEST_NS else f'{age_ns * 1e-6:.3g} ms'}"
+        reading, (low, high) = self._controller.status["signals"][axis[role]], axis[f"{role}_range_um"]
+        if reading["sequence"] != 0 and reading["status"] != 0:
+            why += f"; it reads {reading['value']:.4g}, and its driver says that this is no good"
+        elif reading["sequence"] != 0 and not low <= reading["value"] <= high:
+            why += f"; it reads {reading['value']:.4g}, outside {low:g} to {high:g}"
+        return f"stale: no usable sample of {signal} {why}"
 
 
-def _sample(row: Any, role: str, signal: str, place: int, longest_ns: int) -> tuple[Array, str | None]:
-    """A sensor's values, NaN where there is none that is young enough; and why the last one is unknown."""
+def _error_of(axis: Any) -> str | None:
+    """What the error of an axis is: of the path at the spindle, of the gauge at its set-point, None in open loop."""
+    if axis["path_error"] >= 0 or axis["mode"] == STAGE:
+        return "path"
+    return None if axis["mode"] == VOLTAGE else "gauge"
+
+
+def _known(rows: Any, axes: Any) -> Array:
+    """Quantities (rows, axes, quantities) of telemetry rows, NaN where one is not known; `axes` are parameters."""
+    row, phase = rows["axis"][:, : len(axes)], rows["phase"][:, None]
+    loops = axes["mode"] != VOLTAGE
+    closed = (phase == CLOSED) & loops
+    voltage = row["voltage_V"]
+    values = np.empty((*row.shape, len(QUANTITIES)))
+    position, setpoint, strain, _, _, error = (values[:, :, k] for k in range(len(QUANTITIES)))
+    position[:] = np.where(_is_young(row, axes, "stage"), row["stage_um"], np.nan)
+    strain[:] = np.where(_is_young(row, axes, "strain"), row["strain_um"], np.nan)
+    setpoint[:] = np.where(_DRIVES[phase] & loops, row["setpoint_um"], np.nan)
+    values[:, :, 3] = voltage
+    values[:, :, 4] = np.minimum(voltage - axes["limiter"]["low_V"], axes["limiter"]["high_V"] - voltage)
+    of_path = (axes["path_error"] >= 0) | (axes["mode"] == STAGE)
+    seen = np.isfinite(position) | (axes["path_error"] >= 0)  # the simulation's truth needs no sensor
+    error[:] = np.where(of_path, np.where(seen, row["path_error_um"], np.nan), setpoint - strain)
+    error[~closed] = np.nan
+    return values
+
+
+def _is_young(row: Any, axes: Any, role: str) -> Any:
     age_ns = row[f"{role}_age_ns"]
-    stale = (age_ns > longest_ns) | (age_ns >= _OLDEST_NS)
-    if place < 0:
-        return np.full(len(row), np.nan), f"no signal {signal}"
-    last_ns = int(age_ns[-1])
-    old = "2 s or more" if last_ns >= _OLDEST_NS else f"{last_ns * 1e-6:.3g} ms"
-    return np.where(stale, np.nan, row[f"{role}_um"]), f"stale: no usable sample of {signal} for {old}"
-
-
-def _refused(image: Any, axis: Any, role: str) -> str:
-    """What the sensor's reading has against it; `image` has the signals as their drivers left them."""
-    reading, (low, high) = image[axis[role]], axis[f"{role}_range_um"]
-    if axis[role] < 0 or reading["sequence"] == 0:
-        return ""
-    if reading["status"] != 0:
-        return f"; it reads {reading['value']:.4g}, and its driver says that this is no good"
-    return "" if low <= reading["value"] <= high else f"; it reads {reading['value']:.4g}, outside {low:g} to {high:g}"
-
-
-def _unknown(why: str) -> _Known:
-    return _Known(np.full((1, len(QUANTITIES)), np.nan), (why,) * len(QUANTITIES))
+    return (age_ns <= axes[f"{role}_age_ns"]) & (age_ns < _OLDEST_NS) & (axes[role] >= 0)

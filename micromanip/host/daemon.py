@@ -150,7 +150,6 @@ class Daemon:
             await self._boxes.stop()
             self._boxes.announce(last=True)
             await self._end_recording()
-            self._gathered.gather()
             return self._report()
         finally:
             if not ended.done():  # an error: nobody leaves while the loop still drives the outputs
@@ -228,7 +227,6 @@ class Daemon:
             elif time.monotonic() - turned > stuck_s:
                 self._controller.kill(FaultReport(LOOP_STUCK, value=time.monotonic() - turned, limit=stuck_s))
                 return
-            self._gathered.gather()
             self._show(self._report())
             self._boxes.announce()
             latched = "".join(f": {fault}" for fault in self._controller.faults()[-1:])

@@ -41,7 +41,6 @@ class Gathered:
 
     def axes(self) -> dict[str, AxisValues]:
         """What each axis does now."""
-        self.gather()
         return self._axes.report(self._reader.latest(), time.monotonic_ns())
 
 
@@ -130,7 +129,8 @@ def report(
     links: Mapping[str, Link] | None = None,
     recording: Recorded | None = None,
 ) -> Status:
-    """The whole report of a run, so far; `trips` are those that have a black box, `links` the buses."""
+    """The whole report of a run, up to now; `trips` are those that have a black box, `links` the buses."""
+    gathered.gather()
     words, faults = controller.words, controller.faults()
     return {
         "state": controller.state,

@@ -215,6 +215,7 @@ def test_the_ring_is_read_once_and_a_report_is_up_to_date(prepared):
     for row in range(2):
         ring["rows"]["axis"]["voltage_V"][row] = 10.0 + row
         ring["words"][RING_HEAD] = row + 1
+        gathered.gather()
         value = gathered.axes()["y"]["voltage_V"]
         assert (value["latest"], value["second"]["max"]) == (10.0 + row, 10.0 + row)
     gathered.gather()

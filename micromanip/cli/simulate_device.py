@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, pay_json, print_json
 
 if TYPE_CHECKING:
     from micromanip.emulation.devices import Devices
@@ -52,6 +52,8 @@ def command(
     from micromanip.emulation.precedence import take_precedence
 
     devices = Devices(config, watchdog_ms, seed)
+    if commands:
+        pay_json()  # a line for each answer, and none for what ends them
     take_precedence(devices.loop_cpu)
     gc.collect()
     gc.freeze()  # to look through all that was imported would make a stall now and then
@@ -146,7 +148,7 @@ def _summary(report: dict[str, Any]) -> None:
     buses = Figures("driver", "frames", "sent", "received", "not sent", "load, %", title="Buses")
     for name, device in report["devices"].items():
         keys = ("frames", "sent", "received", "not_sent", "bus_load_percent")
-        buses.add_row(name, *(str(device[key]) for key in keys))
+        buses.add_row(name, *(str(device.get(key, "-")) for key in keys))  # a CANopen node counts frames only
     outputs = Figures("output", "commands", "min, V", "max, V", "largest step, V", title="What arrived")
     for name, output in report["outputs"].items():
         volts = (output["min"], output["max"], output["largest_step_V"])

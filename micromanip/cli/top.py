@@ -28,7 +28,7 @@ def command(socket_path: Path) -> None:
             f"top needs {missing.name}, which comes with the extra: pip install 'micromanip[top]'; "
             "`micromanip status --watch` does without"
         ) from missing
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+    if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # textual draws on the last
         raise UsageError("top needs a terminal; `micromanip status --watch` prints a line now and then anywhere")
     Client(socket_path).close()  # who starts it without a controller is told at once
     Top(socket_path).run()

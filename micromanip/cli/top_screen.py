@@ -117,10 +117,12 @@ class Top(App[None]):
                 yield self._part[name]
             with VerticalScroll(id="values"):
                 yield self._part["table"]
-        yield Footer()
+        yield Footer(compact=True)
 
     def on_mount(self) -> None:
         """Begin to look."""
+        for name in ("faults", "said", "run", "trace", "table"):
+            self._set(name, "")
         self.run_worker(self._look, thread=True, name="look")
 
     def on_unmount(self) -> None:

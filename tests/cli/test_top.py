@@ -146,6 +146,8 @@ def test_state_values_and_error_are_shown_whole(played, width):
         for figure in ("0.125", "0.375", "0.500", "1.250"):
             assert figure in screen
         assert "…" not in screen, "nothing is cut"
+        assert "r reset" in screen
+        assert "q quit" in screen
 
     played_on(played, script, width, height=100)
 

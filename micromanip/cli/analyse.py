@@ -12,7 +12,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json
-from .results import Pictures
+from .results import Pictures, provenance
 
 
 @click.command(
@@ -102,7 +102,8 @@ def command(
                 from micromanip.design.analysis_figures import draw_analysis
 
                 say("drawing")
-                pictures.draw(partial(draw_analysis, analysis))
+                about = provenance(config, name, prepared.source.hash, seed)
+                pictures.draw(partial(draw_analysis, analysis, about=about))
         written = pictures.put()
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
     failed = [criterion for criterion in judged if not criterion.passed]

@@ -11,7 +11,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json
-from .results import Pictures
+from .results import Pictures, provenance
 
 
 @click.command(
@@ -68,9 +68,9 @@ def command(
             from micromanip.design.figures import draw_all
 
             for name in shown:
-                pictures.draw(
-                    partial(draw_all, configuration, experiment, runs, names.index(name)), lambda: bar.advance(task)
-                )
+                about = provenance(config, name, prepared.source.hash, seed)
+                drawn = partial(draw_all, configuration, experiment, runs, names.index(name), about=about)
+                pictures.draw(drawn, lambda: bar.advance(task))
         written = pictures.put()
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
     alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]

@@ -98,10 +98,10 @@ def status(report: Status) -> None:
 
 
 def figures(report: Status) -> Group:
-    """The run in one line, its figures as tables, its faults below."""
+    """The run in one line, its figures as tables."""
     seconds = report["cycles"] * report["period_ns"] * 1e-9
     line = f"{report['cycles']} cycles in {seconds:.1f} s, {report['overruns']} overruns, state {report['state']}"
-    return Group(line, *_figures(report), *faults(report))
+    return Group(line, *_figures(report))
 
 
 def faults(report: Status) -> list[Text]:

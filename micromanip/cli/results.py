@@ -49,6 +49,13 @@ def results_folder(folder: Path) -> Iterator[None]:
                 each.rmdir()
 
 
+def provenance(config: Path, axis: str, sha256: str, seed: int | None) -> str:
+    """What a picture says of where it comes from."""
+    drawn = "" if seed is None else f", seed {seed}"
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    return f"axis {axis}, {config} ({sha256[:8]}), {today}{drawn}"
+
+
 class Pictures:
     """Pictures drawn beside their place and put there together; the folder is tried at the beginning.
 

@@ -102,7 +102,7 @@ def command(
                 from micromanip.design.analysis_figures import draw_analysis
 
                 say("drawing")
-                about = provenance(config, name, prepared.source.hash, seed)
+                about = provenance(prepared, name, seed)
                 pictures.draw(partial(draw_analysis, analysis, about=about))
         written = pictures.put()
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]

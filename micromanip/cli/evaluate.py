@@ -68,7 +68,7 @@ def command(
             from micromanip.design.figures import draw_all
 
             for name in shown:
-                about = provenance(config, name, prepared.source.hash, seed)
+                about = provenance(prepared, name, seed)
                 drawn = partial(draw_all, configuration, experiment, runs, names.index(name), about=about)
                 pictures.draw(drawn, lambda: bar.advance(task))
         written = pictures.put()

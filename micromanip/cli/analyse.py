@@ -81,7 +81,7 @@ def command(
         Pictures(folder if figures else None) as pictures,
         Progress(console=Console(stderr=True), transient=True) as bar,
     ):
-        task = bar.add_task("analyse", total=None)
+        task = bar.add_task("analyse", total=len(shown) * (2 if figures else 1))
         for name in shown:
 
             def say(what: str, axis: str = name) -> None:
@@ -98,12 +98,14 @@ def command(
                     progress=say,
                 )
             analyses.append(analysis)
+            bar.advance(task)
             if figures:
                 from micromanip.design.analysis_figures import draw_analysis
 
                 say("drawing")
                 about = provenance(prepared, name, seed)
                 pictures.draw(partial(draw_analysis, analysis, about=about))
+                bar.advance(task)
         written = pictures.put()
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
     failed = [criterion for criterion in judged if not criterion.passed]

@@ -54,7 +54,11 @@ def values(report: Status) -> RenderableType:
         for row in axis_rows:
             if row.why is not None:
                 reasons.setdefault(row.why, []).append(f"{name} {row.name.partition(',')[0]}")
-    told = (Text(f"unknown: {', '.join(who)}: {why}", style="yellow") for why, who in reasons.items())
+    count = sum(map(len, named.values()))
+    told = (
+        Text(f"unknown: {'every value' if len(who) == count else ', '.join(who)}: {why}", style="yellow")
+        for why, who in reasons.items()
+    )
     return Group(_Axes(named), *told)
 
 

@@ -1,5 +1,6 @@
 """What `status` tells of each axis, from rows of the telemetry ring: known or not, and over which time."""
 
+import re
 import time
 from types import SimpleNamespace
 
@@ -220,3 +221,25 @@ def test_the_ring_is_read_once_and_a_report_is_up_to_date(prepared):
         assert (value["latest"], value["second"]["max"]) == (10.0 + row, 10.0 + row)
     gathered.gather()
     assert gathered.axes()["y"]["voltage_V"]["second"]["mean"] == 10.5, "no row counts twice"
+
+
+@pytest.mark.parametrize(
+    ("reference", "truth", "known"),
+    [
+        ("{source: hold, offset_um: 60}", False, False),  # nothing deviates: 60 um are no path error
+        ("{source: hold, offset_um: 60}", True, True),
+        ("{source: signal}", False, True),
+    ],
+)
+def test_uncompensated_is_told_only_where_something_deviates(tmp_path, reference, truth, known):
+    text = re.sub(r"(?m)^reference:\n(  .*\n)+", f"reference: {reference}\n", SIMULATED.read_text())
+    if not truth:
+        text = re.sub(r"(?m)^  (path_error|uncompensated)_[xyz]: .*\n", "", text)
+    (tmp_path / "cell.yaml").write_text(text)
+    status = np.zeros(1, STATUS)[0]
+    axis = status["state"][0]["axis"][0]
+    axis["errors"], axis["error_squares"], axis["uncompensated_squares"] = 100, 25.0, 360_000.0
+    controller = SimpleNamespace(prepared=prepare(tmp_path / "cell.yaml"), status=status)
+    found = statistics.path_errors(controller)["x"]
+    assert found["rms"] == 0.5
+    assert found["uncompensated_rms"] == (60.0 if known else None)

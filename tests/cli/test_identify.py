@@ -76,6 +76,35 @@ def test_the_next_step_is_a_command_that_works(tmp_path, capsys):
     assert capsys.readouterr().out.startswith("pi-tanh: rms 0.3")
 
 
+def with_stage_range(folder, low_um, high_um):
+    """The factory's cell, whose stage sensor of axis x is at an end of its range outside of these."""
+    file = folder / "cell.yaml"
+    whole = "stage_x: {driver: cell, max_age_us: 300}"
+    file.write_text(changed(FACTORY.read_text(), (whole, f"{whole[:-1]}, range_um: [{low_um}, {high_um}]}}")))
+    return file
+
+
+def test_a_stage_that_goes_from_end_to_end_stops_it(tmp_path, capsys):
+    cell, out = with_stage_range(tmp_path, -40, 40), tmp_path / "out"
+    assert code_of(cell, "--axis", "x", "--kind", "triangle", "--seconds", "1", "--out", out) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("micromanip: the experiment was ended by a fault, nothing is written: X-216 axis x:")
+    assert "while identifying, lower slew_V_per_ms" in said
+    assert not out.exists()
+
+
+def test_what_a_stage_sensor_held_is_no_value(tmp_path, capsys):
+    """It is beyond one end of its range for a while, which no limit forbids in open loop."""
+    cell, out = with_stage_range(tmp_path, -200, 400), tmp_path / "out"
+    assert code_of(cell, "--axis", "x", "--seconds", "2", "--out", out) == 0
+    said = capsys.readouterr()
+    assert "warning: signals.stage_x gave no usable sample for " in said.err
+    stage_um = table(out / "x_multisine.csv")["stage_um"]
+    assert 0.05 < np.isnan(stage_um).mean() < 0.95
+    assert np.nanmin(stage_um) > -200.5
+    assert np.isfinite(table(out / "x_multisine.csv")["strain_um"]).all()
+
+
 def test_unknown_axis(tmp_path, capsys):
     assert code_of(FACTORY, "--axis", "w", "--out", tmp_path / "out") == 64
     assert capsys.readouterr().err == f"micromanip: there is no axis w in {FACTORY}; its axes are x, y, z\n"

@@ -73,7 +73,7 @@ def draw_fit(result: Fitted, record: Record, held_out: Record | None, folder: Pa
     files = save(_beside(result, record, predicted, what), folder, "figure5_model", dpi)
     files += save(_residuals(result, record, predicted - record.y, what), folder, "residuals", dpi)
     if held_out is not None and result.validation is not None:
-        other = result.predict(held_out.u)
+        other = result.held_out if result.held_out is not None else result.predict(held_out.u)
         other = other - (other - held_out.y)[result.burn_in :].mean()
         what = f"not fitted to: rms {result.validation['rms_percent']:.2f} % of the stroke"
         files += save(_beside(result, held_out, other, what), folder, "held_out", dpi)

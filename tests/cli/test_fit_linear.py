@@ -127,7 +127,7 @@ def test_a_whole_multiple_of_the_sampling_interval_thins(tmp_path, capsys):
     assert report["poles_z"][0][0] == pytest.approx(0.99**4, abs=0.01)
     assert code_of(file, "--input", "u", "--output", "y", "--dt", 3.5 * DT) == 1
     said = capsys.readouterr().err
-    assert "slow.csv: --dt 0.007 s is no whole multiple of the record's sampling interval, 0.002 s by time" in said
+    assert "slow.csv: --dt 0.007 s is no whole multiple of the record's sampling interval, 0.002 s" in said
 
 
 @pytest.mark.long
@@ -174,10 +174,6 @@ def copied(table):
     table["u2"] = 2.0 * table["u1"] + 1.0
 
 
-def uneven(table):
-    table["t_s"][500:] += 0.001
-
-
 def no_time(table):
     del table["t_s"]
 
@@ -192,7 +188,6 @@ def no_time(table):
         (hardly_long_enough, "an experiment of 100 samples is too short; at least"),
         (still_later, "split at 0.5, u1 stands still in the last 1000 samples"),
         (copied, "the inputs u1, u2 move together"),
-        (uneven, "x.csv:502: t_s does not rise evenly"),
         (no_time, "there is no time column"),
     ],
 )

@@ -200,7 +200,7 @@ class SafeState:
         values = list(self._last)
         for i, output in enumerate(self._outputs):
             if output.kind == VOLTAGE:
-                share = min(1.0, self._share[i] + self._periods_s[i] / self._ramp_s)
+                share = self._share[i] + self._periods_s[i] / self._ramp_s
                 values[i] = self._start[i] + minimum_jerk(share) * (output.safe - self._start[i])
             elif output.kind != LAST_SWITCH or not moving:
                 values[i] = output.safe

@@ -57,13 +57,12 @@ def source_tree() -> Path:
 
 
 def _table(document: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from .tables import Figures, out_console
 
-    table = Table("figure", "value", "reference", "", "ratio")
+    table = Figures("figure", "value", "reference", "", "ratio")
     for row in document["results"]:
         value, reference = (f"{row[key]:g} {row['unit']}" for key in ("value", "reference_value"))
         table.add_row(row["name"], value, row["reference_name"], reference, f"{row['ratio']:g}")
     for row in document["skipped"]:
         table.add_row(row["name"], "skipped", row["reason"], "", "")
-    Console(highlight=False).print(table)
+    out_console().print(table)

@@ -77,8 +77,7 @@ socket_option = click.option(
     "socket_path",
     type=click.Path(path_type=Path, readable=False),  # the client says whom it lets in
     default=default_socket,
-    show_default="/run/micromanip/control.sock, or the user's own",
-    help="Control socket.",
+    help=f"Control socket.  [default: {default_socket()}]",
 )
 
 
@@ -97,8 +96,15 @@ def prepare_and_warn(config: Path, seed: int | None = None) -> Prepared:
     return found
 
 
+class Told:
+    """What a command has written to standard output so far: one JSON document is owed to who asked for it."""
+
+    is_owed = False
+
+
 def print_json(document: Any) -> None:
     """Print `document` as the only thing on standard output; JSON has no word for what is not a finite number."""
+    pay_json()
     click.echo(json.dumps(_plain(document), indent=2, allow_nan=False))
 
 
@@ -131,6 +137,14 @@ def asking(
         return command
 
     return decorate
+
+
+def pay_json() -> None:
+    """What is printed from here on is the JSON that was asked for: an error gets none of its own."""
+    context = click.get_current_context(silent=True)
+    told = None if context is None else context.find_object(Told)
+    if told is not None:
+        told.is_owed = False
 
 
 def _plain(value: Any) -> Any:

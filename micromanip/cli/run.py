@@ -57,7 +57,10 @@ def command(
 
 
 def _judge(report: Status) -> None:
-    if report["faults"]:
-        raise CheckFailed("\n".join(report["faults"]))
+    if report["fault_reports"]:  # in full where it was noticed
+        names = [
+            fault["code"] + (f" on axis {fault['axis']}" if fault["axis"] else "") for fault in report["fault_reports"]
+        ]
+        raise CheckFailed(f"ended by {' after '.join(reversed(names))}, as said above; `micromanip explain` tells more")
     if report["recording"] is not None and report["recording"]["message"] is not None:
         raise CheckFailed(report["recording"]["message"])

@@ -45,8 +45,9 @@ def _residuals(result: Fitted, record: Record, error: Array, title: str) -> Figu
     seconds = np.arange(len(record.u)) * record.step_s
     top.plot(seconds[used], error[used], lw=0.6, rasterized=True)
     bottom.plot(record.u[used], error[used], lw=0.4, rasterized=True)
-    top.set(xlabel="time, s", ylabel="model - measured")
-    bottom.set(xlabel=f"{record.input_name}", ylabel="model - measured")
+    left = f"model - measured {record.output_name}"
+    top.set(xlabel="time, s", ylabel=left)
+    bottom.set(xlabel=f"{record.input_name}", ylabel=left)
     for panel in (top, bottom):
         panel.grid(alpha=0.3)
     return figure

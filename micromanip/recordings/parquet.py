@@ -21,7 +21,7 @@ def read_parquet(file: Path) -> Table:
         import pyarrow
         from pyarrow import parquet
     except ImportError as problem:
-        raise CheckFailed(f"{file}: reading Parquet needs the extra: pip install micromanip[recordings]") from problem
+        raise CheckFailed(f"{file}: reading Parquet needs the extra: pip install micromanip[parquet]") from problem
 
     def reading(name: str, stamped: bool) -> Callable[[], Array]:
         def read() -> Array:

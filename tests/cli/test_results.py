@@ -1,6 +1,7 @@
 """Where results go: tried before anything moves, nothing older replaced, and a full disk loses as little as it can."""
 
 import contextlib
+import datetime
 import errno
 import json
 import os
@@ -85,8 +86,11 @@ def test_identify_replaces_no_recording(tmp_path, capsys):
 def test_evaluate_sets_older_figures_aside(tmp_path, monkeypatch):
     """And where they are the same ones, byte for byte, there is nothing to keep."""
 
-    def draw_one(configuration, experiment, runs, axis, folder):
-        yield figures.save(figures.control_errors(runs, axis, 10_000), folder, "figure")
+    def draw_one(configuration, experiment, runs, axis, folder, about):
+        assert about.startswith(f"axis x, {SIMULATED} (")
+        today = datetime.datetime.now(datetime.UTC).date()
+        assert about.endswith((f", {today}, seed 1", f", {today}, seed 7"))
+        yield figures.save(figures.control_errors(runs, axis, 10_000), folder, "figure", about=about)
 
     monkeypatch.setattr(figures, "draw_all", draw_one)
     assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0

@@ -282,5 +282,5 @@ def test_arming_refused_at_the_start(run):
     assert cell.wait() == 1
     assert "micromanip: arm refused: strain_x is not valid, or stuck: check the gauge and its cable\n" in cell.said
     assert "Traceback" not in cell.said
-    assert cell.out == ""
+    assert cell.report.keys() == {"error", "exit_code"}
     assert cell.left == []

@@ -13,6 +13,10 @@ from micromanip.settings.schema.model import Driver
 from micromanip.settings.text.source import Source
 
 
+class CyclicDriver(UsageError):  # noqa: N818
+    """A driver that has no bus: it is called in the loop."""
+
+
 def bus_driver(file: Path, name: str) -> BusDriver:
     """The bus driver that the configuration calls `name`, not opened.
 
@@ -31,7 +35,7 @@ def bus_driver(file: Path, name: str) -> BusDriver:
     except ConfigError as problem:
         raise source.error(("drivers", name, "driver"), str(problem)) from problem
     if not issubclass(kind, BusDriver):
-        raise UsageError(
+        raise CyclicDriver(
             f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "
             "its signals"
         )

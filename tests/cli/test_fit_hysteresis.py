@@ -91,7 +91,7 @@ def test_best_tells_what_it_tried(csv, capsys):
     assert {each["model"].removesuffix("+delay") for each in tried} == kinds | {"network"}
     merits = {each["model"]: max(each["rms_percent"], each["held_out_percent"]) for each in tried}
     assert list(merits.values()) == sorted(merits.values())
-    assert merits[report["model"]] <= 1.06 * min(merits.values())
+    assert merits[report["model"]] <= 1.15 * min(merits.values())
 
 
 def test_creep_is_added_when_asked_for(csv, capsys):

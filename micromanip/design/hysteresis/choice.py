@@ -22,8 +22,10 @@ _LATEST_S, _LATEST_SAMPLES = 2e-3, 2.0
 """Dead times that are tried, in samples; what is later than both of these is dynamics, which other records show."""
 _WORTH = 0.97
 """A dead time is taken where the error falls below this share: it is one parameter more."""
-_ALIKE = 1.06
-"""Of kinds whose errors are within this factor of the least, the one with the fewest parameters is taken."""
+_ALIKE = 1.15
+"""Of kinds whose errors are within this factor of the least, the one with the fewest parameters is taken: where a
+record repeats itself, as a sine does, its rest can't tell that rate and creep stand in for one another.
+"""
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ def _no_worse_than_arx1(
         return Selected(model, arx1, notes)
     if order is not None:
         notes.append(
-            f"order {order} predicts worse than ARX(1): strict error {found:.3g} %, ARX(1) {limit:.3g} %; "
+            f"order {order} predicts worse than ARX(1): strict error {found:.5g} %, ARX(1) {limit:.5g} %; "
             "another --order, or a longer record"
         )
         return Selected(model, arx1, notes)
@@ -137,8 +137,8 @@ def _no_worse_than_arx1(
         tried.append((error_of(other, held_out), other, f"order {key[0]}{'' if key[1] else ', not refined'}"))
     error, best, name = min(tried, key=lambda entry: entry[0])
     notes.append(
-        f"{name} instead of order {model.order}, which predicts worse than ARX(1) (strict error {found:.3g} %, "
-        f"ARX(1) {limit:.3g} %, {name} {error:.3g} %): chosen on the part held out, which flatters its figures; "
+        f"{name} instead of order {model.order}, which predicts worse than ARX(1) (strict error {found:.5g} %, "
+        f"ARX(1) {limit:.5g} %, {name} {error:.5g} %): chosen on the part held out, which flatters its figures; "
         "record more"
     )
     return Selected(replace(best, tried=plain.tried), arx1, notes)

@@ -8,7 +8,7 @@ from functools import partial
 
 from micromanip.settings.schema.model import Configuration
 
-from ..analysis import analyse_axis
+from ..analysis import AxisAnalysis, analyse_axis
 from ..evaluation import evaluate
 from ..experiment import Experiment
 from .axis import Commissioned, Knobs, Watched, commission_axis
@@ -25,10 +25,11 @@ def _say(say: Callable[[str], None], axis: str, what: str) -> None:
 
 @dataclass(frozen=True)
 class CommissionedCell:
-    """The new `configuration`, what was found, and the evidence, an entry per axis."""
+    """The new `configuration`, what was found, its analysis and the evidence, an entry per axis."""
 
     configuration: Configuration
     axes: tuple[Commissioned, ...]
+    analyses: tuple[AxisAnalysis, ...]
     evidence: tuple[Evidence, ...]
 
     @property
@@ -53,9 +54,10 @@ def commission_cell(
     say("the paper's experiment")
     # with the new PID only: one that was found for another plant may be unstable on this one
     runs = evaluate(configuration, watched, own_pid=True)
-    stories, names = [], list(configuration.axes)
+    stories, analyses, names = [], [], list(configuration.axes)
     for each in found:
         say(f"axis {each.axis}: analysis")
         analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1)
+        analyses.append(analysis)
         stories.append(evidence(each, analysis, runs, names.index(each.axis)))
-    return CommissionedCell(configuration, tuple(found), tuple(stories))
+    return CommissionedCell(configuration, tuple(found), tuple(analyses), tuple(stories))

@@ -109,4 +109,3 @@ def worst(found: Sequence[Margins]) -> dict[str, float]:
         "deg": stable * min(m.phase_deg for m in found),
         "1/Ms": stable * min(m.modulus for m in found),
     }
-

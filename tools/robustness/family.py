@@ -6,21 +6,22 @@ class, hum, coarse gauges, delays, and every figure +-30 %.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from micromanip_drivers.simulated.options import BoucWen, Plant, SecondMode
 
-from micromanip.errors import UsageError
+from micromanip.errors import CheckFailed, UsageError
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.reference import File
 from micromanip.virtual.experiment import VirtualExperiment
 
 SPREAD = 0.3
-LEAST_REACH_UM = 90.0
-"""The working point is at 66 um."""
+REACH_UM = (90.0, 165.0)
+"""The working point is at 66 um; the gauge ends at 180."""
 _TRIES, _SWEEP_S = 50, 1.0
 _DRAWN = (
     *("preisach_c_um_per_V2", "preisach_d_per_V", "preisach_k1", "preisach_k2", "creep_per_operator"),
@@ -41,16 +42,17 @@ def drawn_plant(seed: int) -> Plant:
 def drawn_cell(prepared: Prepared, axis: str, seed: int) -> tuple[Prepared, Plant, float]:
     """The simulated cell with another plant in `axis`, that plant, and how far (um) its output takes it up.
 
-    A plant that can't reach 90 um is drawn again, from the same seed on.
+    A plant whose reach is not `REACH_UM` is drawn again, from the same seed on.
     """
     rng = np.random.default_rng(seed)
     for _ in range(_TRIES):
         plant = _drawn(rng)
         drawn = with_plant(prepared, axis, plant, seed)
-        reach = reach_um(drawn, axis)
-        if reach >= LEAST_REACH_UM:
-            return drawn, plant, reach
-    raise UsageError(f"none of {_TRIES} plants drawn from seed {seed} reaches {LEAST_REACH_UM:g} um")
+        with contextlib.suppress(CheckFailed):  # the gauge has come to its end
+            reach = reach_um(drawn, axis)
+            if REACH_UM[0] <= reach <= REACH_UM[1]:
+                return drawn, plant, reach
+    raise UsageError(f"none of {_TRIES} plants drawn from seed {seed} reaches {REACH_UM[0]:g} um")
 
 
 def _drawn(rng: np.random.Generator) -> Plant:

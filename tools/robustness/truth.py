@@ -120,7 +120,9 @@ def true_plant(plant: Plant, slope_um_per_V: float, period_s: float) -> TruePlan
     return TruePlant(A, B, strain, stage, period_s)
 
 
-def strain_margins(plant: Plant, axis: Axis, centre_V: float, slopes: Sequence[float], period_s: float) -> list[Margins]:
+def strain_margins(
+    plant: Plant, axis: Axis, centre_V: float, slopes: Sequence[float], period_s: float
+) -> list[Margins]:
     """Of the strain loop for multiples of the plant's small slope."""
     small, pid = small_slope(plant, centre_V), pid_system(axis.inner, period_s)
     return [margins(pid.then(true_plant(plant, s * small, period_s).actuator())) for s in slopes]

@@ -48,7 +48,9 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
     )
     fit = found.stage.fit_percent
     add("stage model on unseen data", fit >= STAGE_FIT_PERCENT, f"{fit:.1f} %", f">= {STAGE_FIT_PERCENT:g} %")
-    coherence = coherence_in_band(found)
+    hertz = found.stage.found.measured.frequency_Hz
+    inside = (hertz >= _COHERENT_HZ[0]) & (hertz <= _COHERENT_HZ[1])
+    coherence = float(np.median(found.stage.found.measured.coherence[inside]))
     add("coherence of the stage", coherence >= COHERENCE, f"{coherence:.2f}, median 2 to 200 Hz", f">= {COHERENCE:g}")
     out += criteria(analysis)
     for run in runs:
@@ -76,10 +78,3 @@ def _on_the_way(found: Commissioned, frequency_Hz: float) -> float:
     late_s = (OUTER_DELAY + path.output_late) * found.configuration.loop.period_ns * 1e-9
     speed = 2.0 * np.pi * frequency_Hz * paper.reference(frequency_Hz, 0.0).sines[0].amplitude_um
     return float(speed * late_s / np.sqrt(2.0))
-
-
-def coherence_in_band(found: Commissioned) -> float:
-    """Median coherence between set-point and stage where the outer loop works."""
-    hertz = found.response.frequency_Hz
-    inside = (hertz >= _COHERENT_HZ[0]) & (hertz <= _COHERENT_HZ[1])
-    return float(np.median(found.response.coherence[inside, 0]))

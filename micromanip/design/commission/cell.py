@@ -11,12 +11,9 @@ from micromanip.settings.schema.model import Configuration
 from ..analysis import AxisAnalysis, analyse_axis
 from ..evaluation import evaluate
 from ..experiment import Experiment
-from .axis import Commissioned, Knobs, Watched, commission_axis
+from .axis import DRAWN, Commissioned, Knobs, Watched, commission_axis
 from .evidence import Evidence
 from .story import evidence
-
-DRAWN = range(1, 21)
-"""Seeds of the plants on which the tuning is tried on paper."""
 
 
 def _say(say: Callable[[str], None], axis: str, what: str) -> None:
@@ -57,7 +54,7 @@ def commission_cell(
     stories, analyses, names = [], [], list(configuration.axes)
     for each in found:
         say(f"axis {each.axis}: analysis")
-        analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1)
+        analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1, actuator=each.actuator)
         analyses.append(analysis)
         stories.append(evidence(each, analysis, runs, names.index(each.axis)))
     return CommissionedCell(configuration, tuple(found), tuple(analyses), tuple(stories))

@@ -18,7 +18,7 @@ from .plots import (
     loop_plots,
     measured_response,
     responses,
-    singular_values,
+    tried_orders,
 )
 
 
@@ -93,17 +93,17 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
 def _stage(found: Commissioned) -> Section:
     mode_Hz, damping = resonance(found)
     figures = {
-        "model": f"order {found.stage.fitted.order} behind {found.stage.linear.delay_cycles} cycles",
-        "free run on unseen data": f"{found.stage.fit_percent:.1f} %",
+        "model": f"order {found.stage.found.order} behind {found.stage.linear.delay_cycles} cycles",
+        "model beside the measured response": f"{found.stage.fit_percent:.1f} %",
         "first mode": f"{mode_Hz:.1f} Hz, damping {damping:.3f}",
     }
     text = "Noise on the set-point with the strain loop closed; the others hold their working points."
-    return Section("Stage dynamics", text, figures, (singular_values(found), *measured_response(found)))
+    return Section("Stage dynamics", text, figures, (tried_orders(found), *measured_response(found)))
 
 
 def resonance(found: Commissioned) -> tuple[float, float]:
     """Frequency (Hz) and damping ratio of the least damped mode of the stage's model."""
-    s = np.log(found.stage.fitted.poles.astype(complex)) / found.stage.fitted.dt
+    s = np.log(found.stage.found.modes.poles.astype(complex)) / found.stage.found.dt
     swinging = s[s.imag > 0]
     if not len(swinging):
         return float("nan"), 1.0

@@ -43,6 +43,8 @@ class StrainSide:
     range_um: Range
     identified_slope: float
     path: FeedbackPath = AT_ONCE
+    own_delay: int = 0
+    """Cycles of the actuator's delay, which its dynamics lack."""
 
     def slope(self, p: Perturbation) -> float:
         """Slope of the actuator as a multiple of the identified one; nan where its hysteresis has no inverse."""
@@ -94,11 +96,12 @@ def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period
     change: System | None = None
     if strain is not None:
         moved = shift(strain.actuator, drawn)
-        # what the actuator has of delay lies in its own states: it can only be added to
-        late = delay(max(0.0, drawn.delay_cycles), period_s)
+        own = delay(strain.own_delay, period_s)
+        # a model without a delay of its own has what there is in its states: it can only be added to
+        late = delay(max(0.0, strain.own_delay + drawn.delay_cycles), period_s)
         behind = late.then(perturbed(strain.actuator, drawn))
         inner = margins(strain_loop(strain.inner, over_path(behind, strain.path), slope))
-        change = closed_ratio(strain.inner, strain.actuator, moved, late, slope)
+        change = closed_ratio(strain.inner, strain.actuator, moved, own, late, slope)
     if stage is not None:
         dynamics = model_dynamics(stage.model, period_s)
         mechanics = perturbed(dynamics, drawn) if change is None else change.then(dynamics)

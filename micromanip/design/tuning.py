@@ -28,11 +28,11 @@ PLAYS, STARTS = 10, 4
 OUTER_DELAY = 2
 """Cycles from a set-point to its answer where nothing is late."""
 _DELAYS, _ORDERS = tuple(range(1, 8)), tuple(range(4, 15))
-_RMS_UM = ((150.0, 1.0), (500.0, 0.6), (1500.0, 0.3))
+_RMS_UM = ((150.0, 0.7), (600.0, 1.2), (1500.0, 0.5))
 """Upper frequency and rms of each part of the set-point's excitation."""
-_LOW_HZ, _SLEW_SHARE = 4.0, 0.7
+_LOW_HZ, _SLEW_SHARE = 8.0, 0.7
 _ATTEMPTS = 3
-_WANTED_ERROR, _MATTERS = 0.1, 0.02
+_WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS = 0.12, 0.15, 0.05
 
 
 def record_hysteresis(
@@ -107,7 +107,7 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
     cutoff_hz = min(_RMS_UM[-1][0], path_bandwidth(path, rate_hz))
     # behind a bus the excitation's band is too narrow to tell one cycle from the next: the delay is known
     delays = _DELAYS if path == AT_ONCE else (OUTER_DELAY + path.output_late,)
-    wanted = Wanted(_ORDERS, delays, error=_WANTED_ERROR, confidence=_WANTED_ERROR, matters=_MATTERS)
+    wanted = Wanted(_ORDERS, delays, error=_WANTED_ERROR, confidence=_WANTED_CONFIDENCE, matters=_MATTERS)
     slew = _SLEW_SHARE * 1e3 * configuration.axes[axis].setpoint.slew_um_per_ms
     found, noise_um = None, 0.0
     for attempt in range(_ATTEMPTS):
@@ -145,7 +145,7 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
 
 def with_response(stage: StageModel, measured: Measured, period_s: float) -> StageModel:
     """The model of another measured response of the same stage, e.g. one in a closed loop."""
-    found = identify(measured, period_s, Wanted(_ORDERS, _DELAYS, _WANTED_ERROR, _WANTED_ERROR, _MATTERS))
+    found = identify(measured, period_s, Wanted(_ORDERS, _DELAYS, _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS))
     return StageModel(_linear(found), found, stage.noise_um)
 
 

@@ -47,7 +47,7 @@ class TruePlant:
 
     def behind(self, axis: Axis, feedforward_V_per_um: float) -> System:
         """Set-point to stage sensor, the strain loop of `axis` closed and its feedforward as steep as given."""
-        pid, n = pid_system(axis.inner, self.period_s), len(self.A)
+        pid = pid_system(axis.inner, self.period_s)
         A = np.block(
             [
                 [self.A - np.outer(self.B, pid.D * self.strain), np.outer(self.B, pid.C)],
@@ -80,7 +80,7 @@ def true_plant(plant: Plant, slope_um_per_V: float, period_s: float) -> TruePlan
     follow = -np.expm1(-step_s * 2 * np.pi * plant.amplifier_Hz)
     creep_step = -np.expm1(-step_s / np.logspace(-3, 3, c))
     share = plant.bouc_wen.lag_share if plant.bouc_wen else 0.0
-    lag_step = -np.expm1(-step_s / (1e-3 * plant.bouc_wen.lag_ms)) if plant.bouc_wen else 0.0
+    lag_step = -np.expm1(-step_s / (1e-3 * plant.bouc_wen.lag_ms)) if plant.bouc_wen else 1.0
     # amplifier, lag, creep, mechanics; each takes what the one before has just become
     size = 2 + c + m
     amplifier, lag, creep, moving = 0, 1, slice(2, 2 + c), slice(2 + c, size)

@@ -18,6 +18,7 @@ from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.control.pid import pid_system
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
+from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Outer
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
@@ -37,7 +38,7 @@ from ..sensitivity import Sensitivity, compensator, judge_loop
 from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
 from .polarity import Polarity, check_polarity
-from .quality import HELD_OUT_PERCENT, QUANTILE, ROBUST_SENSITIVITY, Quality, judge_coverage
+from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
 from .validation import Validation, validate
 
 Array = NDArray[np.float64]
@@ -113,7 +114,7 @@ def commission_axis(
     learned: list[str] = []
     say("strain PID")
     left_um = 0.01 * min(percent.values()) * tanh.stroke_um
-    actuator, pid, strain_loop = _close_strain(tuned, experiment, axis, actuator, left_um, seed, say, learned)
+    actuator, pid, strain_loop = _close_strain(tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned)
     tuned = with_axis(tuned, axis, inner=pid.inner)
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
@@ -132,6 +133,7 @@ def _close_strain(
     experiment: Experiment,
     axis: str,
     actuator: Actuator,
+    polarity: Polarity,
     left_um: float,
     seed: int,
     say: Say,
@@ -147,13 +149,15 @@ def _close_strain(
         _, slopes = slopes_of(settings, actuator.swing_um, analyse_inverse(hysteresis, settings))
         if by_bus:
             slopes = (slopes[0], 1.0, max(slopes[-1], BUS_SLOPE))
-        noise_um = float(configuration_noise(actuator))
+        noise_um = polarity.noise_um
         pid = tune_pid(
             settings.inner,
             seen,
             slopes,
             careful=by_bus,
             radius=None if by_bus else actuator.found.radius_at,
+            gain_dB=settings.accept.gain_margin_dB,
+            phase_deg=settings.accept.phase_margin_deg,
             residual=float(np.clip(noise_um / max(left_um, 1e-6), 0.03, 0.5)),
         )
         say("sensitivity of the strain loop")
@@ -201,7 +205,9 @@ def _close_outer(
             period_s,
             knobs.noise_um or stage.noise_um,
             unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
-            bears=_Bears(strain, stage, actuator, period_s),
+            bears=_Bears(strain, actuator, period_s, settings.accept),
+            gain_dB=settings.accept.gain_margin_dB,
+            phase_deg=settings.accept.phase_margin_deg,
             bandwidth_Hz=knobs.bandwidth_Hz,
             oscillation_Hz=settings.outer.oscillation_Hz if settings.outer else 200.0,
             sample_cycles=actuator.path.stage_cycles,
@@ -233,17 +239,17 @@ def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
 class _Bears:
     """Whether an outer loop keeps Ms below what is accepted for enough of the drawn plants; the hardest are tried first."""
 
-    def __init__(self, strain: StrainSide, stage: StageModel, actuator: Actuator, period_s: float) -> None:
-        self._strain, self._stage, self._path, self._period_s = strain, stage, actuator.path, period_s
+    def __init__(self, strain: StrainSide, actuator: Actuator, period_s: float, accept: Accept) -> None:
+        self._strain, self._path, self._period_s, self._accept = strain, actuator.path, period_s, accept
         self._seeds = list(DRAWN)
 
     def __call__(self, outer: Outer, gains: OuterGains) -> bool:
         side = StageSide(gains, outer.model, outer.sample_cycles, self._path.stage_late)
-        too_many = int((1.0 - QUANTILE) * len(self._seeds)) + 1
+        too_many = int((1.0 - 0.01 * self._accept.robust_percent) * len(self._seeds) + 1e-9) + 1
         hard = 0
         for seed in tuple(self._seeds):
             drawn = sample(seed, self._strain, side, self._period_s).stage
-            if drawn is None or not drawn.stable or drawn.sensitivity > ROBUST_SENSITIVITY:
+            if drawn is None or not drawn.stable or drawn.sensitivity > self._accept.robust_sensitivity:
                 hard += 1
                 self._seeds.remove(seed)
                 self._seeds.insert(0, seed)
@@ -256,14 +262,6 @@ def _holding_voltage(record: dict[str, Array], centre_um: float) -> float:
     """Voltage (V) at which an open-loop record passes the working point, the mean of both ways."""
     near = np.argsort(np.abs(record["strain_um"] - centre_um))[: max(len(record["strain_um"]) // 50, 10)]
     return float(np.median(record["voltage_V"][near]))
-
-
-def configuration_noise(actuator: Actuator) -> float:
-    """Rms (um) of the gauge's noise, from the noise of the lines of its response."""
-    measured = actuator.found.measured
-    return float(
-        np.median(measured.noise) * actuator.swing_um / max(float(np.median(np.abs(measured.response))), 1e-12)
-    )
 
 
 def _triangle(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, Array]:

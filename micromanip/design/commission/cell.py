@@ -9,11 +9,11 @@ from functools import partial
 from micromanip.settings.schema.model import Configuration
 
 from ..analysis import AxisAnalysis, analyse_axis
-from ..evaluation import evaluate
 from ..experiment import Experiment
 from .axis import DRAWN, Commissioned, Knobs, Watched, commission_axis
 from .evidence import Evidence
 from .story import evidence
+from .tracking import follow
 
 
 def _say(say: Callable[[str], None], axis: str, what: str) -> None:
@@ -48,11 +48,10 @@ def commission_cell(
     for name in axes:
         found.append(commission_axis(configuration, watched, name, partial(_say, say, name), knobs, seed))
         configuration = found[-1].configuration
-    say("the paper's experiment")
-    # with the new PID only: one that was found for another plant may be unstable on this one
-    runs = evaluate(configuration, watched, own_pid=True)
     stories, analyses, names = [], [], list(configuration.axes)
     for each in found:
+        say(f"axis {each.axis}: acceptance")
+        runs = follow(configuration, watched, each.axis)
         say(f"axis {each.axis}: analysis")
         analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1, actuator=each.actuator)
         analyses.append(analysis)

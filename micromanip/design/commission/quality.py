@@ -14,7 +14,6 @@ from micromanip.settings.schema.hysteresis import Range
 Array = NDArray[np.float64]
 
 COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT, COHERENCE = 0.6, 2.0, 80.0, 0.8
-QUANTILE, ROBUST_SENSITIVITY = 0.9, 3.0
 _BINS, _FLAT = 12, 0.35
 
 

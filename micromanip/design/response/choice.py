@@ -42,7 +42,7 @@ class Wanted:
     orders: tuple[int, ...]
     delays: tuple[int, ...]
     error: float = 0.08
-    confidence: float = 0.08
+    confidence: float = 0.15
     matters: float = 0.25
 
 

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 PERIOD_S = 3.2
 _MAINS_HZ = (50.0, 60.0)
-_DENSE_TO_HZ, _SPACING = 200.0, 0.006
+_DENSE_TO_HZ, _SPACING = 200.0, 0.01
 """Every line up to here; above, lines this share apart."""
 _TRIALS = 40
 

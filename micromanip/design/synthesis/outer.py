@@ -69,6 +69,8 @@ def tune_outer(
     *,
     unsure: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
     bears: Callable[[Outer, OuterGains], bool] = _any,
+    gain_dB: float = GAIN_DB,
+    phase_deg: float = PHASE_DEG,
     bandwidth_Hz: float | None = None,
     oscillation_Hz: float | None = 200.0,
     sample_cycles: int = 1,
@@ -101,7 +103,7 @@ def tune_outer(
         found = margins(loop)
         crossover = _bandwidth_Hz(found, oscillation_Hz)
         tried.append((float(weight), crossover, found.gain_dB, found.phase_deg))
-        if not found.stable or found.gain_dB < GAIN_DB + _RESERVE_DB or found.phase_deg < PHASE_DEG + _RESERVE_DEG:
+        if not found.stable or found.gain_dB < gain_dB + _RESERVE_DB or found.phase_deg < phase_deg + _RESERVE_DEG:
             continue
         if best is not None and (bandwidth_Hz is None or abs(crossover - bandwidth_Hz) >= abs(best[2] - bandwidth_Hz)):
             continue
@@ -113,7 +115,7 @@ def tune_outer(
         if best is None or (bandwidth_Hz is not None and abs(crossover - bandwidth_Hz) < abs(best[2] - bandwidth_Hz)):
             best = outer, found, crossover
     if best is None or (bandwidth_Hz is not None and best[2] < 0.8 * bandwidth_Hz):
-        closest = max(tried, key=lambda entry: min(entry[2] - GAIN_DB, (entry[3] - PHASE_DEG) / 6.0))
+        closest = max(tried, key=lambda entry: min(entry[2] - gain_dB, (entry[3] - phase_deg) / 6.0))
         if fragile and bandwidth_Hz is None:
             raise CheckFailed(
                 "outer loops have their margins around the model, but not over the plants drawn around it: more damping "
@@ -121,7 +123,7 @@ def tune_outer(
             )
         asked = "" if bandwidth_Hz is None else f" at {bandwidth_Hz:g} Hz"
         raise CheckFailed(
-            f"no outer loop{asked} has margins of {GAIN_DB:g} dB and {PHASE_DEG:g} deg; the best has "
+            f"no outer loop{asked} has margins of {gain_dB:g} dB and {phase_deg:g} deg; the best has "
             f"{closest[2]:.1f} dB and {closest[3]:.0f} deg at {closest[1]:.0f} Hz: ask for less bandwidth, or identify "
             "the model again"
         )

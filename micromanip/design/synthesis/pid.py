@@ -77,6 +77,8 @@ class _Task:
     actuator: System
     slopes: tuple[float, ...]
     residual: float
+    gain_dB: float
+    phase_deg: float
     omega: Array
     G: Complex
     radius: Array
@@ -106,6 +108,11 @@ class _Task:
     def margins(self, inner: Inner) -> tuple[Margins, ...]:
         return tuple(margins(strain_loop(inner, self.actuator, slope)) for slope in self.slopes)
 
+    def holds(self, inner: Inner) -> bool:
+        """Whether all margins are there."""
+        found = self.margins(inner)
+        return all(m.stable and m.gain_dB >= self.gain_dB and m.phase_deg >= self.phase_deg for m in found)
+
 
 def tune_pid(
     start: Inner,
@@ -114,6 +121,8 @@ def tune_pid(
     *,
     careful: bool = False,
     radius: Radius | None = None,
+    gain_dB: float = GAIN_DB,
+    phase_deg: float = PHASE_DEG,
     residual: float = RESIDUAL,
 ) -> PidDesign:
     """`start` with gain, times and notch for `actuator` (V to um), its gain times each of `slopes`, 1 among them.
@@ -126,7 +135,19 @@ def tune_pid(
     omega, G = refined(actuator.response, grid(T, actuator.poles))
     even = np.concatenate([[20.0 * np.pi], np.linspace(0.0, np.pi / T, 501)[1:]])
     spread = np.zeros(len(omega)) if radius is None else radius(omega)
-    task = _Task(start, actuator, slopes, residual, omega, G, spread, even, actuator.response(even))
+    task = _Task(
+        start,
+        actuator,
+        slopes,
+        residual,
+        _RESERVE * gain_dB,
+        _RESERVE * phase_deg,
+        omega,
+        G,
+        spread,
+        even,
+        actuator.response(even),
+    )
     candidates = _candidates(task)
     best: tuple[float, Inner] | None = None
     for limit in _CAREFUL if careful else _LIMITS:
@@ -139,7 +160,7 @@ def tune_pid(
         least = min(candidates, key=lambda entry: entry[1], default=None)
         stands = "" if least is None else f": {_limit(task, least[2])}"
         raise CheckFailed(
-            f"no PID keeps the sensitivity below {_LIMITS[-1]:g} with margins of {GAIN_DB:g} dB and {PHASE_DEG:g} "
+            f"no PID keeps the sensitivity below {_LIMITS[-1]:g} with margins of {gain_dB:g} dB and {phase_deg:g} "
             f"deg for slopes of {min(slopes):.2f} to {max(slopes):.2f} times the identified one{stands}"
         )
     inner = best[1]
@@ -164,7 +185,7 @@ def _candidates(task: _Task) -> list[Candidate]:
         forms, far = form * task.G, np.abs(form) * task.radius
         near = np.abs(1.0 + _GAINS[:, None] * forms) - _GAINS[:, None] * far
         peaks = 1.0 / np.maximum(near.min(axis=1), 1e-3)
-        highest = _lost(forms) / (10.0 ** (_RESERVE * GAIN_DB / 20.0) * max(task.slopes))
+        highest = _lost(forms) / (10.0 ** (task.gain_dB / 20.0) * max(task.slopes))
         for i, gain in enumerate(_GAINS):
             reached = [i + shift for shift in shifts]
             if min(reached) < 0 or max(reached) >= len(_GAINS) or gain > highest:
@@ -224,7 +245,7 @@ def _best(task: _Task, candidates: list[Candidate], limit: float) -> tuple[float
         if peak > limit or checked >= _CHECKED:
             continue
         checked += 1
-        if not task.stable(inner) or not _holds(task.margins(inner)):
+        if not task.stable(inner) or not task.holds(inner):
             continue
         polished = _polished(task, inner, limit)
         return (cost, inner) if polished is None or polished[0] >= cost else polished
@@ -257,15 +278,11 @@ def _polished(task: _Task, inner: Inner, limit: float) -> tuple[float, Inner] | 
         cost, begin, method="Nelder-Mead", options={"maxfev": _POLISHED, "initial_simplex": _simplex(begin)}
     )
     tuned = at(result.x)
-    return (float(result.fun), tuned) if result.fun < 1e3 and _holds(task.margins(tuned)) else None
+    return (float(result.fun), tuned) if result.fun < 1e3 and task.holds(tuned) else None
 
 
 def _simplex(begin: Array) -> Array:
     return np.vstack([begin, begin + 0.25 * np.eye(len(begin))])
-
-
-def _holds(found: tuple[Margins, ...]) -> bool:
-    return all(m.stable and m.gain_dB >= _RESERVE * GAIN_DB and m.phase_deg >= _RESERVE * PHASE_DEG for m in found)
 
 
 def _limit(task: _Task, inner: Inner) -> str:

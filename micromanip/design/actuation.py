@@ -1,8 +1,8 @@
 """Linear dynamics of one actuator, voltage to strain gauge, about its working point: what the strain loop closes over.
 
-Recorded in open loop with a small periodic multisine, the other axes at rest; more of it below the flexure's modes, where
-mode and antiresonance lie side by side. Small, so that the hysteresis adds little: its slope over amplitude is the
-describing function's business. Measured again, longer and with more, where the response or its model is not good enough.
+Recorded in open loop with a small periodic multisine, the other axes at rest; more of it where the flexure's modes and
+antiresonances lie side by side. Small, so that the hysteresis adds little: its slope over amplitude is the describing
+function's business. Measured again, longer and with more, where the response or its model is not good enough.
 """
 
 from __future__ import annotations

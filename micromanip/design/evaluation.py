@@ -67,6 +67,7 @@ def _known(value: np.floating[Any]) -> float | None:
 
 
 def variant_of(axis: Axis, config: str, own_pid: bool) -> Axis:
+    """`axis` as configuration A, B, C, D or feedforward alone; with `own_pid` not with the anchor's PID."""
     pid = axis.inner if own_pid or config == TUNED else paper.ANCHOR_PID
     mode = {"A": "pid", paper.FEEDFORWARD_ALONE: "feedforward"}.get(config, "pid+feedforward")
     model = axis.hysteresis_affine if config == "B" else axis.hysteresis

@@ -4,9 +4,9 @@ Whatever enters a loop, plant P and controller C are seen as ``Y = P U``, so wit
 
     L = C Y / U,   S = 1 / (1 + L) = U / (U + C Y).
 
-The measured P is taken relative to the model's: the ratio is smooth where the model is right, so it can be averaged over
-neighbouring lines without a resonance being lost, and gives margins at any frequency. Where it is not near 1, the model
-is not the plant.
+The measured P is taken relative to the model's: the ratio is smooth where the model is right, so it can be averaged
+over neighbouring lines without a resonance being lost, and gives margins at any frequency. Where it is not near 1, the
+model is not the plant.
 """
 
 from __future__ import annotations
@@ -65,8 +65,9 @@ class Sensitivity:
     @property
     def sentence(self) -> str:
         """Both, in words."""
+        found = self.measured_margins().sensitivity
         return (
-            f"{self.name}: Ms {self.measured_margins().sensitivity:.2f} measured ({self.least:.2f} to {self.most:.2f}), "
+            f"{self.name}: Ms {found:.2f} measured ({self.least:.2f} to {self.most:.2f}), "
             f"{self.margins.sensitivity:.2f} predicted; at {self.apart_Hz:.0f} Hz their distances to -1 differ by "
             f"{100 * self.apart:.0f} % more than the measurement's confidence"
         )

@@ -1,9 +1,9 @@
 """Commissioning of a drawn plant; `make robustness` does fifty."""
 
 import pytest
+from micromanip.virtual.drawn_plants import LEAST_REACH_UM, SPREAD, drawn_cell
 
 from micromanip.settings.check import prepare
-from micromanip.virtual.drawn_plants import LEAST_REACH_UM, SPREAD, drawn_cell
 from tools.robustness import CONFIG, commission_drawn
 
 

@@ -11,7 +11,6 @@ from micromanip_drivers.simulated.options import Plant
 from micromanip.control.margins import Margins
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.describing import harmonics, inverse_operator
-from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
 from micromanip.virtual.experiment import VirtualExperiment
@@ -63,12 +62,9 @@ def narrowed(configuration: Configuration, reach_um: float) -> Configuration:
 def commission_drawn(prepared: Prepared, seed: int) -> Outcome:
     """Draw, commission, and compare with the truth."""
     drawn, plant, reach = drawn_cell(prepared, AXIS, seed)
-    try:
-        found = commission_cell(
-            narrowed(prepared.configuration, reach), VirtualExperiment(drawn), [AXIS], lambda _: None
-        )
-    except CheckFailed as problem:
-        return Outcome(seed, described(plant), str(problem), False, (), {}, {})
+    found = commission_cell(narrowed(prepared.configuration, reach), VirtualExperiment(drawn), [AXIS], lambda _: None)
+    if found.stopped is not None:
+        return Outcome(seed, described(plant), str(found.stopped), False, (), {}, {})
     kept, claimed = held(found, plant)
     failed = tuple(f"{c.name}: {c.value}" for c in found.evidence[0].criteria if not c.passed)
     return Outcome(seed, described(plant), None, found.passed, failed, kept, claimed)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.margins import sensitivity
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.control.pid import pid_system
 from micromanip.errors import CheckFailed
@@ -30,13 +31,14 @@ from ..experiment import Experiment, with_axis
 from ..hysteresis import HysteresisFit
 from ..identification import design, recording, samples_for, variant
 from ..judged import analyse_inverse, analyse_strain, slopes_of
-from ..loops import StageSide, StrainSide, over_path
-from ..loops.monte_carlo import sample
+from ..loops import StageSide, StrainSide, draw, over_path
+from ..loops.monte_carlo import drawn_loop
 from ..record import Record, judge_record
 from ..response import Wanted, identify
 from ..sensitivity import Sensitivity, compensator, judge_loop
 from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
+from .partial import Steps
 from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
 from .validation import Validation, validate
@@ -87,22 +89,38 @@ class Commissioned:
 def commission_axis(
     configuration: Configuration, experiment: Experiment, axis: str, say: Say, knobs: Knobs | None = None, seed: int = 1
 ) -> Commissioned:
-    """All steps for one axis; raises CheckFailed where one of them says no."""
-    settings, knobs = configuration.axes[axis], knobs or Knobs()
+    """All steps for one axis; raises Stopped, with what was found by then, where one of them says no."""
+    steps = Steps(axis, say)
+    with steps.kept():
+        return _commission(configuration, experiment, axis, steps, knobs or Knobs(), seed)
+
+
+def _commission(
+    configuration: Configuration, experiment: Experiment, axis: str, steps: Steps, knobs: Knobs, seed: int
+) -> Commissioned:
+    settings, say = configuration.axes[axis], steps.begin
     say("polarity and scale")
     polarity = check_polarity(configuration, experiment, axis)
+    steps.learn(
+        slope=f"{polarity.slope_um_per_V:.3f} um/V",
+        noise_of_the_gauge_at_rest=f"{polarity.noise_um:.3f} um rms",
+    )
     say("major loop")
     triangle = _triangle(configuration, experiment, axis)
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
     judge_record(_as_record(axis, record))
     quality = judge_coverage(axis, record["voltage_V"], record["strain_um"], settings.setpoint.range_um)
+    steps.learn(
+        stroke=f"{np.ptp(record['strain_um']):.0f} um", coverage=f"{100 * quality.coverage:.0f} % of the set-points"
+    )
     say("hysteresis models")
     tanh, affine = hysteresis_models(record, settings.setpoint.range_um)
     percent = {
         fitted.structure.name: fitted.held_out(held_out["voltage_V"], held_out["strain_um"], burn_in(held_out))[0]
         for fitted in (tanh, affine)
     }
+    steps.learn(hysteresis_on_unseen_data=f"{min(percent.values()):.2f} % of the stroke")
     if min(percent.values()) > HELD_OUT_PERCENT:
         raise CheckFailed(
             f"axis {axis}: no hysteresis model predicts the second record better than to {min(percent.values()):.1f} % "
@@ -112,10 +130,19 @@ def commission_axis(
     say("actuator")
     actuator = identify_actuator(configuration, experiment, axis, seed, _holding_voltage(record, settings.centre_um))
     learned: list[str] = []
+    steps.learn(
+        actuator=f"order {actuator.found.order}, delay {actuator.delay} cycles, fit {actuator.fit_percent:.1f} % about "
+        f"{actuator.centre_V:.0f} V"
+    )
     say("strain PID")
     left_um = 0.01 * min(percent.values()) * tanh.stroke_um
     actuator, pid, strain_loop = _close_strain(tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned)
     tuned = with_axis(tuned, axis, inner=pid.inner)
+    steps.learn(
+        strain_PID=f"K {pid.inner.K_V_per_um:g} V/um, Ti {pid.inner.Ti_ms:g} ms, Td {pid.inner.Td_ms:g} ms, filter "
+        f"{pid.inner.filter_ms:g} ms; {pid.limited_by}",
+        strain_loop=strain_loop.sentence,
+    )
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
     stage, outer, outer_loop = _close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
@@ -237,7 +264,7 @@ def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
 
 
 class _Bears:
-    """Whether an outer loop keeps Ms below what is accepted for enough of the drawn plants; the hardest are tried first."""
+    """Whether an outer loop keeps Ms as accepted for enough of the drawn plants; the hardest are tried first."""
 
     def __init__(self, strain: StrainSide, actuator: Actuator, period_s: float, accept: Accept) -> None:
         self._strain, self._path, self._period_s, self._accept = strain, actuator.path, period_s, accept
@@ -248,8 +275,8 @@ class _Bears:
         too_many = int((1.0 - 0.01 * self._accept.robust_percent) * len(self._seeds) + 1e-9) + 1
         hard = 0
         for seed in tuple(self._seeds):
-            drawn = sample(seed, self._strain, side, self._period_s).stage
-            if drawn is None or not drawn.stable or drawn.sensitivity > self._accept.robust_sensitivity:
+            loop = drawn_loop(draw(seed), self._strain, side, self._period_s)
+            if loop is None or sensitivity(loop) > self._accept.robust_sensitivity:
                 hard += 1
                 self._seeds.remove(seed)
                 self._seeds.insert(0, seed)
@@ -292,8 +319,7 @@ class Watched:
             kind = KINDS[int(faults[0])]
             causes = "; or ".join(kind.likely_causes)
             raise CheckFailed(
-                f"the experiment was ended by fault {kind.code} ({kind.detection}); nothing was tuned. Likely: {causes}. "
-                f"{kind.next_step}"
+                f"the experiment was ended by fault {kind.code}; nothing was tuned. Likely: {causes}. {kind.next_step}"
             )
         return rows
 

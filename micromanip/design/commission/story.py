@@ -78,7 +78,8 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
         "left of a disturbance at 10 Hz": f"{100 * pid.residual_10Hz:.1f} %",
         "what limits it": pid.limited_by,
         "measured in the loop": found.strain_loop.sentence,
-        "actuator's model": f"order {found.actuator.found.order}, {found.actuator.attempts} attempts, {found.actuator.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
+        "actuator's model": f"order {found.actuator.found.order}, measured {found.actuator.attempts} times, "
+        f"{found.actuator.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
     }
     plots: tuple[Plot, ...] = ()
     if analysis.strain is not None:

@@ -1,7 +1,7 @@
 """Periodic multisine with random phases: what a frequency response and its confidence are measured with.
 
-A period holds whole cycles of 50 and 60 Hz, so that hum falls on lines of its own, which are left out. Several periods of
-one draw of the phases show the noise; several draws show what is not linear: Pintelon and Schoukens, System
+A period holds whole cycles of 50 and 60 Hz, so that hum falls on lines of its own, which are left out. Several periods
+of one draw of the phases show the noise; several draws show what is not linear: Pintelon and Schoukens, System
 Identification, 2nd ed., chapters 3 and 4.
 """
 
@@ -53,7 +53,8 @@ def excited_lines(low_Hz: float, high_Hz: float, period: int, rate_hz: float) ->
     lines = np.unique(np.concatenate([dense, far])).astype(np.int64)
     hertz = lines * step
     hum = np.min([np.abs(hertz / mains - np.round(hertz / mains)) * mains for mains in _MAINS_HZ], axis=0)
-    return lines[hum > 0.6 * step]
+    kept: NDArray[np.int64] = lines[hum > 0.6 * step]
+    return kept
 
 
 def multisine(

@@ -1,8 +1,8 @@
 """The response at the lines of a multisine, and how far it can be trusted.
 
-Each draw gives ``G = mean(Y) / mean(U)`` over its periods. What differs from period to period is noise; what differs from
-draw to draw is noise and the part of the plant that is not linear. Both in terms of the mean of all draws, smoothed over
-neighbouring lines, since there are few of each.
+Each draw gives ``G = mean(Y) / mean(U)`` over its periods. What differs from period to period is noise; what differs
+from draw to draw is noise and the part of the plant that is not linear. Both in terms of the mean of all draws,
+smoothed over neighbouring lines, since there are few of each.
 """
 
 from __future__ import annotations
@@ -44,11 +44,6 @@ class Measured:
     def coherence(self) -> Array:
         """Share (k,) of a period's output that the input explains, 0 .. 1, by the deviation."""
         return np.asarray(1.0 / (1.0 + self.relative**2))
-
-    def ratio(self, other: Measured) -> Measured:
-        """This response over `other`, measured at once with it: errors that both share fall out of the draws."""
-        draws = self.draws / other.draws
-        return _judged(self.frequency_Hz, draws, np.hypot(self.noise / abs(other.response), 0.0))
 
 
 def spectra(wave: Multisine, signal: Array) -> Complex:

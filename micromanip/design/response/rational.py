@@ -64,7 +64,8 @@ def _stacked(rows: Complex, weight: Array) -> Array:
 
 def _solved(matrix: Array, target: Array) -> Array:
     scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-    return np.asarray(np.linalg.lstsq(matrix / scale, target, rcond=None)[0]) / scale
+    solution: Array = np.linalg.lstsq(matrix / scale, target, rcond=None)[0] / scale
+    return solution
 
 
 def _relocated(poles: Complex, z: Complex, target: Complex, weight: Array) -> Complex:

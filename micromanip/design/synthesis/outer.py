@@ -118,8 +118,8 @@ def tune_outer(
         closest = max(tried, key=lambda entry: min(entry[2] - gain_dB, (entry[3] - phase_deg) / 6.0))
         if fragile and bandwidth_Hz is None:
             raise CheckFailed(
-                "outer loops have their margins around the model, but not over the plants drawn around it: more damping "
-                "of the flexure's mode, or less delay, would help; or allow more in accept.robust_sensitivity"
+                "outer loops have their margins around the model, but not over the plants drawn around it: more "
+                "damping of the flexure's mode, or less delay, would help; or allow more in accept.robust_sensitivity"
             )
         asked = "" if bandwidth_Hz is None else f" at {bandwidth_Hz:g} Hz"
         raise CheckFailed(

@@ -128,8 +128,8 @@ def tune_pid(
     """`start` with gain, times and notch for `actuator` (V to um), its gain times each of `slopes`, 1 among them.
 
     `radius` gives the uncertainty (um/V) of the actuator's response at angular frequencies, `residual` the share of a
-    disturbance at 10 Hz that counts as much as the gauge's noise. `careful` takes weak feedback rather than less margin.
-    Raises CheckFailed where none holds a limit of Ms with margins of 6 dB and 35 degrees, with what stands in the way.
+    disturbance at 10 Hz that counts as much as the gauge's noise. `careful` takes weak feedback rather than less
+    margin. Raises CheckFailed where none holds a limit of Ms with these margins, with what stands in the way.
     """
     T = actuator.period_s
     omega, G = refined(actuator.response, grid(T, actuator.poles))

@@ -23,13 +23,13 @@ class Accept(Settings):
     )
     sigma_um: Distance | None = Field(
         default=None,
-        description="Rms of set-point minus gauge on each; null: 0.5 % of the stroke and 1.25 times the gauge's noise at "
-        "rest, the root of the sum of their squares.",
+        description="Rms of set-point minus gauge on each; null: 0.5 % of the stroke and 1.25 times the gauge's "
+        "noise at rest, the root of the sum of their squares.",
     )
     path_error_um: Distance | None = Field(
         default=None,
-        description="Rms of reference minus stage on a path, a sine of the lowest of these frequencies; null: 1 % of its "
-        "amplitude and 3 times the stage's noise at rest, likewise.",
+        description="Rms of reference minus stage on a path, a sine of the lowest of these frequencies; null: 1 % of "
+        "its amplitude and 3 times the stage's noise at rest, likewise.",
     )
     gain_margin_dB: Annotated[float, Field(strict=True, ge=1, le=40)] = Field(
         default=6.0, description="Of both loops, up and down, at every slope."

@@ -12,7 +12,7 @@ from .response import Measured, Multisine, measure, multisine
 
 _LOW_HZ, _SHARE, _WIDEST_HZ = 12.0, 0.4, 4000.0
 _STRAIN_UM = ((150.0, 0.5), (600.0, 0.35), (_WIDEST_HZ, 0.25))
-_STAGE_UM = ((150.0, 1.5), (600.0, 2.0), (1500.0, 2.0))
+_STAGE_UM = ((150.0, 1.5), (600.0, 2.0), (1500.0, 1.5), (_WIDEST_HZ, 0.7))
 _SLEW_SHARE, _LEAD_S = 0.6, 1.0
 
 

@@ -27,9 +27,9 @@ HYSTERESIS_S = 13.0
 PLAYS, STARTS = 10, 4
 OUTER_DELAY = 2
 """Cycles from a set-point to its answer where nothing is late."""
-_DELAYS, _ORDERS = tuple(range(1, 8)), tuple(range(4, 15))
-_RMS_UM = ((150.0, 0.7), (600.0, 1.2), (1500.0, 0.5))
-"""Upper frequency and rms of each part of the set-point's excitation."""
+_DELAYS, _ORDERS = tuple(range(1, 8)), tuple(range(4, 17))
+_RMS_UM = ((150.0, 0.7), (600.0, 1.2), (1500.0, 0.5), (4000.0, 0.2))
+"""Upper frequency and rms of each part of the set-point's excitation; up to where the stack's own mode may be seen."""
 _LOW_HZ, _SLEW_SHARE = 8.0, 0.7
 _ATTEMPTS = 3
 _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS = 0.12, 0.15, 0.05
@@ -104,7 +104,7 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
     """
     rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     path = experiment.path(configuration, axis)
-    cutoff_hz = min(_RMS_UM[-1][0], path_bandwidth(path, rate_hz))
+    cutoff_hz = min(_RMS_UM[-1][0], 0.4 * rate_hz, path_bandwidth(path, rate_hz))
     # behind a bus the excitation's band is too narrow to tell one cycle from the next: the delay is known
     delays = _DELAYS if path == AT_ONCE else (OUTER_DELAY + path.output_late,)
     wanted = Wanted(_ORDERS, delays, error=_WANTED_ERROR, confidence=_WANTED_CONFIDENCE, matters=_MATTERS)

@@ -14,10 +14,10 @@ from ..tuning import OUTER_DELAY
 from .axis import Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
 from .tracking import asked
-from .validation import STEP_UM
+from .validation import RISE_S, STEP_UM
 
 _COUPLING = 0.05
-_SIGMA, _NOISE, _PATH, _PATH_NOISE = 0.005, 1.25, 0.01, 3.0
+_SIGMA, _NOISE, _PATH, _PATH_NOISE = 0.01, 1.25, 0.01, 3.0
 """Shares of stroke and amplitude, and multiples of the noise at rest, that are asked for by default."""
 _KEPT = 0.8
 """Share of the predicted margins that the measured ones must have."""
@@ -124,7 +124,7 @@ def _tracked(found: Commissioned, runs: list[Run], index: int) -> list[Criterion
     out.append(Criterion(found.axis, "path error", check.path_um <= limit, value, wanted))
     settling = 1e3 * check.settling_s
     value = f"{told(settling, accept.settling_ms, 0)} ms to {check.band_um:.2g} um"
-    wanted = f"within {accept.settling_ms:g} ms, a step of {STEP_UM:g} um"
+    wanted = f"within {accept.settling_ms:g} ms of the beginning of a step of {STEP_UM:g} um in {1e3 * RISE_S:g} ms"
     out.append(Criterion(found.axis, "stage's step settles", settling <= accept.settling_ms, value, wanted))
     over = 100.0 * check.overshoot
     value = f"{told(over, accept.overshoot_percent, 0)} % beyond its noise"

@@ -146,8 +146,8 @@ def _commission(
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
     stage, outer, outer_loop = _close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
-    tuned = with_axis(tuned, axis, outer=outer.outer)
     say("validation")
+    tuned = with_axis(tuned, axis, outer=outer.outer)
     validation = validate(tuned, experiment, axis)
     return Commissioned(
         axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_loop,
@@ -225,7 +225,8 @@ def _close_outer(
         hysteresis = settings.hysteresis
         assert isinstance(hysteresis, PrandtlIshlinskii)
         strain = analyse_strain(settings, actuator, analyse_inverse(hysteresis, settings)).side
-        hertz, relative = stage.found.measured.frequency_Hz, stage.found.radius / np.abs(stage.found.measured.response)
+        hertz = stage.found.measured.frequency_Hz
+        relative = stage.found.radius / np.maximum(np.abs(stage.found.at(hertz)), 1e-12)
         by_bus = actuator.path.stage_cycles > 1 or actuator.path.stage_late > 0
         outer = tune_outer(
             stage.linear,

@@ -15,8 +15,9 @@ from .tracking import path_error
 
 Array = NDArray[np.float64]
 
-STEP_UM, _BEFORE_S, _AFTER_S = 5.0, 0.5, 0.5
-"""Small enough that neither set-point nor voltage meets a limit: it is the linear loop that is looked at."""
+STEP_UM, RISE_S, _BEFORE_S, _AFTER_S = 5.0, 0.01, 0.5, 0.5
+"""Small enough that neither set-point nor voltage meets a limit: it is the linear loop that is looked at. And as a path
+moves, not a jump, which the regulator would answer with all that it has."""
 _MOVE_UM, _MOVE_S = 20.0, 1.0
 _SHOWN_S, _SETTLED_SHARE, _NOISES = 0.1, 0.05, 4.0
 
@@ -48,7 +49,8 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
     rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     before, after = round(_BEFORE_S * rate_hz), round(_AFTER_S * rate_hz)
     samples = parked(configuration, before + after)
-    samples[:, i] = np.where(np.arange(before + after) < before, 0.0, STEP_UM)
+    passed = np.clip((np.arange(before + after) - before) / (RISE_S * rate_hz), 0.0, 1.0)
+    samples[:, i] = STEP_UM * (0.5 - 0.5 * np.cos(np.pi * passed))
     closed = alone(configuration, axis, "stage")
     rows = experiment(with_reference(closed, EXCITED), (before + after) / rate_hz, samples)["axis"][:, i]
     t_s = (np.arange(len(rows)) - before) / rate_hz

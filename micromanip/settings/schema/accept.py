@@ -23,7 +23,7 @@ class Accept(Settings):
     )
     sigma_um: Distance | None = Field(
         default=None,
-        description="Rms of set-point minus gauge on each; null: 0.5 % of the stroke and 1.25 times the gauge's "
+        description="Rms of set-point minus gauge on each; null: 1 % of the stroke and 1.25 times the gauge's "
         "noise at rest, the root of the sum of their squares.",
     )
     path_error_um: Distance | None = Field(
@@ -38,7 +38,7 @@ class Accept(Settings):
         default=35.0, description="Of both loops, either way, at every slope."
     )
     settling_ms: Milliseconds = Field(
-        default=50.0, description="Of a step of the stage, to 5 % or to its noise at rest, whichever is wider."
+        default=50.0, description="Of a step of the stage in 10 ms, to 5 % or to its noise at rest, whichever is wider."
     )
     overshoot_percent: Annotated[float, Field(strict=True, ge=0, le=100)] = Field(
         default=40.0, description="Of that step, beyond its noise at rest."

@@ -92,7 +92,8 @@ def judge_loop(name: str, plant: Measured, model: System, controller: System, pr
     deviation = np.abs(C) * plant.deviation
     near, far = np.abs(1.0 + L), np.abs(1.0 + expected)
     beyond = np.maximum(np.abs(near - far) - _SURE * deviation, 0.0) / far
-    beyond = np.where(np.minimum(near, far) < _JUDGED, beyond, 0.0)
+    judged = np.minimum(near, far) < _JUDGED
+    beyond = np.where(judged, beyond, 0.0)
     k = int(np.argmax(beyond))
     return Sensitivity(
         name,
@@ -102,8 +103,8 @@ def judge_loop(name: str, plant: Measured, model: System, controller: System, pr
         deviation,
         model.then(controller).response,
         predicted,
-        float(1.0 / (near + _SURE * deviation).min()),
-        float(1.0 / np.maximum(near - _SURE * deviation, 1e-3).min()),
+        float(1.0 / (near + _SURE * deviation)[judged].min(initial=np.inf)),
+        float(1.0 / np.maximum(near - _SURE * deviation, 1e-3)[judged].min(initial=1e3)),
         float(beyond[k]),
         float(plant.frequency_Hz[k]),
     )

@@ -31,7 +31,7 @@ _DELAYS, _ORDERS = tuple(range(1, 8)), tuple(range(4, 17))
 _RMS_UM = ((150.0, 0.7), (600.0, 1.2), (1500.0, 0.5), (4000.0, 0.2))
 """Upper frequency and rms of each part of the set-point's excitation; up to where the stack's own mode may be seen."""
 _LOW_HZ, _SLEW_SHARE = 8.0, 0.7
-_ATTEMPTS = 3
+_ATTEMPTS, _JUDGED_HZ = 3, 1500.0
 _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS = 0.12, 0.15, 0.05
 
 
@@ -107,7 +107,7 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
     cutoff_hz = min(_RMS_UM[-1][0], 0.4 * rate_hz, path_bandwidth(path, rate_hz))
     # behind a bus the excitation's band is too narrow to tell one cycle from the next: the delay is known
     delays = _DELAYS if path == AT_ONCE else (OUTER_DELAY + path.output_late,)
-    wanted = Wanted(_ORDERS, delays, error=_WANTED_ERROR, confidence=_WANTED_CONFIDENCE, matters=_MATTERS)
+    wanted = Wanted(_ORDERS, delays, _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS, _JUDGED_HZ)
     slew = _SLEW_SHARE * 1e3 * configuration.axes[axis].setpoint.slew_um_per_ms
     found, noise_um = None, 0.0
     for attempt in range(_ATTEMPTS):
@@ -145,7 +145,9 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
 
 def with_response(stage: StageModel, measured: Measured, period_s: float) -> StageModel:
     """The model of another measured response of the same stage, e.g. one in a closed loop."""
-    found = identify(measured, period_s, Wanted(_ORDERS, _DELAYS, _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS))
+    found = identify(
+        measured, period_s, Wanted(_ORDERS, _DELAYS, _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS, _JUDGED_HZ)
+    )
     return StageModel(_linear(found), found, stage.noise_um)
 
 

@@ -53,7 +53,12 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
         f"<= {HELD_OUT_PERCENT:g} %",
     )
     fit = found.stage.fit_percent
-    add("stage model on unseen data", fit >= STAGE_FIT_PERCENT, f"{fit:.1f} %", f">= {STAGE_FIT_PERCENT:g} %")
+    add(
+        "stage model beside the measured response",
+        fit >= STAGE_FIT_PERCENT,
+        f"{fit:.1f} %",
+        f">= {STAGE_FIT_PERCENT:g} %",
+    )
     hertz = found.stage.found.measured.frequency_Hz
     inside = (hertz >= _COHERENT_HZ[0]) & (hertz <= _COHERENT_HZ[1])
     coherence = float(np.median(found.stage.found.measured.coherence[inside]))

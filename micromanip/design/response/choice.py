@@ -28,7 +28,7 @@ _FLOOR = 0.01
 _WINDOW = 7
 """Lines over which the model's error is averaged: fewer would be the measurement's noise."""
 _DELAY_ORDER = 6
-_SURE = 2.0
+_SURE, _KNOWN = 2.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Wanted:
     """Orders and delays (samples) to choose from, and what is to be reached.
 
     `error`: of the model beside the measurement, `confidence`: standard deviation of the measurement, both as shares,
-    wherever the response is above `matters` of its median size.
+    wherever the response is above `matters` of its median size, up to `upper_Hz`; above, only the radius tells.
     """
 
     orders: tuple[int, ...]
@@ -44,6 +44,7 @@ class Wanted:
     error: float = 0.08
     confidence: float = 0.15
     matters: float = 0.25
+    upper_Hz: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,9 @@ class Identified:
 
     @property
     def fit_percent(self) -> float:
-        """100 less the rms of the relative error over all lines, in percent."""
-        return 100.0 * (1.0 - float(np.sqrt(np.mean(self.error**2))))
+        """100 less the rms of the relative error, in percent, over the lines that are known to 10 %."""
+        known = self.measured.relative < _KNOWN
+        return 100.0 * (1.0 - float(np.sqrt(np.mean(self.error[known] ** 2)))) if known.any() else 0.0
 
     @property
     def error(self) -> Array:
@@ -145,7 +147,7 @@ def _error(model: Complex, measured: Measured) -> Array:
 
 def _problem(found: Identified, wanted: Wanted) -> str | None:
     measured, size = found.measured, np.abs(found.measured.response)
-    matters = size >= wanted.matters * np.median(size)
+    matters = (size >= wanted.matters * np.median(size)) & (measured.frequency_Hz <= wanted.upper_Hz)
     if not matters.any():
         return "nothing of the response stands out of its noise"
     unsure = np.where(matters, measured.relative, 0.0)

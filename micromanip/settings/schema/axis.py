@@ -24,7 +24,7 @@ from .accept import Accept
 from .base import Settings
 from .faults import AxisFaults
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
-from .key import AtRest, LargerIsWeaker, Live
+from .key import AtRest, LargerIsWeaker, Live, NewStart
 
 Row = tuple[Real, ...]
 
@@ -136,7 +136,7 @@ class Axis(Settings):
     faults: LargerIsWeaker[Live[AxisFaults]] = Field(
         default=AxisFaults(), description="This axis' own limits; what is left out stands in faults.axis."
     )
-    accept: Live[Accept] = Field(default=Accept(), description="What `commission` asks of the axis.")
+    accept: NewStart[Accept] = Field(default=Accept(), description="What `commission` asks of the axis.")
     commissioned: Live[Commissioned | None] = Field(default=None, description="The report that this tuning belongs to.")
 
     def tuning(self) -> dict[str, Any]:

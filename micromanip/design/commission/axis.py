@@ -53,6 +53,10 @@ DRAWN = range(1, 21)
 """Seeds of the plants on which the tuning is tried on paper."""
 
 
+_NOISES = (1.0, 4.0, 16.0)
+"""What the sensor's noise is taken for, in terms of what was measured, one after the other."""
+
+
 @dataclass(frozen=True)
 class Knobs:
     """What a human may ask for; None leaves it to the margins and to what was measured."""
@@ -228,10 +232,10 @@ def _close_outer(
         hertz = stage.found.measured.frequency_Hz
         relative = stage.found.radius / np.maximum(np.abs(stage.found.at(hertz)), 1e-12)
         by_bus = actuator.path.stage_cycles > 1 or actuator.path.stage_late > 0
-        outer = tune_outer(
+        design = partial(
+            tune_outer,
             stage.linear,
             period_s,
-            knobs.noise_um or stage.noise_um,
             unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
             bears=_Bears(strain, actuator, period_s, settings.accept),
             gain_dB=settings.accept.gain_margin_dB,
@@ -241,6 +245,7 @@ def _close_outer(
             sample_cycles=actuator.path.stage_cycles,
             late_cycles=actuator.path.stage_late,
         )
+        outer = _calmest_needed(design, knobs, stage.noise_um, learned)
         if by_bus:
             return stage, outer, None
         say("sensitivity of the outer loop")
@@ -258,6 +263,20 @@ def _close_outer(
     raise CheckFailed(
         f"axis {axis}: the tuning is withdrawn, the outer loop is not what was predicted: {'; '.join(learned)}"
     )
+
+
+def _calmest_needed(
+    design: Callable[..., OuterDesign], knobs: Knobs, noise_um: float, learned: list[str]
+) -> OuterDesign:
+    """The design for the sensor's noise; for more of it where that one trusts the sensor further than its model."""
+    if knobs.noise_um is not None:
+        return design(noise_um=knobs.noise_um)
+    for factor in _NOISES[:-1]:
+        try:
+            return design(noise_um=factor * noise_um)
+        except CheckFailed as problem:
+            learned.append(f"with {factor:g} times the sensor's noise: {problem}")
+    return design(noise_um=_NOISES[-1] * noise_um)
 
 
 def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:

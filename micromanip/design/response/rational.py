@@ -17,6 +17,7 @@ Complex = NDArray[np.complex128]
 
 _RELOCATIONS, _STEPS = 12, 15
 _FARTHEST = 1.0 - 1e-6
+_UNSEEN = 0.6
 _REAL = 1e-12
 _SLOWEST_DAMPING = 0.02
 
@@ -27,8 +28,11 @@ def fit_rational(frequency_Hz: Array, response: Complex, deviation: Array, order
     target, weight = response * z**delay, 1.0 / deviation
     poles = _starting(frequency_Hz, order, dt)
     for _ in range(_RELOCATIONS):
-        poles = _relocated(poles, z, target, weight)
+        poles = _tamed(_relocated(poles, z, target, weight), z)
     poles, residues = _polished(poles, _residues(poles, z, target, weight), z, target, weight)
+    tamed = _tamed(poles, z)
+    if np.any(tamed != poles):
+        poles, residues = tamed, _residues(tamed, z, target, weight)
     return Modes(poles, np.ones((len(poles), 1), complex), residues[None, :], np.zeros((1, 1)))
 
 
@@ -100,6 +104,13 @@ def _stable(found: Complex) -> Complex:
     kept[outside] = 1.0 / np.conj(kept[outside])
     size = np.abs(kept)
     return np.asarray(np.where(size > _FARTHEST, kept * (_FARTHEST / np.maximum(size, 1e-300)), kept))
+
+
+def _tamed(poles: Complex, z: Complex) -> Complex:
+    """No resonance above the highest line: nothing was seen there, and a loop would be built on it."""
+    above = np.abs(np.angle(poles)) > np.abs(np.angle(z)).max()
+    size = np.maximum(np.abs(poles), 1e-300)
+    return np.asarray(np.where(above & (size > _UNSEEN), poles * (_UNSEEN / size), poles))
 
 
 def _residues(poles: Complex, z: Complex, target: Complex, weight: Array) -> Complex:

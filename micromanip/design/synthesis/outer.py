@@ -85,7 +85,7 @@ def tune_outer(
     """
     tried: list[tuple[float, float, float, float]] = []
     best: tuple[Outer, Margins, float] | None = None
-    fragile = False
+    fragile = unknown = False
     walking, oscillating = (_LATE_WALK, _LATE_OSCILLATION) if late_cycles else (_WALK, _OSCILLATION)
     for weight in _CONTROL_WEIGHTS:
         walk = walking / weight
@@ -108,6 +108,7 @@ def tune_outer(
         if best is not None and (bandwidth_Hz is None or abs(crossover - bandwidth_Hz) >= abs(best[2] - bandwidth_Hz)):
             continue
         if unsure is not None and _robust(loop, unsure) > _ROBUST:
+            unknown = True
             continue
         if not bears(outer, gains):
             fragile = True
@@ -115,6 +116,11 @@ def tune_outer(
         if best is None or (bandwidth_Hz is not None and abs(crossover - bandwidth_Hz) < abs(best[2] - bandwidth_Hz)):
             best = outer, found, crossover
     if best is None or (bandwidth_Hz is not None and best[2] < 0.8 * bandwidth_Hz):
+        if unknown and bandwidth_Hz is None:
+            raise CheckFailed(
+                f"outer loops have their margins around the model, but Ms is above {_ROBUST:g} somewhere within what "
+                "the measured response leaves open: measure with less noise, or ask for a calmer loop with --noise"
+            )
         closest = max(tried, key=lambda entry: min(entry[2] - gain_dB, (entry[3] - phase_deg) / 6.0))
         if fragile and bandwidth_Hz is None:
             raise CheckFailed(

@@ -39,6 +39,9 @@ _WEAK = 1.6
 RESIDUAL = 0.1
 """A tenth left of what the inverse leaves over at 10 Hz counts as much as the gauge's noise itself."""
 _NOISIEST = 1.15
+_FAST_SHARE, _FASTEST = 0.2, 0.55
+"""Above this share of the Nyquist frequency the controller times the slow slope stays below the other: there only the
+lags of amplifier and gauge would hold the loop, which a spare part may not have."""
 _GAINS = np.geomspace(0.001, 6.0, 88)
 _TIMES_S = np.geomspace(1e-4, 1e-2, 13)
 _DERIVATIVES_S, _FILTERS_S = (5e-5, 1.2e-4, 2.5e-4, 5e-4, 8e-4), (3e-5, 6e-5, 1.1e-4, 3e-4)
@@ -95,6 +98,11 @@ class _Task:
     def peak(self, C: Complex) -> float:
         """Ms with a controller (n,)."""
         return float(1.0 / np.maximum(np.abs(1.0 + C * self.G) - np.abs(C) * self.radius, 1e-3).min())
+
+    def fast(self, C: Complex) -> float:
+        """Largest gain of a controller (n,) where it is fast, times the slow slope."""
+        high = self.omega > _FAST_SHARE * np.pi / self.actuator.period_s
+        return float(np.abs(C[high]).max() * np.abs(self.even_G[0]))
 
     def cost(self, noise_gain: float, residual: float) -> float:
         return noise_gain**2 + (residual / self.residual) ** 2
@@ -186,6 +194,7 @@ def _candidates(task: _Task) -> list[Candidate]:
         near = np.abs(1.0 + _GAINS[:, None] * forms) - _GAINS[:, None] * far
         peaks = 1.0 / np.maximum(near.min(axis=1), 1e-3)
         highest = _lost(forms) / (10.0 ** (task.gain_dB / 20.0) * max(task.slopes))
+        highest = min(highest, _FASTEST / task.fast(form))
         for i, gain in enumerate(_GAINS):
             reached = [i + shift for shift in shifts]
             if min(reached) < 0 or max(reached) >= len(_GAINS) or gain > highest:
@@ -266,7 +275,8 @@ def _polished(task: _Task, inner: Inner, limit: float) -> tuple[float, Inner] | 
             return 1e6
         tried = at(x)
         noise_gain, left, peak = task.figures(tried)
-        if peak > limit or noise_gain > _NOISIEST or not task.stable(tried):
+        fast = task.fast(pid_response(tried, task.actuator.period_s, task.omega))
+        if peak > limit or noise_gain > _NOISIEST or fast > _FASTEST or not task.stable(tried):
             return 1e3 * min(peak, 1e3)
         return task.cost(noise_gain, left)
 

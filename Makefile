@@ -58,8 +58,9 @@ test-vm: $(READY) ## the same, and SocketCAN, on a PREEMPT_RT kernel in an emula
 bench: $(READY)   ## speed beside references measured in the same run
 	$(BIN)/micromanip bench
 
-mutation: $(READY) ## every mutant of the last gate and of the fault manager must die
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation
+mutation: compiled ## every mutant of the last gates and of the fault manager must die; the laws' as plain Python
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation micromanip.rt.laws.limiter micromanip.rt.faults
+	$(BIN)/python -m tools.mutation micromanip.bus.safe_state micromanip.host.safe.outputs micromanip.host.safe.bus_rest
 
 fuzz-socket: $(READY) ## a million lines of garbage against the control socket
 	$(BIN)/pytest tests/host/test_garbage.py --garbage 1000000

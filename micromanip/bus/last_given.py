@@ -2,7 +2,8 @@
 
 A worker, or ``safe-outputs``, that takes over after everything was killed goes on from there where the device can't be
 asked. The file lies beside the device's lock and is written by whoever holds that lock. The folder is gone after a
-power cycle; a file of an earlier start of the machine counts as none.
+power cycle; a file of an earlier start of the machine counts as none, and so does that of a pseudo terminal which had
+the same number before. A device that came back under another path takes its file along: `follow`.
 
 It is written through a mapping, so that a write costs no system call. Two slots are written in turn, each between
 two copies of a number that grows: a writer that is killed leaves the slot before.
@@ -32,14 +33,15 @@ _HEADER_BYTES = 16384
 """The header, a line of JSON, is padded with blanks to so many bytes: names of outputs, and the machine's start."""
 _TURN = struct.Struct("<q")
 _START = Path("/proc/sys/kernel/random/boot_id")
+_PSEUDO_TERMINALS = "/dev/pts/"
 
 
 class LastGiven:
     """The file of one device, open."""
 
-    def __init__(self, memory: mmap.mmap, count: int) -> None:
-        """`memory` is the whole file, `count` the number of outputs; use `open`."""
-        self._memory, self._count = memory, count
+    def __init__(self, memory: mmap.mmap, count: int, path: Path | None = None) -> None:
+        """`memory` is the whole file, at `path` where it lies in one, `count` the number of outputs; use `open`."""
+        self._memory, self._count, self._path = memory, count, path
         self._values = struct.Struct(f"<{count}d")
         self._turn = max((turn for turn, _ in self._slots()), default=0)
 
@@ -56,11 +58,24 @@ class LastGiven:
         try:
             descriptor = _opened(path, os.O_RDWR)
             try:
-                return cls(mmap.mmap(descriptor, _size(len(names))), len(names))
+                return cls(mmap.mmap(descriptor, _size(len(names))), len(names), path)
             finally:
                 os.close(descriptor)
         except (OSError, ValueError) as problem:
             raise _denied(path, device, problem) from problem
+
+    def follow(self, device: str, names: Sequence[str], values: Sequence[float]) -> Self:
+        """The file for `device`, which has just been opened: this one, or where it has come back under another path,
+        one in which `values` are written at once, for what lies there may be another device's.
+
+        Raises PermissionDenied as `open`; then this one stays as it is.
+        """
+        if self._path is None or path_of(device, self._path.parent) == self._path:
+            return self
+        there = self.open(device, names, self._path.parent)
+        there.write(values)
+        self.close()
+        return there
 
     def write(self, values: Sequence[float]) -> None:
         """Remember what the device was given; NaN for an output that it was not given yet."""
@@ -107,9 +122,11 @@ def _size(count: int) -> int:
     return _HEADER_BYTES + 2 * (2 * _TURN.size + 8 * count)
 
 
-def _start_of_machine() -> str:
+def _start(device: str) -> str:
+    """When the machine was started, and the pseudo terminal made if it is one: their numbers are given again."""
     with contextlib.suppress(OSError):
-        return _START.read_text(encoding="ascii").strip()
+        machine = _START.read_text(encoding="ascii").strip()
+        return f"{machine} {Path(device).stat().st_ctime_ns}" if device.startswith(_PSEUDO_TERMINALS) else machine
     return ""
 
 
@@ -136,7 +153,7 @@ def _known(path: Path, device: str) -> Mapping[str, float] | None:
     try:
         header = json.loads(os.pread(descriptor, _HEADER_BYTES, 0))
         names, count = list(header["names"]), len(header["names"])
-        if (header["device"], header["start"]) != (device, _start_of_machine()):
+        if (header["device"], header["start"]) != (device, _start(device)):
             return None
         if os.fstat(descriptor).st_size != _size(count):
             return None
@@ -152,7 +169,7 @@ def _known(path: Path, device: str) -> Mapping[str, float] | None:
 
 def _make(path: Path, device: str, names: Sequence[str], known: Mapping[str, float]) -> None:
     """A new file in place of the one that may be there, never a part of one."""
-    header = json.dumps({"device": device, "start": _start_of_machine(), "names": list(names)}).encode()
+    header = json.dumps({"device": device, "start": _start(device), "names": list(names)}).encode()
     if len(header) >= _HEADER_BYTES:
         raise PermissionDenied(f"device {device} has too many outputs for {path}")
     with mmap.mmap(-1, _size(len(names))) as memory:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.errors import PermissionDenied
 from micromanip.rt.bus_image import (
     ALIVE_NS,
     AT_REST,
@@ -83,10 +84,12 @@ class Worker:
         count = len(rules.outputs)
         self._rules, self._next_rules = rules, rules
         self.safe = SafeState(rules.outputs, [periods_s[i] for i in range(count)], rules.ramp_s, rules.dead_ns)
-        known = memory.read() if memory is not None else image.known(len(rules.outputs))
-        self._is_known = known is not None
-        if known is not None:
-            self.safe.remember(known)
+        self._is_known = False
+        # the image's are of this very run, and hold wherever the device has come back; so they have the last word
+        for known in (memory.read() if memory is not None else None, image.known(count)):
+            if known is not None:
+                self.safe.remember(known)
+                self._is_known = True
         self._values = [output.safe for output in rules.outputs]
         self._given = np.full(len(image.wanted()[0]), math.nan)  # as long as the image's, the driver's outputs first
         self._writer = OutputWriter(driver, self.safe, self._note_given)
@@ -133,6 +136,7 @@ class Worker:
         """One life of the link: until an error, or the end."""
         with self._while_opening():
             self._driver.open()
+            self._follow()
             self._read_back()
         self._writer.forget()
         self._failures.clear()
@@ -149,6 +153,15 @@ class Worker:
         while not self._may_leave():
             self._turn()
         self._part()
+
+    def _follow(self) -> None:
+        """Remember what the device is given where it is now: a port that was replugged may have got another path."""
+        if self._memory is not None:
+            names = [channel.name for channel in self._driver.outputs]
+            try:
+                self._memory = self._memory.follow(self._driver.device, names, self.safe.last)
+            except PermissionDenied as problem:
+                self._tell("rights", str(problem))
 
     def _read_back(self) -> None:
         """Begin where the device says that its outputs are; say so where nobody knows."""

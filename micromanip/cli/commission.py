@@ -13,7 +13,7 @@ import click
 
 from micromanip.errors import CheckFailed, MicromanipError, UsageError, system_error
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .results import keep, publish, results_folder, run_folder
 
 if TYPE_CHECKING:
@@ -65,9 +65,8 @@ def command(
 
     from micromanip.design.commission.axis import Knobs
     from micromanip.design.commission.cell import commission_cell
-    from micromanip.settings.check import prepare
 
-    prepared = prepare(config)
+    prepared = prepare_and_warn(config)
     names = list(prepared.configuration.axes)
     if only != "all" and only not in names:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")

@@ -9,7 +9,7 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .results import keep, results_folder
 
 
@@ -53,10 +53,17 @@ def command(
     The excitation stays inside the voltage, slew and current limits of the axis' output, starts and ends softly, and
     any fault ends it with a ramp to the park voltage; then nothing is written.
     """
-    from micromanip.design.identification import DEFAULT_SECONDS, design, recording, samples_for, variant, write_csv
-    from micromanip.settings.check import prepare
+    from micromanip.design.identification import (
+        DEFAULT_SECONDS,
+        design,
+        held,
+        recording,
+        samples_for,
+        variant,
+        write_csv,
+    )
 
-    prepared = prepare(config)
+    prepared = prepare_and_warn(config)
     configuration = prepared.configuration
     if axis not in configuration.axes:
         raise UsageError(f"there is no axis {axis} in {config}; its axes are {', '.join(configuration.axes)}")
@@ -83,6 +90,12 @@ def command(
 
             rows = VirtualExperiment(prepared)(variant(configuration), duration_s, samples)
         columns = recording(configuration, excitation, rows)
+        if old := int(held(configuration, axis, rows).sum() if f"stage_{axis}" in configuration.signals else 0):
+            click.echo(
+                f"warning: signals.stage_{axis} gave no usable sample for {old / configuration.loop.rate_hz:.2g} s of "
+                f"{duration_s:.2g} s: stage_um is nan there; `micromanip probe {config}` shows what it says",
+                err=True,
+            )
         keep(lambda place: write_csv(place, columns), file)
     low, high = columns["strain_um"].min(), columns["strain_um"].max()
     if as_json:

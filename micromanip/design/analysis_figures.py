@@ -62,7 +62,7 @@ def gain_over_offsets(inverse: Inverse) -> Figure:
         )
         panel.clabel(lines, fontsize="x-small")
     panel.set(xlabel="amplitude, um", ylabel="offset, um")
-    figure.colorbar(drawn, ax=panel)
+    figure.colorbar(drawn, ax=panel, label="gain |N|, V/um")
     return figure
 
 
@@ -178,8 +178,8 @@ def loops_of(analysis: AxisAnalysis) -> dict[str, tuple[System, Margins]]:
     return loops
 
 
-def draw_analysis(analysis: AxisAnalysis, folder: Path) -> list[Path]:
-    """Draw what the analysis of one axis has into `folder`; the files."""
+def draw_analysis(analysis: AxisAnalysis, folder: Path, about: str = "") -> list[Path]:
+    """Draw what the analysis of one axis has into `folder`; the files. `about` says where it comes from."""
     drawings: dict[str, Any] = {}
     if analysis.inverse is not None:
         drawings["figure7_describing_function"] = describing_function(analysis.inverse)
@@ -189,4 +189,5 @@ def draw_analysis(analysis: AxisAnalysis, folder: Path) -> list[Path]:
         drawings["bode"], drawings["nyquist"] = bode(loops), nyquist(loops, analysis.settings.accept)
     if analysis.samples:
         drawings["drawn_plants"] = drawn_plants(analysis.samples, analysis.settings.accept)
-    return [file for name, figure in drawings.items() for file in save(figure, folder, f"{name}_{analysis.axis}")]
+    files = (save(figure, folder, f"{name}_{analysis.axis}", about=about) for name, figure in drawings.items())
+    return [file for pair in files for file in pair]

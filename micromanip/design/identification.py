@@ -22,6 +22,8 @@ DEFAULT_SECONDS = {"multisine": 13.0, "turns": 60.0, "triangle": 24.0, "step": 6
 RECORD_RATE_HZ = 1000.0
 _USED_SHARE, _WHOLE_SHARE = (0.22, 0.92), (0.05, 0.95)
 _TURNS = 6
+_STALE_NS = 50_000_000
+"""A sample that is held for longer is none, where the signal has no limit of its own."""
 
 
 @dataclass(frozen=True)
@@ -72,16 +74,30 @@ def samples_for(configuration: Configuration, excitation: Excitation) -> Array:
 
 
 def recording(configuration: Configuration, excitation: Excitation, rows: NDArray[Any]) -> dict[str, Array]:
-    """Columns of the recording at about 1 kHz, without lead-in and lead-out, from `rows` (one per cycle)."""
+    """Columns of the recording at about 1 kHz, without lead-in and lead-out, from `rows` (one per cycle).
+
+    The stage sensor's is NaN while it held an old value, see `held`, and left out where there is none.
+    """
     every = max(1, round(configuration.loop.rate_hz / RECORD_RATE_HZ))
     i = list(configuration.axes).index(excitation.axis)
-    used = rows[excitation.lead_cycles : len(excitation.samples) - excitation.lead_cycles : every]
-    columns = {"t_s": np.arange(len(used)) * every / configuration.loop.rate_hz}
-    for name in ("voltage_V", "strain_um", "stage_um"):
-        values = np.asarray(used["axis"][name][:, i], dtype=float)
-        if np.isfinite(values).all():
-            columns[name] = values
+    part = slice(excitation.lead_cycles, len(excitation.samples) - excitation.lead_cycles, every)
+    columns = {"t_s": np.arange(len(rows[part])) * every / configuration.loop.rate_hz}
+    for name in ("voltage_V", "strain_um"):
+        columns[name] = np.asarray(rows["axis"][name][part, i], dtype=float)
+    old = held(configuration, excitation.axis, rows)[part]
+    if not old.all():
+        columns["stage_um"] = np.where(old, np.nan, rows["axis"]["stage_um"][part, i])
     return columns
+
+
+def held(configuration: Configuration, axis: str, rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether the stage sensor's value in each of `rows` is an old one, or none: it is out of range, dead, or late."""
+    signal = configuration.signals.get(f"stage_{axis}")
+    if signal is None:
+        return np.ones(len(rows), dtype=bool)
+    limit_ns = _STALE_NS if signal.max_age_us is None else signal.max_age_us * 1e3
+    of_axis = rows["axis"][:, list(configuration.axes).index(axis)]
+    return np.asarray((of_axis["stage_age_ns"] > limit_ns) | np.isnan(of_axis["stage_um"]))
 
 
 def write_csv(file: Path, columns: dict[str, Array]) -> None:

@@ -6,7 +6,7 @@
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
     Inbox, Sample, Outcome, Answer
     BusError and those derived from it                 what a bus driver raises
-    ConfigError                                        options that make no sense together
+    ConfigError, did_you_mean                          options that make no sense together; a name that nobody knows
     worst_case_s, CLASSIC_LENGTHS, FD_LENGTHS          CAN frames at worst
     real_because, require_regular                      whether a device may be a real one; a file that can be read
 
@@ -25,7 +25,7 @@ from micromanip.bus.cyclic import CyclicDriver, Functions
 from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
-from micromanip.errors import ConfigError
+from micromanip.errors import ConfigError, did_you_mean
 from micromanip.files.regular_file import require_regular
 from micromanip.rt.records import SIGNAL
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 0)
+DRIVER_API = (1, 1)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
@@ -80,6 +80,7 @@ __all__ = [
     "Sample",
     "Task",
     "TransientError",
+    "did_you_mean",
     "minimum_jerk",
     "now_ns",
     "real_because",

@@ -61,7 +61,7 @@ def test_outputs_keep_their_values_where_the_configuration_has_others(tmp_path):
 
 def test_an_earlier_start_of_the_machine_does_not_count(tmp_path, monkeypatch):
     LastGiven.open(DEVICE, NAMES, tmp_path).write([80.0, 20.0])
-    monkeypatch.setattr(last_given, "_start_of_machine", lambda: "another")
+    monkeypatch.setattr(last_given, "_start", lambda _: "another")
     assert reopened(tmp_path) is None
 
 
@@ -114,3 +114,37 @@ def test_it_is_the_device_s_and_not_the_name_s(tmp_path):
         memory.write([80.0])
         memory.close()
         assert LastGiven.open(second, ["x"], tmp_path).read() == [80.0]
+
+
+def test_a_device_that_comes_back_under_another_path_takes_it_along(tmp_path):
+    link = tmp_path / "by-id"
+    link.symlink_to("tty0")
+    memory = LastGiven.open(str(link), ["x"], tmp_path)
+    memory.write([80.0])
+    assert memory.follow(str(link), ["x"], [80.0]) is memory
+    LastGiven.open(str(tmp_path / "tty1"), ["x"], tmp_path).write([10.0])  # of what was plugged in there before
+    link.unlink()
+    link.symlink_to("tty1")
+    moved = memory.follow(str(link), ["x"], [80.0])
+    assert LastGiven.open(str(link), ["x"], tmp_path).read() == [80.0], "before anything more was given"
+    moved.write([70.0])
+    assert LastGiven.open(str(tmp_path / "tty1"), ["x"], tmp_path).read() == [70.0]
+
+
+def test_the_number_of_a_pseudo_terminal_is_given_again_and_what_was_remembered_of_it_is_not(tmp_path):
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    LastGiven.open(name, ["x"], tmp_path).write([80.0])
+    os.write(slave, b"to the device")
+    assert LastGiven.open(name, ["x"], tmp_path).read() == [80.0]
+    others = []
+    os.close(slave)
+    os.close(master)
+    try:
+        while not others or os.ttyname(others[-1]) != name:
+            assert len(others) < 100
+            others += os.openpty()
+        assert LastGiven.open(name, ["x"], tmp_path).read() is None
+    finally:
+        for descriptor in others:
+            os.close(descriptor)

@@ -352,20 +352,25 @@ def test_at_the_end_every_task_is_tried_and_each_failure_is_told(said):
     ]
 
 
-@pytest.mark.parametrize("on_disk", [True, False])
-def test_the_next_worker_goes_on_from_what_the_device_was_given(said, tmp_path, on_disk):
+@pytest.mark.parametrize("known_by", ["file", "image", "both, the file of another device"])
+def test_the_next_worker_goes_on_from_what_the_device_was_given(said, tmp_path, known_by):
     """From the image, which the host keeps; from the file, when all processes were killed."""
+    on_disk = known_by == "file"
 
-    def memory():
-        return LastGiven.open("scripted", ("voltage", "feed_hold"), tmp_path) if on_disk else None
+    def memory(device="scripted"):
+        return LastGiven.open(device, ("voltage", "feed_hold"), tmp_path)
 
-    one = Bench(memory=memory())
+    one = Bench(memory=memory() if on_disk else None)
     one.driver.errors = []
     with running(one):
         one.follow(80.0)
         one.driver.errors.append(ZeroDivisionError("killed"))
         one.until(lambda: one.bug is not None, 80.0)
-    other = Bench(memory=memory(), record=None if on_disk else one.record)
+    theirs = memory("theirs")
+    theirs.write([10.0, 0.0])
+    other = Bench(
+        memory={"file": memory(), "image": None}.get(known_by, theirs), record=None if on_disk else one.record
+    )
     with running(other):
         other.until(lambda: other.safe.state == RESTING)
     assert other.driver.given[0][0] == 80.0

@@ -10,6 +10,8 @@ import pytest
 
 from micromanip.cli.main import main
 
+from .command import code_of
+
 pytestmark = [pytest.mark.long, pytest.mark.xdist_group("analyse")]  # what is shared is made once
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -18,13 +20,7 @@ SIMULATED, FACTORY = str(CONFIG / "simulated.yaml"), str(CONFIG / "factory.yaml"
 
 def run(capsys, *arguments):
     """Exit code, standard output and standard error."""
-    code = 0
-    try:
-        main(["analyse", *arguments])
-    except SystemExit as ended:
-        code = ended.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
+    return code_of("analyse", *arguments), *capsys.readouterr()
 
 
 def analysed(capsys, *arguments):

@@ -6,22 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.cli.main import main
 from micromanip.design import paper
 from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import load_with_source
 
+from .command import code_of
+
 pytestmark = [pytest.mark.long, pytest.mark.xdist_group("commission")]  # what is shared is made once
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
-
-
-def code_of(*arguments):
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as ended:
-        return ended.code
-    return 0
 
 
 def test_it_passes_and_leaves_three_files_and_a_folder_of_the_run(commissioned):

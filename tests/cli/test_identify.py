@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import uuid
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.states import TRACKING
 from tools.running_controller import MICROMANIP, PATIENCE_S, TAG, changed, command_line, descriptor_of, tagged, until
 
+from . import command
+
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 SHORT = (
     ("cpu: 1 ", "cpu: null "),
@@ -24,12 +27,7 @@ SHORT = (
 )
 
 
-def code_of(*arguments):
-    try:
-        main(["identify", *map(str, arguments)])
-    except SystemExit as ended:
-        return ended.code
-    return 0
+code_of = partial(command.code_of, "identify")
 
 
 def table(file):
@@ -74,6 +72,35 @@ def test_the_next_step_is_a_command_that_works(tmp_path, capsys):
     following = capsys.readouterr().out.splitlines()[1].removeprefix("next: micromanip ").split()
     main([*following, "--model", "pi-tanh"])
     assert capsys.readouterr().out.startswith("pi-tanh: rms 0.3")
+
+
+def with_stage_range(folder, low_um, high_um):
+    """The factory's cell, whose stage sensor of axis x is at an end of its range outside of these."""
+    file = folder / "cell.yaml"
+    whole = "stage_x: {driver: cell, max_age_us: 300}"
+    file.write_text(changed(FACTORY.read_text(), (whole, f"{whole[:-1]}, range_um: [{low_um}, {high_um}]}}")))
+    return file
+
+
+def test_a_stage_that_goes_from_end_to_end_stops_it(tmp_path, capsys):
+    cell, out = with_stage_range(tmp_path, -40, 40), tmp_path / "out"
+    assert code_of(cell, "--axis", "x", "--kind", "triangle", "--seconds", "1", "--out", out) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("micromanip: the experiment was ended by a fault, nothing is written: X-216 axis x:")
+    assert "while identifying, lower slew_V_per_ms" in said
+    assert not out.exists()
+
+
+def test_what_a_stage_sensor_held_is_no_value(tmp_path, capsys):
+    """It is beyond one end of its range for a while, which no limit forbids in open loop."""
+    cell, out = with_stage_range(tmp_path, -200, 400), tmp_path / "out"
+    assert code_of(cell, "--axis", "x", "--seconds", "2", "--out", out) == 0
+    said = capsys.readouterr()
+    assert "warning: signals.stage_x gave no usable sample for " in said.err
+    stage_um = table(out / "x_multisine.csv")["stage_um"]
+    assert 0.05 < np.isnan(stage_um).mean() < 0.95
+    assert np.nanmin(stage_um) > -200.5
+    assert np.isfinite(table(out / "x_multisine.csv")["strain_um"]).all()
 
 
 def test_unknown_axis(tmp_path, capsys):

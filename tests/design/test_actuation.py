@@ -69,7 +69,8 @@ def test_useless_records_are_refused(prepared, spoil, said):
     experiment = VirtualExperiment(prepared)
 
     class Spoilt:
-        modes = set()
+        def __init__(self):
+            self.modes = set()
 
         def __call__(self, configuration, seconds, samples=None, every=1):
             self.modes.update(axis.mode for axis in configuration.axes.values())
@@ -80,6 +81,7 @@ def test_useless_records_are_refused(prepared, spoil, said):
         def path(self, configuration, axis):
             return experiment.path(configuration, axis)
 
+    spoilt = Spoilt()
     with pytest.raises(CheckFailed, match=said):
-        identify_actuator(prepared.configuration, Spoilt(), "x", centre_V=75.0)
-    assert Spoilt.modes == {"voltage"}
+        identify_actuator(prepared.configuration, spoilt, "x", centre_V=75.0)
+    assert spoilt.modes == {"voltage"}

@@ -13,9 +13,7 @@ import pytest
 from tools.bus_faults.bench import Bench
 from tools.running_controller import until
 
-from .step_cells import BUSES, CUTS, HELD_V, PARK_V, RAMP_S, RANGE_V, step_cell, step_V
-
-pytestmark = [pytest.mark.realtime, pytest.mark.xdist_group("loop")]  # a stall is a cut, too
+from .step_cells import BUSES, CUTS, HELD_V, PARK_V, RAMP_S, RANGE_V, SERIAL_LINE, step_cell, step_V
 
 NEVER_MS = 3.6e6
 RESOLVED_V = 0.01
@@ -41,8 +39,32 @@ def voltage(bench):
 
 
 def figures(bench):
-    """Of what the device got since the last call."""
-    return bench.device.report()["outputs"].popitem()[1]
+    """Of what the device got since the last call, of one voltage at least."""
+    found = {"samples": 0}
+
+    def something_came():
+        found.update(bench.device.report()["outputs"]["voltage_x"])
+        return found["samples"]
+
+    until(something_came, lambda: "nothing came")
+    return found
+
+
+def terminal(bus):
+    """What the device's name leads to now; None on another bus."""
+    return os.path.realpath(SERIAL_LINE) if bus == "serial" else None
+
+
+def taken(path):
+    """The pseudo terminal of this path, once it is free, for the test; descriptors."""
+    descriptors = []
+
+    def have_it():
+        descriptors.extend(os.openpty())
+        return os.ttyname(descriptors[-1]) == path
+
+    until(have_it, lambda: path)
+    return descriptors
 
 
 def went_well(bench, bus):
@@ -57,15 +79,21 @@ def went_well(bench, bus):
     return seen
 
 
+@pytest.mark.xdist_group("loop")
 @pytest.mark.parametrize("bus", BUSES)
 def test_no_step_whatever_is_cut_stopped_or_killed(tmp_path, bus):
     with held(tmp_path, bus) as bench:
+        path = terminal(bus)
         bench.device.order(inject=CUTS[bus], for_s=BREAK_S)
         until(lambda: bench.link()["outputs"] == "unknown", lambda: bench.link())
         assert voltage(bench) > 0.5 * HELD_V
+        others = taken(path) if bus == "serial" else []  # so that it comes back under another one
         until(lambda: bench.running.state == "FAULT", lambda: bench.running.last_words())
         time.sleep(BREAK_S)
         assert went_well(bench, bus)["min"] == pytest.approx(PARK_V, abs=RESOLVED_V)
+        assert (terminal(bus) != path) == (bus == "serial")
+        for descriptor in others:
+            os.close(descriptor)
 
         os.kill(bench.worker, signal.SIGKILL)
         time.sleep(BREAK_S)
@@ -83,12 +111,13 @@ def test_no_step_whatever_is_cut_stopped_or_killed(tmp_path, bus):
         assert seen["min"] == pytest.approx(PARK_V, abs=RESOLVED_V)
 
 
+@pytest.mark.xdist_group("loop")
 @pytest.mark.parametrize("bus", ["can", "modbus"])
 def test_everything_killed_and_started_again_goes_on_from_where_the_device_is(tmp_path, bus):
     """By the file of what was given last, and by what the device says."""
     with held(tmp_path, bus) as bench:
-        bench.running.kill()
         assert figures(bench)["max"] == pytest.approx(HELD_V, abs=0.1)
+        bench.running.kill()
         bench.start_again()
         until(lambda: bench.link()["outputs"] == "following", lambda: bench.link())
         seen = figures(bench)

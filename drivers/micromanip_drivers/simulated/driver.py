@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions
+from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions, did_you_mean
 
 from . import mechanics
 from . import options as o
@@ -124,9 +123,7 @@ class SimulatedCell(CyclicDriver):
         """What to say of a channel that is none of the inputs."""
         if channel in self._lines:
             return f"{channel} exists with the option lines only: add lines: {{}}"
-        near = difflib.get_close_matches(channel, self.inputs, 1)
-        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(self.inputs)}"
-        return f"there is no channel {channel}; {hint}"
+        return f"there is no channel {channel}; {did_you_mean(channel, self.inputs)}"
 
     def _periods(self, seconds: float) -> int:
         return max(1, round(seconds * 1e9 / self.period_ns))

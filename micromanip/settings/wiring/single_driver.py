@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 
 from micromanip.bus.driver import BusDriver
 from micromanip.bus.registry import driver_class
-from micromanip.errors import ConfigError, UsageError
+from micromanip.errors import ConfigError, UsageError, did_you_mean
 from micromanip.settings.load import validate_section
 from micromanip.settings.schema.model import Driver
 from micromanip.settings.text.source import Source
+
+
+class CyclicDriver(UsageError):  # noqa: N818
+    """A driver that has no bus: it is called in the loop."""
 
 
 def bus_driver(file: Path, name: str) -> BusDriver:
@@ -25,16 +28,14 @@ def bus_driver(file: Path, name: str) -> BusDriver:
     if not isinstance(entries, Mapping):
         raise source.error(("drivers",), "this section is missing, or not a mapping")
     if name not in entries:
-        near = difflib.get_close_matches(name, map(str, entries), 1)
-        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(map(str, entries))}"
-        raise UsageError(f"{file} has no driver called {name}; {hint}")
+        raise UsageError(f"{file} has no driver called {name}; {did_you_mean(name, entries)}")
     entry = validate_section(source, ("drivers", name), Driver, entries[name])
     try:
         kind = driver_class(entry.driver)
     except ConfigError as problem:
         raise source.error(("drivers", name, "driver"), str(problem)) from problem
     if not issubclass(kind, BusDriver):
-        raise UsageError(
+        raise CyclicDriver(
             f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "
             "its signals"
         )

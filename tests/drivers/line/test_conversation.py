@@ -6,9 +6,9 @@ import time
 import pytest
 from micromanip_drivers.line.ascii import AsciiFraming
 from micromanip_drivers.line.ascii_options import Ascii
+from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
-from micromanip_drivers.line.silence import Silence
 
 from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
@@ -123,7 +123,7 @@ def test_a_late_reply_is_never_taken_for_that_of_another_question(identity):
 
 
 def test_the_answer_to_an_earlier_who_are_you_does_not_put_a_later_question_in_order():
-    """The reply is later than a drain, so it is asked twice who it is; the second answer comes after the next question."""
+    """The reply is later than a drain, so it is asked twice; the second answer comes after the next question."""
     delays = []
     one, _ = framing(gcs_device(lambda: delays.pop(0) if delays else 0.0), WITHOUT_ERRORS)
     begin(one)

@@ -77,7 +77,7 @@ soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at rando
 surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts and bad files on one device: does it ever jump?
 	$(BIN)/python -m tools.surprise
 
-robustness: $(READY) ## commission 50 cells with plants drawn at +-30 %
+robustness: $(READY) ## commission 100 cells with drawn plants, and hold their true margins against the claimed ones
 	$(BIN)/python -m tools.robustness
 
 tune: $(READY)    ## fit the models of config/simulated.yaml anew

@@ -267,7 +267,7 @@ def test_figures_on_a_full_disk_do_not_cost_the_table(tmp_path, capsys):
     done = capsys.readouterr()
     assert "the figures are not complete" in done.err
     report = json.loads(done.out)
-    assert len(report["rows"]) == 9
+    assert len(report["rows"]) == 12
     assert all(Path(file).stat().st_size <= 20_000 for file in report["figures"])
 
 

@@ -1,0 +1,67 @@
+"""A frame as a table: where its numbers lie and how their bytes become values; ``codec.py`` walks it.
+
+A frame has a fixed length. `template` is the frame before anything is written into it; where `fixed` is 1, a frame that
+comes must have the template's byte. Groups are numbers that were sampled together: group 0 with every frame, another one
+when its own counter has changed (a laser tracker's reading, say, that a faster frame carries along).
+"""
+
+from __future__ import annotations
+
+from micromanip.rt.record import record
+from micromanip.rt.records import MAX_SIGNALS
+
+UNSIGNED, SIGNED, FLOATING = range(3)
+MAX_BYTES = 1472
+"""What one datagram carries over Ethernet without being cut."""
+MAX_GROUPS, MAX_GOOD = 8, 8
+
+NUMBER = record(
+    ("present", "i8"),
+    ("at", "i8"),
+    ("size", "i8"),
+    ("kind", "i8"),
+    ("big", "i8"),
+    ("scale", "f8"),
+    ("offset", "f8"),
+    ("low", "f8"),
+    ("high", "f8"),
+    ("lowest_code", "f8"),
+    ("highest_code", "f8"),
+)
+"""value = scale x code + offset; a value outside of `low` to `high`, or a code outside of its two, is not sent."""
+
+CHECKSUM = record(
+    ("size", "i8"),
+    ("first", "i8"),
+    ("big", "i8"),
+    ("reflected", "i8"),
+    ("constant", "u8"),
+    ("table", "u8", (256,)),
+)
+"""A CRC: a register that begins with 0 and takes in the bytes from `first` on, xor a constant.
+
+Initial value and final xor of a CRC add a constant to it that depends on the number of bytes alone, which is fixed.
+"""
+
+GROUP = record(("counter", NUMBER), ("latency_ns", "i8"))
+"""Numbers that were sampled together, `latency_ns` before the frame was finished; without a counter with each frame."""
+
+FRAME = record(
+    ("length", "i8"),
+    ("template", "u1", (MAX_BYTES,)),
+    ("fixed", "u1", (MAX_BYTES,)),
+    ("checksum", CHECKSUM),
+    ("counter", NUMBER),
+    ("clock", NUMBER),
+    ("status", NUMBER),
+    ("mask", "u8"),
+    ("good", "u8", (MAX_GOOD,)),
+    ("goods", "i8"),
+    ("groups", "i8"),
+    ("group", GROUP, (MAX_GROUPS,)),
+    ("numbers", "i8"),
+    ("number", NUMBER, (MAX_SIGNALS,)),
+    ("group_of", "i8", (MAX_SIGNALS,)),
+    ("bits", "u8", (1,)),
+)
+"""One kind of frame; `clock` is the device's time stamp, `bits` scratch for the bits of a number."""

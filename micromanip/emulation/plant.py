@@ -106,6 +106,10 @@ class PlantInRealTime:
         """Newest value of an input."""
         return self._values[self.inputs[channel]]
 
+    def samples(self, channel: str) -> int:
+        """How often an input has been fresh."""
+        return int(self._signals[self.inputs[channel]]["sequence"])
+
     def write(self, channel: str, value: float) -> None:
         """What an output shall be from the next `advance_to` on."""
         self._outputs[self.outputs[channel]] = value

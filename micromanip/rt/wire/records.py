@@ -65,3 +65,55 @@ FRAME = record(
     ("bits", "u8", (1,)),
 )
 """One kind of frame; `clock` is the device's time stamp, `bits` scratch for the bits of a number."""
+
+BATCH = 8
+"""Datagrams that one system call takes at most."""
+ADDRESS_BYTES = 28
+"""A ``sockaddr_in6``, the longest there is."""
+
+MESSAGE = record(
+    ("name", "i8"),
+    ("name_bytes", "u4"),
+    ("buffers", "i8"),
+    ("buffer_count", "i8"),
+    ("control", "i8"),
+    ("control_bytes", "i8"),
+    ("flags", "i4"),
+    ("unused", "u4"),
+    ("length", "u4"),
+)
+"""``struct mmsghdr`` of 64-bit Linux; what begins with an address is one of the process that has the socket."""
+BUFFER = record(("base", "i8"), ("length", "i8"))
+"""``struct iovec``"""
+CONTROL = record(("length", "i8"), ("level", "i4"), ("kind", "i4"), ("seconds", "i8"), ("nanoseconds", "i8"))
+"""``struct cmsghdr`` with the one message that is asked for: the kernel's time of reception, of the wall clock."""
+
+SOCKET = record(
+    ("descriptor", "i8"),
+    ("peer", "u1", (ADDRESS_BYTES,)),
+    ("peer_mask", "u1", (ADDRESS_BYTES,)),
+    ("message", MESSAGE, (BATCH,)),
+    ("buffer", BUFFER, (BATCH,)),
+    ("name", "u1", (BATCH, ADDRESS_BYTES)),
+    ("control", CONTROL, (BATCH,)),
+    ("received", "u1", (BATCH, MAX_BYTES)),
+    ("sent", "u1", (MAX_BYTES,)),
+    ("now_ns", "i8"),
+    ("earliest_ns", "i8"),
+    ("wall_ns", "i8"),
+    ("timespec", "i8", (2,)),
+)
+"""A datagram socket of this process (``datagrams.py``): what came is in `received`, what goes out in `sent`."""
+
+DEVICE_CLOCK = record(
+    ("unit_ns", "f8"),
+    ("bits", "i8"),
+    ("known", "i8"),
+    ("stamp", "i8"),
+    ("ticks", "i8"),
+    ("apart_ns", "i8"),
+    ("received_ns", "i8"),
+    ("late", "i8"),
+    ("steps", "i8"),
+)
+"""Of a time stamp that wraps after so many `bits`, in units of `unit_ns`, and what is known of it so far (``device_clock.py``)."""

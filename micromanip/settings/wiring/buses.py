@@ -16,8 +16,9 @@ _POSITIONS = ("strain_", "stage_", "deviation_", "tracker_")
 
 
 def budget(wiring: Wiring) -> dict[str, list[Load]]:
-    """Loads of each bus by the name of its driver."""
-    return {name: list(bridge.bus.loads()) for name, bridge in wiring.buses.items()}
+    """Loads of each bus, or wire of the loop's own, by the name of its driver."""
+    loads = {name: list(driver.loads()) for name, driver in wiring.drivers.items()}
+    return {name: of_driver for name, of_driver in loads.items() if of_driver or name in wiring.buses}
 
 
 def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:

@@ -8,7 +8,11 @@ from typing import Any
 import fastcrc
 from hypothesis import strategies as st
 
-SIZES = {**{f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 24, 32, 64)}, "float32": 4, "float64": 8}
+SIZES = {
+    **{f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 24, 32, 64)},
+    "float32": 4,
+    "float64": 8,
+}
 CHECKSUMS = [
     f"crc{8 * size}.{name}"
     for size in (1, 2, 4, 8)

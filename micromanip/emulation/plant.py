@@ -10,6 +10,7 @@ import ctypes
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.bus.cyclic import CyclicDriver, call_context
 from micromanip.errors import CheckFailed
@@ -105,6 +106,11 @@ class PlantInRealTime:
     def value(self, channel: str) -> float:
         """Newest value of an input."""
         return self._values[self.inputs[channel]]
+
+    def values_at(self, indices: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Newest values of the inputs with these indices."""
+        values: NDArray[np.float64] = self._signals["value"][indices]
+        return values
 
     def samples(self, channel: str) -> int:
         """How often an input has been fresh."""

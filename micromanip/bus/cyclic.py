@@ -15,8 +15,8 @@ input, adding one to ``sequence`` where the sample is fresh; ``time_ns`` is when
 not allocate, block, or call Python. ``safe`` brings every output to its safe value; the host calls it in *its* own
 process when the loop is dead, so all that it needs lives in the context.
 
-A device that may be out of reach says so by what ``exchange`` returns: -1 (DOWN) while its link can't be used, -2 (TAKEN)
-while its outputs do not follow the loop. These are faults in use only, and end by themselves.
+A device that may be out of reach says so by what ``exchange`` returns: -1 (DOWN) while its link can't be used, -2
+(TAKEN) while its outputs do not follow the loop. These are faults in use only, and end by themselves.
 
 ``docs/drivers.md`` has a complete example.
 """

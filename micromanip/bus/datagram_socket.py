@@ -42,8 +42,12 @@ def open_datagrams(host: str, port: int, listen: int | None, timeout_s: float) -
 def hand_over(opened: socket.socket, record: Any) -> None:
     """Let compiled code of this process have an open socket: `record` is a SOCKET in memory that stays where it is."""
     opened.setblocking(False)
-    peer, mask = _source(opened)
-    record["peer"], record["peer_mask"] = peer, mask
+    record["peer"], record["peer_mask"] = _source(opened)
+    lend(opened.detach(), record)
+
+
+def lend(descriptor: int, record: Any) -> None:
+    """Let compiled code of this process use a socket that Python goes on owning; it need not be connected."""
     places = {field: record[field].ctypes.data for field in ("name", "buffer", "control", "received")}
     for k in range(BATCH):
         message, buffer = record["message"][k], record["buffer"][k]
@@ -51,7 +55,7 @@ def hand_over(opened: socket.socket, record: Any) -> None:
         message["name"] = places["name"] + k * ADDRESS_BYTES
         message["buffers"], message["buffer_count"] = places["buffer"] + k * BUFFER.itemsize, 1
         message["control"] = places["control"] + k * CONTROL.itemsize
-    record["descriptor"] = opened.detach()
+    record["descriptor"] = descriptor
 
 
 def _source(opened: socket.socket) -> tuple[Any, Any]:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import ConfigError
+from micromanip.rt.records import MAX_SIGNALS
 from micromanip.rt.wire.codec import checksum
 from micromanip.rt.wire.records import FLOATING, FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, SIGNED, UNSIGNED
-from micromanip.rt.records import MAX_SIGNALS
 
 _GREATEST = {4: float(np.finfo(np.float32).max), 8: float(np.finfo(np.float64).max)}
 
@@ -35,7 +35,7 @@ class NumberKeys(Protocol):
 
     @property
     def byte_order(self) -> str | None:
-        """little or big; None for a single byte."""
+        """Little or big; None for a single byte."""
 
 
 class ChecksumKeys(Protocol):
@@ -55,7 +55,7 @@ class ChecksumKeys(Protocol):
 
     @property
     def byte_order(self) -> str:
-        """little or big."""
+        """Little or big."""
 
     @property
     def function(self) -> Callable[[bytes], int]:

@@ -11,7 +11,8 @@
     real_because, require_regular                      whether a device may be a real one; a file that can be read
 
 ``micromanip.driver.quantities`` has types of options with their bounds, ``micromanip.driver.testing`` runs a cyclic
-driver in virtual time, and ``micromanip.driver.conformance`` is the suite that a bus driver must pass, which needs the
+driver in virtual time, ``micromanip.driver.wire`` and ``micromanip.driver.datagrams`` are for one that serves a wire in
+the loop itself (tables of frames, datagrams from compiled code), and ``micromanip.driver.conformance`` is the suite that a bus driver must pass, which needs the
 extra ``conformance`` (pytest). What is compiled is loaded when it is asked for: a bus driver's worker never imports
 numba.
 """
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 0)
+DRIVER_API = (1, 1)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major

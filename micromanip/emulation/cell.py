@@ -31,10 +31,6 @@ class EmulatedCell:
         """Whether `read` knows a signal."""
         return signal in self.plant.inputs or signal.startswith(_AMPLIFIER_OK)
 
-    def is_sensor(self, signal: str) -> bool:
-        """Whether `read` knows it from the plant alone."""
-        return signal in self.plant.inputs and not signal.startswith(_AMPLIFIER_OK)
-
     def advance_to(self, now_ns: int) -> None:
         """Let time pass in plant and amplifiers."""
         clock_ns = self.clock()

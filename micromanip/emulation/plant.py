@@ -79,6 +79,7 @@ class PlantInRealTime:
         self._values: list[float] = [0.0] * len(self.inputs)
         self._outputs = np.zeros(len(self.outputs))
         self._written = False
+        self._address = functions.exchange
         self._exchange = _EXCHANGE(functions.exchange)
         self._at = self._context.ctypes.data, self._outputs.ctypes.data, self._signals.ctypes.data
 
@@ -107,10 +108,20 @@ class PlantInRealTime:
         """Newest value of an input."""
         return self._values[self.inputs[channel]]
 
-    def values_at(self, indices: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Newest values of the inputs with these indices."""
-        values: NDArray[np.float64] = self._signals["value"][indices]
-        return values
+    @property
+    def addresses(self) -> tuple[int, int]:
+        """Where its `exchange` is, and its context: for compiled code that advances it, and then says so (`is_at`)."""
+        return self._address, int(self._at[0])
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.void]]:
+        """Its outputs and its inputs, as `exchange` takes them."""
+        return self._outputs, self._signals
+
+    def is_at(self, time_ns: int) -> None:
+        """Somebody else has advanced it."""
+        self.time_ns = time_ns
+        self._values = self._signals["value"].tolist()
 
     def samples(self, channel: str) -> int:
         """How often an input has been fresh."""

@@ -88,7 +88,7 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
         else:
             c["not_this_datagram"] += 1
         return 0
-    missing = missing_before(c["counted"], np.int64(code_of(f["counter"], data)))
+    missing = missing_before(c["counted"], int(code_of(f["counter"], data)))
     if missing == OLD:
         return 0
     if missing == RESTARTED:
@@ -162,10 +162,11 @@ def give(c: Any, outputs: Any, deadline_ns: int) -> None:
 @compiled
 def asks_for_rest(c: Any, outputs: Any) -> bool:
     """Whether the loop wants every voltage at its safe value."""
+    away = 0
     for i in range(c["outputs"]):
         if c["switch"][i] == 0 and not abs(outputs[i] - c["rest"][i]) <= _EQUAL:
-            return False
-    return True
+            away += 1
+    return away == 0
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""The device reached, in Python: at rest before anything is sent, the one that is configured, there again at the end."""
+"""The device reached, in Python: at rest before anything is sent, the right one, there again at the end."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ class UdpOptions(UdpPort):
             )
         if self.watchdog is not None and self.silence_ms > 0.5 * self.watchdog.ms:
             raise ValueError(
-                f"silence_ms: {self.silence_ms:g} ms must be at most half of the watchdog's {self.watchdog.ms:g} ms: the "
-                "loop must know that the link is lost before the device moves by itself"
+                f"silence_ms: {self.silence_ms:g} ms must be at most half of the watchdog's {self.watchdog.ms:g} ms: "
+                "the loop must know that the link is lost before the device moves by itself"
             )
         return self

@@ -7,7 +7,7 @@ from micromanip.driver.wire import COUNTED, DEVICE_CLOCK, FRAME, MAX_GROUPS, SOC
 MAX_OUTPUTS = 8
 
 FOLLOWING, QUIET, RESTING = range(3)
-"""The device is given what the loop decides; nothing, until its watchdog has surely brought it to rest; its safe values."""
+"""The device is given what the loop decides; nothing, until its watchdog has brought it to rest; its safe values."""
 
 COUNTERS = (
     "received",
@@ -20,8 +20,8 @@ COUNTERS = (
     "refused_values",
     "losses",
 )
-"""Datagrams that came; cycles without a fresh one; those of others, and three kinds of bad ones; datagrams that the system
-did not take; outputs that were not finite or out of range, whose last value was kept; how often the link was lost."""
+"""Datagrams that came; cycles without a fresh one; those of others, and three kinds of bad ones; datagrams that the
+system did not take; outputs that were not finite or out of range, which stayed; how often the link was lost."""
 
 CONTEXT = record(
     ("opened", "i8"),
@@ -49,4 +49,4 @@ CONTEXT = record(
     *((name, "i8") for name in COUNTERS),
 )
 """``still_ns`` after the last datagram all outputs are at rest by the device's watchdog; ``given`` is what it was sent
-last; ``missing`` is scratch: samples of each group that are missing before the one that has come, -1 for none at all."""
+last; ``missing`` is scratch: samples of each group that are missing before the one that has come, -1 for none."""

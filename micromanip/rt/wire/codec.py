@@ -111,7 +111,7 @@ def status_of(f: Any, data: Any) -> int:
 
 @compiled
 def put_value(f: Any, n: Any, data: Any, value: float) -> bool:
-    """Write `value`, rounded to the nearest code; False, and nothing written, where the range or the type forbids it."""
+    """Write `value`, rounded to the nearest code; False, with nothing written, where range or type forbid it."""
     if not math.isfinite(value):
         return False
     code, scratch = (value - n["offset"]) / n["scale"], f["bits"]

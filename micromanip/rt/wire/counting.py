@@ -30,8 +30,8 @@ _RESTARTED_AFTER = 3
 def missing_before(c: Any, count: int) -> int:
     """How many are known to be missing before the one with this count; OLD, RESTARTED.
 
-    A count that was there already is no news: the device repeats itself, or the network does. One from the past, by less
-    than half of the range, was overtaken on its way.
+    A count that was there already is no news: device or network repeat themselves. One from the past, by less than half
+    of the range, was overtaken on its way.
     """
     ahead = (count - c["last"]) % c["counts"]
     if c["known"] == 0:

@@ -1,9 +1,8 @@
 """Datagrams without Python: the system calls of a non-blocking socket, as compiled code makes them.
 
-The socket is opened and connected by Python (``bus/datagram_socket.py``). A call costs some 1 us where nothing has come,
-and never waits; a negative result is an error number, see ``errno``. The kernel says when a datagram came: by the wall
-clock, which may be stepped, so that counts within what is known for sure: after the one before it and after the queue was
-last seen empty, and before now.
+The socket is opened and connected by Python (``bus/datagram_socket.py``). A call costs some 1 us where nothing has
+come, and never waits. The kernel says when a datagram came: by the wall clock, which may be stepped, so that counts
+within what is known for sure: after the one before it and after the queue was last seen empty, and before now.
 """
 
 from __future__ import annotations
@@ -39,6 +38,10 @@ if numba.config.DISABLE_JIT:
     def _send(descriptor: int, data: int, length: int, flags: int) -> int:
         return int(_libc.send(int(descriptor), ctypes.c_void_p(data), ctypes.c_size_t(int(length)), flags))
 
+    def _sendto(descriptor: int, data: int, length: int, flags: int, name: int, name_bytes: int) -> int:
+        size, to = ctypes.c_size_t(int(length)), ctypes.c_void_p(int(name))
+        return int(_libc.sendto(int(descriptor), ctypes.c_void_p(data), size, flags, to, int(name_bytes)))
+
     def _close(descriptor: int) -> int:
         os.close(int(descriptor))
         return 0
@@ -56,6 +59,9 @@ else:
         "recvmmsg", types.int32(types.int32, types.intp, types.uint32, types.int32, types.intp)
     )
     _send = types.ExternalFunction("send", types.int64(types.int32, types.intp, types.uint64, types.int32))
+    _sendto = types.ExternalFunction(
+        "sendto", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.uint32)
+    )
     _close = types.ExternalFunction("close", types.int32(types.int32))
     _clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
 
@@ -94,10 +100,10 @@ def length_of(s: Any, k: int) -> int:
 @compiled
 def is_from_peer(s: Any, k: int) -> bool:
     """Whether datagram `k` comes from the address and port that the socket is connected to."""
+    differs = 0
     for i in range(ADDRESS_BYTES):
-        if (s["name"][k][i] ^ s["peer"][i]) & s["peer_mask"][i] != 0:
-            return False
-    return True
+        differs |= (s["name"][k][i] ^ s["peer"][i]) & s["peer_mask"][i]
+    return differs == 0
 
 
 @compiled
@@ -126,6 +132,17 @@ def send(s: Any, length: int) -> int:
         if error != REFUSED:
             break
     return error
+
+
+@compiled
+def send_back(s: Any, k: int, length: int) -> int:
+    """Send so many bytes of `sent` to who has sent datagram `k`, from a socket that is not connected: 0, or an error
+    number.
+    """
+    name = s["message"][k]
+    flags = _DONT_WAIT | _NO_SIGNAL
+    sent = _sendto(s["descriptor"], s["sent"].ctypes.data, length, flags, name["name"], name["name_bytes"])
+    return 0 if sent >= 0 else _errno()
 
 
 @compiled

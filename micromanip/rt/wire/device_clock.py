@@ -31,7 +31,7 @@ def forget_clock(c: Any) -> None:
 def taken_ns(c: Any, stamp: Any, received_ns: int) -> int:
     """When a datagram with this stamp (uint64), which came at `received_ns`, was stamped; never after it came."""
     first = c["known"] == 0
-    number = np.int64(stamp & ((np.uint64(1) << np.uint64(c["bits"])) - np.uint64(1)))
+    number = int(stamp & ((np.uint64(1) << np.uint64(c["bits"])) - np.uint64(1)))
     if not first:
         c["ticks"] += _ticks_since(c, number)
     c["stamp"], c["known"] = number, 1

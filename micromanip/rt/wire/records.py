@@ -1,8 +1,8 @@
 """A frame as a table: where its numbers lie and how their bytes become values; ``codec.py`` walks it.
 
-A frame has a fixed length. `template` is the frame before anything is written into it; where `fixed` is 1, a frame that
-comes must have the template's byte. Groups are numbers that were sampled together: group 0 with every frame, another one
-when its own counter has changed (a laser tracker's reading, say, that a faster frame carries along).
+A frame has a fixed length. `template` is the frame before anything is written into it; where `fixed` is 1, a frame
+that comes must have the template's byte. Groups are numbers that were sampled together: group 0 with every frame,
+another one when its own counter has changed (a laser tracker's reading, say, that a faster frame carries along).
 """
 
 from __future__ import annotations
@@ -116,4 +116,4 @@ DEVICE_CLOCK = record(
     ("late", "i8"),
     ("steps", "i8"),
 )
-"""Of a time stamp that wraps after so many `bits`, in units of `unit_ns`, and what is known of it so far (``device_clock.py``)."""
+"""Of a time stamp of so many `bits`, in units of `unit_ns`, and what is known so far (``device_clock.py``)."""

@@ -1,4 +1,4 @@
-"""The driver `udp` without a loop, and a device that says what a test wants: real sockets, deadlines as they are given."""
+"""The driver `udp` without a loop, and a device that says what a test wants: real sockets, given deadlines."""
 
 import ctypes
 import socket

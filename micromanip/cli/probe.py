@@ -59,7 +59,8 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
         )
     if not answers:
         raise DeviceUnavailable(
-            f"nothing answered on {_device(chosen)} in {seconds:g} s; check power, cable and the keys of drivers.{driver}"
+            f"nothing answered on {_device(chosen)} in {seconds:g} s; check power, cable and the keys of "
+            f"drivers.{driver}"
         )
     if not as_json and not sys.stdout.isatty():
         _plain(answers)

@@ -1,4 +1,4 @@
-"""The device of config/udp.yaml and its driver: whatever befalls the wire, no value is taken that the plant never had."""
+"""The device of config/udp.yaml and its driver: whatever befalls the wire, nothing is taken that the plant never had."""
 
 import ctypes
 import json
@@ -12,8 +12,9 @@ from micromanip.bus.cyclic import call_context
 from micromanip.bus.errors import IdentityMismatch
 from micromanip.emulation.devices import Devices
 from micromanip.rt.records import SIGNAL
-from micromanip.settings.check import wired
+from micromanip.settings.check import validate
 from micromanip.settings.text.source import Source
+from micromanip.settings.wiring.places import build_driver
 
 from .emulated import CONFIG
 from .lines import free_port
@@ -37,7 +38,8 @@ class Cell:
         file.write_text(text, encoding="utf-8")
         self.devices = Devices(file)
         self.device = self.devices.emulated["cell"]
-        self.driver = wired(Source.read(file))[1].drivers["cell"]
+        source = Source.read(file)
+        self.driver = build_driver(source, "cell", validate(source).drivers["cell"], PERIOD_NS, 0)[0]
         self.names, self.signals = list(self.driver.inputs), np.zeros(48, SIGNAL)
         self.outputs, self.context = np.zeros(8), self.driver.context()
         self._functions = self.driver.functions()
@@ -134,7 +136,7 @@ def test_a_bad_wire_is_counted_and_spoils_no_sample(cell, kind, keys, counter):
     _, calm = cell.run(0.1, 20.0)
     before = cell.driver.statistics(cell.context)[counter]
     cell.order(inject=kind, for_s=0.3, **keys)
-    codes, strains = cell.run(0.3, 20.0)
+    _, strains = cell.run(0.3, 20.0)
     assert cell.driver.statistics(cell.context)[counter] > before
     assert strains
     assert np.abs(np.array(strains) - np.mean(calm)).max() < 1.0
@@ -142,9 +144,10 @@ def test_a_bad_wire_is_counted_and_spoils_no_sample(cell, kind, keys, counter):
     assert cell.largest_step_V() < 1.0
 
 
-@pytest.mark.parametrize(
-    "command", [{"device": "silence"}, {"inject": "hang"}, {"device": "reboot"}, {"inject": "unplug"}]
-)
+AWAY = [{"device": "silence"}, {"inject": "hang"}, {"device": "reboot"}, {"inject": "unplug"}]
+
+
+@pytest.mark.parametrize("command", AWAY)
 def test_a_device_that_was_away_comes_back_at_rest(cell, command):
     """Silent, or without power: down; then its safe values, also while the loop wants others; nothing steps."""
     cell.begin().run(0.05)

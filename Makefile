@@ -58,8 +58,9 @@ test-vm: $(READY) ## the same, and SocketCAN, on a PREEMPT_RT kernel in an emula
 bench: $(READY)   ## speed beside references measured in the same run
 	$(BIN)/micromanip bench
 
-mutation: $(READY) ## every mutant of the last gate and of the fault manager must die
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation
+mutation: compiled ## every mutant of the last gates and of the fault manager must die; the laws' as plain Python
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation micromanip.rt.laws.limiter micromanip.rt.faults
+	$(BIN)/python -m tools.mutation micromanip.bus.safe_state micromanip.host.safe.outputs micromanip.host.safe.bus_rest
 
 fuzz-socket: $(READY) ## a million lines of garbage against the control socket
 	$(BIN)/pytest tests/host/test_garbage.py --garbage 1000000
@@ -79,7 +80,7 @@ soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at rando
 surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts and bad files on one device: does it ever jump?
 	$(BIN)/python -m tools.surprise
 
-robustness: $(READY) ## commission 50 cells with plants drawn at +-30 %
+robustness: $(READY) ## commission 100 cells with drawn plants, and hold their true margins against the claimed ones
 	$(BIN)/python -m tools.robustness
 
 tune: $(READY)    ## fit the models of config/simulated.yaml anew

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt import phases, record, records, states, telemetry
+from micromanip.rt import arming, faults, figures, limit_cycle, phases, record, records, states, telemetry, watch
 from micromanip.rt.laws import coordinate_transform, estimator, feedforward, lqg, pid, reference, sensor, shaping
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
 _REFERENCE = ("SIGNAL", "JOG", "REFERENCE_STATES")
-_RECORDS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform, records, telemetry)
+_LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
+_RECORDS = (*_LAWS, limit_cycle, watch, arming, faults, figures, records, telemetry)
 """What is part of another record comes before it."""
 
 

@@ -203,7 +203,7 @@ static void pid_step(const struct pid_parameters *p, struct pid_state *s, double
     s->derivative = (p->filter_s * s->derivative + p->derivative * (error_um - s->error)) / (p->filter_s + elapsed_s);
     s->integrator += p->integral * (double)periods * error_um;
     s->error = error_um;
-    s->output_V = p->gain * error_um + s->integrator + s->derivative;
+    s->output_V = p->K_V_per_um * error_um + s->integrator + s->derivative;
 }
 
 static double limit(const struct limiter_parameters *p, double previous_V, double requested_V)

@@ -5,8 +5,10 @@ Any other exception is a bug, and a command that meets one exits with 70.
 
 from __future__ import annotations
 
+import difflib
 import errno
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar
 
@@ -77,3 +79,17 @@ def system_error(problem: OSError, path: Path | str | None = None) -> Micromanip
     if problem.errno in _FULL:
         return DeviceUnavailable(f"{text}; make room there, or choose another place")
     return DeviceUnavailable(text)
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """That of `known` which was probably meant by `name`, in capitals or not; None without an idea."""
+    lowered = {one.lower(): one for one in map(str, known)}
+    near = difflib.get_close_matches(name.lower(), lowered, 1)
+    return lowered[near[0]] if near else None
+
+
+def did_you_mean(name: str, known: Iterable[str], there: str = "it has") -> str:
+    """The end of a message about a `name` that is not `known`: the nearest of them, else what is `there`."""
+    known = list(map(str, known))
+    near = nearest(name, known)
+    return f"did you mean {near}?" if near else f"{there} {', '.join(known) or 'none'}"

@@ -101,11 +101,57 @@ class Durations(TypedDict):
 
 
 class PathError(TypedDict):
-    """Figures of one axis since a second after tracking began; None where there are none."""
+    """Figures of one axis since a second after tracking began; None where there are none.
+
+    `uncompensated_rms` also where nothing deviates: neither a signal is followed nor does a simulation tell.
+    """
 
     uncompensated_rms: float | None
     rms: float | None
     max: float | None
+
+
+class Window(TypedDict):
+    """Figures of a quantity over the last second or minute, in its own unit.
+
+    `seconds` is how much of that has known values in it. `rms` and `peak` (largest magnitude) are about zero, what an
+    error is judged by; `deviation_rms` and `deviation_peak` about the mean: how much a position or a voltage moved.
+    """
+
+    seconds: float
+    mean: float
+    min: float
+    max: float
+    rms: float
+    peak: float
+    deviation_rms: float
+    deviation_peak: float
+
+
+class Value(TypedDict):
+    """A quantity now and before; `latest` is None where it is not known or stale, and `unknown` then says why."""
+
+    latest: float | None
+    unknown: str | None
+    second: Window | None
+    minute: Window | None
+
+
+class AxisValues(TypedDict):
+    """What an axis does: position of the stage, set-point of the actuator, its gauge, its voltage, the error.
+
+    `headroom_V` is what the voltage has left to the nearer end of its range. `error_of` says what the error is of:
+    path, at the spindle (the simulation's truth, else by the stage's sensor); gauge, set-point less gauge; None in
+    open loop.
+    """
+
+    position_um: Value
+    setpoint_um: Value
+    strain_um: Value
+    voltage_V: Value
+    headroom_V: Value
+    error_um: Value
+    error_of: str | None
 
 
 class SignalFigures(TypedDict):
@@ -187,7 +233,8 @@ class Link(TypedDict):
 class Status(TypedDict):
     """Report of a run so far, as ``run --json`` ends with.
 
-    `faults` are those that are latched, for people, `fault_reports` the same as data, the one that ends the run last;
+    `axes` is what each axis does now; `path_error_um` are figures since tracking began; `faults` are those that are
+    latched, for people, `fault_reports` the same as data, the one that ends the run last;
     `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded.
     """
 
@@ -198,6 +245,7 @@ class Status(TypedDict):
     lateness_ns: Durations
     compute_ns: Durations
     path_error_um: dict[str, PathError]
+    axes: dict[str, AxisValues]
     signals: dict[str, SignalFigures]
     faults: list[str]
     fault_reports: list[Fault]

@@ -6,14 +6,17 @@ Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the s
 state machine; ``mutation`` does not ask for the smallest example.
 """
 
+import contextlib
 import gc
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 from micromanip.rt.jit import PLAIN, Compiled
+from tools.stalls import STALL_MS, Stalls
 
 JIT = not PLAIN
+STALLS = pytest.StashKey[Stalls]()
 Compiled.laws_compiled = True  # what the laws' tests call is the machine code, not the Python of the same law
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
@@ -34,6 +37,13 @@ def _own_state_directory(tmp_path_factory):
         yield
 
 
+@pytest.fixture
+def closing():
+    """Closes what it is given when the test has ended, and hands it on."""
+    with contextlib.ExitStack() as stack:
+        yield lambda made: stack.enter_context(contextlib.closing(made))
+
+
 def pytest_addoption(parser):
     parser.addoption("--garbage", type=int, default=5_000, help="how many inputs the control socket is tried with")
 
@@ -43,18 +53,28 @@ def pytest_configure(config):
         "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1",
         "live: on real processes, links or clocks, which it waits for; left out of `make check`",
         "long: computes for seconds; left out of `make check`",
-        "realtime: a machine that stalls can make it fail; again if it does, twice at most",
+        "realtime: live, and a stall of this machine by some milliseconds makes it fail",
     ):
         config.addinivalue_line("markers", marker)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    item.config.stash[STALLS].begin()
+
+
+def pytest_unconfigure(config):
+    if stalls := config.stash.get(STALLS, None):
+        stalls.end()
+
+
 def pytest_collection_modifyitems(config, items):
+    stalls = config.stash[STALLS] = Stalls()
     for item in items:
         if "realtime" in item.keywords:
             item.add_marker("live")
-            item.add_marker(pytest.mark.flaky(reruns=2))
-        elif "live" in item.keywords:
-            item.add_marker(pytest.mark.flaky(reruns=1))
+        if "live" in item.keywords:
+            item.add_marker(pytest.mark.flaky(reruns=2, condition=lambda: stalls.longest_ms >= STALL_MS))
         if "compiled_only" in item.keywords and not JIT:
             item.add_marker(pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)"))
     # what waits first, what computes for long next: the short ones fill what is left

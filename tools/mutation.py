@@ -2,12 +2,13 @@
 
 Each mutant is the module with one small change of one function. It must fail the module's tests, or be listed with the
 reason why it can't be told from the original. Exit code 1 where an unlisted mutant survives, or a listed one dies or is
-not made any more. Plain Python (NUMBA_DISABLE_JIT). The tests are collected once; a mutant is a forked process that
-puts the changed code into the function and runs them until one fails, those first that have killed most. Nothing is
-written to the source tree. The usual packages do not fit: mutmut leaves out decorated functions, which all of ours are;
-cosmic-ray changes files in place.
+not made any more. The laws are plain Python (NUMBA_DISABLE_JIT). The tests are collected once; a mutant is a forked
+process that puts the changed code into the function and runs them until one fails, those first that have killed most.
+Nothing is written to the source tree. The usual packages do not fit: mutmut leaves out decorated functions, which all
+of ours are; cosmic-ray changes files in place.
 """
 
+import argparse
 import ast
 import contextlib
 import copy
@@ -295,6 +296,11 @@ def tried(module: str) -> Mutants:
 
 def main() -> int:
     """0 where exactly the listed mutants survive."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("modules", nargs="*", metavar="MODULE", help=f"of these only: {', '.join(TARGETS)}")
+    modules = parser.parse_args().modules or list(TARGETS)
+    if unknown := set(modules) - set(TARGETS):
+        parser.error(f"no tests are named for {', '.join(sorted(unknown))}; there are {', '.join(TARGETS)}")
     os.chdir(ROOT)
     reasons = {
         (entry["module"], mutant): entry["reason"]
@@ -302,7 +308,7 @@ def main() -> int:
         for mutant in entry.get("mutants", [entry.get("mutant")])
     }
     wrong = 0
-    for module in sys.argv[1:] or TARGETS:
+    for module in modules:
         found = tried(module)
         cases, alive = found.cases, found.alive
         listed = {mutant for known, mutant in reasons if known == module}

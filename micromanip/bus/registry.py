@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from importlib.metadata import EntryPoint, entry_points
 
-from micromanip.errors import ConfigError
+from micromanip.errors import ConfigError, did_you_mean
 
 from .cyclic import CyclicDriver
 from .driver import BusDriver
@@ -22,8 +21,7 @@ def driver_class(name: str) -> type[CyclicDriver] | type[BusDriver]:
     """Class of the driver called `name`; raises ConfigError where it is not there or is no driver."""
     points = installed()
     if name not in points:
-        near = difflib.get_close_matches(name, points, 1)
-        hint = f"did you mean {near[0]}?" if near else f"installed are: {', '.join(sorted(points)) or 'none'}"
+        hint = did_you_mean(name, sorted(points), "installed are:")
         raise ConfigError(f"no driver called {name} is installed; {hint}")
     try:
         found = points[name].load()

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
-from micromanip.rt.laws.minimum_jerk import course
+from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
 Values = Sequence[float]
 """One for each output of the bus' driver."""
@@ -200,8 +200,8 @@ class SafeState:
         values = list(self._last)
         for i, output in enumerate(self._outputs):
             if output.kind == VOLTAGE:
-                share = min(1.0, self._share[i] + self._periods_s[i] / self._ramp_s)
-                values[i] = self._start[i] + course(share) * (output.safe - self._start[i])
+                share = self._share[i] + self._periods_s[i] / self._ramp_s
+                values[i] = self._start[i] + minimum_jerk(share) * (output.safe - self._start[i])
             elif output.kind != LAST_SWITCH or not moving:
                 values[i] = output.safe
         return values

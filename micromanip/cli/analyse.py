@@ -11,8 +11,8 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
-from .results import Pictures
+from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
+from .results import Pictures, provenance
 
 
 @click.command(
@@ -61,11 +61,10 @@ def command(
     from micromanip.design.analysis import analyse_axis
     from micromanip.design.criteria import criteria, notes, report
     from micromanip.design.loops import cluster
-    from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
     from micromanip.virtual.variation import VariedCell
 
-    prepared = prepare(config)
+    prepared = prepare_and_warn(config)
     names = list(prepared.configuration.axes)
     if only != "all" and only not in names:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
@@ -81,7 +80,7 @@ def command(
         Pictures(folder if figures else None) as pictures,
         Progress(console=Console(stderr=True), transient=True) as bar,
     ):
-        task = bar.add_task("analyse", total=None)
+        task = bar.add_task("analyse", total=len(shown) * (2 if figures else 1))
         for name in shown:
 
             def say(what: str, axis: str = name) -> None:
@@ -98,11 +97,14 @@ def command(
                     progress=say,
                 )
             analyses.append(analysis)
+            bar.advance(task)
             if figures:
                 from micromanip.design.analysis_figures import draw_analysis
 
                 say("drawing")
-                pictures.draw(partial(draw_analysis, analysis))
+                about = provenance(prepared, name, seed)
+                pictures.draw(partial(draw_analysis, analysis, about=about))
+                bar.advance(task)
         written = pictures.put()
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
     failed = [criterion for criterion in judged if not criterion.passed]
@@ -127,14 +129,11 @@ def command(
 
 def print_criteria(judged: list[Any], title: str) -> None:
     """A line a criterion."""
-    from rich.console import Console
-    from rich.table import Table
+    from .tables import Figures, out_console
 
-    table = Table(title=title)
-    for column in ("axis", "criterion", "found", "wanted", ""):
-        table.add_column(column, overflow="fold")
+    table = Figures("axis", "criterion", "found", "wanted", "", title=title)
     for criterion in judged:
         verdict = "[green]PASS[/]" if criterion.passed else "[red]FAIL[/]"
         table.add_row(criterion.axis, criterion.name, criterion.value, criterion.limit, verdict)
     if judged:
-        Console(highlight=False).print(table)
+        out_console().print(table)

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Callable
 
 import click
 
 from micromanip.client import Client
+from micromanip.replies import Audit
 
-from .options import StrictCommand, json_option, print_json, socket_option
+from .options import StrictCommand, asking
 from .parameters import brief
 
 
-@click.command("audit", cls=StrictCommand, epilog="Example: micromanip audit --last 5")
-@click.option("--last", type=click.IntRange(1, 1000), default=20, show_default=True, help="How many entries.")
-@socket_option
-@json_option
-def command(last: int, socket_path: Path, as_json: bool) -> None:
-    """The newest entries of the audit trail, oldest first: arming, disarming, every change and every refusal."""
-    with Client(socket_path) as client:
-        audit = client.audit(last)
-    if as_json:
-        print_json(audit)
-        return
+def _show(audit: Audit) -> None:
     for entry in audit["entries"]:
         if entry["missing_before"]:
             click.echo(f"({entry['missing_before']} entries are missing here: the trail could not be written)")
@@ -38,3 +29,11 @@ def command(last: int, socket_path: Path, as_json: bool) -> None:
             click.echo(f"    {line}")
     if audit["unwritten"]:
         click.echo(f"{audit['unwritten']} entries of this run could not be written to {audit['file']}", err=True)
+
+
+@click.command("audit", cls=StrictCommand, epilog="Example: micromanip audit --last 5")
+@click.option("--last", type=click.IntRange(1, 1000), default=20, show_default=True, help="How many entries.")
+@asking(_show)
+def command(last: int) -> Callable[[Client], Audit]:
+    """The newest entries of the audit trail, oldest first: arming, disarming, every change and every refusal."""
+    return lambda client: client.audit(last)

@@ -12,7 +12,7 @@ import click
 import micromanip
 from micromanip.errors import DeviceUnavailable
 
-from .options import Quantity, StrictCommand, json_option, print_json
+from .options import Quantity, StrictCommand, json_option, print_answer
 
 
 @click.command("bench", cls=StrictCommand, epilog="Example: micromanip bench --only cycle --only offline")
@@ -42,10 +42,7 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))
     settings = plan.Plan(root / "config" / "simulated.yaml", pairs, lateness_s, lambda line: click.echo(line, err=True))
     document = runner.run(settings, only).document()
-    if as_json:
-        print_json(document)
-    else:
-        _table(document)
+    print_answer(document, _table, as_json)
 
 
 def source_tree() -> Path:
@@ -60,13 +57,12 @@ def source_tree() -> Path:
 
 
 def _table(document: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from .tables import Figures, out_console
 
-    table = Table("figure", "value", "reference", "", "ratio")
+    table = Figures("figure", "value", "reference", "", "ratio")
     for row in document["results"]:
         value, reference = (f"{row[key]:g} {row['unit']}" for key in ("value", "reference_value"))
         table.add_row(row["name"], value, row["reference_name"], reference, f"{row['ratio']:g}")
     for row in document["skipped"]:
         table.add_row(row["name"], "skipped", row["reason"], "", "")
-    Console(highlight=False).print(table)
+    out_console().print(table)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -12,66 +13,8 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.replies import Shadow
 
-from .options import StrictCommand, json_option, print_json, socket_option
+from .options import StrictCommand, asking, json_option, print_answer, socket_option
 from .parameters import echo_changes
-
-
-@click.command("shadow", cls=StrictCommand, epilog="Example: micromanip shadow axes.x.outer.control_weight=12")
-@click.argument("assignments", nargs=-1, metavar="[KEY=VALUE...]")
-@socket_option
-@json_option
-def shadow(assignments: tuple[str, ...], socket_path: Path, as_json: bool) -> None:
-    """Let a candidate compute beside what runs, on the same samples; nothing of it is written to the outputs.
-
-    The candidate is what runs, with these values instead; only values that `set` takes while tracking. Without any:
-    where the candidate stands and how it compares with what runs; the smaller figure is the better one. `micromanip
-    promote` puts it in force.
-    """
-    from micromanip.settings.text.keys import assignments_of
-
-    changes = assignments_of(assignments) if assignments else {}
-    with Client(socket_path) as client:
-        answer = client.shadow(changes)
-    if as_json:
-        print_json(answer)
-    else:
-        _echo_shadow(answer)
-
-
-@click.command("promote", cls=StrictCommand, epilog="Example: micromanip promote --wait")
-@click.option("--wait", is_flag=True, help="Wait for the end of the trial; exit code 1 where it is not confirmed.")
-@socket_option
-@json_option
-def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
-    """Put the candidate in force at one cycle boundary, without a bump.
-
-    It is on trial for `shadow.trial_s`: where the error grows beyond its limit, an inner loop begins to swing, or the
-    tracking ends, what ran before is in force again by itself.
-    """
-    with Client(socket_path) as client:
-        answer = client.promote()
-        if wait:
-            click.echo(_standing_line(answer), err=True)
-            answer = client.trial()
-    if as_json:
-        print_json(answer)
-    else:
-        _echo_shadow(answer)
-    if wait and answer["standing"] != "confirmed":
-        raise CheckFailed(f"the promoted tuning is not in force any more: {answer['standing']}")
-
-
-@click.command("withdraw", cls=StrictCommand, epilog="Example: micromanip withdraw")
-@socket_option
-@json_option
-def withdraw(socket_path: Path, as_json: bool) -> None:
-    """Let the candidate go; where it is on trial, what ran before is in force again in the same cycle."""
-    with Client(socket_path) as client:
-        answer = client.withdraw()
-    if as_json:
-        print_json(answer)
-    else:
-        _echo_shadow(answer)
 
 
 def _echo_shadow(shadow: Shadow) -> None:
@@ -123,3 +66,46 @@ def _pair(active: float | None, candidate: float | None) -> str:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
+
+
+@click.command("shadow", cls=StrictCommand, epilog="Example: micromanip shadow axes.x.outer.control_weight=12")
+@click.argument("assignments", nargs=-1, metavar="[KEY=VALUE...]")
+@asking(_echo_shadow)
+def shadow(assignments: tuple[str, ...]) -> Callable[[Client], Shadow]:
+    """Let a candidate compute beside what runs, on the same samples; nothing of it is written to the outputs.
+
+    The candidate is what runs, with these values instead; only values that `set` takes while tracking. Without any:
+    where the candidate stands and how it compares with what runs; the smaller figure is the better one. `micromanip
+    promote` puts it in force.
+    """
+    from micromanip.settings.text.keys import assignments_of
+
+    changes = assignments_of(assignments) if assignments else {}
+    return lambda client: client.shadow(changes)
+
+
+@click.command("promote", cls=StrictCommand, epilog="Example: micromanip promote --wait")
+@click.option("--wait", is_flag=True, help="Wait for the end of the trial; exit code 1 where it is not confirmed.")
+@socket_option
+@json_option
+def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
+    """Put the candidate in force at one cycle boundary, without a bump.
+
+    It is on trial for `shadow.trial_s`: where the error grows beyond its limit, an inner loop begins to swing, or the
+    tracking ends, what ran before is in force again by itself.
+    """
+    with Client(socket_path) as client:
+        answer = client.promote()
+        if wait:
+            click.echo(_standing_line(answer), err=True)
+            answer = client.trial()
+    print_answer(answer, _echo_shadow, as_json)
+    if wait and answer["standing"] != "confirmed":
+        raise CheckFailed(f"the promoted tuning is not in force any more: {answer['standing']}")
+
+
+@click.command("withdraw", cls=StrictCommand, epilog="Example: micromanip withdraw")
+@asking(_echo_shadow)
+def withdraw() -> Callable[[Client], Shadow]:
+    """Let the candidate go; where it is on trial, what ran before is in force again in the same cycle."""
+    return Client.withdraw

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from .options import StrictCommand, config_argument, json_option, print_json
+from .options import StrictCommand, config_argument, json_option, print_answer, warn
 
 
 @click.command("check", cls=StrictCommand, epilog="Example: micromanip check config/simulated.yaml")
@@ -75,12 +75,8 @@ def command(config: Path, as_json: bool) -> None:
             "slowest_path": loop_found.path,
             "slowest_path_ms": round(1e3 * loop_found.path_s, 3),
         }
-    for warning in warnings:
-        click.echo(f"WARNING: {warning}", err=True)
-    if as_json:
-        print_json(report)
-    else:
-        _print(report, config)
+    warn(warnings)
+    print_answer(report, lambda shown: _print(shown, config), as_json)
 
 
 def _print(report: dict[str, Any], config: Path) -> None:

@@ -13,7 +13,7 @@ import click
 
 from micromanip.errors import CheckFailed, MicromanipError, UsageError, system_error
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .results import keep, publish, results_folder, run_folder
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
     from micromanip.settings.schema.axis import Axis
 
-REPORT, TUNED, PREVIOUS = "report.html", "tuned.yaml", "previous.yaml"
+REPORT, TUNED, PREVIOUS, REJECTED = "report.html", "tuned.yaml", "previous.yaml", "rejected.yaml"
 
 
 @click.command(
@@ -57,16 +57,16 @@ def command(
 
     CONFIG is not changed and nothing is applied: the new tuning is DIR/tuned.yaml, complete, for `check` and `run`;
     the one before is kept beside it. Each run also has a folder of its own in DIR, which nothing replaces; `latest`
-    is the last. Exit code 1 where a step or a criterion says no.
+    is the last. Exit code 1 where a step or a criterion says no: then the report says what was found by then, and a
+    tuning that was found is kept as rejected.yaml.
     """
     from rich.console import Console
     from rich.progress import Progress
 
     from micromanip.design.commission.axis import Knobs
     from micromanip.design.commission.cell import commission_cell
-    from micromanip.settings.check import prepare
 
-    prepared = prepare(config)
+    prepared = prepare_and_warn(config)
     names = list(prepared.configuration.axes)
     if only != "all" and only not in names:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
@@ -78,7 +78,7 @@ def command(
             _ask(prepared, chosen, real[0])
         began = time.monotonic()
         with (
-            run_folder(folder, only, wanted=TUNED) as run,
+            run_folder(folder, only, wanted=REPORT) as run,
             Progress(console=Console(stderr=True), transient=True) as bar,
         ):
             copyfile(config, run / PREVIOUS)
@@ -103,12 +103,14 @@ def command(
         _print(found, folder, run, seconds)
     if missing is not None:
         raise missing
+    if found.stopped is not None:
+        raise CheckFailed(f"{found.stopped}; what was found by then is in {folder / REPORT}")
     failed = [criterion for story in found.evidence for criterion in story.criteria if not criterion.passed]
     if failed:
         worst = failed[0]
         raise CheckFailed(
             f"{len(failed)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
-            f"(wanted: {worst.limit}); {folder / TUNED} is written, but think before you run it"
+            f"(wanted: {worst.limit}); the tuning is kept as {folder / REJECTED}, the report is {folder / REPORT}"
         )
 
 
@@ -145,7 +147,8 @@ def write_results(
 ) -> tuple[dict[str, Axis], MicromanipError | None]:
     """Write tuning and report into `run`, and copies into `folder`; the axes with their notes, and what is missing.
 
-    The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room.
+    The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room. One that
+    does not pass is not called tuned.
     """
     from micromanip.design.commission.report import write_report
     from micromanip.settings.commissioned import tuning_hash
@@ -161,18 +164,20 @@ def write_results(
     }
     facts = {"configuration": str(config), "date": today, "rate": f"{prepared.configuration.loop.rate_hz:g} Hz"}
     tuned = with_tuning(prepared.source.text, noted)
-    keep(lambda file: write_atomically(file, tuned), run / TUNED)
+    named = TUNED if found.passed else REJECTED
+    if found.axes:
+        keep(lambda file: write_atomically(file, tuned), run / named)
     missing = None
     steps: tuple[Callable[[], None], ...] = (
         lambda: write_report(run / REPORT, "Commissioning report", facts, found.evidence, hashes),
-        lambda: publish(folder, run, (PREVIOUS, REPORT, TUNED)),
+        lambda: publish(folder, run, (PREVIOUS, REPORT, TUNED, REJECTED)),
     )
     for step in steps:
         try:
             step()
         except OSError as problem:
             missing = missing or system_error(problem)
-    return noted, missing and type(missing)(f"not everything is written, the tuning is {run / TUNED}: {missing}")
+    return noted, missing and type(missing)(f"not everything is written, the tuning is {run / named}: {missing}")
 
 
 def _document(
@@ -183,13 +188,15 @@ def _document(
     return {
         "passed": found.passed,
         "seconds": seconds,
-        "tuned": str(folder / TUNED),
+        "tuned": str(folder / TUNED) if found.passed else None,
+        "rejected": str(folder / REJECTED) if found.axes and not found.passed else None,
+        "stopped": None if found.stopped is None else str(found.stopped),
         "report": str(folder / REPORT),
         "run": str(run),
         "axes": {
             story.axis: {
                 "passed": story.passed,
-                "hash": axes[story.axis].commissioned.hash,  # type: ignore[union-attr]
+                "hash": _hash_of(axes, story.axis),
                 "criteria": [asdict(criterion) for criterion in story.criteria],
             }
             for story in found.evidence
@@ -197,10 +204,19 @@ def _document(
     }
 
 
+def _hash_of(axes: dict[str, Axis], name: str) -> str | None:
+    noted = axes[name].commissioned if name in axes else None
+    return None if noted is None else noted.hash
+
+
 def _print(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> None:
     from .analyse import print_criteria
 
     print_criteria([criterion for story in found.evidence for criterion in story.criteria], "Commissioning")
-    click.echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
+    if found.passed:
+        click.echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
+    else:
+        click.echo(f"{seconds:.0f} s; no tuning to run, report in {folder / REPORT}; nothing was applied")
     click.echo(f"this run's files stay in {run}")
-    click.echo(f"next: micromanip check {folder / TUNED}")
+    if found.passed:
+        click.echo(f"next: micromanip check {folder / TUNED}")

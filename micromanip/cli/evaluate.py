@@ -10,8 +10,8 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
-from .results import Pictures
+from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
+from .results import Pictures, provenance
 
 
 @click.command(
@@ -44,10 +44,9 @@ def command(
     from rich.progress import Progress
 
     from micromanip.design.evaluation import evaluate, table, with_models
-    from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
 
-    prepared = prepare(config, seed)
+    prepared = prepare_and_warn(config, seed)
     names = list(prepared.configuration.axes)
     if only is not None and only not in names:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
@@ -68,9 +67,9 @@ def command(
             from micromanip.design.figures import draw_all
 
             for name in shown:
-                pictures.draw(
-                    partial(draw_all, configuration, experiment, runs, names.index(name)), lambda: bar.advance(task)
-                )
+                about = provenance(prepared, name, seed)
+                drawn = partial(draw_all, configuration, experiment, runs, names.index(name), about=about)
+                pictures.draw(drawn, lambda: bar.advance(task))
         written = pictures.put()
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
     alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]
@@ -100,15 +99,14 @@ def command(
 
 def print_table(rows: list[dict[str, Any]]) -> None:
     """Sigma and maximum of each axis beside the paper's."""
-    from rich.console import Console
-    from rich.table import Table
-
     from micromanip.design import paper
+
+    from .tables import Figures, out_console
 
     configurations = ", ".join(f"{letter} {label}" for letter, label in paper.LABELS.items())
     if any(row["config"] not in paper.LABELS for row in rows):
         configurations += ", D own PID + tanh inverse"
-    report = Table(
+    report = Figures(
         title="Control error on the actuator side, um (the paper's figure in brackets)", caption=configurations
     )
     for heading in ("axis", "Hz", "", "sigma", "maximum", "with start", "true sigma", "true max"):
@@ -127,7 +125,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
             "-" if row["true_max_error_um"] is None else f"{row['true_max_error_um']:.2f}",
             end_section=config == last,
         )
-    Console(highlight=False).print(report)
+    out_console().print(report)
 
 
 def _beside(value: str, papers: float | None, digits: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import click
 from micromanip.errors import UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, print_json
+from .recording_options import recording_options, tell
 from .results import Pictures, require_room
 
 KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
@@ -21,9 +23,9 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
     epilog="Example: micromanip fit hysteresis x.csv --input voltage_V --output strain_um --burn-in 1",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option("--input", "input_name", required=True, help="Column of the voltage.")
-@click.option("--output", "output_name", required=True, help="Column of the displacement, um.")
-@click.option("--time", "time_name", help="Column of the time, s.  [default: the first whose name begins with t]")
+@click.option("--input", "input_name", required=True, metavar="NAME[:unit]", help="Column of the voltage.")
+@click.option("--output", "output_name", required=True, metavar="NAME[:unit]", help="Column of the displacement.")
+@recording_options
 @click.option("--dt", "step_s", type=Quantity("Seconds"), help="Sampling interval, s, without a time column.")
 @click.option(
     "--burn-in",
@@ -45,12 +47,13 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 @click.option("--axis", help="The axis that --into means.")
 @json_option
 def command(
-    file: Path, input_name: str, output_name: str, time_name: str | None, step_s: float | None, burn_in_s: float,
-    kind: str, creep: bool, plays: int, seed: int, validate: Path | None, folder: Path | None, into: Path | None,
-    axis: str | None, as_json: bool,
+    file: Path, input_name: str, output_name: str, time_name: str | None, cut: tuple[float, float] | None,
+    rate_hz: float | None, step_s: float | None, burn_in_s: float, kind: str, creep: bool, plays: int, seed: int,
+    validate: Path | None, folder: Path | None, into: Path | None, axis: str | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Fit a hysteresis model to FILE (CSV with a header, or a recording of ours) and judge it.
+    """Fit a hysteresis model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet) and judge it.
 
+    Units are those of the columns' names, a row of units, or given with the name (x:mm); lengths are turned into um.
     Errors are in percent of the record's stroke after the burn-in; on the validation record the offset is refitted.
     Exit code 1 where the data is unusable, with what to record instead.
     """
@@ -59,14 +62,19 @@ def command(
 
     from micromanip.design.fitting import Request, fit_record
     from micromanip.design.record import load_record
+    from micromanip.recordings import Wanted
 
     if (into is None) != (axis is None):
         raise UsageError("--into and --axis go together")
     if into is not None and axis is not None:
         _require_axis(into, axis)
         require_room(into.parent, f"--into {into}")
-    record = load_record(file, input_name, output_name, time_name, step_s)
-    held_out = load_record(validate, input_name, output_name, time_name, step_s) if validate else None
+    untimed = step_s is not None and time_name is None
+    wanted = Wanted((input_name, output_name), time_name, step_s, untimed, cut, rate_hz)
+    record = load_record(file, wanted)
+    # the part is that of FILE; the other record has its own length
+    held_out = load_record(validate, replace(wanted, cut=None)) if validate else None
+    tell([record, *([held_out] if held_out else [])])
     with Pictures(folder) as pictures, Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(f"fitting {kind}", total=None)
         request = Request(kind, creep, plays, seed, burn_in_s)
@@ -84,10 +92,11 @@ def command(
         except OSError as problem:
             unwritten = system_error(problem, f"--into {into}")
     report = result.report() | {"figures": [str(path) for path in written]}
+    report["notes"] = [*record.notes, *report["notes"]]
     if as_json:
         print_json(report)
     else:
-        _print(report, None if unwritten else into)
+        _print(report, result.notes, None if unwritten else into)
     if unwritten is not None:
         raise unwritten
     pictures.require_written()
@@ -111,13 +120,15 @@ def _put_into(into: Path, axis: str, model: Any) -> None:
     write_atomically(into, with_hysteresis(source.text, axis, whole))
 
 
-def _print(report: dict[str, Any], into: Path | None) -> None:
+def _print(report: dict[str, Any], notes: list[str], into: Path | None) -> None:
     click.echo(
         f"{report['model']}: rms {report['rms_percent']:.3f} %, maximum {report['max_percent']:.2f} % of the stroke"
     )
     if report["validation"]:
         figures = report["validation"]
         click.echo(f"not fitted to: rms {figures['rms_percent']:.3f} %, maximum {figures['max_percent']:.2f} %")
+    for note in notes:
+        click.echo(f"note: {note}")
     for candidate in report["candidates"]:
         click.echo(
             f"  tried {candidate['model']:16} {candidate['rms_percent']:.3f} % fitted, "

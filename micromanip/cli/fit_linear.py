@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, json_option, print_json
+from .recording_options import recording_options, tell
 from .results import Pictures
 
 
@@ -24,7 +26,7 @@ from .results import Pictures
     help="Columns of the inputs, separated by commas: names in the header, or numbers from 1 in a text without one.",
 )  # fmt: skip
 @click.option("--output", "outputs", required=True, metavar="COLUMNS", help="Columns of the outputs, likewise.")
-@click.option("--time", "time_name", help="Column of the time, s.  [default: the first whose name begins with t]")
+@recording_options
 @click.option(
     "--dt", type=Quantity("Seconds"),
     help="Sampling interval of the model, s: needed without a time column; with one, a whole multiple thins the data.",
@@ -40,19 +42,22 @@ from .results import Pictures
 @click.option("--out", "folder", type=click.Path(path_type=Path, file_okay=False), help="Folder for the figures.")
 @json_option
 def command(
-    files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, dt: float | None, order: int | None,
-    split: float, validate: Path | None, folder: Path | None, as_json: bool,
+    files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
+    rate_hz: float | None, dt: float | None, order: int | None, split: float, validate: Path | None,
+    folder: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Fit a linear model to FILE (CSV, plain text or a recording of ours); several FILEs are several experiments.
+    """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
     Delays are estimated. The fit of an output is 100 % less the rms error of the free run in percent of the output's
-    rms, on the part held out, with state and offset at its start fitted. Exit code 1 where the data is unusable.
+    rms, on the part held out, with state and offset at its start fitted; the strict one fits both to the first tenth
+    of that part and is judged on the rest. Exit code 1 where the data is unusable.
     """
     from rich.console import Console
     from rich.progress import Progress
 
     from micromanip.design.linear.experiments import load_linear
     from micromanip.design.linear.judged import fit_records
+    from micromanip.recordings import Wanted
 
     driven, seen = _names(inputs, "--input"), _names(outputs, "--output")
     both = set(driven) & set(seen)
@@ -60,8 +65,10 @@ def command(
         raise UsageError(f"the column {min(both)} can't be input and output")
     if split == 1.0 and validate is None:
         raise UsageError("--split 1 leaves nothing to judge the model by: give --validate FILE, or a smaller split")
-    records = [load_linear(file, driven, seen, dt, time_name) for file in files]
-    held_out = load_linear(validate, driven, seen, dt, time_name) if validate else None
+    wanted = Wanted((*driven, *seen), time_name, dt, cut=cut, rate_hz=rate_hz)
+    records = [load_linear(file, wanted, len(driven)) for file in files]
+    held_out = load_linear(validate, replace(wanted, cut=None), len(driven)) if validate else None
+    tell([*records, *([held_out] if held_out else [])])
     with Pictures(folder) as pictures, Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("fitting", total=None)
         result = fit_records(records, held_out, order, split, lambda what: bar.update(task, description=what))
@@ -72,11 +79,17 @@ def command(
             pictures.draw(lambda where: draw_linear(result, where))
         written = pictures.put()
     report = result.report() | {"figures": [str(path) for path in written]}
+    read = [note for record in records for note in record.notes]
     if as_json:
-        print_json(report)
+        print_json(report | {"notes": [*read, *report["notes"]]})
     else:
         _print(report, seen, "held out" if split < 1.0 else "not fitted to")
     pictures.require_written()
+
+
+def _arx1(figures: dict[str, Any], output: int) -> str:
+    beside = figures.get("arx1_strict_fit_percent")
+    return f", ARX(1) {beside[output]:.2f} %" if beside else ""
 
 
 def _names(columns: str, option: str) -> list[str]:
@@ -93,8 +106,12 @@ def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
     if report["validation"] and held_out == "held out":
         parts.append(("not fitted to", report["validation"]))
     for where, figures in parts:
-        for name, fit, rms in zip(outputs, figures["fit_percent"], figures["rms_error_percent"], strict=True):
+        for k, name in enumerate(outputs):
+            fit, rms, strict = (figures[f"{key}_percent"][k] for key in ("fit", "rms_error", "strict_fit"))
             click.echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
+            click.echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
+    for note in report["notes"]:
+        click.echo(f"note: {note}")
     for name, coherence in zip(outputs, report["coherence"], strict=True):
         click.echo(f"coherence of {name}: {coherence:.3f} over all frequencies")
     for pole, hertz, damping in zip(report["poles_z"], report["poles_Hz"], report["poles_damping"], strict=True):

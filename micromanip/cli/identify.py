@@ -9,7 +9,7 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .results import keep, results_folder
 
 
@@ -62,9 +62,8 @@ def command(
         variant,
         write_csv,
     )
-    from micromanip.settings.check import prepare
 
-    prepared = prepare(config)
+    prepared = prepare_and_warn(config)
     configuration = prepared.configuration
     if axis not in configuration.axes:
         raise UsageError(f"there is no axis {axis} in {config}; its axes are {', '.join(configuration.axes)}")

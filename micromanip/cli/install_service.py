@@ -8,16 +8,18 @@ from typing import Any
 
 import click
 
-from micromanip.errors import UsageError
+from micromanip.errors import MicromanipError, UsageError
 
-from .options import StrictCommand, json_option, print_json
+from .options import StrictCommand, json_option, print_json, warn
 
 
 @click.command(
     "install-service", cls=StrictCommand, epilog="Example: sudo micromanip install-service cell.yaml --dry-run"
 )
 @click.argument("config", type=click.Path(path_type=Path), required=False)
-@click.option("--dry-run", is_flag=True, help="Only show what would be done.")
+@click.option(
+    "--dry-run", is_flag=True, help="Only show what would be done, with contents and differences, from anywhere."
+)
 @click.option("--yes", is_flag=True, help="Don't ask.")
 @click.option("--uninstall", is_flag=True, help="Stop and remove the service; configuration and state stay.")
 @click.option("--purge", is_flag=True, help="With --uninstall: remove configuration, state and user too.")
@@ -41,14 +43,19 @@ def command(
         raise UsageError("--purge goes with --uninstall")
     if uninstall and config is not None:
         raise UsageError("--uninstall takes no CONFIG")
-    machine = layout.this_machine()
     warnings: list[str] = []
+
+    def in_the_way(problem: MicromanipError) -> None:
+        if not dry_run:
+            raise problem
+        warnings.append(f"it can't be installed like this: {problem}")
+
+    machine = layout.this_machine(in_the_way)
     if uninstall:
         steps = plan.uninstall(machine, root, purge=purge)
     else:
         steps = plan.install(machine, config, root, warnings.append)
-    for warning in warnings:
-        click.echo(f"WARNING: {warning}", err=True)
+    warn(warnings)
     described = [{"step": step.sentence, "diff": list(step.diff)} for step in steps]
     if not as_json:
         _show(described)

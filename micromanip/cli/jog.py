@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Callable
 
 import click
 
 from micromanip.client import Client
 from micromanip.errors import UsageError
+from micromanip.replies import Jogged
 
-from .options import Quantity, StrictCommand, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, asking
+
+
+def _show(jogged: Jogged) -> None:
+    click.echo(f"axis {jogged['axis']} goes to {jogged['target_um']:g} um")
 
 
 @click.command(
@@ -27,18 +32,12 @@ from .options import Quantity, StrictCommand, json_option, print_json, socket_op
     metavar="UM",
     help="The new target, instead of a way from the present one.",
 )
-@socket_option
-@json_option
-def command(axis: str, by_um: float | None, to_um: float | None, socket_path: Path, as_json: bool) -> None:
+@asking(_show)
+def command(axis: str, by_um: float | None, to_um: float | None) -> Callable[[Client], Jogged]:
     """Move AXIS by BY_UM from its present target, at the configured speed.
 
     Works while TRACKING, where reference.source is jog, inside reference.range_um.
     """
     if (by_um is None) == (to_um is None):
         raise UsageError("give either a way, `micromanip jog x 5`, or a target, `micromanip jog x --to 60`")
-    with Client(socket_path) as client:
-        jogged = client.jog(axis, by_um=by_um, to_um=to_um)
-    if as_json:
-        print_json(jogged)
-    else:
-        click.echo(f"axis {jogged['axis']} goes to {jogged['target_um']:g} um")
+    return lambda client: client.jog(axis, by_um=by_um, to_um=to_um)

@@ -8,9 +8,8 @@ from functools import partial
 from types import TracebackType
 from typing import Literal, Self
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
 from micromanip.faults import FaultReport
@@ -18,6 +17,8 @@ from micromanip.host import journal
 from micromanip.replies import Link, Recorded, Status
 
 from .messages import Printer, error_console
+from .tables import Figures, out_console
+from .values import values
 
 _PLAIN_EVERY_S = 2.0
 _COLUMNS: tuple[Literal["p50", "p99", "p99_9", "p99_99", "max"], ...] = ("p50", "p99", "p99_9", "p99_99", "max")
@@ -32,13 +33,10 @@ _STYLES = {
 
 
 def one_line(report: Status) -> str:
-    """The state of the controller in one line."""
+    """The run in one line; the error is that of the last second."""
     seconds = report["cycles"] * report["period_ns"] * 1e-9
-    errors = " ".join(
-        f"{axis} {figures['rms']:.2f}"
-        for axis, figures in report["path_error_um"].items()
-        if figures["rms"] is not None
-    )
+    last_second = {axis: values["error_um"]["second"] for axis, values in report.get("axes", {}).items()}
+    errors = " ".join(f"{axis} {window['rms']:.2f}" for axis, window in last_second.items() if window is not None)
     late, compute = report["lateness_ns"]["p99_9"] / 1e3, report["compute_ns"]["p50"] / 1e3
     line = f"{seconds:7.1f} s  overruns {report['overruns']}  late p99.9 {late:.2f} us  compute p50 {compute:.1f} us"
     return line + (f"  error rms {errors} um" if errors else "")
@@ -89,30 +87,41 @@ class LiveLine:
 
 def summary(report: Status) -> None:
     """Timing and path error of a run on standard output."""
-    Console(highlight=False).print(figures(report))
+    out_console().print(figures(report))
+
+
+def status(report: Status) -> None:
+    """State, faults, what each axis does, and the figures of the run, on standard output."""
+    console = out_console()
+    console.print(state_line(report), *faults(report))
+    console.print(values(report), *_figures(report))
 
 
 def figures(report: Status) -> Group:
-    """Timing and path error of a run as tables, its faults below."""
+    """The run in one line, its figures as tables."""
     seconds = report["cycles"] * report["period_ns"] * 1e-9
-    parts: list[RenderableType] = [
-        f"{report['cycles']} cycles in {seconds:.1f} s, {report['overruns']} overruns, state {report['state']}"
-    ]
-    timing = Table("", "p50", "p99", "p99.9", "p99.99", "max", title="Timing, us")
+    line = f"{report['cycles']} cycles in {seconds:.1f} s, {report['overruns']} overruns, state {report['state']}"
+    return Group(line, *_figures(report))
+
+
+def faults(report: Status) -> list[Text]:
+    """What is latched, and what to do."""
+    return [Text(fault, style="bold red") for fault in report["faults"]]
+
+
+def _figures(report: Status) -> list[RenderableType]:
+    """Timing, path error, buses, recording."""
+    timing = Figures("", "p50", "p99", "p99.9", "p99.99", "max", title="Timing, us")
     for name, times in (("lateness", report["lateness_ns"]), ("compute", report["compute_ns"])):
         timing.add_row(name, *(f"{times[k] / 1e3:.2f}" for k in _COLUMNS))
-    parts.append(timing)
-    errors = Table("axis", "uncompensated rms", "rms", "max", "better by", title="Path error at the spindle, um")
+    parts: list[RenderableType] = [timing]
+    errors = Figures("axis", "uncompensated rms", "rms", "max", "better by", title="Path error at the spindle, um")
     for axis, error in report["path_error_um"].items():
-        if error["rms"] and error["uncompensated_rms"]:
-            better = error["uncompensated_rms"] / error["rms"]
-            errors.add_row(
-                axis,
-                f"{error['uncompensated_rms']:.1f}",
-                f"{error['rms']:.3f}",
-                f"{error['max']:.2f}",
-                f"{better:.0f} times",
-            )
+        if error["rms"] is not None and error["max"] is not None:
+            without = error["uncompensated_rms"]
+            better = "-" if not (without and error["rms"]) else f"{without / error['rms']:.0f} times"
+            told = "-" if without is None else f"{without:.1f}"
+            errors.add_row(axis, told, f"{error['rms']:.3f}", f"{error['max']:.2f}", better)
     if errors.row_count:
         parts.append(errors)
     if report["links"]:
@@ -122,7 +131,7 @@ def figures(report: Status) -> Group:
     recording = report.get("recording")  # a controller of an older version has not heard of it
     if recording is not None:
         parts.append(recorded(recording))
-    return Group(*parts, *(Text(fault, style="bold red") for fault in report["faults"]))
+    return parts
 
 
 def recorded(recording: Recorded) -> Text:
@@ -133,9 +142,9 @@ def recorded(recording: Recorded) -> Text:
     return Text(f"recording: {recording['file']}, {recording['state']}, {recording['rows']} cycles{dropped}")
 
 
-def links(report: Status) -> Table:
+def links(report: Status) -> Figures:
     """Each bus: where its link stands, what its outputs do, and what its driver counts."""
-    table = Table("bus", "link", "outputs", "times up", "received", "lost", "sent", "errors", "", title="Buses")
+    table = Figures("bus", "link", "outputs", "times up", "received", "lost", "sent", "errors", "", title="Buses")
     for name, link in report["links"].items():
         counts = (str(link["counts"].get(key, 0)) for key in ("received", "lost", "performed", "errors"))
         table.add_row(
@@ -159,12 +168,13 @@ def outputs_told(link: Link) -> str:
 
 def watched(report: Status) -> Group:
     """All that `status --watch` shows on a terminal."""
-    signals = Table("signal", "Hz", "age p50, us", "p99.9", "max", "lost", "late", title="Signals")
+    signals = Figures("signal", "Hz", "age p50, us", "p99.9", "max", "lost", "late", title="Signals")
     for name, signal in report["signals"].items():
         ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
         signals.add_row(name, f"{signal['rate_hz']:.0f}", *ages, str(signal["lost"]), str(signal["late"]))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
-    return Group(state_line(report), figures(report), signals, Text(running, style="dim"))
+    shown = (values(report), *_figures(report), signals)
+    return Group(state_line(report), *faults(report), *shown, Text(running, style="dim"))
 
 
 def state_line(report: Status) -> Text:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import importlib
+import json
 import os
 import sys
 import traceback
@@ -13,41 +15,53 @@ import click
 
 from micromanip.errors import MicromanipError, system_error
 
+from .options import Told
+
 # Our matrices are small: more threads gain nothing, and beside another busy process they spin it ten times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-COMMANDS = {
-    "run": "run a configuration: the daemon",
-    "check": "validate a configuration and print its budget",
-    "simulate-device": "play the devices that a configuration names",
-    "commission": "from factory values to a tuned, validated axis, with its report",
-    "identify": "play a safe excitation on one axis and record it",
-    "fit": "models from a recording",
-    "evaluate": "the paper's experiment in virtual time",
-    "analyse": "describing function, margins and robustness, with a verdict",
-    "status": "what the running controller does",
-    "arm": "start tracking, softly",
-    "disarm": "stop tracking, softly",
-    "hold": "freeze the correction",
-    "reset": "clear a latched fault",
-    "explain": "a trip in plain words, from its black box",
-    "jog": "move an axis by hand",
-    "get": "running values",
-    "set": "change running values",
-    "shadow": "let a candidate tuning compute beside what runs",
-    "promote": "put the candidate in force, on trial",
-    "withdraw": "let the candidate go, or take it back",
-    "diff": "the file against what runs",
-    "save": "write running values into the file",
-    "reload": "take over the file as it is now",
-    "audit": "who asked for what, and when",
-    "drivers": "which drivers are installed, and whether they keep their contract",
-    "probe": "what answers on a bus, and what it says",
-    "bench": "speed of this machine, beside references",
-    "safe-outputs": "bring all outputs to their safe value, with no controller running",
-    "install-service": "run a configuration as a service of this machine",
-    "completion": "shell completion",
+GROUPS = {
+    "The running cell": {
+        "run": "run a configuration: the daemon",
+        "status": "what the running controller does, and each axis",
+        "top": "the same over the whole screen, live, with keys",
+        "arm": "start tracking, softly",
+        "disarm": "stop tracking, softly",
+        "hold": "freeze the correction",
+        "reset": "clear a latched fault",
+        "jog": "move an axis by hand",
+        "explain": "a trip in plain words, from its black box",
+        "audit": "who asked for what, and when",
+    },
+    "Parameters of the running cell": {
+        "get": "running values",
+        "set": "change running values",
+        "shadow": "let a candidate tuning compute beside what runs",
+        "promote": "put the candidate in force, on trial",
+        "withdraw": "let the candidate go, or take it back",
+        "diff": "the file against what runs",
+        "save": "write running values into the file",
+        "reload": "take over the file as it is now",
+    },
+    "Design and tuning": {
+        "check": "validate a configuration and print its budget",
+        "commission": "from factory values to a tuned, validated axis, with its report",
+        "identify": "play a safe excitation on one axis and record it",
+        "fit": "models from a recording",
+        "analyse": "describing function, margins and robustness, with a verdict",
+        "evaluate": "the paper's experiment in virtual time",
+    },
+    "Devices and the machine": {
+        "drivers": "which drivers are installed, and whether they keep their contract",
+        "probe": "what answers on a bus, and what it says",
+        "simulate-device": "play the devices that a configuration names",
+        "safe-outputs": "bring all outputs to their safe value, with no controller running",
+        "bench": "speed of this machine, beside references",
+        "install-service": "run a configuration as a service of this machine",
+        "completion": "shell completion",
+    },
 }
+COMMANDS = {name: does for group in GROUPS.values() for name, does in group.items()}
 _TOGETHER = {
     "orders": ("arm", "disarm", "hold", "reset"),
     "parameters": ("get", "set", "diff", "save", "reload"),
@@ -72,8 +86,20 @@ class LazyGroup(click.Group):
         return next(c for c in vars(module).values() if isinstance(c, click.Command) and c.name == cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+        width = max(map(len, COMMANDS))
+        for title, commands in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(f"{name:{width}}", does) for name, does in commands.items()])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click does; a name that is not there gets the nearest one that is."""
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            near = difflib.get_close_matches(args[0], COMMANDS, 1)
+            hint = f"did you mean {near[0]}?" if near else "`micromanip --help` lists them."
+            raise click.UsageError(f"There is no command {args[0]!r:.40}; {hint}", ctx)
+        return super().resolve_command(ctx, args)
 
 
 @click.group(
@@ -88,17 +114,15 @@ def cli() -> None:
 
 def main(arguments: list[str] | None = None) -> Any:
     """Entry point; the exit codes are those of ``micromanip.errors``, and 64 for wrong usage."""
-    output = sys.stdout
+    output, told = sys.stdout, Told()
+    told.is_owed = "--json" in (sys.argv[1:] if arguments is None else arguments)
     try:
-        cli.main(args=arguments, prog_name="micromanip", standalone_mode=False)
-    except click.UsageError as problem:
-        problem.show()
-        sys.exit(_USAGE)
+        cli.main(args=arguments, prog_name="micromanip", standalone_mode=False, obj=told)
     except click.ClickException as problem:
         problem.show()
-        sys.exit(_USAGE)
+        _end(_USAGE, problem.format_message(), told)
     except (click.Abort, KeyboardInterrupt):
-        sys.exit(130)
+        _end(130, "interrupted", told)
     except SystemExit as ended:
         # nobody reads any more: click has put another stream there and rich has ended us, each with 1
         if sys.stdout is output and not isinstance(ended.__context__, BrokenPipeError):
@@ -107,18 +131,26 @@ def main(arguments: list[str] | None = None) -> Any:
         _end_output()
         sys.exit(0)
     except MicromanipError as problem:
-        _fail(problem)
+        _fail(problem, told)
     except OSError as problem:
-        _fail(system_error(problem, "standard output" if _while_printing(problem) else None))
+        _fail(system_error(problem, "standard output" if _while_printing(problem) else None), told)
     except Exception as problem:
         bug(problem)
-        sys.exit(70)
+        _end(70, f"bug: {type(problem).__name__}: {problem}", told)
 
 
-def _fail(problem: MicromanipError) -> NoReturn:
+def _fail(problem: MicromanipError, told: Told) -> NoReturn:
     _say(f"micromanip: {problem}")
+    _end(problem.exit_code, str(problem), told)
+
+
+def _end(code: int, error: str, told: Told) -> NoReturn:
+    """Exit with `code`; who asked for JSON and has none yet gets the error as such."""
+    if told.is_owed:
+        with contextlib.suppress(OSError):
+            click.echo(json.dumps({"error": error, "exit_code": code}, indent=2))
     _end_output()
-    sys.exit(problem.exit_code)
+    sys.exit(code)
 
 
 def _say(message: str) -> None:

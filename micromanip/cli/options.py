@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from micromanip.client import default_socket
+from micromanip.client import Client, default_socket
+
+if TYPE_CHECKING:
+    from micromanip.settings.check import Prepared
+
+_Answer = TypeVar("_Answer")
 
 
 class StrictCommand(click.Command):
@@ -70,14 +77,74 @@ socket_option = click.option(
     "socket_path",
     type=click.Path(path_type=Path, readable=False),  # the client says whom it lets in
     default=default_socket,
-    show_default="/run/micromanip/control.sock, or the user's own",
-    help="Control socket.",
+    help=f"Control socket.  [default: {default_socket()}]",
 )
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """A line each on standard error."""
+    for warning in warnings:
+        click.echo(f"WARNING: {warning}", err=True)
+
+
+def prepare_and_warn(config: Path, seed: int | None = None) -> Prepared:
+    """What ``settings.check.prepare`` makes of a file; its keys with names of an older version are told."""
+    from micromanip.settings.check import prepare
+
+    found = prepare(config, seed)
+    warn(found.source.notes)
+    return found
+
+
+class Told:
+    """What a command has written to standard output so far: one JSON document is owed to who asked for it."""
+
+    is_owed = False
 
 
 def print_json(document: Any) -> None:
     """Print `document` as the only thing on standard output; JSON has no word for what is not a finite number."""
+    pay_json()
     click.echo(json.dumps(_plain(document), indent=2, allow_nan=False))
+
+
+def print_answer(answer: _Answer, show: Callable[[_Answer], object], as_json: bool) -> None:
+    """One JSON document, or what `show` prints for people."""
+    if as_json:
+        print_json(answer)
+    else:
+        show(answer)
+
+
+def asking(
+    show: Callable[[_Answer], object],
+) -> Callable[[Callable[..., Callable[[Client], _Answer]]], Callable[..., None]]:
+    """Decorator of a command to the running controller, with the options that go with it.
+
+    The function looks at its own arguments, before anybody is asked, and says what to ask; `show` prints the answer.
+    """
+
+    def decorate(function: Callable[..., Callable[[Client], _Answer]]) -> Callable[..., None]:
+        @socket_option
+        @json_option
+        @functools.wraps(function)
+        def command(socket_path: Path, as_json: bool, **given: Any) -> None:
+            ask = function(**given)
+            with Client(socket_path) as client:
+                answer = ask(client)
+            print_answer(answer, show, as_json)
+
+        return command
+
+    return decorate
+
+
+def pay_json() -> None:
+    """What is printed from here on is the JSON that was asked for: an error gets none of its own."""
+    context = click.get_current_context(silent=True)
+    told = None if context is None else context.find_object(Told)
+    if told is not None:
+        told.is_owed = False
 
 
 def _plain(value: Any) -> Any:

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import click
 
 from micromanip.client import Client
 
-from .options import StrictCommand, json_option, print_json, socket_option
+from .options import StrictCommand, asking
 
 
 def _order(name: str, send: Callable[[Client], object], taken: str, what: str) -> click.Command:
     """The command `name`: what it does, how it is sent, and what is said once it is taken."""
 
+    def ask(client: Client) -> dict[str, bool]:
+        send(client)
+        return {"accepted": True}
+
     @click.command(name, cls=StrictCommand, help=what, epilog=f"Example: micromanip {name}")
-    @socket_option
-    @json_option
-    def command(socket_path: Path, as_json: bool) -> None:
-        with Client(socket_path) as client:
-            send(client)
-        if as_json:
-            print_json({"accepted": True})
-        else:
-            click.echo(taken)
+    @asking(lambda _: click.echo(taken))
+    def command() -> Callable[[Client], dict[str, bool]]:
+        return ask
 
     return command
 

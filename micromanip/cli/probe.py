@@ -35,13 +35,22 @@ if TYPE_CHECKING:
 def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
     """Show what answers on the bus of DRIVER, as CONFIG names it, with live values; nothing is moved.
 
-    Refused (exit code 69) while a controller has the device, and where nothing answers. Ctrl-C ends it early.
+    A simulated cell has no bus: what its sensors say at rest is computed instead. Refused (exit code 69) while a
+    controller has the device, and where nothing answers. Ctrl-C ends it early.
     """
     from micromanip.bus.device_lock import DeviceLocks
     from micromanip.bus.driver import BusDriver
-    from micromanip.settings.wiring.single_driver import driver_to_probe
+    from micromanip.settings.wiring.single_driver import NothingToProbe, driver_to_probe
 
-    chosen = driver_to_probe(config, driver)
+    try:
+        chosen = driver_to_probe(config, driver)
+    except NothingToProbe as refusal:
+        answer = _simulated(config, driver, seconds, refusal)
+        if as_json:
+            print_json(_found_document(driver, driver, seconds, {driver: answer}))
+        else:
+            _plain({driver: answer})
+        return
     if type(chosen).probe is BusDriver.probe:
         raise UsageError(f"driver {driver} has no probe: what answers on its bus can't be seen without moving it")
     with DeviceLocks([_device(chosen)]):
@@ -49,14 +58,7 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
         with contextlib.suppress(KeyboardInterrupt):
             _look(chosen, seconds, answers, live=not as_json and sys.stdout.isatty())
     if as_json:
-        print_json(
-            {
-                "driver": driver,
-                "device": _device(chosen),
-                "seconds": seconds,
-                "answers": [_document(answer) for answer in answers.values()],
-            }
-        )
+        print_json(_found_document(driver, _device(chosen), seconds, answers))
     if not answers:
         raise DeviceUnavailable(
             f"nothing answered on {_device(chosen)} in {seconds:g} s; check power, cable and the keys of "
@@ -68,6 +70,31 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
 
 def _device(driver: BusDriver | CyclicDriver) -> str:
     return driver.device or type(driver).__name__
+
+
+def _simulated(config: Path, driver: str, seconds: float, refusal: UsageError) -> Answer:
+    """What the signals of a simulated cell are after so many seconds of virtual time at rest."""
+    from micromanip.bus.driver import Answer
+    from micromanip.settings.check import prepare
+    from micromanip.virtual.experiment import VirtualExperiment
+
+    prepared = prepare(config)
+    if not (prepared.wiring.drivers[driver].virtual and prepared.wiring.virtual):
+        raise refusal
+    cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration, prepared.samples)
+    cell.run(seconds)
+    names = [name for name, signal in prepared.configuration.signals.items() if signal.driver == driver]
+    found = cell.signals[[prepared.wiring.signal(name) for name in names]]
+    values = {
+        name: float(each["value"]) if each["sequence"] and not each["status"] else f"{each['value']:.6g}, not good"
+        for name, each in zip(names, found, strict=True)
+    }
+    return Answer(driver, values, f"simulated, at rest, {seconds:g} s of virtual time")
+
+
+def _found_document(driver: str, device: str, seconds: float, answers: dict[str, Answer]) -> dict[str, Any]:
+    found = [_document(answer) for answer in answers.values()]
+    return {"driver": driver, "device": device, "seconds": seconds, "answers": found}
 
 
 def _look(driver: BusDriver | CyclicDriver, seconds: float, answers: dict[str, Answer], live: bool) -> None:
@@ -109,10 +136,11 @@ def _rows(answers: dict[str, Answer]) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _table(answers: dict[str, Answer]) -> Table:
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table("answers", "name", "value", "note")
+    from .tables import Figures
+
+    table = Figures("answers", "name", "value", "note")
     for row in _rows(answers):
         table.add_row(*map(Text, row))
     return table

@@ -15,9 +15,12 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from micromanip.errors import MicromanipError, system_error
+
+if TYPE_CHECKING:
+    from micromanip.settings.check import Prepared
 
 LATEST = "latest"
 _PROBE = bytes(4096)
@@ -47,6 +50,18 @@ def results_folder(folder: Path) -> Iterator[None]:
         for each in made:
             with contextlib.suppress(OSError):  # there is something in it
                 each.rmdir()
+
+
+def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:
+    """What a picture says of where it comes from; `seed` None stands for that of the simulation in the file."""
+    seeds = [
+        driver.options.get("seed", 1)
+        for driver in prepared.configuration.drivers.values()
+        if driver.driver == "simulated"
+    ]
+    drawn = "".join(f", seed {each}" for each in (seeds[:1] if seed is None else [seed]))
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    return f"axis {axis}, {prepared.source.path} ({prepared.source.hash[:8]}), {today}{drawn}"
 
 
 class Pictures:

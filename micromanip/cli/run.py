@@ -9,7 +9,7 @@ import click
 from micromanip.errors import CheckFailed
 from micromanip.replies import Status
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, print_answer, socket_option
 
 
 @click.command("run", cls=StrictCommand, epilog="Example: micromanip run config/simulated.yaml --duration 10")
@@ -51,16 +51,16 @@ def command(
     with LiveLine() as live:
         report = serve(prepared, Options(socket_path, duration_s, record, trips, keep_trips), live.say, live.show)
     try:
-        if as_json:
-            print_json(report)
-        else:
-            summary(report)
+        print_answer(report, summary, as_json)
     finally:  # also where nobody reads it
         _judge(report)
 
 
 def _judge(report: Status) -> None:
-    if report["faults"]:
-        raise CheckFailed("\n".join(report["faults"]))
+    if report["fault_reports"]:  # in full where it was noticed
+        names = [
+            fault["code"] + (f" on axis {fault['axis']}" if fault["axis"] else "") for fault in report["fault_reports"]
+        ]
+        raise CheckFailed(f"ended by {' after '.join(reversed(names))}, as said above; `micromanip explain` tells more")
     if report["recording"] is not None and report["recording"]["message"] is not None:
         raise CheckFailed(report["recording"]["message"])

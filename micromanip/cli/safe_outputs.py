@@ -8,7 +8,7 @@ import click
 
 from micromanip.errors import DeviceUnavailable
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json, warn
 
 
 @click.command("safe-outputs", cls=StrictCommand, epilog="Example: micromanip safe-outputs /etc/micromanip/cell.yaml")
@@ -37,11 +37,9 @@ def command(config: Path, wait_s: float, from_file: bool, as_json: bool) -> None
     from micromanip.host.safe.plan import plan_of
 
     plan = plan_of(config, from_file=from_file)
-    for warning in plan.warnings:
-        click.echo(f"WARNING: {warning}", err=True)
+    warn(plan.warnings)
     report = make_safe(plan, wait_s)
-    for note in report.notes:
-        click.echo(f"WARNING: {note}", err=True)
+    warn(report.notes)
     if as_json:
         print_json(
             {

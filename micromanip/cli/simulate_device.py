@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, pay_json, print_json, warn
 
 if TYPE_CHECKING:
     from micromanip.emulation.devices import Devices
@@ -48,10 +48,12 @@ def command(
 
     Says READY on standard error as soon as a controller may connect.
     """
-    from micromanip.emulation.devices import Devices
-    from micromanip.emulation.precedence import take_precedence
+    from micromanip.emulation.devices import Devices, take_precedence
 
     devices = Devices(config, watchdog_ms, seed)
+    warn(devices.notes)
+    if commands:
+        pay_json()  # a line for each answer, and none for what ends them
     take_precedence(devices.loop_cpu)
     gc.collect()
     gc.freeze()  # to look through all that was imported would make a stall now and then
@@ -140,19 +142,18 @@ class _StatusLine:
 
 def _summary(report: dict[str, Any]) -> None:
     """The figures as tables."""
-    from rich.console import Console
-    from rich.table import Table
+    from .tables import Figures, out_console
 
-    console = Console(highlight=False)
-    buses = Table("driver", "frames", "sent", "received", "not sent", "load, %", title="Buses")
+    console = out_console()
+    buses = Figures("driver", "frames", "sent", "received", "not sent", "load, %", title="Buses")
     for name, device in report["devices"].items():
         keys = ("frames", "sent", "received", "not_sent", "bus_load_percent")
-        buses.add_row(name, *(str(device[key]) for key in keys))
-    outputs = Table("output", "commands", "min, V", "max, V", "largest step, V", title="What arrived")
+        buses.add_row(name, *(str(device.get(key, "-")) for key in keys))  # a CANopen node counts frames only
+    outputs = Figures("output", "commands", "min, V", "max, V", "largest step, V", title="What arrived")
     for name, output in report["outputs"].items():
         volts = (output["min"], output["max"], output["largest_step_V"])
         outputs.add_row(name, str(output["samples"]), *("-" if v is None else f"{v:.3f}" for v in volts))
-    errors = Table("axis", "uncompensated rms", "rms", "max", title="Path error at the spindle, um")
+    errors = Figures("axis", "uncompensated rms", "rms", "max", title="Path error at the spindle, um")
     for axis, error in report["path_error_um"].items():
         shown = (error.get(key) for key in ("uncompensated_rms", "rms", "max"))
         errors.add_row(axis, *("-" if value is None else f"{value:.3f}" for value in shown))

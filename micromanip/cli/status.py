@@ -25,7 +25,7 @@ _REFRESH_S = 0.2
 @socket_option
 @json_option
 def command(watch: bool, every_s: float, socket_path: Path, as_json: bool) -> None:
-    """State, timing and path error of the running controller."""
+    """What the running controller does: its state, what each axis does, its timing and path error."""
     if watch and as_json:
         raise UsageError("--watch goes on and --json is one document: use one of them")
     with Client(socket_path) as client:
@@ -37,9 +37,9 @@ def command(watch: bool, every_s: float, socket_path: Path, as_json: bool) -> No
     if as_json:
         print_json(report)
         return
-    from .live import summary
+    from .live import status
 
-    summary(report)
+    status(report)
 
 
 def _watch(client: Client, every_s: float) -> None:

@@ -54,7 +54,7 @@ class PidSettings(Protocol):
 class PidGains:
     """Gains per step of `period_s`: the fields of ``rt.laws.pid.PID_PARAMETERS``."""
 
-    gain: float
+    K_V_per_um: float
     integral: float
     derivative: float
     filter_s: float
@@ -81,7 +81,7 @@ def pid_gains(pid: PidSettings, period_s: float) -> PidGains:
             "notch_tangent": math.tan(angle),
         }
     return PidGains(
-        gain=pid.K_V_per_um,
+        K_V_per_um=pid.K_V_per_um,
         integral=pid.K_V_per_um * period_s / (pid.Ti_ms * 1e-3),
         derivative=pid.K_V_per_um * pid.Td_ms * 1e-3,
         filter_s=pid.filter_ms * 1e-3,
@@ -97,7 +97,7 @@ def pid_system(pid: PidSettings, period_s: float) -> System:
     decay, derivative = _derivative(p)
     A = np.array([[1.0, 0.0, 0.0], [0.0, decay, -derivative], [0.0, 0.0, 0.0]])
     B = np.array([p.integral, derivative, 1.0])
-    plain = System(A, B, np.array([1.0, decay, -derivative]), p.gain + p.integral + derivative, period_s)
+    plain = System(A, B, np.array([1.0, decay, -derivative]), p.K_V_per_um + p.integral + derivative, period_s)
     return plain if p.notch_share == 0.0 else _notch_system(p).then(plain)
 
 
@@ -121,7 +121,7 @@ def _derivative(p: PidGains) -> tuple[float, float]:
 def _plain_response(p: PidGains, omega: Array) -> Complex:
     decay, derivative = _derivative(p)
     back = np.exp(-1j * omega * p.period_s)
-    return np.asarray(p.gain + p.integral / (1.0 - back) + derivative * (1.0 - back) / (1.0 - decay * back))
+    return np.asarray(p.K_V_per_um + p.integral / (1.0 - back) + derivative * (1.0 - back) / (1.0 - decay * back))
 
 
 def _notch_response(p: PidGains, omega: Array) -> Complex:

@@ -1,105 +1,149 @@
 """Linear dynamics of one actuator, voltage to strain gauge, about its working point: what the strain loop closes over.
 
-Recorded in open loop with small noise in two bands: the first mode and its antiresonance lie close together near
-65 Hz and are seen only if much of the excitation is there; amplifier, gauge and the mode near 2.4 kHz need the rest.
-Small, so that the hysteresis adds little: its slope over amplitude is the describing function's business.
+Recorded in open loop with a small periodic multisine, the other axes at rest; more of it where the flexure's modes and
+antiresonances lie side by side. Small, so that the hysteresis adds little: its slope over amplitude is the describing
+function's business. Measured again, longer and with more, where the response or its model is not good enough.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from micromanip.control.system import System
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import Hold
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
-from .excitation import band_noise
-from .experiment import Experiment, parked, path_bandwidth, with_axes, with_reference
+from .experiment import EXCITED, Experiment, alone, parked, path_bandwidth, resting, with_reference
 from .identification import variant
-from .linear import fit_linear
+from .response import Identified, Multisine, Wanted, identify, measure, multisine
 
 Array = NDArray[np.float64]
 
-SECONDS, SETTLE_S = 4.0, 0.1
-LOW_RMS_V, LOW_HZ = 1.0, 80.0
-WIDE_RMS_V, WIDE_HZ = 0.7, 3000.0
-ORDER, _BLOCK_ROWS, _REFINEMENTS = 8, 50, 3
-NARROW_HZ, NARROW_ORDER = 1000.0, 5
-"""Behind a slow bus less of the actuator is seen: its first mode, the antiresonance beside it, one lag."""
-_DRIFT_HZ = 5.0
+LOW_HZ, WIDE_HZ = 12.0, 4000.0
 """Below it creep and hysteresis, not the linear dynamics, make the movement."""
-_LEAST_FIT_PERCENT = 50.0
+_RMS_V = ((150.0, 1.0), (600.0, 0.6), (WIDE_HZ, 0.7))
+"""Upper frequency and rms of each part."""
+_WIDEST_SHARE = 0.4
+ORDERS, DELAYS = tuple(range(4, 17)), tuple(range(7))
+NARROW_HZ, NARROW_ORDERS = 1000.0, (3, 4, 5, 6)
+"""Behind a slow bus less of the actuator is seen: its first mode, the antiresonance beside it, one lag."""
+ATTEMPTS, _LONGER, _MORE = 3, 2.0, 1.4
+"""How often it is measured, and what each time is longer and larger by."""
+_SETTLE_S = 0.5
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """``dynamics`` from voltage (V) to strain gauge (um), a step per cycle, for swings near ``swing_um``.
+    """Voltage (V) to strain gauge (um), a step per cycle, for swings near ``swing_um``, and what it was found from."""
 
-    ``fit_percent``: free run on the part of the record that was left out.
-    """
-
-    dynamics: System
+    found: Identified
     swing_um: float
     centre_V: float
-    fit_percent: float
     path: FeedbackPath = AT_ONCE
     """What a bus adds between the two, which is not in ``dynamics``."""
+    attempts: int = 1
+
+    @cached_property
+    def dynamics(self) -> System:
+        """The model, its ``delay`` (cycles) left out."""
+        return self.found.dynamics()
+
+    @property
+    def delay(self) -> int:
+        """Whole cycles from a voltage to the first of its answer, beyond that of the dynamics."""
+        return self.found.delay
+
+    @cached_property
+    def system(self) -> System:
+        """The model with its delay."""
+        return self.found.system()
+
+    @property
+    def fit_percent(self) -> float:
+        """100 less the rms error of the model beside the measured response, in percent of it."""
+        return self.found.fit_percent
 
 
 def working_voltage(configuration: Configuration, experiment: Experiment, axis: str) -> float:
-    """Voltage (V) that holds `axis` at its working point, under its own feedback."""
+    """Voltage (V) that holds `axis` at its working point, under its own feedback; the others rest."""
+    samples = resting(configuration, axis, round(_SETTLE_S * configuration.loop.rate_hz))
+    rows = experiment(with_reference(alone(configuration, axis, "strain"), EXCITED), _SETTLE_S, samples)
     index = list(configuration.axes).index(axis)
-    held = Hold(source="hold", offset_um=configuration.axes[axis].centre_um)
-    rows = experiment(with_reference(with_axes(configuration, mode="strain"), held), 0.5)
     return float(rows["axis"]["voltage_V"][len(rows) // 2 :, index].mean())
 
 
-def identify_actuator(configuration: Configuration, experiment: Experiment, axis: str, seed: int = 1) -> Actuator:
-    """Record and fit; raises CheckFailed where the record does not look like an actuator."""
-    rate_hz = configuration.loop.rate_hz
-    centre_V = working_voltage(configuration, experiment, axis)
-    count, index = round(SECONDS * rate_hz), list(configuration.axes).index(axis)
-    samples = parked(configuration, count)
+def identify_actuator(
+    configuration: Configuration, experiment: Experiment, axis: str, seed: int = 1, centre_V: float | None = None
+) -> Actuator:
+    """Record and fit about `centre_V`, by default the voltage that holds the working point.
+
+    Raises CheckFailed where the response, or a model of it, is not good enough after some attempts.
+    """
+    rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
+    if centre_V is None:
+        centre_V = working_voltage(configuration, experiment, axis)
     path = experiment.path(configuration, axis)
-    wide_hz = min(WIDE_HZ, 0.3 * rate_hz, path_bandwidth(path, rate_hz))
-    noise = band_noise(LOW_RMS_V, LOW_HZ, rate_hz, count, seed)
-    samples[:, index] = centre_V + noise + band_noise(WIDE_RMS_V, wide_hz, rate_hz, count, seed + 1)
-    rows = experiment(variant(configuration), SECONDS, samples)[round(SETTLE_S * rate_hz) :]["axis"]
-    u, y = (np.asarray(rows[name][:, index], dtype=float) for name in ("voltage_V", "strain_um"))
-    fitted = fit_actuator(u, y, 1.0 / rate_hz, ORDER if wide_hz > NARROW_HZ else NARROW_ORDER)
-    return Actuator(fitted.dynamics, fitted.swing_um, centre_V, fitted.fit_percent, path)
-
-
-def fit_actuator(voltage_V: Array, strain_um: Array, period_s: float, order: int = ORDER) -> Actuator:
-    """Dynamics from a record (n,), (n,) with a sample per cycle, excited by small noise about one voltage."""
-    if len(voltage_V) != len(strain_um) or not (np.isfinite(voltage_V).all() and np.isfinite(strain_um).all()):
-        raise CheckFailed("voltage and strain must be two finite records of one length")
-    if voltage_V.std() == 0.0 or strain_um.std() == 0.0:
-        raise CheckFailed("the record does not move: is the excitation on this axis, and the strain gauge connected?")
-    drift = butter(2, _DRIFT_HZ, "high", fs=1.0 / period_s, output="sos")
-    u, y = (sosfiltfilt(drift, signal)[:, None] for signal in (voltage_V, strain_um))
-    part = 3 * len(u) // 4
-    model = fit_linear(
-        [(u[:part], y[:part])],
-        period_s,
-        order,
-        delays=[0],  # the states of order 8 hold it: less than two cycles, of which a part is none
-        direct=False,
-        block_rows=_BLOCK_ROWS,
-        refinements=_REFINEMENTS,
-    )
-    fit_percent = float(model.errors(u[part:], y[part:])[0][0])
-    if fit_percent < _LEAST_FIT_PERCENT:
-        raise CheckFailed(
-            f"the strain gauge follows the voltage too little for a model: the free run on held-out data fits "
-            f"{fit_percent:.0f} %, at least {_LEAST_FIT_PERCENT:.0f} % are needed; is it the right axis?"
+    wide_hz = min(WIDE_HZ, _WIDEST_SHARE * rate_hz, path_bandwidth(path, rate_hz))
+    narrow = wide_hz <= NARROW_HZ
+    wanted = Wanted(NARROW_ORDERS if narrow else ORDERS, (0,) if narrow else DELAYS)
+    output = configuration.outputs[f"voltage_{axis}"]
+    found = None
+    for attempt in range(ATTEMPTS):
+        size = _MORE**attempt
+        wave = multisine(
+            tuple((min(upper, wide_hz), size * rms) for upper, rms in _RMS_V),
+            LOW_HZ,
+            wide_hz,
+            rate_hz,
+            seed=seed + attempt,
+            period_s=3.2 * _LONGER**attempt,
         )
-    A, B, C, _ = model.modes.state_space()
-    swing_um = float(np.sqrt(2.0) * y.std())
-    return Actuator(System(A, B[:, 0], C[0], 0.0, period_s), swing_um, float(voltage_V.mean()), fit_percent)
+        found = _recorded(configuration, experiment, axis, index, centre_V, wave, output.range_V, wanted)
+        if found.problem is None:
+            break
+    assert found is not None
+    if found.problem is not None:
+        raise CheckFailed(
+            f"axis {axis}: the actuator can't be identified well enough to close a loop, in {ATTEMPTS} attempts: "
+            f"{found.problem}. Look for a loose gauge, a disturbance meanwhile, or more modes than a model of order "
+            f"{max(wanted.orders)} holds. Nothing was closed"
+        )
+    swing_um = float(
+        np.sqrt(2.0) * np.sqrt(sum(rms**2 for _, rms in _RMS_V)) * np.median(np.abs(found.measured.response))
+    )
+    return Actuator(found, swing_um, centre_V, path, attempt + 1)
+
+
+def _recorded(
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    index: int,
+    centre_V: float,
+    wave: Multisine,
+    range_V: tuple[float, float],
+    wanted: Wanted,
+) -> Identified:
+    samples = parked(configuration, len(wave.samples))
+    samples[:, index] = centre_V + wave.samples
+    reach = float(np.abs(wave.samples).max())
+    if centre_V - reach < range_V[0] or centre_V + reach > range_V[1]:
+        raise CheckFailed(
+            f"axis {axis}: the working point is held by {centre_V:.1f} V, too near to the end of range_V for a swing "
+            f"of {reach:.1f} V: move centre_um. Nothing was closed"
+        )
+    rows = experiment(variant(configuration), len(wave.samples) / wave.rate_hz, samples)["axis"]
+    u, y = (np.asarray(rows[name][:, index], dtype=float) for name in ("voltage_V", "strain_um"))
+    if not np.isfinite(y).all():
+        raise CheckFailed(f"axis {axis}: the strain gauge has gaps in its record; look at its cable and its status")
+    if float(np.ptp(y)) == 0.0:
+        raise CheckFailed(f"axis {axis}: the strain gauge stands still under {reach:.1f} V; is it connected?")
+    return identify(measure(wave, u, y), 1.0 / wave.rate_hz, wanted)
+
+
+__all__ = ["Actuator", "identify_actuator", "working_voltage"]

@@ -16,7 +16,7 @@ from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
-from .actuation import identify_actuator
+from .actuation import Actuator, identify_actuator
 from .experiment import Experiment
 from .judged import Inverse, Stage, Strain, analyse_inverse, analyse_stage, analyse_strain
 from .loops import Sample, draw, each
@@ -48,9 +48,11 @@ def analyse_axis(
     *,
     play: Play | None = None,
     jobs: int | None = None,
+    actuator: Actuator | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> AxisAnalysis:
     """Analyse `axis`; `experiment` records its actuator (None: nothing may move), `play` runs whole varied cells.
+    An `actuator` that is known already is not recorded again.
 
     `seeds` draws the plants, one a seed. `progress` is told what comes next.
     """
@@ -69,6 +71,8 @@ def analyse_axis(
     strain = None
     if settings.inner.mode == "feedforward":
         missing.append("no strain loop: inner.mode is feedforward, nothing is fed back from the strain gauge")
+    elif actuator is not None:
+        strain = analyse_strain(settings, actuator, inverse)
     elif experiment is None:
         missing.append(
             "no margins of the strain loop: its actuator is recorded on a simulated cell only, nothing moves"

@@ -10,15 +10,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
+from micromanip.settings.schema.accept import Accept
+
 from .analysis import AxisAnalysis
 from .canvas import panels, save
-from .criteria import LEAST_GAIN_DB, LEAST_PHASE_DEG
 from .judged import Inverse
 from .loops import Margins, Sample, System, grid, refined
 
 Array = NDArray[np.float64]
 
 _COLOURS = {"strain loop": "tab:blue", "outer loop": "tab:orange"}
+_AT_WORST = "tab:cyan"
 _SHOWN_HZ, _FAR = 1.0, 20.0
 """Bode plots begin there; an Ms above the other is drawn there."""
 
@@ -60,7 +62,7 @@ def gain_over_offsets(inverse: Inverse) -> Figure:
         )
         panel.clabel(lines, fontsize="x-small")
     panel.set(xlabel="amplitude, um", ylabel="offset, um")
-    figure.colorbar(drawn, ax=panel)
+    figure.colorbar(drawn, ax=panel, label="gain |N|, V/um")
     return figure
 
 
@@ -79,7 +81,7 @@ def bode(loops: dict[str, tuple[System, Margins]]) -> Figure:
         hertz, L = curve(loop)
         shown = hertz > _SHOWN_HZ
         hertz, L = hertz[shown], L[shown]
-        colour = _COLOURS[name]
+        colour = _colour(name)
         size.loglog(hertz, np.abs(L), color=colour, lw=1.0, label=name)
         turned = np.degrees(np.angle(L))
         turned[1:][np.abs(np.diff(turned)) > 180.0] = np.nan
@@ -97,12 +99,17 @@ def bode(loops: dict[str, tuple[System, Margins]]) -> Figure:
     return figure
 
 
+def _colour(name: str) -> str:
+    """Of a loop by its name, which says the slope that it holds for."""
+    return _AT_WORST if "worst" in name else next(c for loop, c in _COLOURS.items() if name.startswith(loop))
+
+
 def _said(name: str, found: Margins) -> str:
     text = f"{name}: Ms {found.sensitivity:.2f}, {found.gain_dB:.1f} dB, {found.phase_deg:.0f} deg"
     return text if found.stable else f"{name}: UNSTABLE"
 
 
-def nyquist(loops: dict[str, tuple[System, Margins]]) -> Figure:
+def nyquist(loops: dict[str, tuple[System, Margins]], accept: Accept) -> Figure:
     """Nyquist curves near -1, with the circle that Ms keeps free of L and the criteria's marks."""
     figure = Figure(figsize=(7.0, 6.4), layout="constrained")
     figure.suptitle("Nyquist curves; circles: distance 1/Ms to -1")
@@ -111,22 +118,21 @@ def nyquist(loops: dict[str, tuple[System, Margins]]) -> Figure:
     panel.plot(turn.real, turn.imag, color="grey", lw=0.6, ls=":")
     for name, (loop, found) in loops.items():
         _, L = curve(loop)
-        panel.plot(L.real, L.imag, color=_COLOURS[name], lw=1.1, label=_said(name, found))
+        panel.plot(L.real, L.imag, color=_colour(name), lw=1.1, label=_said(name, found))
         circle = -1.0 + found.modulus * turn
-        panel.plot(circle.real, circle.imag, color=_COLOURS[name], lw=0.8, ls="--")
+        panel.plot(circle.real, circle.imag, color=_colour(name), lw=0.8, ls="--")
     panel.plot(-1.0, 0.0, "k+", ms=10)
-    wanted = np.radians(180.0 - LEAST_PHASE_DEG)
+    wanted = np.radians(180.0 - accept.phase_margin_deg)
     panel.plot([np.cos(wanted)] * 2, [np.sin(wanted), -np.sin(wanted)], "kx", ms=6)
-    panel.plot(
-        -(10.0 ** (-LEAST_GAIN_DB / 20.0)), 0.0, "kx", ms=6, label=f"{LEAST_GAIN_DB:g} dB, {LEAST_PHASE_DEG:g} deg"
-    )
+    asked = f"{accept.gain_margin_dB:g} dB, {accept.phase_margin_deg:g} deg"
+    panel.plot(-(10.0 ** (-accept.gain_margin_dB / 20.0)), 0.0, "kx", ms=6, label=asked)
     panel.set(xlim=(-2.5, 1.5), ylim=(-2.0, 2.0), aspect="equal", xlabel="real part", ylabel="imaginary part")
     panel.legend(fontsize="small", loc="upper right")
     panel.grid(alpha=0.3)
     return figure
 
 
-def drawn_plants(samples: tuple[Sample, ...]) -> Figure:
+def drawn_plants(samples: tuple[Sample, ...], accept: Accept) -> Figure:
     """Ms and phase margin of each drawn plant, unstable ones along the right edge; and Ms over what matters most."""
     figure, (top, bottom) = panels(2, f"Margins of {len(samples)} drawn plants", 1.6)
     for name, of in (("strain loop", "strain"), ("outer loop", "stage")):
@@ -141,7 +147,7 @@ def drawn_plants(samples: tuple[Sample, ...]) -> Figure:
         bottom.plot([_frequency(s) for s, _ in stable], x, "o", ms=3.5, color=colour, alpha=0.7)
         bottom.plot([_frequency(s) for s in lost], [_FAR] * len(lost), "x", ms=6, color=colour)
         top.plot([_FAR] * len(lost), [0.0] * len(lost), "x", ms=6, color=colour)
-    top.axhline(LEAST_PHASE_DEG, color="black", lw=0.6)
+    bottom.axhline(accept.robust_sensitivity, color="black", lw=0.6)
     top.set(xscale="log", xlabel=f"Ms (x: unstable, or above {_FAR:g})", ylabel="phase margin, deg")
     top.legend(fontsize="small")
     bottom.set(yscale="log", xlabel="frequency of the flexure's mode over its nominal one", ylabel="Ms")
@@ -158,25 +164,30 @@ def _frequency(sample: Sample) -> float:
 
 
 def loops_of(analysis: AxisAnalysis) -> dict[str, tuple[System, Margins]]:
-    """The loops that there are, nominal, by name."""
+    """The loops that there are by name: the strain loop at the identified slope, and at the worst if another."""
     loops: dict[str, tuple[System, Margins]] = {}
     if analysis.strain is not None:
         i = int(np.argmin(np.abs(np.array(analysis.strain.slopes) - 1.0)))
-        loops["strain loop"] = analysis.strain.loops[i], analysis.strain.margins[i]
+        loops["strain loop, identified slope"] = analysis.strain.loops[i], analysis.strain.margins[i]
+        k = int(np.argmax([m.sensitivity for m in analysis.strain.margins]))
+        if k != i:
+            name = f"strain loop, worst slope ({analysis.strain.slopes[k]:.2f} times)"
+            loops[name] = analysis.strain.loops[k], analysis.strain.margins[k]
     if analysis.stage is not None:
         loops["outer loop"] = analysis.stage.loop, analysis.stage.margins
     return loops
 
 
-def draw_analysis(analysis: AxisAnalysis, folder: Path) -> list[Path]:
-    """Draw what the analysis of one axis has into `folder`; the files."""
+def draw_analysis(analysis: AxisAnalysis, folder: Path, about: str = "") -> list[Path]:
+    """Draw what the analysis of one axis has into `folder`; the files. `about` says where it comes from."""
     drawings: dict[str, Any] = {}
     if analysis.inverse is not None:
         drawings["figure7_describing_function"] = describing_function(analysis.inverse)
         drawings["describing_map"] = gain_over_offsets(analysis.inverse)
     loops = loops_of(analysis)
     if loops:
-        drawings["bode"], drawings["nyquist"] = bode(loops), nyquist(loops)
+        drawings["bode"], drawings["nyquist"] = bode(loops), nyquist(loops, analysis.settings.accept)
     if analysis.samples:
-        drawings["drawn_plants"] = drawn_plants(analysis.samples)
-    return [file for name, figure in drawings.items() for file in save(figure, folder, f"{name}_{analysis.axis}")]
+        drawings["drawn_plants"] = drawn_plants(analysis.samples, analysis.settings.accept)
+    files = (save(figure, folder, f"{name}_{analysis.axis}", about=about) for name, figure in drawings.items())
+    return [file for pair in files for file in pair]

@@ -11,8 +11,13 @@ from matplotlib.figure import Figure
 _SIZE, _DPI = (7.0, 4.5), 130
 
 
-def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI) -> list[Path]:
-    """Write `figure` as PNG and SVG, each whole or not at all; the files. Raises OSError."""
+def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI, about: str = "") -> list[Path]:
+    """Write `figure` as PNG and SVG, each whole or not at all; the files. Raises OSError.
+
+    `about` stands below it in small print: where it comes from.
+    """
+    if about:
+        figure.supxlabel(about, fontsize="x-small", color="dimgrey")
     files = [folder / f"{name}.png", folder / f"{name}.svg"]
     for file in files:
         try:

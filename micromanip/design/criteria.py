@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
+from micromanip.settings.schema.accept import Accept
+
 from .analysis import AxisAnalysis
 from .describing import LimitCycle
-from .loops import Margins, worst
+from .loops import Margins, Sample, worst
 
-LEAST_GAIN_DB, LEAST_PHASE_DEG = 6.0, 35.0
 _LOST = 0.2
 """A played cell has lost its path where the rms error is above this share of the movement."""
 
@@ -39,12 +42,13 @@ def criteria(analysis: AxisAnalysis) -> list[Criterion]:
         add("invertible over the set-points", not verdict.problems, value, "regular everywhere")
     if analysis.strain is not None:
         slopes = analysis.strain.slopes
-        for part in _loop("strain loop", analysis.strain.margins, [f"at {s:.2f} times the slope" for s in slopes]):
+        where = [f"at {s:.2f} times the slope" for s in slopes]
+        for part in _loop("strain loop", analysis.strain.margins, where, analysis.settings.accept):
             add(*part)
         if analysis.inverse is not None:
             add("strain loop: limit cycle", not analysis.strain.cycles, _cycles(analysis.strain.cycles, "V"), "none")
     if analysis.stage is not None:
-        for part in _loop("outer loop", (analysis.stage.margins,), [""]):
+        for part in _loop("outer loop", (analysis.stage.margins,), [""], analysis.settings.accept):
             add(*part)
         if analysis.inverse is not None and analysis.settings.inner.mode != "pid":
             add("outer loop: limit cycle", not analysis.stage.cycles, _cycles(analysis.stage.cycles, "um"), "none")
@@ -67,7 +71,7 @@ def criteria(analysis: AxisAnalysis) -> list[Criterion]:
 Part = tuple[str, bool, str, str]
 
 
-def _loop(name: str, found: tuple[Margins, ...], where: list[str]) -> list[Part]:
+def _loop(name: str, found: tuple[Margins, ...], where: list[str], accept: Accept) -> list[Part]:
     """Stability and both margins of a loop at the worst of its variants."""
 
     def said(i: int, text: str) -> str:
@@ -88,15 +92,15 @@ def _loop(name: str, found: tuple[Margins, ...], where: list[str]) -> list[Part]
         ),
         (
             f"{name}: gain margin",
-            all(m.stable and m.gain_dB >= LEAST_GAIN_DB for m in found),
-            said(g, f"{found[g].gain_dB:.1f} dB"),
-            f">= {LEAST_GAIN_DB:g} dB",
+            all(m.stable and m.gain_dB >= accept.gain_margin_dB for m in found),
+            said(g, f"{told(found[g].gain_dB, accept.gain_margin_dB, 1)} dB"),
+            f">= {accept.gain_margin_dB:g} dB",
         ),
         (
             f"{name}: phase margin",
-            all(m.stable and m.phase_deg >= LEAST_PHASE_DEG for m in found),
-            said(p, f"{found[p].phase_deg:.0f} deg at {found[p].phase_Hz:.3g} Hz"),
-            f">= {LEAST_PHASE_DEG:g} deg",
+            all(m.stable and m.phase_deg >= accept.phase_margin_deg for m in found),
+            said(p, f"{told(found[p].phase_deg, accept.phase_margin_deg, 0)} deg at {found[p].phase_Hz:.3g} Hz"),
+            f">= {accept.phase_margin_deg:g} deg",
         ),
     ]
 
@@ -109,15 +113,29 @@ def _cycles(cycles: tuple[LimitCycle, ...], unit: str) -> str:
 
 
 def _drawn(analysis: AxisAnalysis) -> list[Part]:
-    """Share of drawn plants that are stable. With an outer loop it is the whole loop that counts."""
+    """Ms that the accepted share of the drawn plants keeps. With an outer loop it is the whole loop that counts."""
     name, whole = ("outer loop", True) if analysis.stage is not None else ("strain loop", False)
-    loops = [(s, s.stage if whole else s.strain) for s in analysis.samples]
-    stable = sum(m is not None and m.stable for _, m in loops)
+    accept, share = analysis.settings.accept, analysis.settings.accept.robust_percent
+    found = np.array([_sensitivity(s, whole=whole) for s in analysis.samples])
+    kept = float(np.quantile(found, 0.01 * share, method="inverted_cdf"))
     case = worst(list(analysis.samples), of_stage=whole)
-    margin = case.stage if whole else case.strain
-    size = "unstable" if margin is None or not margin.stable else f"Ms {margin.sensitivity:.2f}"
-    value = f"{stable} of {len(loops)}, worst {size} with seed {case.seed}"
-    return [(f"{name}: stable for drawn plants", stable == len(loops), value, "all")]
+    size = "unstable" if not np.isfinite(found.max()) else f"Ms {found.max():.2f}"
+    least = "no bound" if not np.isfinite(kept) else f"Ms {told(kept, accept.robust_sensitivity, 2)}"
+    value = f"{least} for {share:g} % of {len(found)}, worst {size} with seed {case.seed}"
+    limit = f"Ms <= {accept.robust_sensitivity:g} for {share:g} %"
+    return [(f"{name}: drawn plants", kept <= accept.robust_sensitivity, value, limit)]
+
+
+def _sensitivity(case: Sample, *, whole: bool) -> float:
+    loop = case.stage if whole else case.strain
+    return loop.sensitivity if loop is not None and loop.stable else float("inf")
+
+
+def told(value: float, limit: float, decimals: int) -> str:
+    """`value` with enough digits to be seen on its side of `limit`."""
+    while decimals < 6 and value != limit and (round(value, decimals) - limit) * (value - limit) <= 0.0:
+        decimals += 1
+    return f"{value:.{decimals}f}"
 
 
 def notes(analysis: AxisAnalysis) -> list[str]:

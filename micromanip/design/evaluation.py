@@ -66,7 +66,8 @@ def _known(value: np.floating[Any]) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _variant(axis: Axis, config: str, own_pid: bool) -> Axis:
+def variant_of(axis: Axis, config: str, own_pid: bool) -> Axis:
+    """`axis` as configuration A, B, C, D or feedforward alone; with `own_pid` not with the anchor's PID."""
     pid = axis.inner if own_pid or config == TUNED else paper.ANCHOR_PID
     mode = {"A": "pid", paper.FEEDFORWARD_ALONE: "feedforward"}.get(config, "pid+feedforward")
     model = axis.hysteresis_affine if config == "B" else axis.hysteresis
@@ -114,7 +115,7 @@ def evaluate(
     runs = []
     rate_hz = configuration.loop.rate_hz
     for config in (*paper.SIGMA_UM, *([TUNED] if tuned else []), paper.FEEDFORWARD_ALONE):
-        axes = {name: _variant(axis, config, own_pid) for name, axis in configuration.axes.items()}
+        axes = {name: variant_of(axis, config, own_pid) for name, axis in configuration.axes.items()}
         variant = configuration.model_copy(update={"axes": axes})
         for frequency_hz in paper.FREQUENCIES_HZ:
             settle_s = max(SETTLE_S, 1.0 / frequency_hz)

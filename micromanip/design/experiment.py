@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import Reference
+from micromanip.settings.schema.reference import File, Reference
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 _TOLD = 0.2
@@ -50,6 +50,22 @@ def working_points(configuration: Configuration, count: int) -> NDArray[np.float
     samples = np.zeros((count, MAX_AXES))
     samples[:, : len(configuration.axes)] = [axis.centre_um for axis in configuration.axes.values()]
     return samples
+
+
+def resting(configuration: Configuration, axis: str, count: int) -> NDArray[np.float64]:
+    """Samples (count, MAX_AXES) that hold `axis` at its working point (um), and the others parked (V)."""
+    samples = parked(configuration, count)
+    samples[:, list(configuration.axes).index(axis)] = configuration.axes[axis].centre_um
+    return samples
+
+
+def alone(configuration: Configuration, axis: str, mode: str) -> Configuration:
+    """The same configuration with `axis` in `mode`, and the others in open loop: nothing else is closed."""
+    return with_axis(with_axes(configuration, mode="voltage"), axis, mode=mode)
+
+
+EXCITED = File(source="file", path="(excitation)")
+"""The reference of an experiment that plays samples."""
 
 
 def with_reference(configuration: Configuration, reference: Reference) -> Configuration:

@@ -119,9 +119,9 @@ def creep(configuration: Configuration, experiment: Experiment, axis: int) -> Fi
 
 
 def draw_all(
-    configuration: Configuration, experiment: Experiment, runs: list[Run], axis: int, folder: Path
+    configuration: Configuration, experiment: Experiment, runs: list[Run], axis: int, folder: Path, about: str = ""
 ) -> Iterator[list[Path]]:
-    """Draw the pictures of one axis into `folder`, one after the other."""
+    """Draw the pictures of one axis into `folder`, one after the other; `about` says where they come from."""
     rate = configuration.loop.rate_hz
     drawings: list[tuple[str, Callable[[], Figure]]] = [
         ("figure2_hysteresis", lambda: hysteresis_loops(configuration, experiment, axis)),
@@ -132,4 +132,4 @@ def draw_all(
     ]
     name = list(configuration.axes)[axis]
     for title, draw in drawings:
-        yield save(draw(), folder, f"{title}_{name}")
+        yield save(draw(), folder, f"{title}_{name}", about=about)

@@ -45,8 +45,9 @@ def _residuals(result: Fitted, record: Record, error: Array, title: str) -> Figu
     seconds = np.arange(len(record.u)) * record.step_s
     top.plot(seconds[used], error[used], lw=0.6, rasterized=True)
     bottom.plot(record.u[used], error[used], lw=0.4, rasterized=True)
-    top.set(xlabel="time, s", ylabel="model - measured")
-    bottom.set(xlabel=f"{record.input_name}", ylabel="model - measured")
+    left = f"model - measured {record.output_name}"
+    top.set(xlabel="time, s", ylabel=left)
+    bottom.set(xlabel=f"{record.input_name}", ylabel=left)
     for panel in (top, bottom):
         panel.grid(alpha=0.3)
     return figure
@@ -72,7 +73,7 @@ def draw_fit(result: Fitted, record: Record, held_out: Record | None, folder: Pa
     files = save(_beside(result, record, predicted, what), folder, "figure5_model", dpi)
     files += save(_residuals(result, record, predicted - record.y, what), folder, "residuals", dpi)
     if held_out is not None and result.validation is not None:
-        other = result.predict(held_out.u)
+        other = result.held_out if result.held_out is not None else result.predict(held_out.u)
         other = other - (other - held_out.y)[result.burn_in :].mean()
         what = f"not fitted to: rms {result.validation['rms_percent']:.2f} % of the stroke"
         files += save(_beside(result, held_out, other, what), folder, "held_out", dpi)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,22 @@ from micromanip.errors import CheckFailed
 from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
 from .hysteresis import Candidate, HysteresisFit, candidates, choose, structure_of
+from .hysteresis.choice import parted
 from .network import NetworkFit, smoothed
 from .network_fit import fit_network
 from .record import Record
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_LEAST_COUNTING = 100
+_STARTS = 12
+_RIVALS, _RIVAL_EVALUATIONS = 3, 100
+"""Starts and evaluations that a network gets to show whether it is worth more."""
+_CLEARLY = 0.8
+"""A network is chosen where its error is below this share of the best other model's: where the record has not been,
+it has nothing to go by, and nothing in the record shows that.
+"""
 
 
 @dataclass(frozen=True)
@@ -35,7 +46,10 @@ class Request:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model with its figures; errors in percent of the stroke."""
+    """A model with its figures; errors in percent of the stroke.
+
+    `predict` runs on the record it was fitted to, `held_out` (n,) is what it says of the validation record.
+    """
 
     kind: str
     settings: PrandtlIshlinskii | Network
@@ -44,8 +58,11 @@ class Fitted:
     rms_percent: float
     max_percent: float
     validation: dict[str, float] | None
+    held_out: Array | None = None
     rms_std_percent: float | None = None
     tried: list[Candidate] = field(default_factory=list)
+    dead_time_s: float = 0.0
+    notes: list[str] = field(default_factory=list)
 
     def report(self) -> dict[str, Any]:
         """The machine-readable result."""
@@ -56,15 +73,17 @@ class Fitted:
             "max_percent": self.max_percent,
             "validation": self.validation,
             "parameters": self.settings.model_dump(mode="json", exclude_defaults=True),
+            "dead_time_s": self.dead_time_s,
             "candidates": [
                 {
-                    "model": candidate.structure.name,
-                    "smoothness": candidate.structure.smoothness,
+                    "model": candidate.name,
+                    "smoothness": candidate.structure.smoothness if candidate.structure else 0.0,
                     "rms_percent": candidate.fitted_percent,
                     "held_out_percent": candidate.held_out_percent,
                 }
                 for candidate in self.tried
             ],
+            "notes": self.notes,
         }
 
 
@@ -76,40 +95,91 @@ def fit_record(
     if held_out is not None:
         _same_rate(record.step_s, held_out)
         held_out.burn_in(request.burn_in_s)
-    used = record.y[burn_in:]
-    range_um = (float(used.min()), float(used.max()))
+    used = record.weights(burn_in) > 0.0
+    if used.sum() < 2 * _LEAST_COUNTING:
+        raise CheckFailed(f"{record.file}: {used.sum()} samples that count are too few to fit to")
+    range_um = (float(record.y[used].min()), float(record.y[used].max()))
     if request.kind == "network":
-        return _fit_network(record, held_out, request, burn_in, range_um, progress)
+        return _fit_network(record, held_out, request, used, range_um, progress)
     try:
         if request.kind == "best":
             structures = candidates(record.u, record.step_s, request.plays)
-            best, tried = choose(structures, record.u, record.y, range_um, burn_in, progress)
+            best, tried = choose(structures, record.u, record.y, range_um, used, progress)
+            network = _rival(record, request, used, progress)
+            tried = sorted([*tried, network], key=lambda candidate: candidate.merit)
+            if network.merit < _CLEARLY * min(candidate.merit for candidate in tried if candidate is not network):
+                return replace(_fit_network(record, held_out, request, used, range_um, progress), tried=tried)
         else:
             structure = structure_of(request.kind, record.u, record.step_s, request.plays, request.creep)
-            best, tried = fit(structure, record.u, record.y, range_um, burn_in, seed=request.seed), []
+            best, tried = fit(structure, record.u, record.y, range_um, used, _STARTS, request.seed), []
     except ValidationError as problem:
         what = problem.errors()[0]["msg"].removeprefix("Value error, ")
         raise CheckFailed(f"{record.file}: the fitted {request.kind} model has no inverse: {what}") from problem
     except ValueError as problem:
         raise CheckFailed(f"{record.file}: {problem}") from problem
+    return _judged(record, best, tried, held_out, request, burn_in)
+
+
+def _judged(
+    record: Record,
+    best: HysteresisFit,
+    tried: list[Candidate],
+    held_out: Record | None,
+    request: Request,
+    burn_in: int,
+) -> Fitted:
+    validation = predicted = None
+    if held_out is not None:
+        counts = held_out.weights(held_out.burn_in(request.burn_in_s)) > 0.0
+        begun = best.begun(held_out.u, held_out.y, counts)
+        predicted = begun.predict(held_out.u)
+        rms, maximum = begun.held_out(held_out.u, held_out.y, counts)
+        validation = {"rms_percent": rms, "max_percent": maximum}
+    notes = []
+    if best.spikes.any():
+        first = float(np.flatnonzero(best.spikes)[0]) * record.step_s
+        notes.append(
+            f"{record.output_name}: {int(best.spikes.sum())} samples stand out of model and measurement, the first "
+            f"{first:.6g} s after the start: not fitted to"
+        )
+    dead_time_s = best.delay_samples * record.step_s
+    if dead_time_s:
+        notes.append(
+            f"a dead time of {1e3 * dead_time_s:.4g} ms lies before the model: the feedforward can't undo it, "
+            "but its parameters are free of it"
+        )
     return Fitted(
-        best.structure.name,
+        best.structure.name + ("+delay" if dead_time_s else ""),
         best.model,
         best.predict,
         burn_in,
         best.rms_percent,
         best.max_percent,
-        _validation(best, held_out, request),
+        validation,
+        predicted,
         100.0 * best.rms_std_um / best.stroke_um,
         tried,
+        dead_time_s,
+        notes,
     )
 
 
-def _validation(best: HysteresisFit, held_out: Record | None, request: Request) -> dict[str, float] | None:
-    if held_out is None:
-        return None
-    rms, maximum = best.held_out(held_out.u, held_out.y, held_out.burn_in(request.burn_in_s))
-    return {"rms_percent": rms, "max_percent": maximum}
+def _rival(record: Record, request: Request, used: Flags, progress: Callable[[str], None]) -> Candidate:
+    """A network fitted to the first 70 % and judged on the rest, as the other kinds are."""
+    count, rest = parted(used)
+    first = int(np.flatnonzero(used)[0])
+
+    def say(what: str) -> None:
+        progress(f"network, {what}")
+
+    fitted = fit_network(
+        record.u[:count], record.y[:count], starts=_RIVALS, seed=request.seed, burn_in=first,
+        evaluations=_RIVAL_EVALUATIONS, progress=say,
+    )  # fmt: skip
+    error = fitted.predict(record.u) - record.y
+    own = _percent(error[used & ~rest], float(np.ptp(record.y[used & ~rest])))["rms_percent"]
+    behind = error[rest] - error[rest].mean()
+    return Candidate("network", own, _percent(behind, float(np.ptp(record.y[rest])))["rms_percent"])
 
 
 def _same_rate(step_s: float, held_out: Record) -> None:
@@ -124,11 +194,12 @@ def _fit_network(
     record: Record,
     held_out: Record | None,
     request: Request,
-    burn_in: int,
+    used: Flags,
     range_um: tuple[float, float],
     progress: Callable[[str], None],
 ) -> Fitted:
     """Forward network, which is judged, and the inverse one (section 3.4), which the loop gets."""
+    burn_in = int(np.flatnonzero(used)[0])
 
     def train(name: str, u: Array, y: Array) -> NetworkFit:
         def say(what: str) -> None:
@@ -138,17 +209,18 @@ def _fit_network(
 
     progress("smoothing the measured displacement")
     forward, inverse = train("forward", record.u, record.y), train("inverse", smoothed(record.y), record.u)
-    error = (forward.predict(record.u) - record.y)[burn_in:]
-    stroke = float(np.ptp(record.y[burn_in:]))
-    validation = None
+    error = (forward.predict(record.u) - record.y)[used]
+    validation = predicted = None
     if held_out is not None:
-        _same_rate(record.step_s, held_out)
-        first = held_out.burn_in(request.burn_in_s)
-        other = (forward.predict(held_out.u) - held_out.y)[first:]
-        validation = _percent(other - other.mean(), float(np.ptp(held_out.y[first:])))
-    own = _percent(error, stroke)
+        counts = held_out.weights(held_out.burn_in(request.burn_in_s)) > 0.0
+        predicted = forward.predict(held_out.u)
+        other = (predicted - held_out.y)[counts]
+        validation = _percent(other - other.mean(), float(np.ptp(held_out.y[counts])))
+    own = _percent(error, float(np.ptp(record.y[used])))
     model = inverse.to_settings(range_um)
-    return Fitted("network", model, forward.predict, burn_in, own["rms_percent"], own["max_percent"], validation)
+    return Fitted(
+        "network", model, forward.predict, burn_in, own["rms_percent"], own["max_percent"], validation, predicted
+    )
 
 
 def _percent(error: Array, stroke: float) -> dict[str, float]:

@@ -33,6 +33,8 @@ from .loops import SPREAD, Margins, StageSide, StrainSide, System, grid, model_s
 
 Array = NDArray[np.float64]
 
+SLOPES = (0.75, 1.0, 1.3)
+"""Multiples of the identified slope for which margins must hold in any case: amplitude, place, ageing."""
 _AMPLITUDES = 200
 
 
@@ -80,16 +82,24 @@ def analyse_inverse(model: PrandtlIshlinskii, settings: Axis) -> Inverse:
     return Inverse(thresholds, swept, over, judge(model, (low, high), over))
 
 
+def slopes_of(settings: Axis, swing_um: float, inverse: Inverse | None) -> tuple[float, tuple[float, ...]]:
+    """Slope (um/V) of the hysteresis model for a swing about the centre; and the slopes that margins must hold for.
+
+    These are multiples of the identified one, rising: 1, `SLOPES`, and the flattest and steepest of the model's map.
+    """
+    model = settings.hysteresis if isinstance(settings.hysteresis, PrandtlIshlinskii) else None
+    if model is None or inverse is None:
+        return 1.0, SLOPES
+    identified = 1.0 / abs(harmonics(inverse_operator(model), swing_um, settings.centre_um).gain)
+    found = [1.0 / (identified * gain) for gain in inverse.verdict.gain_range_V_per_um if np.isfinite(gain)]
+    return identified, (min([SLOPES[0], *found]), 1.0, max([SLOPES[-1], *found]))
+
+
 def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) -> Strain:
     """Margins for the identified slope and the flattest and steepest of the map; limit cycles about the centre."""
     model = settings.hysteresis if isinstance(settings.hysteresis, PrandtlIshlinskii) else None
-    identified, slopes = 1.0, [1.0]
-    if model is not None and inverse is not None:
-        operator = inverse_operator(model)
-        identified = 1.0 / abs(harmonics(operator, actuator.swing_um, settings.centre_um).gain)
-        slopes += [1.0 / (identified * gain) for gain in inverse.verdict.gain_range_V_per_um if np.isfinite(gain)]
-    slopes = sorted(slopes)
-    seen = over_path(actuator.dynamics, actuator.path)
+    identified, slopes = slopes_of(settings, actuator.swing_um, inverse)
+    seen = over_path(actuator.system, actuator.path)
     loops = tuple(strain_loop(settings.inner, seen, slope) for slope in slopes)
     cycles: tuple[LimitCycle, ...] = ()
     if model is not None:
@@ -99,8 +109,10 @@ def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) 
         amplitudes = np.geomspace(0.1, 100.0, _AMPLITUDES)
         found = _cycles(lambda a: harmonics(forward, a, actuator.centre_V).gain / unit, amplitudes, nominal)
         cycles = tuple(found)
-    side = StrainSide(settings.inner, actuator.dynamics, model, settings.setpoint.range_um, identified, actuator.path)
-    return Strain(actuator, side, tuple(slopes), loops, tuple(margins(loop) for loop in loops), cycles)
+    side = StrainSide(
+        settings.inner, actuator.dynamics, model, settings.setpoint.range_um, identified, actuator.path, actuator.delay
+    )
+    return Strain(actuator, side, slopes, loops, tuple(margins(loop) for loop in loops), cycles)
 
 
 def analyse_stage(settings: Axis, tracker: Tracker | None, period_s: float, late_cycles: int = 0) -> Stage:

@@ -22,13 +22,15 @@ REVERSAL_SHARE, REVERSAL_NOISES = 0.001, 8.0
 """A turning point counts beyond this share of the input's span, and so many standard deviations of its noise."""
 SAMPLES = 4000
 """Samples of a record that are trained on; the turning points are found in all of them."""
+_GRID = 2.0**24
 UNSEEN_SAMPLES = 400
 """Length of the unseen course, two samples a branch."""
 
 
 def _course(u: Array, y: Array, scaling: Scaling, moves: NDArray[np.bool_], burn_in: int) -> Course:
-    us = (u - scaling.u_mean) / scaling.u_deviation
-    ys = (y - scaling.y_mean) / scaling.y_deviation
+    # on a grid far finer than any sensor's digit: rounding must not depend on where a sensor has its zero
+    us = np.rint((u - scaling.u_mean) / scaling.u_deviation * _GRID) / _GRID
+    ys = np.rint((y - scaling.y_mean) / scaling.y_deviation * _GRID) / _GRID
     counted = slice(burn_in, None)
     slope = float(us[counted] @ ys[counted] / (us[counted] @ us[counted]))
     width = float(np.std((ys - slope * us)[counted]))

@@ -1,26 +1,37 @@
-"""A recording for identification: read from CSV or from our own HDF5, and judged before anything is fitted to it."""
+"""A recording for identification: one input and one output, judged before anything is fitted to them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.recordings import Recording, Wanted, take
+from micromanip.recordings.spikes import bridged
 
-from .table import column, read_table, require_movement, require_numbers, sampling, time_column
+from .movement import require_movement
 
 Array = NDArray[np.float64]
 
 _LEAST_SAMPLES = 200
 _CLIPPED_RUN, _CLIPPED_SHARE = 8, 0.005
+_LONGEST_GAP = 0.1
+"""Share of a record that may be missing at one place; beyond that the longest piece is used alone."""
+_SHORT_GAP = 10
+"""Samples that may be missing without a new burn-in: the input has hardly moved meanwhile."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """Input (n,) and output (n,) sampled every `step_s`, and where they came from."""
+    """Input (n,) and output (n,) sampled every `step_s`, and where they came from.
+
+    `counts` (n,) is false where the output was not measured, or is wrong: those samples carry the model's memory across
+    a gap and are not fitted to. `after_gap` are the first samples behind the longer gaps.
+    """
 
     file: Path
     input_name: str
@@ -28,6 +39,10 @@ class Record:
     u: Array
     y: Array
     step_s: float
+    counts: NDArray[np.bool_] | None = None
+    after_gap: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+    told: str = ""
 
     def burn_in(self, seconds: float) -> int:
         """Samples that do not count; CheckFailed where too few would be left."""
@@ -39,33 +54,59 @@ class Record:
             )
         return samples
 
+    def weights(self, burn_in: int) -> Array:
+        """1 for each sample (n,) that counts: after the `burn_in` samples at the start and behind each longer gap."""
+        counted = np.ones(len(self.u)) if self.counts is None else self.counts.astype(float)
+        for first in (0, *self.after_gap):
+            counted[first : first + burn_in] = 0.0
+        return counted
 
-def load_record(
-    file: Path, input_name: str, output_name: str, time_name: str | None = None, step_s: float | None = None
-) -> Record:
-    """Read two columns of a CSV with a header, or of a recording made by ``run --record`` or ``identify``.
 
-    The sampling interval is that of the column `time_name` (by default the first whose name begins with
-    ``t``), or `step_s`. Raises CheckFailed, with what to record instead, for data that can't be used.
+def load_record(file: Path, wanted: Wanted) -> Record:
+    """Read and judge the two columns of `wanted`, input and output, of a recording of any kind.
+
+    Raises CheckFailed, with what to record instead, for data that can't be used.
     """
-    table = read_table(file)
-    u, y = (column(file, table, name) for name in (input_name, output_name))
-    if step_s is None:
-        name = time_name or time_column(table)
-        if name is None:
-            raise CheckFailed(
-                f"{file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
-            )
-        step_s = sampling(file, name, column(file, table, name))
-    record = Record(file, input_name, output_name, u, y, step_s)
+    taken = take(file, wanted)
+    record = _on_the_grid(taken)
     judge_record(record)
     return record
+
+
+def _on_the_grid(taken: Recording) -> Record:
+    """The record with its missing samples as samples that don't count: the input goes straight from side to side."""
+    notes = list(taken.notes)
+    index, values, spikes = taken.index, taken.values, taken.spikes
+    longest = max(_LONGEST_GAP * len(index), _SHORT_GAP)
+    pieces = [0, *(np.flatnonzero(np.diff(index) > longest) + 1).tolist(), len(index)]
+    if len(pieces) > 2:
+        first, last = max(pairwise(pieces), key=lambda piece: piece[1] - piece[0])
+        notes.append(f"the gap is too long to go on behind it: only the longest piece is used, {last - first} samples")
+        index, values, spikes = index[first:last], values[first:last], spikes[first:last]
+    grid = np.arange(int(index[0]), int(index[-1]) + 1)
+    counts = np.zeros(len(grid), dtype=bool)
+    counts[index - index[0]] = ~spikes.any(axis=1)
+    smooth = (bridged(column, flags) for column, flags in zip(values.T, spikes.T, strict=True))
+    u, y = (np.interp(grid, index, column) for column in smooth)
+    behind = np.flatnonzero(np.diff(index) > _SHORT_GAP) + 1
+    after = tuple(int(index[k] - index[0]) for k in behind)
+    return Record(
+        taken.file,
+        taken.names[0],
+        taken.names[1],
+        u,
+        y,
+        taken.step_s,
+        None if counts.all() else counts,
+        after,
+        tuple(notes),
+        taken.told(),
+    )
 
 
 def judge_record(record: Record) -> None:
     """Raise for a record that no hysteresis model can be fitted to."""
     file = record.file
-    require_numbers(file, {record.input_name: record.u, record.output_name: record.y})
     if len(record.u) < _LEAST_SAMPLES:
         raise CheckFailed(f"{file}: {len(record.u)} samples are too few; record at least {_LEAST_SAMPLES}")
     require_movement(file, {record.input_name: record.u, record.output_name: record.y})

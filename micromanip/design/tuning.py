@@ -9,25 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.design.hysteresis import fit
+from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import LinearModel, Outer
 from micromanip.settings.schema.hysteresis import Range
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import File
+from micromanip.settings.wiring.timing import AT_ONCE
 
-from .excitation import band_noise
-from .experiment import Experiment, path_bandwidth, with_axes, with_axis, with_reference, working_points
+from .experiment import EXCITED, Experiment, alone, path_bandwidth, resting, with_axis, with_reference
 from .hysteresis import HysteresisFit, structure_of
 from .identification import design, recording, samples_for, variant
-from .linear import LinearFit, fit_linear
+from .response import Identified, Measured, Wanted, identify, measure, multisine
 
 Progress = Callable[[str], None]
 Array = NDArray[np.float64]
 
 HYSTERESIS_S = 13.0
 PLAYS, STARTS = 10, 4
-OUTER_S, OUTER_SETTLE_S = 6.0, 0.3
-OUTER_RMS_UM, OUTER_CUTOFF_HZ = 1.5, 400.0
-OUTER_ORDER, OUTER_DELAY, OUTER_BLOCK_ROWS, OUTER_FITTED = 6, 2, 40, 0.75
+OUTER_DELAY = 2
+"""Cycles from a set-point to its answer where nothing is late."""
+_DELAYS, _ORDERS = tuple(range(1, 8)), tuple(range(4, 17))
+_RMS_UM = ((150.0, 0.7), (600.0, 1.2), (1500.0, 0.5), (4000.0, 0.2))
+"""Upper frequency and rms of each part of the set-point's excitation; up to where the stack's own mode may be seen."""
+_LOW_HZ, _SLEW_SHARE = 8.0, 0.7
+_ATTEMPTS, _JUDGED_HZ = 3, 1500.0
+_WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS = 0.12, 0.15, 0.05
 
 
 def record_hysteresis(
@@ -80,49 +85,85 @@ def fit_hysteresis(configuration: Configuration, experiment: Experiment, say: Pr
 
 @dataclass(frozen=True)
 class StageModel:
-    """The stage's linear model with the record it was fitted to and judged by: set-point `u` and stage `y` (n,), um."""
+    """The stage's linear model, what it was found from, and the rms (um) of the capacitive sensor's white noise."""
 
     linear: LinearModel
-    fitted: LinearFit
-    u: Array
-    y: Array
-    fit_percent: float
+    found: Identified
+    noise_um: float
+
+    @property
+    def fit_percent(self) -> float:
+        """100 less the rms error of the model beside the measured response, in percent of it."""
+        return self.found.fit_percent
 
 
 def identify_stage(configuration: Configuration, experiment: Experiment, axis: str, seed: int) -> StageModel:
-    """Record `axis` under noise on its set-point, the others at their working points, and fit its dynamics."""
-    rate_hz, names = configuration.loop.rate_hz, list(configuration.axes)
-    count, i = round(OUTER_S * rate_hz), names.index(axis)
-    samples = working_points(configuration, count)
+    """Measure `axis` under a multisine on its set-point, strain loop closed, the others parked; fit its dynamics.
+
+    Raises CheckFailed where response or model are not good enough after some attempts.
+    """
+    rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     path = experiment.path(configuration, axis)
-    delay = OUTER_DELAY + path.output_late
-    cutoff_hz = min(OUTER_CUTOFF_HZ, path_bandwidth(path, rate_hz))
-    samples[:, i] += band_noise(OUTER_RMS_UM, cutoff_hz, rate_hz, count, seed)
-    excited = with_reference(with_axes(configuration, mode="strain"), File(source="file", path="(excitation)"))
-    rows = experiment(excited, OUTER_S, samples)[round(OUTER_SETTLE_S * rate_hz) :]
-    u = rows["axis"]["setpoint_um"][:, i] - configuration.axes[axis].centre_um
-    y = np.asarray(rows["axis"]["stage_um"][:, i], dtype=float)
-    part = round(OUTER_FITTED * len(u))
-    # the delay is given: the excitation's band is too narrow to tell one cycle from the next. Not refined: creep
-    # and hum colour the error, so least squares on the free run is no better, and worse above that band
-    model = fit_linear(
-        [(u[:part], y[:part])],
-        1.0 / rate_hz,
-        OUTER_ORDER,
-        delays=[delay],
-        direct=False,
-        block_rows=OUTER_BLOCK_ROWS,
-        refinements=0,
+    cutoff_hz = min(_RMS_UM[-1][0], 0.4 * rate_hz, path_bandwidth(path, rate_hz))
+    # behind a bus the excitation's band is too narrow to tell one cycle from the next: the delay is known
+    delays = _DELAYS if path == AT_ONCE else (OUTER_DELAY + path.output_late,)
+    wanted = Wanted(_ORDERS, delays, _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS, _JUDGED_HZ)
+    slew = _SLEW_SHARE * 1e3 * configuration.axes[axis].setpoint.slew_um_per_ms
+    found, noise_um = None, 0.0
+    for attempt in range(_ATTEMPTS):
+        wave = multisine(
+            tuple((min(upper, cutoff_hz), rms) for upper, rms in _RMS_UM),
+            _LOW_HZ,
+            cutoff_hz,
+            rate_hz,
+            seed=seed + attempt,
+            period_s=3.2 * 2**attempt,
+            lead_s=1.5 * 2**attempt,
+        )
+        fastest = float(np.abs(np.diff(wave.samples)).max()) * rate_hz
+        samples = resting(configuration, axis, len(wave.samples))
+        samples[:, i] += min(1.0, slew / fastest) * wave.samples
+        excited = with_reference(alone(configuration, axis, "strain"), EXCITED)
+        rows = experiment(excited, len(wave.samples) / rate_hz, samples)["axis"]
+        u, y = (np.asarray(rows[name][:, i], dtype=float) for name in ("setpoint_um", "stage_um"))
+        if not np.isfinite(y).all():
+            raise CheckFailed(f"axis {axis}: the stage sensor has gaps in its record; look at its cable and its range")
+        if float(np.ptp(y)) == 0.0:
+            raise CheckFailed(f"axis {axis}: the stage sensor stands still while the actuator moves; is it connected?")
+        found, noise_um = identify(measure(wave, u, y), 1.0 / rate_hz, wanted), white_noise(y)
+        if found.problem is None:
+            break
+    assert found is not None
+    if found.problem is not None:
+        raise CheckFailed(
+            f"axis {axis}: the stage can't be identified well enough for an outer loop, in {_ATTEMPTS} attempts: "
+            f"{found.problem}. Look for a disturbance meanwhile, a loose flexure, or a mode that a calmer strain loop "
+            "would leave its damping"
+        )
+    return StageModel(_linear(found), found, noise_um)
+
+
+def with_response(stage: StageModel, measured: Measured, period_s: float) -> StageModel:
+    """The model of another measured response of the same stage, e.g. one in a closed loop."""
+    found = identify(
+        measured, period_s, Wanted(_ORDERS, _DELAYS, _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS, _JUDGED_HZ)
     )
-    held_out, _ = model.errors(u[part:, None], y[part:, None])
-    A, B, C, _ = model.modes.state_space()
-    linear = LinearModel(
-        A=tuple(tuple(float(v) for v in row) for row in A),
-        B=tuple(float(v) for v in B[:, 0]),
-        C=tuple(float(v) for v in C[0]),
-        delay_cycles=delay,
+    return StageModel(_linear(found), found, stage.noise_um)
+
+
+def _linear(found: Identified) -> LinearModel:
+    system = found.dynamics()
+    return LinearModel(
+        A=tuple(tuple(float(v) for v in row) for row in system.A),
+        B=tuple(float(v) for v in system.B),
+        C=tuple(float(v) for v in system.C),
+        delay_cycles=found.delay,
     )
-    return StageModel(linear, model, u, y, float(held_out[0]))
+
+
+def white_noise(y: Array) -> float:
+    """Rms of a sensor's white noise in its record (n,): what fourth differences leave of the movement."""
+    return float(np.median(np.abs(np.diff(y, 4))) / 0.6745 / np.sqrt(70.0))
 
 
 def fit_outer(configuration: Configuration, experiment: Experiment, say: Progress) -> Configuration:
@@ -130,8 +171,8 @@ def fit_outer(configuration: Configuration, experiment: Experiment, say: Progres
     for seed, (name, axis) in enumerate(configuration.axes.items()):
         found = identify_stage(configuration, experiment, name, seed)
         say(
-            f"axis {name}: linear model of order {found.fitted.order} behind {found.linear.delay_cycles} cycles, "
-            f"free run on held-out data {found.fit_percent:.1f} %"
+            f"axis {name}: linear model of order {found.found.order} behind {found.linear.delay_cycles} cycles, "
+            f"{found.fit_percent:.1f} % of the measured response"
         )
         knobs = axis.outer.model_copy(update={"model": found.linear}) if axis.outer else Outer(model=found.linear)
         configuration = with_axis(configuration, name, outer=knobs)

@@ -6,15 +6,15 @@
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
     Inbox, Sample, Outcome, Answer
     BusError and those derived from it                 what a bus driver raises
-    ConfigError                                        options that make no sense together
+    ConfigError, did_you_mean                          options that make no sense together; a name that nobody knows
     worst_case_s, CLASSIC_LENGTHS, FD_LENGTHS          CAN frames at worst
     real_because, require_regular                      whether a device may be a real one; a file that can be read
 
 ``micromanip.driver.quantities`` has types of options with their bounds, ``micromanip.driver.testing`` runs a cyclic
 driver in virtual time, ``micromanip.driver.wire`` and ``micromanip.driver.datagrams`` are for one that serves a wire in
-the loop itself (tables of frames, datagrams from compiled code), and ``micromanip.driver.conformance`` is the suite that
-a bus driver must pass, which needs the extra ``conformance`` (pytest). What is compiled is loaded when it is asked for:
-a bus driver's worker never imports numba.
+the loop itself (tables of frames, datagrams from compiled code), and ``micromanip.driver.conformance`` is the suite
+that a bus driver must pass, which needs the extra ``conformance`` (pytest). What is compiled is loaded when it is asked
+for: a bus driver's worker never imports numba.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from micromanip.bus.cyclic import CyclicDriver, Functions
 from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
-from micromanip.errors import ConfigError
+from micromanip.errors import ConfigError, did_you_mean
 from micromanip.files.regular_file import require_regular
 from micromanip.rt.records import SIGNAL
 
@@ -81,6 +81,7 @@ __all__ = [
     "Sample",
     "Task",
     "TransientError",
+    "did_you_mean",
     "minimum_jerk",
     "now_ns",
     "real_because",

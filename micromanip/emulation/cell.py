@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from .amplifier import Amplifier, Arrived
-from .path_error import PathError
 from .plant import PlantInRealTime
-from .signal_faults import SignalFaults
 
 _AMPLIFIER_OK = "amplifier_ok"
+_EVERY_NS = 1_000_000
+_TRUTH = {"path_error": "", "uncompensated": "uncompensated_"}
 
 
 class EmulatedCell:
@@ -91,3 +93,104 @@ class EmulatedCell:
         for amplifier in self.amplifiers:
             merged = {**merged, **figures(amplifier)}
         return {name: arrived.report() for name, arrived in merged.items()}
+
+
+@dataclass
+class SignalFault:
+    """One fault of one signal; `value` in the signal's unit, for a drift per second."""
+
+    kind: str
+    """freeze, offset, drift, nan."""
+    value: float
+    since_ns: int
+    until_ns: int | None
+    held: float | None = None
+
+
+class SignalFaults:
+    """Spoils readings by signal name. The last fault given to a signal replaces the one before."""
+
+    def __init__(self) -> None:
+        self._faults: dict[str, SignalFault] = {}
+
+    def begin(self, signal: str, kind: str, value: float, now_ns: int, for_s: float | None) -> None:
+        """From now on; None is for ever."""
+        until_ns = None if for_s is None else now_ns + round(for_s * 1e9)
+        self._faults[signal] = SignalFault(kind, value, now_ns, until_ns)
+
+    @property
+    def any(self) -> bool:
+        """Whether there is one at all."""
+        return bool(self._faults)
+
+    def clear(self) -> None:
+        """End them all."""
+        self._faults.clear()
+
+    def spoiled(self, signal: str, value: float, now_ns: int) -> float:
+        """What is read of `signal` in place of `value`."""
+        fault = self._faults.get(signal)
+        if fault is None:
+            return value
+        if fault.until_ns is not None and now_ns >= fault.until_ns:
+            del self._faults[signal]
+            return value
+        match fault.kind:
+            case "freeze":
+                fault.held = value if fault.held is None else fault.held
+                return fault.held
+            case "offset":
+                return value + fault.value
+            case "drift":
+                return value + fault.value * (now_ns - fault.since_ns) * 1e-9
+        return math.nan
+
+
+@dataclass
+class Figures:
+    """Of one quantity over time."""
+
+    samples: int = 0
+    squares: float = 0.0
+    largest: float = 0.0
+
+    def add(self, value: float) -> None:
+        """One more sample."""
+        self.samples += 1
+        self.squares += value * value
+        self.largest = max(self.largest, abs(value))
+
+    @property
+    def rms(self) -> float | None:
+        """Root mean square; None without samples."""
+        return math.sqrt(self.squares / self.samples) if self.samples else None
+
+
+class PathError:
+    """Figures of ``path_error_<axis>`` and ``uncompensated_<axis>``, a sample a millisecond."""
+
+    def __init__(self, channels: dict[str, int]) -> None:
+        """`channels` are the plant's inputs; those that it doesn't have are left out."""
+        self.names = [name for name in channels if name.rsplit("_", 1)[0] in _TRUTH]
+        self._figures = {name: Figures() for name in self.names}
+        self._due_ns = 0
+
+    def due(self, now_ns: int) -> bool:
+        """Whether it is time for the next samples."""
+        if now_ns < self._due_ns:
+            return False
+        self._due_ns = now_ns + _EVERY_NS
+        return True
+
+    def add(self, name: str, value: float) -> None:
+        """A sample of one of `names`."""
+        self._figures[name].add(value)
+
+    def report(self) -> dict[str, Any]:
+        """By axis: rms, max, uncompensated_rms, uncompensated_max."""
+        axes: dict[str, Any] = {}
+        for name, figures in self._figures.items():
+            quantity, axis = name.rsplit("_", 1)
+            axes.setdefault(axis, {})[f"{_TRUTH[quantity]}rms"] = figures.rms
+            axes[axis][f"{_TRUTH[quantity]}max"] = figures.largest if figures.samples else None
+        return axes

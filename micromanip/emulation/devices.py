@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 from typing import Any
 
+from micromanip.bus.cyclic import CyclicDriver
+from micromanip.bus.registry import driver_class
+from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memory
+from micromanip.emulation.can.canbus import emulate_canbus
+from micromanip.emulation.can.canopen import emulate_canopen
+from micromanip.emulation.line.device_of_a_line import emulate_line
+from micromanip.emulation.modbus.units_on_a_port import emulate_modbus
+from micromanip.emulation.udp.device import emulate_udp
 from micromanip.errors import MicromanipError, UsageError
 from micromanip.settings.check import validate
 from micromanip.settings.text.source import Source
@@ -27,11 +36,20 @@ from .commands import (
     device_command,
     parsed,
 )
-from .emulated import EmulatedDevice, Surroundings
+from .emulated import Builder, EmulatedDevice, Surroundings
 from .plant import PERIOD_NS, PlantInRealTime
-from .protocols import emulate_all
 
 _ENABLE = "amplifier_enable"
+BUILDERS: dict[str, Builder] = {
+    "canbus": emulate_canbus,
+    "canopen": emulate_canopen,
+    "line": emulate_line,
+    "modbus": emulate_modbus,
+    "udp": emulate_udp,
+}
+"""By the driver's entry point."""
+_PRIORITY = 1
+_NICE = -10
 
 
 class Devices:
@@ -47,6 +65,8 @@ class Devices:
         source = Source.read(file)
         configuration = validate(source)
         driver = build_plant(configuration, source, PERIOD_NS, seed)
+        self.notes = source.notes
+        """Keys of `file` with names of an older version."""
         self.loop_cpu = configuration.loop.cpu
         """The controller's, if it has one of its own."""
         self.loop = EventLoop() if loop is None else loop
@@ -151,3 +171,55 @@ class Devices:
         if not chosen:
             raise UsageError(f"no device sends a message {name}; there are {', '.join(m for _, m in known)}")
         return chosen
+
+
+def emulate_all(surroundings: Surroundings) -> dict[str, EmulatedDevice]:
+    """The devices of all drivers that speak on a bus, by the driver's name in the configuration.
+
+    Raises ConfigError for a driver whose device nobody can emulate, and where there is none to emulate.
+    """
+    devices: dict[str, EmulatedDevice] = {}
+    try:
+        for name, build in _builders(surroundings).items():
+            devices[name] = build(name, surroundings)
+    except BaseException:
+        for device in devices.values():
+            device.close()
+        raise
+    return devices
+
+
+def _builders(surroundings: Surroundings) -> dict[str, Builder]:
+    source, builders = surroundings.source, {}
+    for name, entry in surroundings.configuration.drivers.items():
+        if entry.driver in BUILDERS:
+            builders[name] = BUILDERS[entry.driver]
+        elif not _is_cyclic(entry.driver):
+            raise source.error(("drivers", name, "driver"), f"nothing emulates a device for it; {_known()}")
+    if not builders:
+        raise source.error(("drivers",), f"none of them has a device to emulate; {_known()}")
+    return builders
+
+
+def _is_cyclic(driver: str) -> bool:
+    """Such a one talks to no bus: what it needs is in the loop."""
+    return issubclass(driver_class(driver), CyclicDriver)
+
+
+def _known() -> str:
+    return f"devices are emulated for {', '.join(BUILDERS)}"
+
+
+def take_precedence(loop_cpu: int | None) -> None:
+    """Off the control loop's CPU, and before ordinary work where that is permitted.
+
+    At the least of the real-time priorities: after the loop and its bus workers, before their host and all that
+    records or prints. As an ordinary process it would wait some ms for each of those, and its samples with it; an
+    event loop that never comes to rest leaves the others some time all the same (``EventLoop``).
+    """
+    leave_cpu(loop_cpu)
+    lock_memory(once_touched=True)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    except PermissionError:
+        go_before_ordinary_work(_NICE)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from micromanip.errors import nearest
 from micromanip.settings.schema.model import Configuration, Output, Switch
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.places import build_driver
@@ -126,6 +126,6 @@ Builder = Callable[[str, Surroundings], EmulatedDevice]
 
 
 def _missing(name: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, known, 1)
-    hint = f"did you mean {near[0]}?" if near else "digital lines exist with `simulation: {lines: {}}`"
+    near = nearest(name, known)
+    hint = f"did you mean {near}?" if near else "digital lines exist with `simulation: {lines: {}}`"
     return f"the simulated plant has no {name}, which the emulated devices need; {hint}"

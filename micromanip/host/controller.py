@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +15,12 @@ from micromanip.bus.rights import beginning_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.rt import mailbox as w
-from micromanip.rt.states import (
-    ARM,
-    COMMAND_NAMES,
-    FAULT,
-    PROMOTE,
-    RESET,
-    SHADOWING,
-    STARTING,
-    STATE_NAMES,
-    STOP,
-)
+from micromanip.rt.states import ARM, COMMAND_NAMES, FAULT, PROMOTE, RESET, SHADOWING, STARTING, STATE_NAMES, STOP
 from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
 from .child import Child
-from .loop_orders import loop_orders
-from .parameter_buffers import ParameterSlots
+from .parameter_buffers import ParameterBuffers
 from .refusals import axis_refusals, output_refusals, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
 
@@ -63,7 +53,7 @@ class Controller:
         self.control = self.segments.control.record(CONTROL)
         self.status = self.segments.status.record(STATUS)
         self.ring = self.segments.ring.record(RING)
-        self.slots = ParameterSlots(self.control, self.words, prepared.parameters[0])
+        self.buffers = ParameterBuffers(self.control, self.words, prepared.parameters[0])
         module, descriptors = "micromanip.host.loop_process", (*self.segments.descriptors, *locks)
         self.process = Child(module, descriptors, complains=True)
         """Once it has ended before its time, `make_safe` is the host's to call."""
@@ -149,7 +139,7 @@ class Controller:
             before = self.state
             number = int(words[w.COMMAND_NUMBER]) + 1
             if command == PROMOTE:
-                self.slots.keep_for_trial()
+                self.buffers.keep_for_trial()
             words[w.COMMAND] = command
             tell(words, w.COMMAND_NUMBER, number)
             if not await _comes_true(lambda: ask(self.words, w.COMMAND_DONE) == number):
@@ -158,8 +148,8 @@ class Controller:
                 raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(command, before))}")
 
     def _refuse_dead(self, what: str) -> None:
-        if self.death is not None:
-            raise CheckFailed(f"{what}: {self.death}")
+        if (death := self.death) is not None:
+            raise CheckFailed(f"{what}: {death}")
 
     @property
     def _turns(self) -> bool:
@@ -193,15 +183,15 @@ class Controller:
 
     async def apply(self, prepared: Prepared) -> int:
         """Swap to `prepared` at a cycle boundary; its version. CheckFailed where the loop takes none."""
-        version = self.slots.put_in_force(prepared.parameters)
+        version = self.buffers.put_in_force(prepared.parameters)
         self.prepared = prepared
         await self._take("new parameters", lambda: ask(self.words, w.VERSION_ACTIVE) == version)
-        self.slots.taken()
+        self.buffers.taken()
         return version
 
     async def offer(self, prepared: Prepared) -> int:
         """Let a candidate compute beside what is in force; its version. CheckFailed where the loop takes none."""
-        version = self.slots.offer(prepared.parameters)
+        version = self.buffers.offer(prepared.parameters)
         shadow = self.status["shadow"][0]
         await self._take("candidate", lambda: self.words[w.SHADOW] == SHADOWING and shadow["version"] == version)
         return version
@@ -224,7 +214,7 @@ class Controller:
         """Every latched fault, the one that ends the run last."""
         configuration = self.prepared.configuration
         found = latched(self.status["state"][0], list(configuration.axes), list(configuration.drivers))
-        return found if self.death is None else [*found, self.death]
+        return found if (death := self.death) is None else [*found, death]
 
     def make_safe(self) -> dict[str, int]:
         """Bring the outputs to their safe value with the loop dead; by driver 0, or a code where that failed."""
@@ -256,3 +246,34 @@ async def _comes_true(condition: Callable[[], bool], patience_s: float = _ANSWER
             return False
         await asyncio.sleep(0.001)
     return True
+
+
+def loop_orders(
+    prepared: Prepared, descriptors: Sequence[int], offsets: Sequence[int], socket_path: Path
+) -> dict[str, Any]:
+    """Orders for the loop of `prepared`; `offsets` (bytes) tell where each driver's context is in their segment."""
+    configuration, wiring = prepared.configuration, prepared.wiring
+    loop = configuration.loop
+    drivers = [
+        {
+            "name": name,
+            "driver": configuration.drivers[name].driver,
+            "bus": name in wiring.buses,
+            "options": wiring.options[name].model_dump_json(),
+            "context": offset,
+            "first_input": wiring.first_input[name],
+            "first_output": wiring.first_output[name],
+        }
+        for name, offset in zip(wiring.drivers, offsets, strict=True)
+    ]
+    return {
+        "descriptors": descriptors,
+        "drivers": drivers,
+        "period_ns": loop.period_ns,
+        "cpu": loop.cpu,
+        "priority": loop.priority,
+        "spin_ns": round(loop.spin_us * 1e3),
+        "refuse_without_rights": loop.limits == "hardware",
+        "host": os.getpid(),
+        "socket": str(socket_path),
+    }

@@ -39,7 +39,7 @@ from .controller import Controller
 from .notify import ServiceManager
 from .realtime import NO_NICE, missing_rights
 from .state_directory import state_directory
-from .statistics import SignalStatistics, report
+from .statistics import Gathered, report
 from .workers import Workers
 
 _HEARTBEAT_S = 0.02
@@ -83,7 +83,7 @@ class Daemon:
         self._controller = Controller(prepared, options.socket, locks)
         self._workers = Workers(prepared, self._controller.segments, self._controller.offsets, locks, say)
         self._controller.adopted = self._workers.adopt
-        self._signals = SignalStatistics(self._controller)
+        self._gathered = Gathered(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         self._trail = AuditTrail(state_directory(), say)
         self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
@@ -109,7 +109,7 @@ class Daemon:
         await control_socket.open()
         try:
             leave_cpu(self._prepared.configuration.loop.cpu)
-            report(self._controller, self._signals)  # what it compiles would later hold up the sign of life
+            report(self._controller, self._gathered)  # what it compiles would later hold up the sign of life
             self._service.status("STARTING: compiling, opening the drivers, warming up")
             gc.collect()
             gc.freeze()  # nor must a walk through all that was imported
@@ -150,7 +150,6 @@ class Daemon:
             await self._boxes.stop()
             self._boxes.announce(last=True)
             await self._end_recording()
-            self._signals.gather()
             return self._report()
         finally:
             if not ended.done():  # an error: nobody leaves while the loop still drives the outputs
@@ -228,7 +227,6 @@ class Daemon:
             elif time.monotonic() - turned > stuck_s:
                 self._controller.kill(FaultReport(LOOP_STUCK, value=time.monotonic() - turned, limit=stuck_s))
                 return
-            self._signals.gather()
             self._show(self._report())
             self._boxes.announce()
             latched = "".join(f": {fault}" for fault in self._controller.faults()[-1:])
@@ -238,7 +236,7 @@ class Daemon:
 
     def _report(self) -> Report:
         recording = None if self._recorder is None else self._recorder.report()
-        return report(self._controller, self._signals, self._boxes.report(), self._workers.report(), recording)
+        return report(self._controller, self._gathered, self._boxes.report(), self._workers.report(), recording)
 
     def _unrecorded(self) -> str:
         failed = self._recorder is not None and self._recorder.report()["state"] == "failed"

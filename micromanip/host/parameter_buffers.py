@@ -1,4 +1,4 @@
-"""The parameter slots that the loop reads in place: which may be filled anew, and the counter of their versions.
+"""The parameter buffers that the loop reads in place: which slot may be filled anew, and the counter of versions.
 
 The loop keeps references to three of them: the set in force, the candidate, and the set before a promotion,
 which it may put in force again by itself. None of them, nor one that was handed over and not taken yet, is ever filled.
@@ -16,7 +16,7 @@ from micromanip.rt.tell import tell
 from .shared_memory import SLOTS
 
 
-class ParameterSlots:
+class ParameterBuffers:
     """Written by the host only; the loop is told by a word after its slot is complete."""
 
     def __init__(self, control: Any, told: Any, first: Any) -> None:

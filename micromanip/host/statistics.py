@@ -2,31 +2,57 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from micromanip.replies import Durations, Link, PathError, Recorded, SignalFigures, Status
+from micromanip.replies import AxisValues, Durations, Link, PathError, Recorded, SignalFigures, Status
 from micromanip.rt import mailbox as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
+from micromanip.settings.schema.reference import Tracker
 
-from .ages import Ages
+from .axis_values import AxesValues
 from .controller import Controller
 from .ring import RingReader
 
 _ROLES = (("strain", 1), ("stage", 2), ("deviation", 4))
+_MOST_ROWS = 1 << 15
 _PERCENTILES = (0.5, 0.99, 0.999, 0.9999)
+_SPLIT_BITS = 8
+_SPLIT = 1 << _SPLIT_BITS
+_OCTAVES = 40
+"""Ages in us: twelve days."""
+
+
+class Gathered:
+    """What the host takes out of the telemetry ring: signals and axes; each row is read once."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._reader = RingReader(controller.ring)
+        self.signals = SignalStatistics(controller)
+        self._axes = AxesValues(controller)
+
+    def gather(self) -> None:
+        """Take in the rows since the last call."""
+        rows = self._reader.read(_MOST_ROWS)
+        self.signals.add(rows)
+        self._axes.add(rows)
+
+    def axes(self) -> dict[str, AxisValues]:
+        """What each axis does now."""
+        return self._axes.report(self._reader.latest(), time.monotonic_ns())
 
 
 class SignalStatistics:
-    """Rate, age and losses of each signal, gathered from the telemetry ring."""
+    """Rate, age and losses of each signal."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self._reader = RingReader(controller.ring)
         self._names = list(controller.prepared.configuration.axes)
         self._fresh: Counter[str] = Counter()
         self._cycles: Counter[str] = Counter()
@@ -34,9 +60,8 @@ class SignalStatistics:
         self._late: Counter[str] = Counter()
         self._stale: Counter[str] = Counter()
 
-    def gather(self) -> None:
-        """Take in the rows since the last call."""
-        rows = self._reader.read(1 << 15)
+    def add(self, rows: Any) -> None:
+        """Take in rows of the telemetry ring."""
         for i, axis in enumerate(self._names):
             for role, bit in _ROLES:
                 name = f"{role}_{axis}"
@@ -84,14 +109,17 @@ def durations(histogram: Any, maximum: int) -> Durations:
 def path_errors(controller: Controller) -> dict[str, PathError]:
     """Path error (um) of each axis since a second after tracking began; None where there is none."""
     report: dict[str, PathError] = {}
+    deviates = isinstance(controller.prepared.configuration.reference, Tracker)
     for i, name in enumerate(controller.prepared.configuration.axes):
         a = controller.status["state"][0]["axis"][i]
         count = int(a["errors"])
         if count == 0 or not np.isfinite(a["error_squares"]):
             report[name] = PathError(uncompensated_rms=None, rms=None, max=None)
             continue
+        told = controller.prepared.parameters[0]["axis"][i]["uncompensated"] >= 0
+        uncompensated = round(float(np.sqrt(a["uncompensated_squares"] / count)), 4)
         report[name] = {
-            "uncompensated_rms": round(float(np.sqrt(a["uncompensated_squares"] / count)), 4),
+            "uncompensated_rms": uncompensated if deviates or told else None,
             "rms": round(float(np.sqrt(a["error_squares"] / count)), 4),
             "max": round(float(a["error_max"]), 4),
         }
@@ -100,12 +128,13 @@ def path_errors(controller: Controller) -> dict[str, PathError]:
 
 def report(
     controller: Controller,
-    signals: SignalStatistics,
+    gathered: Gathered,
     trips: Sequence[Any] = (),
     links: Mapping[str, Link] | None = None,
     recording: Recorded | None = None,
 ) -> Status:
-    """The whole report of a run, so far; `trips` are those that have a black box, `links` the buses."""
+    """The whole report of a run, up to now; `trips` are those that have a black box, `links` the buses."""
+    gathered.gather()
     words, faults = controller.words, controller.faults()
     return {
         "state": controller.state,
@@ -115,7 +144,8 @@ def report(
         "lateness_ns": durations(controller.status["lateness"], words[w.LATENESS_MAX_NS]),
         "compute_ns": durations(controller.status["compute"], words[w.COMPUTE_MAX_NS]),
         "path_error_um": path_errors(controller),
-        "signals": signals.report(),
+        "axes": gathered.axes(),
+        "signals": gathered.signals.report(),
         "faults": [str(fault) for fault in faults],
         "fault_reports": [fault.document() for fault in faults],
         "parameter_version": int(words[w.VERSION_ACTIVE]),
@@ -126,3 +156,31 @@ def report(
         "links": dict(links or {}),
         "recording": recording,
     }
+
+
+class Ages:
+    """Ages (us): each power of two is split into 256 equal bins, so percentiles are good to .4 %, to 512 us exact."""
+
+    def __init__(self) -> None:
+        self.maximum: int | None = None
+        self._counts = np.zeros(_SPLIT * (_OCTAVES - _SPLIT_BITS + 1), np.int64)
+
+    def add(self, ages_us: NDArray[np.int64]) -> None:
+        """Count some more; negative ones as 0."""
+        if not len(ages_us):
+            return
+        ages_us = np.maximum(ages_us, 0)
+        oldest = int(ages_us.max())
+        self.maximum = oldest if self.maximum is None else max(self.maximum, oldest)
+        shift = np.maximum(np.frexp(ages_us.astype(float))[1] - 1 - _SPLIT_BITS, 0)
+        bins = np.minimum(shift * _SPLIT + (ages_us >> shift), len(self._counts) - 1)
+        self._counts += np.bincount(bins, minlength=len(self._counts))
+
+    def percentile(self, share: float) -> int | None:
+        """Lower edge (us) of the bin up to which there are `share` of all; None without any."""
+        seen = np.cumsum(self._counts)
+        if seen[-1] == 0:
+            return None
+        index = int(np.searchsorted(seen, max(1.0, share * seen[-1])))
+        shift = max(0, index // _SPLIT - 1)
+        return (index - shift * _SPLIT) << shift

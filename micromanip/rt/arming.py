@@ -17,7 +17,7 @@ from micromanip.rt.laws.sensor import is_missing, is_silent, may_be_at_end
 
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
-from .record import Record
+from .record import Record, record
 from .states import (
     AMPLIFIER_MISSING,
     ENABLE_MISSING,
@@ -39,6 +39,20 @@ from .states import (
     TEMPERATURE_MISSING,
     VOLTAGE,
 )
+
+CHECK_PARAMETERS = record(("step", "f8"), ("low", "f8"), ("high", "f8"))
+"""Polarity and scale check: height of the step, and between what the answer to it must lie."""
+CHECK_STATE = record(
+    ("before", "f8"),
+    ("after", "f8"),
+    ("before_samples", "i8"),
+    ("after_samples", "i8"),
+    ("turn", "i8"),
+    ("found", "f8"),
+    ("passed", "i8"),
+)
+"""What a check gathers; its place among the axes that are checked in this arming (1 is the first, 0: it is not due);
+what it found last, and whether that was as expected and still counts."""
 
 
 @compiled

@@ -22,7 +22,7 @@ from .bus_image import (
 )
 from .intrinsics import fence, load_acquire, store_release
 from .jit import compiled
-from .records import Record
+from .record import Record
 
 
 @compiled

@@ -13,9 +13,22 @@ from __future__ import annotations
 
 from .jit import compiled
 from .phases import CLOSED
-from .records import EVENTS, Record
+from .record import Record, record
 from .states import ARMING, CUTS, FAULT, HOLDING, HOLDS, HOST_DEAD, NO_FAULT, OFF, READY, TRACKING, WARN
 from .transitions import begin_hold, begin_ramp, cut, enter
+
+EVENTS = 32
+"""Events that the loop remembers."""
+EVENT = record(
+    ("cycle", "i8"),
+    ("code", "i8"),
+    ("axis", "i8"),
+    ("value", "f8"),
+    ("limit", "f8"),
+    ("reaction", "i8"),
+    ("state", "i8"),
+)
+"""A fault or a warning as it was raised: when, what, on which axis (-1: the cell), measured and limit."""
 
 
 @compiled

@@ -1,11 +1,14 @@
 """What the loop reads and writes, put together of the laws' own records: process image, axis, cell.
 
-A law's parameters and state stand beside the law, in ``laws/``; the telemetry row beside what fills it, in
-``telemetry.py``. How a record is laid out, and its units: ``record.py``.
+Parameters and state of a law stand beside the law, in ``laws/``; those of what is watched, checked and scored, events
+and the telemetry row likewise beside what fills them. How a record is laid out, and its units: ``record.py``.
 """
 
 from __future__ import annotations
 
+from .arming import CHECK_PARAMETERS, CHECK_STATE
+from .faults import EVENT, EVENTS
+from .figures import FIGURES
 from .laws.coordinate_transform import FRAME, MAX_FRAME
 from .laws.estimator import ESTIMATOR_STATE, INPUT_HISTORY
 from .laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
@@ -18,82 +21,14 @@ from .record import MAX_AXES as MAX_AXES
 from .record import Record as Record
 from .record import record
 from .states import FAULTS
+from .watch import WATCH_PARAMETERS, WATCH_STATE
 
 MAX_DRIVERS = 4
 MAX_SIGNALS = 48
 MAX_OUTPUTS = 8
-EVENTS = 32
-"""Events that the loop remembers."""
 
 SIGNAL = record(("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("status", "i8"))
 """One input as a driver leaves it; ``sequence`` grows by one a fresh sample, ``status`` 0 is good."""
-
-WATCH_PARAMETERS = record(
-    ("reaction", "i8", (FAULTS,)),
-    ("strain_samples", "i8"),
-    ("strain_identical", "i8"),
-    ("coast_cycles", "i8"),
-    ("stage_samples", "i8"),
-    ("stage_identical", "i8"),
-    ("degraded_cycles", "i8"),
-    ("decay_cycles", "i8"),
-    ("bridged_cycles", "i8"),
-    ("innovation_variance", "f8"),
-    ("innovation_ratio", "f8"),
-    ("innovation_step", "f8"),
-    ("following_um", "f8"),
-    ("following_cycles", "i8"),
-    ("saturating_cycles", "i8"),
-    ("saturated_cycles", "i8"),
-    ("band_b", "f8", (3,)),
-    ("band_a1", "f8"),
-    ("band_a2", "f8"),
-    ("band_um", "f8"),
-    ("band_step", "f8"),
-    ("band_cycles", "i8"),
-    ("stale_cycles", "i8"),
-    ("lost_cycles", "i8"),
-    ("derate", "f8"),
-    ("hot_cycles", "i8"),
-    ("swings", "i8"),
-    ("swing_cycles", "i8"),
-)
-"""Limits of the fault detection of one axis; times in cycles."""
-SWING = record(("end", "i8"), ("times", "i8"), ("first_cycle", "i8"))
-"""What went from one end of its range to the other: where it was last (-1, 1; 0: none yet), how often, since when."""
-WATCH_STATE = record(
-    ("raised", "i8"),
-    ("coast", "i8"),
-    ("degraded", "i8"),
-    ("innovation", "f8"),
-    ("following", "i8"),
-    ("saturated", "i8"),
-    ("band_x1", "f8"),
-    ("band_x2", "f8"),
-    ("band_y1", "f8"),
-    ("band_y2", "f8"),
-    ("band_energy", "f8"),
-    ("band_cycles", "i8"),
-    ("fallback", "i8"),
-    ("hot", "i8"),
-    ("driven_swing", SWING),
-    ("strain_swing", SWING),
-    ("stage_swing", SWING),
-)
-
-CHECK_PARAMETERS = record(("step", "f8"), ("low", "f8"), ("high", "f8"))
-"""Polarity and scale check: height of the step, and between what the answer to it must lie."""
-CHECK_STATE = record(
-    ("before", "f8"),
-    ("after", "f8"),
-    ("before_samples", "i8"),
-    ("after_samples", "i8"),
-    ("turn", "i8"),
-    ("found", "f8"),
-    ("passed", "i8"),
-)
-"""What a check gathers; its place among the axes that are checked in this arming (1 is the first, 0: it is not due);
-what it found last, and whether that was as expected and still counts."""
 
 AXIS_PARAMETERS = record(
     ("mode", "i8"),
@@ -135,9 +70,6 @@ AXIS_PARAMETERS = record(
     ("strain_check", CHECK_PARAMETERS),
     ("stage_check", CHECK_PARAMETERS),
 )
-FIGURES = record(("error", "f8"), ("innovation", "f8"), ("feedback", "f8"))
-"""Mean squares over about a second: error (um^2), innovation (um^2), and what the PID adds to the feedforward (V^2)."""
-
 AXIS_STATE = record(
     ("strain", SENSOR_STATE),
     ("stage", SENSOR_STATE),
@@ -214,16 +146,6 @@ CELL_PARAMETERS = record(
     ("trial_floor", "f8"),
     ("axis", AXIS_PARAMETERS, (MAX_AXES,)),
 )
-EVENT = record(
-    ("cycle", "i8"),
-    ("code", "i8"),
-    ("axis", "i8"),
-    ("value", "f8"),
-    ("limit", "f8"),
-    ("reaction", "i8"),
-    ("state", "i8"),
-)
-"""A fault or a warning as it was raised: when, what, on which axis (-1: the cell), measured and limit."""
 CELL_STATE = record(
     ("state", "i8"),
     ("phase", "i8"),

@@ -8,7 +8,6 @@ and arming is refused until it is back.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from micromanip.rt.laws.pid import retune
 from micromanip.rt.laws.reference import SAMPLES, SIGNAL
@@ -16,8 +15,9 @@ from micromanip.rt.laws.sensor import is_missing
 
 from .faults import axis_fault, warn
 from .jit import compiled
+from .limit_cycle import SWING, watch_swing
 from .phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
-from .record import Record
+from .record import Record, record
 from .states import (
     AMPLIFIER_FAULT,
     COASTING,
@@ -25,9 +25,9 @@ from .states import (
     DERATED,
     DISAGREEMENT,
     FALLBACK,
+    FAULTS,
     FOLLOWING_ERROR,
     HOLDS,
-    LIMIT_CYCLE,
     OSCILLATION,
     OVER_TEMPERATURE,
     REFERENCE_LOST,
@@ -41,6 +41,57 @@ from .states import (
     STRAIN_STUCK,
     TRACKING,
     VOLTAGE,
+)
+
+WATCH_PARAMETERS = record(
+    ("reaction", "i8", (FAULTS,)),
+    ("strain_samples", "i8"),
+    ("strain_identical", "i8"),
+    ("coast_cycles", "i8"),
+    ("stage_samples", "i8"),
+    ("stage_identical", "i8"),
+    ("degraded_cycles", "i8"),
+    ("decay_cycles", "i8"),
+    ("bridged_cycles", "i8"),
+    ("innovation_variance", "f8"),
+    ("innovation_ratio", "f8"),
+    ("innovation_step", "f8"),
+    ("following_um", "f8"),
+    ("following_cycles", "i8"),
+    ("saturating_cycles", "i8"),
+    ("saturated_cycles", "i8"),
+    ("band_b", "f8", (3,)),
+    ("band_a1", "f8"),
+    ("band_a2", "f8"),
+    ("band_um", "f8"),
+    ("band_step", "f8"),
+    ("band_cycles", "i8"),
+    ("stale_cycles", "i8"),
+    ("lost_cycles", "i8"),
+    ("derate", "f8"),
+    ("hot_cycles", "i8"),
+    ("swings", "i8"),
+    ("swing_cycles", "i8"),
+)
+"""Limits of the fault detection of one axis; times in cycles."""
+WATCH_STATE = record(
+    ("raised", "i8"),
+    ("coast", "i8"),
+    ("degraded", "i8"),
+    ("innovation", "f8"),
+    ("following", "i8"),
+    ("saturated", "i8"),
+    ("band_x1", "f8"),
+    ("band_x2", "f8"),
+    ("band_y1", "f8"),
+    ("band_y2", "f8"),
+    ("band_energy", "f8"),
+    ("band_cycles", "i8"),
+    ("fallback", "i8"),
+    ("hot", "i8"),
+    ("driven_swing", SWING),
+    ("strain_swing", SWING),
+    ("stage_swing", SWING),
 )
 
 
@@ -192,60 +243,6 @@ def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> None:
     w["hot"] = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
     warn(s, i, DERATED, w["hot"] > 0, 100.0 * limits["derate"], 100.0)
     axis_fault(p, s, i, OVER_TEMPERATURE, w["hot"] > limits["hot_cycles"], float(w["hot"]), float(limits["hot_cycles"]))
-
-
-@compiled
-def sensor_end(sensor: Record, range_um: Any) -> int:
-    """1 or -1 where a sensor reads the upper or lower end of its range, or more; 0 inside.
-
-    One that says by its status that it is at an end reads the same again and again, away from its last good value.
-    """
-    reading = sensor["reading"]
-    if reading >= range_um[1]:
-        return 1
-    if reading <= range_um[0]:
-        return -1
-    if sensor["bad"] < 2 or sensor["identical"] == 0 or reading == sensor["value"]:
-        return 0
-    return 1 if reading > sensor["value"] else -1
-
-
-@compiled
-def swings(limits: Record, w: Record, cycle: int, end: int) -> bool:
-    """Whether something that is at `end` of its range (0: inside) went from one to the other again and again."""
-    if end != 0 and end != w["end"]:
-        if w["end"] != 0:
-            if w["times"] == 0 or cycle - w["first_cycle"] > limits["swing_cycles"]:
-                w["times"], w["first_cycle"] = 0, cycle
-            w["times"] += 1
-        w["end"] = end
-    return w["times"] >= limits["swings"]
-
-
-@compiled
-def watch_swing(p: Record, s: Record, i: int, active: bool) -> None:
-    """Limit cycle: voltage or set-point, the gauge or the stage goes from end to end. No configuration allows that.
-
-    In open loop the voltage is what was asked for; what it does to the sensors counts there too.
-    """
-    axis, a = p["axis"][i], s["axis"][i]
-    limits, limiter, w, cycle = axis["watch"], axis["limiter"], a["watch"], s["cycle"]
-    if not active:
-        w["driven_swing"]["end"] = w["strain_swing"]["end"] = w["stage_swing"]["end"] = 0
-        w["driven_swing"]["times"] = w["strain_swing"]["times"] = w["stage_swing"]["times"] = 0
-    up = a["voltage_V"] >= limiter["high_V"] or a["setpoint_um"] >= axis["setpoint_high_um"]
-    down = a["voltage_V"] <= limiter["low_V"] or a["setpoint_um"] <= axis["setpoint_low_um"]
-    since, found = cycle, False
-    if active and axis["mode"] != VOLTAGE and swings(limits, w["driven_swing"], cycle, int(up) - int(down)):
-        since, found = w["driven_swing"]["first_cycle"], True
-    strain_end = sensor_end(a["strain"], axis["strain_range_um"])
-    if active and axis["strain"] >= 0 and swings(limits, w["strain_swing"], cycle, strain_end):
-        since, found = w["strain_swing"]["first_cycle"], True
-    stage_end = sensor_end(a["stage"], axis["stage_range_um"])
-    if active and axis["stage"] >= 0 and swings(limits, w["stage_swing"], cycle, stage_end):
-        since, found = w["stage_swing"]["first_cycle"], True
-    lasted_s = (cycle - since) * p["period_ns"] * 1e-9
-    axis_fault(p, s, i, LIMIT_CYCLE, found, lasted_s, float(limits["swings"]))
 
 
 @compiled

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import dc_gain, outer_gains, tracker_gain
 from micromanip.settings.compile.cell import compile_cell
-from micromanip.settings.compile.waveform import load_samples
+from micromanip.settings.compile.reference import load_samples
 from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator
 
+from micromanip.errors import nearest
 from micromanip.settings.schema.frame import PREFIX
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog, Tracker
@@ -23,8 +23,7 @@ def name_findings(configuration: Configuration) -> Iterator[Finding]:
     frame = configuration.frame
     for name in configuration.signals:
         if name not in known and not name.startswith(PREFIX):
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            hint = f"; did you mean {near}?" if (near := nearest(name, known)) else ""
             yield (
                 ("signals", name),
                 f"no axis takes a signal of this name{hint} (names are <role>_<axis>, {', '.join(_LINES)})",

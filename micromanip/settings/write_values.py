@@ -10,15 +10,25 @@ from typing import Any
 
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from micromanip.errors import ConfigError
+from micromanip.errors import ConfigError, system_error
 from micromanip.settings.text.place import Path
 from micromanip.settings.text.source import Source
 
 from .change import ABSENT, differing, leaves
-from .write import edited
+from .write import edited, write_atomically
 
 _PASSES = 3
 """A section that merged (``<<``) a changed one gets what it had back in the next pass."""
+
+
+def write_into(file: Source, document: Mapping[str, Any]) -> Source:
+    """`file` after `document` was written into it; errors of `with_values`, or of the system where it can't be."""
+    text = with_values(file, document)
+    try:
+        write_atomically(file.path, text)
+    except OSError as problem:
+        raise system_error(problem, f"{file.path} can't be written") from problem
+    return Source.parse(file.path, text)
 
 
 def with_values(source: Source, document: Mapping[str, Any]) -> str:

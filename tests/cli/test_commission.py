@@ -6,22 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.cli.main import main
 from micromanip.design import paper
 from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import load_with_source
 
+from .command import code_of
+
 pytestmark = [pytest.mark.long, pytest.mark.xdist_group("commission")]  # what is shared is made once
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
-
-
-def code_of(*arguments):
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as ended:
-        return ended.code
-    return 0
 
 
 def test_it_passes_and_leaves_three_files_and_a_folder_of_the_run(commissioned):
@@ -89,17 +82,26 @@ def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
     assert "axis y was changed after it was commissioned (report report.html, " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (("--axis", "w"), 64, "there is no axis w in "),
-        (("--axis", "x", "--bandwidth", "3000"), 1, "no outer loop at 3000 Hz has margins of 6 dB and 35 deg"),
-    ],
-)
-def test_what_cannot_be_done_writes_nothing(arguments, code, said, tmp_path, capsys):
-    assert code_of("commission", FACTORY, *arguments, "--out", tmp_path / "out") == code
-    assert said in capsys.readouterr().err
+def test_an_axis_that_is_not_there_writes_nothing(tmp_path, capsys):
+    assert code_of("commission", FACTORY, "--axis", "w", "--out", tmp_path / "out") == 64
+    assert "there is no axis w in " in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_what_cannot_be_had_leaves_what_was_found_and_no_tuning(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert code_of("commission", FACTORY, "--axis", "x", "--bandwidth", "3000", "--out", out, "--json") == 1
+    done = capsys.readouterr()
+    assert "axis x: outer loop: no outer loop at 3000 Hz has margins of 6 dB and 35 deg" in done.err
+    document = json.loads(done.out)
+    assert not document["passed"]
+    assert document["tuned"] is None
+    assert not (out / "tuned.yaml").exists()
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "Commissioning stopped at the step" in page
+    assert "strain PID" in page, "what was found before"
+    failed = [c for c in document["axes"]["x"]["criteria"] if not c["passed"]]
+    assert [c["name"] for c in failed] == ["outer loop"]
 
 
 def test_an_axis_without_the_capacitive_sensor_is_refused(tmp_path, capsys):

@@ -9,7 +9,8 @@ from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip.bus import inspection
 from micromanip.bus.inspection import findings, kind_of
 from micromanip.bus.registry import driver_class
-from micromanip.cli.main import main
+
+from .command import code_of
 
 BUS = '''
 from micromanip.bus.driver import BusDriver, BusOptions
@@ -39,12 +40,7 @@ def only(monkeypatch):
 
 def listed(capsys, *arguments):
     """Exit code, and what is on standard output and error."""
-    code = 0
-    try:
-        main(["drivers", *arguments])
-    except SystemExit as ended:
-        code = ended.code
-    return code, *capsys.readouterr()
+    return code_of("drivers", *arguments), *capsys.readouterr()
 
 
 def test_good_ones_of_both_kinds(announce, only, capsys):

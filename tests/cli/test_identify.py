@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import uuid
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.states import TRACKING
 from tools.running_controller import MICROMANIP, PATIENCE_S, TAG, changed, command_line, descriptor_of, tagged, until
 
+from . import command
+
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 SHORT = (
     ("cpu: 1 ", "cpu: null "),
@@ -24,12 +27,7 @@ SHORT = (
 )
 
 
-def code_of(*arguments):
-    try:
-        main(["identify", *map(str, arguments)])
-    except SystemExit as ended:
-        return ended.code
-    return 0
+code_of = partial(command.code_of, "identify")
 
 
 def table(file):

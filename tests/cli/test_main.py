@@ -1,23 +1,21 @@
 """The command line as a whole: help, exit codes, and no traceback for anybody."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import click
 import pytest
 
-from micromanip.cli.main import COMMANDS, cli, main
+from micromanip.cli.main import COMMANDS, GROUPS, cli
+from micromanip.cli.options import print_json
+from micromanip.client import default_socket
+from micromanip.errors import CheckFailed
+
+from .command import code_of
 
 CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
-
-
-def code_of(*arguments):
-    """Exit code of a command line."""
-    try:
-        main(list(arguments))
-    except SystemExit as ended:
-        return ended.code
-    return 0
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -74,6 +72,28 @@ def test_a_bad_configuration_is_78_and_one_line(tmp_path, capsys):
     assert "K_V_per_um" in lines[0]
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("check", "{file}"),
+        ("evaluate", "{file}", "--axis", "none"),
+        ("identify", "{file}", "--axis", "none", "--out", "{out}"),
+        ("commission", "{file}", "--axis", "none", "--out", "{out}"),
+        ("analyse", "{file}", "--axis", "none", "--out", "{out}"),
+        ("safe-outputs", "{file}", "--from-file"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_file_of_an_older_layout_is_read_with_a_line_that_says_the_new_name(command, tmp_path, capsys):
+    file, text = tmp_path / "older.yaml", Path(CONFIG).read_text(encoding="utf-8")
+    file.write_text(text.replace("schema_version: 2", "schema_version: 1").replace("control_weight:", "effort:"))
+    code_of(*(word.format(file=file, out=tmp_path / "out") for word in command))
+    told = [line for line in capsys.readouterr().err.splitlines() if "control_weight" in line]
+    assert len(told) == 1
+    assert told[0].startswith(f"WARNING: {file}:")
+    assert "axes.x.outer.effort: called control_weight since schema_version 2" in told[0]
+
+
 def test_what_we_did_not_foresee_is_70_with_a_file_and_no_traceback(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
@@ -94,3 +114,80 @@ def test_completion_scripts(capsys):
     for shell in ("bash", "zsh", "fish"):
         assert code_of("completion", shell) == 0
         assert "_MICROMANIP_COMPLETE" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("stauts", "status"), ("comission", "commission"), ("probes", "probe"), ("simulate", None)]
+)
+def test_a_near_miss_gets_a_suggestion(typed, meant, capsys):
+    assert code_of(typed) == 64
+    said = capsys.readouterr().err
+    assert f"did you mean {meant}?" in said if meant else "--help" in said
+
+
+def test_help_has_every_command_in_one_group(capsys):
+    assert code_of("--help") == 0
+    shown = capsys.readouterr().out
+    assert [title for title in GROUPS if f"\n{title}:\n" in shown] == list(GROUPS)
+    listed = [line.split()[0] for line in shown.splitlines() if line.startswith("  ") and line[2].isalpha()]
+    assert [name for name in listed if name in COMMANDS] == list(COMMANDS)
+
+
+def test_the_socket_s_default_is_the_real_one(monkeypatch, capsys):
+    assert code_of("status", "--help") == 0
+    assert str(default_socket()) in capsys.readouterr().out
+
+
+ERRORS = {
+    "usage": (("check", "--json"), 64),
+    "command": (("stauts", "--json"), 64),
+    "option": (("check", CONFIG, "--json", "--jsno"), 64),
+    "file": (("check", "none.yaml", "--json"), 78),
+    "controller": (("status", "--json", "--socket", "/nowhere/none.sock"), 69),
+}
+
+
+@pytest.mark.parametrize(("arguments", "code"), ERRORS.values(), ids=ERRORS)
+def test_an_error_is_one_document_too_where_json_is_asked_for(arguments, code, capsys):
+    assert code_of(*arguments) == code
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert document["exit_code"] == code
+    assert document["error"] in err
+
+
+def test_a_bug_is_one_document_too(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("micromanip.settings.check.prepare", lambda *_: 1 // 0)
+    assert code_of("check", CONFIG, "--json") == 70
+    assert json.loads(capsys.readouterr().out)["error"].startswith("bug: ZeroDivisionError: ")
+
+
+def test_what_fails_after_its_document_adds_none(monkeypatch, capsys):
+    """`evaluate` prints its document, and then says that a figure could not be written."""
+
+    @click.command("check")
+    def checked():
+        print_json({"good": False})
+        raise CheckFailed("no")
+
+    monkeypatch.setattr(type(cli), "get_command", lambda self, ctx, name: checked)
+    checked.params.append(click.Option(["--json", "as_json"], is_flag=True, expose_value=False))
+    assert code_of("check", "--json") == 1
+    assert json.loads(capsys.readouterr().out) == {"good": False}
+
+
+@pytest.mark.parametrize("arguments", [("check", CONFIG), ("check", CONFIG, "--json"), ("--help",), ("get", "--help")])
+@pytest.mark.parametrize(
+    ("redirected", "code", "said"),
+    [("| head -c 1", 0, ""), (">&-", 0, ""), ("> /dev/full", 69, "standard output: No space left on device")],
+)
+def test_a_closed_or_full_output_is_no_bug(arguments, redirected, code, said, tmp_path):
+    command = " ".join([str(Path(sys.executable).with_name("micromanip")), *arguments])
+    done = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {command} {redirected}"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, said in done.stderr) == (code, True), done.stderr
+    assert "bug" not in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr

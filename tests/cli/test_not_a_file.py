@@ -7,15 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.cli.main import main
+from .command import code_of
 
 CONFIG = Path(__file__).parents[2] / "config"
-
-
-def code_of(*arguments):
-    with pytest.raises(SystemExit) as ended:
-        main(list(map(str, arguments)))
-    return ended.value.code
 
 
 @pytest.fixture(params=["pipe", "device", "socket", "folder"])

@@ -1,6 +1,8 @@
 """``micromanip probe``: what answers on a bus, and a clear word where it can't be looked at."""
 
 import json
+from functools import partial
+from pathlib import Path
 
 import pytest
 from conformance.example import UdpPeer, UdpStage
@@ -9,7 +11,9 @@ from micromanip.bus import device_lock
 from micromanip.bus.device_lock import DeviceLocks
 from micromanip.bus.driver import Answer, BusDriver
 from micromanip.bus.errors import LinkError
-from micromanip.cli.main import main
+from micromanip.settings.check import prepare
+
+from .command import code_of
 
 
 class Stage(UdpStage):
@@ -45,12 +49,7 @@ def config(tmp_path, announce, monkeypatch):
     return file, peer
 
 
-def ended(*arguments):
-    try:
-        main(["probe", *map(str, arguments)])
-    except SystemExit as end:
-        return end.code
-    return 0
+ended = partial(code_of, "probe")
 
 
 def test_answers_in_a_table(config, capsys):
@@ -145,7 +144,6 @@ def test_device_in_use_is_refused(config, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("driver", "code", "message"),
     [
-        ("cell", 64, "cell is the cyclic driver simulated: it has no bus to look at"),
         ("blind", 64, "driver blind has no probe"),
         ("stag", 64, "did you mean stage?"),
         ("wrong", 78, "cell.yaml:6: drivers.wrong.port: "),
@@ -164,3 +162,17 @@ def test_file_without_drivers_is_78(tmp_path, capsys):
     file.write_text("drivers: 5\n")
     assert ended(file, "stage") == 78
     assert "drivers: this section is missing, or not a mapping" in capsys.readouterr().err
+
+
+def test_a_simulated_cell_shows_what_its_sensors_say_at_rest(capsys):
+    simulated = Path(__file__).parents[2] / "config" / "simulated.yaml"
+    assert ended(simulated, "cell", "--seconds", "0.5", "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    (answer,) = document["answers"]
+    assert set(answer["values"]) == set(prepare(simulated).configuration.signals)
+    assert abs(answer["values"]["strain_x"]) < 2.0, "the gauges rest at 0 V"
+    assert answer["values"]["stage_x"] == "-300, not good", "beyond the sensor's range"
+    assert ended(simulated, "cell", "--seconds", "0.5") == 0
+    shown = capsys.readouterr().out
+    assert f"strain_x         {answer['values']['strain_x']:.6g}" in shown, "the same seed, the same values"
+    assert "0.5 s of virtual time" in shown

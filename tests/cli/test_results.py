@@ -1,6 +1,7 @@
 """Where results go: tried before anything moves, nothing older replaced, and a full disk loses as little as it can."""
 
 import contextlib
+import datetime
 import errno
 import json
 import os
@@ -13,22 +14,15 @@ from pathlib import Path
 import pytest
 
 from micromanip.cli import results
-from micromanip.cli.main import main
 from micromanip.cli.results import Pictures, publish, results_folder, run_folder
 from micromanip.design import figures
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 from tools.running_controller import MICROMANIP
 
+from .command import code_of
+
 CONFIG = Path(__file__).parents[2] / "config"
 FACTORY, SIMULATED = CONFIG / "factory.yaml", CONFIG / "simulated.yaml"
-
-
-def code_of(*arguments):
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as ended:
-        return ended.code
-    return 0
 
 
 def files_in(folder):
@@ -92,8 +86,11 @@ def test_identify_replaces_no_recording(tmp_path, capsys):
 def test_evaluate_sets_older_figures_aside(tmp_path, monkeypatch):
     """And where they are the same ones, byte for byte, there is nothing to keep."""
 
-    def draw_one(configuration, experiment, runs, axis, folder):
-        yield figures.save(figures.control_errors(runs, axis, 10_000), folder, "figure")
+    def draw_one(configuration, experiment, runs, axis, folder, about):
+        assert about.startswith(f"axis x, {SIMULATED} (")
+        today = datetime.datetime.now(datetime.UTC).date()
+        assert about.endswith((f", {today}, seed 1", f", {today}, seed 7"))
+        yield figures.save(figures.control_errors(runs, axis, 10_000), folder, "figure", about=about)
 
     monkeypatch.setattr(figures, "draw_all", draw_one)
     assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0

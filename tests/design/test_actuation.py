@@ -7,7 +7,7 @@ import pytest
 from micromanip_drivers.simulated import mechanics
 from micromanip_drivers.simulated.options import Plant
 
-from micromanip.design.actuation import fit_actuator, identify_actuator, working_voltage
+from micromanip.design.actuation import identify_actuator, working_voltage
 from micromanip.design.describing import harmonics, inverse_operator
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
@@ -37,7 +37,7 @@ def physics(hertz):
 def test_it_is_the_physics(actuator):
     """Size within 10 % from 10 Hz to the mode near 2.4 kHz, the flexure's mode and antiresonance included."""
     hertz = np.array([10.0, 30.0, 55.0, 60.0, 63.0, 65.0, 67.0, 70.0, 100.0, 300.0, 1000.0, 2000.0, 2350.0])
-    found = np.abs(actuator.dynamics.response(2 * np.pi * hertz))
+    found = np.abs(actuator.system.response(2 * np.pi * hertz))
     ratio = found / np.abs(physics(hertz))
     assert ratio / np.median(ratio) == pytest.approx(1.0, abs=0.1)
     assert actuator.fit_percent > 80.0
@@ -47,7 +47,7 @@ def test_its_slope_is_that_of_the_describing_function(prepared, actuator):
     """The hysteresis model was fitted to quite another experiment."""
     axis = prepared.configuration.axes["x"]
     slope = 1.0 / abs(harmonics(inverse_operator(axis.hysteresis), actuator.swing_um, axis.centre_um).gain)
-    assert abs(actuator.dynamics.response(np.array([2 * np.pi * 10.0]))[0]) == pytest.approx(slope, rel=0.05)
+    assert abs(actuator.system.response(np.array([2 * np.pi * 10.0]))[0]) == pytest.approx(slope, rel=0.05)
 
 
 def test_the_working_voltage_holds_the_working_point(prepared, actuator):
@@ -56,12 +56,32 @@ def test_the_working_voltage_holds_the_working_point(prepared, actuator):
     assert 60.0 < volts < 95.0
 
 
-def test_useless_records_are_refused():
-    rng = np.random.default_rng(0)
-    u, y = rng.normal(size=4000), rng.normal(size=4000)
-    with pytest.raises(CheckFailed, match="follows the voltage too little"):
-        fit_actuator(u, y, 1e-4)
-    with pytest.raises(CheckFailed, match="does not move"):
-        fit_actuator(u, np.zeros(4000), 1e-4)
-    with pytest.raises(CheckFailed, match="finite records of one length"):
-        fit_actuator(u, y[:100], 1e-4)
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda strain: np.random.default_rng(0).normal(size=len(strain)), "in 3 attempts: .* is only known to"),
+        (lambda strain: np.zeros(len(strain)), "stands still"),
+        (lambda strain: np.where(np.arange(len(strain)) == 5, np.nan, strain), "has gaps"),
+    ],
+)
+def test_useless_records_are_refused(prepared, spoil, said):
+    """And nothing but open loops is played for it."""
+    experiment = VirtualExperiment(prepared)
+
+    class Spoilt:
+        def __init__(self):
+            self.modes = set()
+
+        def __call__(self, configuration, seconds, samples=None, every=1):
+            self.modes.update(axis.mode for axis in configuration.axes.values())
+            rows = experiment(configuration, seconds, samples, every)
+            rows["axis"]["strain_um"][:, 0] = spoil(rows["axis"]["strain_um"][:, 0])
+            return rows
+
+        def path(self, configuration, axis):
+            return experiment.path(configuration, axis)
+
+    spoilt = Spoilt()
+    with pytest.raises(CheckFailed, match=said):
+        identify_actuator(prepared.configuration, spoilt, "x", centre_V=75.0)
+    assert spoilt.modes == {"voltage"}

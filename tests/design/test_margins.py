@@ -121,6 +121,7 @@ def test_the_delay_margin_is_the_lag_at_a_crossover(loop):
     found = margins(loop)
     assume(found.stable and np.isfinite(found.delay_s))
     whole = int(found.delay_s / PERIOD_S)
+    assume(whole < 2000)  # a state a cycle
     assert closed_radius(delay(whole, PERIOD_S).then(loop)) < 1.0 + 1e-9
     assert any(
         abs(1.0 + loop.response(np.array([2 * np.pi * f]))[0] * np.exp(-2j * np.pi * f * found.delay_s)) < 1e-6

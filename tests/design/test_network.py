@@ -14,6 +14,7 @@ from micromanip.design.network import reversals, smoothed
 from micromanip.design.network_fit import fit_network
 from micromanip.design.network_training import Course, gradient
 from micromanip.design.record import load_record
+from micromanip.recordings import Wanted
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from micromanip.rt.laws.network import start_network
 from micromanip.settings.compile.hysteresis import fill_hysteresis
@@ -122,6 +123,6 @@ def test_smoothing_takes_the_noise_and_leaves_the_course():
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings in {DATA}")
 def test_a_real_recording_beside_the_tanh_model():
-    file = load_record(DATA / "model_1hz.csv", "u_V", "y_um")
+    file = load_record(DATA / "model_1hz.csv", Wanted(("u_V", "y_um")))
     network, tanh = (fit_record(file, None, Request(kind, burn_in_s=1.0)) for kind in ("network", "pi-tanh"))
     assert network.rms_percent <= 1.1 * tanh.rms_percent

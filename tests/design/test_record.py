@@ -10,6 +10,7 @@ import pytest
 from micromanip.cli.main import main
 from micromanip.design.record import load_record
 from micromanip.errors import CheckFailed
+from micromanip.recordings import Wanted
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 
@@ -69,10 +70,6 @@ def swapped(columns):
     columns["voltage_V"], columns["strain_um"] = columns["strain_um"], columns["voltage_V"]
 
 
-def uneven(columns):
-    columns["t_s"][500:] += 0.004
-
-
 def standing_time(columns):
     columns["t_s"][:] = 0.0
 
@@ -108,17 +105,15 @@ BAD = {
     not_a_number: "{file}:42: strain_um has no number here (3 in all); cut the record, or repair the sensor",
     not_a_time: "{file}:42: the time column t_s has no number here",
     too_short: "{file}: 150 samples are too few; record at least 200",
-    one_row: "{file}: 1 sample is too few; record at least 200",
+    one_row: "{file}:2: 1 sample is too few; record at least 200",
     clipped_above: "{file}: strain_um sticks at its top value 170 for 8 samples while the input moves: "
     "the sensor is clipped; shift its range, or record a smaller movement",
     clipped_below: "{file}: strain_um sticks at its bottom value 40 for 12 samples while the input moves: "
     "the sensor is clipped; shift its range, or record a smaller movement",
     swapped: "{file}: strain_um runs ahead of voltage_V: the columns are probably mixed up "
     "(--input is the voltage, --output the displacement)",
-    uneven: "{file}:502: t_s does not rise evenly (steps of 0.01 s, here 0.014 s); "
-    "record at a fixed rate, or resample first",
-    standing_time: "{file}:3: t_s does not rise evenly (steps of 0 s, here 0 s); "
-    "record at a fixed rate, or resample first",
+    standing_time: "{file}:3: t_s stands still here; a time column rises with every sample: name another with --time, "
+    "or cut the file there",
     no_time: "{file}: there is no time column (a name that begins with t); name it with --time, or give --dt",
     falling: "{file}: strain_um falls when voltage_V rises: turn the sensor's sign, or name the right columns",
     unrelated: "{file}: strain_um hardly follows voltage_V (correlation {any}): "
@@ -127,15 +122,18 @@ BAD = {
     other_name: "{file}: there is no column strain_um; did you mean strain_z_um?",
     unlike_name: "{file}: there is no column strain_um; its columns are t_s, voltage_V, q",
 }
+NO_TABLE = (
+    "{file}: not a table of numbers: one row per sample, separated by commas, semicolons, tabs or spaces, is read"
+)
 TEXTS = {
-    b"": "{file}: not a table of numbers with a header of as many names, separated by commas",
-    b"t_s,voltage_V,strain_um\n": "{file}: not a table of numbers with a header of as many names, separated by commas",
-    b"\x89PNG\r\n\x1a\n\xff": "{file}: not a table of numbers with a header, separated by commas",
-    b"Dear reader,\nthis is a letter.\n": "{file}: not a table of numbers with a header of as many names, "
-    "separated by commas",
-    b"t_s,voltage_V,strain_um\n0,1,2\n1,2\n": "{file}:3: this row has not as many values as there are columns",
-    b"t_s;voltage_V;strain_um\n0;1;2\n": "{file}: there is no column voltage_V; "
-    "its columns are t_s;voltage_V;strain_um",
+    b"": "{file}: it is empty; a recording is CSV or other text, .mat, .npy, .npz, HDF5 or Parquet",
+    b"t_s,voltage_V,strain_um\n": NO_TABLE,
+    b"\x89PNG\r\n\x1a\n\xff": "{file}: this is a picture (PNG); "
+    "a recording is CSV or other text, .mat, .npy, .npz, HDF5 or Parquet",
+    b"Dear reader,\nthis is a letter.\n": NO_TABLE,
+    b"t_s,voltage_V,strain_um\n0,1,2\n1,2,3\n2,3\n": "{file}:4: this row has not as many values as there are columns "
+    "(2, the others have 3); the file's last row: it may be cut off, remove it",
+    b"t_s;voltage;strain_um\n0;1;2\n1;2;3\n": "{file}: there is no column voltage_V; did you mean voltage?",
 }
 
 
@@ -145,7 +143,7 @@ def sentence(pattern, file):
 
 
 def load(file, **options):
-    return load_record(file, "voltage_V", "strain_um", **options)
+    return load_record(file, Wanted(("voltage_V", "strain_um"), **options))
 
 
 def refused_by_the_command(tmp_path, file, capsys):
@@ -211,7 +209,7 @@ def test_sampling_interval_by_name_or_by_number(tmp_path):
     columns = good()
     columns["clock"] = columns.pop("t_s")
     file = write(tmp_path / "named.csv", columns)
-    assert load(file, time_name="clock").step_s == pytest.approx(0.01)
+    assert load(file, time="clock").step_s == pytest.approx(0.01)
     assert load(file, step_s=0.5).step_s == 0.5
 
 

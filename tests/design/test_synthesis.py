@@ -49,8 +49,8 @@ def test_the_pid_has_its_margins_at_every_slope(gain):
 
 def test_the_tuning_scales_with_the_actuator():
     one, three = (tune_pid(ANCHOR_PID, lag(gain, 900.0, 1), SLOPES).inner for gain in (1.0, 3.0))
-    assert three.K_V_per_um == pytest.approx(one.K_V_per_um / 3.0, rel=1e-3)
-    assert three.Ti_ms == one.Ti_ms
+    assert three.K_V_per_um == pytest.approx(one.K_V_per_um / 3.0, rel=1e-2)  # a search, not a formula
+    assert three.Ti_ms == pytest.approx(one.Ti_ms, rel=1e-2)
 
 
 def test_more_delay_leaves_less_feedback():

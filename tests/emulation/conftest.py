@@ -14,17 +14,9 @@ QUIET = (
 
 
 @pytest.fixture
-def make(tmp_path):
+def make(tmp_path, closing):
     """A controller on devices of its own, with parts of config/can.yaml replaced."""
-    made = []
-
-    def make(*changes, **options):
-        made.append(Controller(configuration(tmp_path, *changes), **options))
-        return made[-1]
-
-    yield make
-    for controller in made:
-        controller.close()
+    return lambda *changes, **options: closing(Controller(configuration(tmp_path, *changes), **options))
 
 
 @pytest.fixture

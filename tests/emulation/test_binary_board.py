@@ -66,12 +66,11 @@ def voltages(x, y, count=0):
 
 
 @pytest.fixture
-def bench(tmp_path):
-    bench = Bench(write_cell(tmp_path, BOARD.format(device=tmp_path / "ttyBoard")))
+def bench(tmp_path, closing):
+    bench = closing(Bench(write_cell(tmp_path, BOARD.format(device=tmp_path / "ttyBoard"))))
     bench.client = bench.open(tmp_path / "ttyBoard")
     bench.client.silence(0.001)
-    yield bench
-    bench.close()
+    return bench
 
 
 def frames(data, kind=STRAINS):

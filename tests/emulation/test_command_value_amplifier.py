@@ -28,19 +28,14 @@ AMPLIFIER = """\
 
 
 @pytest.fixture
-def make(tmp_path):
-    made = []
-
+def make(tmp_path, closing):
     def make(more=""):
-        made.append(
-            Bench(write_cell(tmp_path, AMPLIFIER.format(device=tmp_path / "ttyAmp", more=more)), watchdog_ms=1e9)
-        )
-        made[-1].client = made[-1].open(tmp_path / "ttyAmp")
-        return made[-1]
+        file = write_cell(tmp_path, AMPLIFIER.format(device=tmp_path / "ttyAmp", more=more))
+        bench = closing(Bench(file, watchdog_ms=1e9))
+        bench.client = bench.open(tmp_path / "ttyAmp")
+        return bench
 
-    yield make
-    for bench in made:
-        bench.close()
+    return make
 
 
 @pytest.fixture

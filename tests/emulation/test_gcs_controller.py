@@ -31,16 +31,8 @@ IDENTITY = b"(c)2015 Physik Instrumente (PI) GmbH & Co. KG, E-727, 0119000001, 1
 
 
 @pytest.fixture
-def make(tmp_path):
-    made = []
-
-    def make(port, **options):
-        made.append(Bench(write_cell(tmp_path, GCS.format(port=port)), **options))
-        return made[-1]
-
-    yield make
-    for bench in made:
-        bench.close()
+def make(tmp_path, closing):
+    return lambda port, **options: closing(Bench(write_cell(tmp_path, GCS.format(port=port)), **options))
 
 
 @pytest.fixture

@@ -62,16 +62,8 @@ class Bench:
 
 
 @pytest.fixture
-def make(tmp_path):
-    made = []
-
-    def make(**options):
-        made.append(Bench(tmp_path / "ttyTest", **options))
-        return made[-1]
-
-    yield make
-    for bench in made:
-        bench.close()
+def make(tmp_path, closing):
+    return lambda **options: closing(Bench(tmp_path / "ttyTest", **options))
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import time
 import pytest
 from drivers.canbus.hub_in_thread import bench
 
-from micromanip.emulation.can.python_can_bus import PythonCanBus
+from micromanip.emulation.can.can_bus import PythonCanBus
 from micromanip.errors import DeviceUnavailable
 from micromanip.testbus.event_loop import EventLoop
 from micromanip.testbus.frame import Frame

@@ -62,12 +62,11 @@ def packets(data):
 
 
 @pytest.fixture
-def capacitive(tmp_path):
+def capacitive(tmp_path, closing):
     port = free_port()
-    bench = Bench(write_cell(tmp_path, CAPACITIVE.format(port=port), outputs=ELSEWHERE))
+    bench = closing(Bench(write_cell(tmp_path, CAPACITIVE.format(port=port), outputs=ELSEWHERE)))
     bench.port = port
-    yield bench
-    bench.close()
+    return bench
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from micromanip.emulation.line.uart import as_heard
+from micromanip.emulation.line.pseudo_terminal import as_heard
 
 
 def test_at_the_same_rate_nothing_changes():

@@ -1,4 +1,4 @@
-"""The device of config/udp.yaml and its driver: whatever befalls the wire, nothing is taken that the plant never had."""
+"""The device of config/udp.yaml and its driver: whatever befalls the wire, no false value is taken."""
 
 import ctypes
 import json

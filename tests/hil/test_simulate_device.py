@@ -143,3 +143,15 @@ def test_bad_configuration_is_78(config):
     assert out == ""
     assert err.count("\n") == 1
     assert "did you mean Tracker?" in err
+
+
+def test_a_canopen_device_ends_with_its_summary(config):
+    """It counts frames only: what the others count besides is left out, and is no bug."""
+    canopen = Path(__file__).parents[2] / "config" / "canopen.yaml"
+    config.with_name("can").symlink_to(canopen.parent / "can")
+    config.write_text(canopen.read_text().replace("channel: can0", f"channel: {CHANNEL}"))
+    process = start(config, "--duration", "0.3")
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, err
+    row = next(line for line in out.splitlines() if line.startswith("│ can0"))
+    assert [cell.strip() for cell in row.strip("│").split("│")][2:5] == ["-", "-", "-"]

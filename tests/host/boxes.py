@@ -3,7 +3,8 @@
 import numpy as np
 
 from micromanip.host.trips.store import FORMAT, Box
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, EVENT
+from micromanip.rt.faults import EVENT
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.states import RAMPING, STAGE, STRAIN, STRAIN_INVALID, TRACKING
 from micromanip.rt.telemetry import ROW
 

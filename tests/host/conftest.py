@@ -1,6 +1,8 @@
 """Each test gets controllers of its own, and must leave nothing of them behind."""
 
 import gc
+import socket
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -46,3 +48,21 @@ def run(tmp_path):
     assert not any(left), f"processes left behind: {left}"
     until(lambda: not any(each.socket.exists() for each in started), "a control socket is left behind", 5.0)
     assert len(memory_files()) <= len(before)
+
+
+@pytest.fixture
+def manager(tmp_path):
+    """A service manager's socket; ``heard()`` is every message so far."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(tmp_path / "notify"))
+        listener.setblocking(False)
+        messages = []
+
+        def heard():
+            with suppress(BlockingIOError):
+                while True:
+                    messages.append(listener.recv(4096).decode())
+            return messages
+
+        heard.path = listener.getsockname()
+        yield heard

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.host.ages import Ages
+from micromanip.host.statistics import Ages
 
 
 @given(

@@ -1,7 +1,6 @@
 """Arming a controller in real processes: what it lacks, what was never checked, and when it is ready at all."""
 
 import re
-import socket
 from contextlib import suppress
 
 import numpy as np
@@ -67,21 +66,10 @@ def test_a_loop_that_was_never_closed_is_checked_before_it_is(run):
 
 
 @pytest.fixture
-def manager(tmp_path, monkeypatch):
-    """A service manager; ``manager()`` is all that it has heard."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
-        listener.bind(str(tmp_path / "notify"))
-        listener.setblocking(False)
-        monkeypatch.setenv("NOTIFY_SOCKET", listener.getsockname())
-        messages = []
-
-        def heard():
-            with suppress(BlockingIOError):
-                while True:
-                    messages.append(listener.recv(4096).decode())
-            return messages
-
-        yield heard
+def manager(manager, monkeypatch):
+    """That of the controllers that are started."""
+    monkeypatch.setenv("NOTIFY_SOCKET", manager.path)
+    return manager
 
 
 def test_all_that_say_ready_agree(run, manager, tmp_path):

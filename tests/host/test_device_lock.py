@@ -214,7 +214,7 @@ def test_second_daemon_and_an_orphaned_loop(run, tmp_path):
         f"micromanip: device bench is in use by another controller (process {first.process.pid}, or the loop that it "
         "left); stop it first\n"
     )
-    assert second.out == ""
+    assert second.report.keys() == {"error", "exit_code"}
     first.go_on(100)
     assert first.state == "READY"
 

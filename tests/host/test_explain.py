@@ -201,13 +201,32 @@ def test_figure_shows_errors_voltages_and_states():
 
     rows = tracking_rows()
     figure = draw(box(rows))
-    errors, voltages, near_errors, near_voltages = figure.axes
+    errors, voltages, near_errors, near_voltages, _ = figure.axes
     x, y = (line for line in errors.lines if line.get_label() in ("x", "y"))
     assert x.get_xdata() == pytest.approx((rows["cycle"] - TRIP) * 0.1)
     assert (np.ptp(x.get_ydata()), np.ptp(y.get_ydata())) == (0.0, 0.0)
     assert {line.get_ydata()[0] for line in voltages.lines if len(line.get_ydata()) == 2} >= {-20.0, 150.0}
     assert near_errors.get_xlim() == near_voltages.get_xlim() == (-50.0, 50.0)
     assert [text.get_text() for text in errors.texts] == ["TRACKING", "RAMPING"]
+
+
+def test_a_trip_of_a_sensor_shows_that_sensor():
+    from micromanip.host.trips.report import draw
+
+    rows = tracking_rows()
+    rows["axis"]["strain_um"][rows["cycle"] >= TRIP - 40, 0] = 12.5  # the gauge jumps, and is stuck
+    figure = draw(box(rows))
+    gauge = figure.axes[-1]
+    assert gauge.get_ylabel() == "gauge, um"
+    shown = next(line for line in gauge.lines if line.get_label() == "gauge x")
+    assert shown.get_ydata().min() == 12.5
+    assert [line.get_label() for line in gauge.lines][-1] == "setpoint"
+    assert figure.get_suptitle() == "X-201 axis x  2026-03-14T10:15:02.250+00:00"
+    assert figure.get_supxlabel() == "cell.yaml (00000000)"
+    stage = draw(box(rows, number=STAGE_INVALID, axis="y")).axes[-1]
+    assert stage.get_ylabel() == "stage sensor, um"
+    assert "stage sensor y" in [line.get_label() for line in stage.lines]
+    assert len(draw(box(rows, number=OVERRUNS, axis=None)).axes) == 4
 
 
 def test_wrong_usage_is_one_sentence(shelf):

@@ -9,7 +9,8 @@ import pytest
 
 from micromanip.faults import BY_NAME, KINDS, LOOP_DIED, FaultReport, latched, raised
 from micromanip.rt import states
-from micromanip.rt.records import CELL_STATE, EVENT
+from micromanip.rt.faults import EVENT
+from micromanip.rt.records import CELL_STATE
 from micromanip.settings.documents import faults_page
 from micromanip.settings.documents.faults_page import render
 from micromanip.settings.schema.faults import Faults

@@ -48,6 +48,17 @@ assert controller.make_safe() == {"cell": 0}
     assert loaded(program, COMPILER) == []
 
 
+def test_a_worker_ramps_its_outputs_to_rest_without_one():
+    program = """
+from micromanip.bus.safe_state import VOLTAGE, SafeOutput, SafeState
+state = SafeState([SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, 1e4)], [1e-3], 0.1, 1)
+state.read_back([80.0])
+state.given([0], state.values([0.0], 0, 2))
+assert 0.0 < state.values([0.0], 0, 2)[0] < 80.0
+"""
+    assert loaded(program, COMPILER) == []
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["status", "--help"], ["status", "--socket", "/nowhere"]])
 def test_what_asks_starts_quickly(arguments):
     program = f"""

@@ -23,7 +23,7 @@ def root(tmp_path, monkeypatch):
     root = tmp_path / "machine"
     root.mkdir()
     machine = layout.Machine(252, Path("/opt/micromanip/bin/micromanip"))
-    monkeypatch.setattr(layout, "this_machine", lambda: machine)
+    monkeypatch.setattr(layout, "this_machine", lambda tell: machine)
     wants = root / "etc/systemd/system/multi-user.target.wants/micromanip.service"
 
     def do(step):
@@ -67,7 +67,10 @@ def files(root):
 def test_dry_run_shows_everything_and_does_nothing(typed, root, config):
     code, out, _ = typed(config, "--dry-run")
     assert code == 0
-    assert out.splitlines() == [
+    shown = [line for line in out.splitlines() if line.startswith("    +")]
+    assert [line[5:] for line in shown if "ramp_s:" in line] == [line for line in SLOW.splitlines() if "ramp_s" in line]
+    assert any(line.startswith("    +ExecStart=/opt/micromanip/bin/micromanip run /etc/") for line in shown)
+    assert [line for line in out.splitlines() if not line.startswith("    ")] == [
         f"create {root}/etc/systemd/system/micromanip.service",
         f"create {root}/etc/sysusers.d/micromanip.conf",
         f"create {root}/etc/tmpfiles.d/micromanip.conf",
@@ -192,16 +195,37 @@ def test_no_systemd_at_all(monkeypatch, tmp_path):
         layout.systemd_version()
 
 
+def test_a_dry_run_works_from_anywhere_and_says_what_is_in_the_way(monkeypatch, tmp_path, config, capsys):
+    monkeypatch.setattr(layout.sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setattr(layout, "_HIDDEN", (str(tmp_path),))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    root = tmp_path / "other"
+    root.mkdir()
+    arguments = ["install-service", str(config), "--root", str(root)]
+    main([*arguments, "--dry-run"])
+    out, err = capsys.readouterr()
+    assert "    +ExecStart=/opt/micromanip/bin/micromanip run" in out
+    assert [line.split(": ")[1] for line in err.splitlines()] == ["it can't be installed like this"] * 3
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--yes"])
+    assert ended.value.code == 1
+    assert not any(root.iterdir())
+
+
+def raising(problem):
+    raise problem
+
+
 def test_a_program_that_the_service_would_not_see(monkeypatch, tmp_path):
     (tmp_path / "micromanip").write_text("")
     (tmp_path / "python").write_text("")
     monkeypatch.setattr(layout.sys, "executable", str(tmp_path / "python"))
     monkeypatch.setattr(layout, "_HIDDEN", (str(tmp_path),))
     with pytest.raises(CheckFailed, match="a service does not see; install the program elsewhere"):
-        layout.this_machine()
+        layout.this_machine(raising)
     (tmp_path / "micromanip").unlink()
     with pytest.raises(CheckFailed, match="is not there: install the program"):
-        layout.this_machine()
+        layout.this_machine(raising)
 
 
 def test_a_command_that_fails_is_shown_with_what_it_said():
@@ -263,3 +287,13 @@ def test_a_folder_of_somebody_else_is_not_written_into(typed, root, config):
     assert code == 77
     assert "the folder that system is in is not safe" in err
     assert files(root) == []
+
+
+def test_a_file_of_an_older_layout_is_named(typed, config):
+    simulated = (Path(__file__).parents[2] / "config" / "simulated.yaml").read_text()
+    older = changed(
+        simulated, ("schema_version: 2", "schema_version: 1"), ("arm_on_start: true", "arm_on_start: false")
+    )
+    config.write_text(older.replace("control_weight:", "effort:"))
+    renamed, _ = json.loads(typed(config, "--dry-run", "--json")[1])["warnings"]
+    assert "axes.x.outer.effort: called control_weight since schema_version 2" in renamed

@@ -10,7 +10,9 @@ from micromanip.cli.main import cli
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.rt import mailbox as w
-from tools.running_controller import Running, calm, rows_of, until
+from tools.running_controller import calm, rows_of, until
+
+from .whole_module import tracking_until_the_end
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
 
@@ -26,16 +28,8 @@ USUAL_K = 0.6
 
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory):
-    cell = Running(tmp_path_factory.mktemp("candidate"), calm(TRIAL).replace(*MOVING))
-    try:
-        yield cell.reach("TRACKING")
-        assert cell.end() == 0, cell.said
-        assert "Traceback" not in cell.said
-        assert cell.report["faults"] == []
-    finally:
-        left = cell.kill()
-        cell.release()
-    assert left == []
+    with tracking_until_the_end(tmp_path_factory.mktemp("candidate"), calm(TRIAL).replace(*MOVING)) as cell:
+        yield cell
 
 
 @pytest.fixture

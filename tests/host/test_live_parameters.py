@@ -12,7 +12,9 @@ from micromanip.cli.main import cli
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, ConfigError
 from micromanip.rt import mailbox as w
-from tools.running_controller import Running, calm, rows_of, until
+from tools.running_controller import calm, rows_of, until
+
+from .whole_module import tracking_until_the_end
 
 pytestmark = pytest.mark.live  # a running controller
 
@@ -22,16 +24,8 @@ K = "axes.x.inner.K_V_per_um"
 
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory):
-    cell = Running(tmp_path_factory.mktemp("live"), calm(OWN))
-    try:
-        yield cell.reach("TRACKING")
-        assert cell.end() == 0, cell.said
-        assert "Traceback" not in cell.said
-        assert cell.report["faults"] == []
-    finally:
-        left = cell.kill()
-        cell.release()
-    assert left == []
+    with tracking_until_the_end(tmp_path_factory.mktemp("live"), calm(OWN)) as cell:
+        yield cell
 
 
 @pytest.fixture
@@ -71,7 +65,7 @@ def test_a_set_is_one_swap(cell, client):
     assert np.count_nonzero(steps) == 1
     assert steps.max() == 1
     slot = cell.control["parameters"][int(cell.control["words"][w.SLOT])]
-    assert list(slot["axis"]["pid"]["gain"]) == [0.55, 0.5, 0.6]
+    assert list(slot["axis"]["pid"]["K_V_per_um"]) == [0.55, 0.5, 0.6]
     assert client.value(K) == 0.55
 
 

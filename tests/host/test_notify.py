@@ -5,30 +5,11 @@ import os
 import signal
 import socket
 import time
-from contextlib import suppress
 
 import pytest
 
 from micromanip.host.notify import ServiceManager
 from tools.running_controller import calm, until
-
-
-@pytest.fixture
-def manager(tmp_path):
-    """A service manager's socket; ``heard()`` is every message so far."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
-        listener.bind(str(tmp_path / "notify"))
-        listener.setblocking(False)
-        messages = []
-
-        def heard():
-            with suppress(BlockingIOError):
-                while True:
-                    messages.append(listener.recv(4096).decode())
-            return messages
-
-        heard.path = listener.getsockname()
-        yield heard
 
 
 def test_each_message_is_one_datagram(manager):

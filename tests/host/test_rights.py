@@ -48,7 +48,7 @@ def test_hardware_limits_refuse(run):
     assert line.startswith("micromanip: no SCHED_FIFO: ")
     assert "memory not locked: " in line
     assert "READY" not in cell.said
-    assert cell.out == ""
+    assert cell.report.keys() == {"error", "exit_code"}
     assert cell.left == []
 
 

@@ -48,15 +48,23 @@ def ended(*arguments):
 
 
 class Calls:
-    """Functions of a driver, in place of its C functions: notes what is called, and answers with `codes`."""
+    """Functions of a driver, in place of its C functions: notes what is called, and answers with `codes`.
+
+    Each must be given the address of the context that was opened.
+    """
 
     def __init__(self, monkeypatch, **codes):
         self.made = []
+        opened = set()
         numbers = {"open": 1, "exchange": 2, "safe": 3, "close": 4}
 
         def call(function, context):
             name = next(name for name, number in numbers.items() if number == function)
             self.made.append(name)
+            assert isinstance(context, int)
+            if name == "open":
+                opened.add(context)
+            assert context in opened
             return codes.get(name, 0)
 
         monkeypatch.setattr(safe_outputs, "call_context", call)

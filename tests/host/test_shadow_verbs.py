@@ -63,7 +63,7 @@ def test_offer(cell):
     shadow = cell("shadow", changes=BETTER)
     assert (shadow["standing"], shadow["version"]) == ("shadowing", 2)
     assert {c["key"]: (c["old"], c["new"]) for c in shadow["changed"]} == {K: (0.6, 0.5), TI: (0.571, 0.6)}
-    assert list(cell.controller.offers[0][0]["axis"]["pid"]["gain"]) == [0.5, 0.6, 0.6]
+    assert list(cell.controller.offers[0][0]["axis"]["pid"]["K_V_per_um"]) == [0.5, 0.6, 0.6]
     assert cell.value(K) == 0.6
     assert cell("diff")["differences"] == []
     assert cell.controller.swaps == cell.told == []

@@ -61,7 +61,7 @@ def test_set_is_one_swap(cell):
         "axes.x.setpoint.slew_um_per_ms": (20.0, 10.0),
     }
     assert len(cell.controller.swaps) == 1
-    assert list(cell.controller.axes["pid"]["gain"]) == [0.5, 0.4, 0.6]
+    assert list(cell.controller.axes["pid"]["K_V_per_um"]) == [0.5, 0.4, 0.6]
     assert list(cell.controller.axes["setpoint_slew_um"]) == [1.0, 2.0, 2.0]
     assert cell.value(K) == 0.5
     verb, accepted, changes, reason = cell.entries[-1]
@@ -74,7 +74,7 @@ def test_sets_add_up(cell):
     cell("set", changes={TI: 0.6})
     assert (cell.value(K), cell.value(TI)) == (0.5, 0.6)
     gain = cell.controller.axes["pid"][0]
-    assert gain["gain"] == 0.5
+    assert gain["K_V_per_um"] == 0.5
     assert gain["integral"] == pytest.approx(0.5 * 1e-4 / 0.6e-3)
 
 

@@ -31,7 +31,7 @@ def pid(K=0.6, Ti_s=0.571e-3, Td_s=0.167e-3, filter_s=0.3e-3, tracking=0.1, peri
     """Parameters of (17), by default the anchor PID of the simulated plant."""
     return record(
         PID_PARAMETERS,
-        gain=K,
+        K_V_per_um=K,
         integral=K * period_s / Ti_s,
         derivative=K * Td_s,
         filter_s=filter_s,

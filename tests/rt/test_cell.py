@@ -420,7 +420,7 @@ def _spoil_inverse(cell, axis):
 
 
 def _spoil_gain(cell, axis):
-    cell.p["axis"][axis]["pid"]["gain"] = math.nan
+    cell.p["axis"][axis]["pid"]["K_V_per_um"] = math.nan
 
 
 def test_an_estimate_that_is_not_finite_is_noticed_before_the_loop_is_closed_on_it():

@@ -161,7 +161,7 @@ class CellMachine(RuleBasedStateMachine):
         """Another set of parameters, at a cycle boundary."""
         new = self.cell.parameters.copy()
         for axis in new[0]["axis"]:
-            axis["pid"]["gain"] = gain
+            axis["pid"]["K_V_per_um"] = gain
             axis["watch"]["reaction"][FOLLOWING_ERROR] = reaction
             axis["outer"]["feedback"] *= 1.01 if effort else 1.0
         swap_cell(self.cell.p, new[0], self.cell.s)

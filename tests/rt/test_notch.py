@@ -136,7 +136,7 @@ def test_switched_on_off_or_changed_it_makes_no_bump(error, before, after):
     went_on = pid_output(new, s, error[-1], 1) - out[-1]
     moved = abs(new["integral"] * error[-1]) + abs(derivative)
     if before == after:  # its states are kept: nothing is new but what the same notch does to the same error
-        moved += 2.0 * new["gain"] * 50.0 + new["derivative"] / PERIOD_S * 100.0
+        moved += 2.0 * new["K_V_per_um"] * 50.0 + new["derivative"] / PERIOD_S * 100.0
     assert abs(went_on) <= moved + 1e-9
 
 

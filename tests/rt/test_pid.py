@@ -122,8 +122,8 @@ def test_integrator_is_bounded_in_saturation():
     error = 1000.0 - 0.9 * HIGH_V
     # at rest the back-calculation takes what the integral adds: tracking * excess = integral * error
     excess = p["integral"] * error / p["tracking"]
-    assert out[-1, 2] == pytest.approx(HIGH_V + excess - p["gain"] * error - p["tracking"] * excess, rel=1e-6)
-    assert np.abs(out[:, 2]).max() < 2.0 * (HIGH_V + excess + p["gain"] * error)
+    assert out[-1, 2] == pytest.approx(HIGH_V + excess - p["K_V_per_um"] * error - p["tracking"] * excess, rel=1e-6)
+    assert np.abs(out[:, 2]).max() < 2.0 * (HIGH_V + excess + p["K_V_per_um"] * error)
     naive = saturated(pid(tracking=0.0), np.full(20_000, 1000.0))
     assert naive[-1, 2] > 100.0 * np.abs(out[:, 2]).max()
 

@@ -126,7 +126,7 @@ def test_revise_keeps_the_drivers():
     assert new.wiring is prepared.wiring
     assert new.source.hash != prepared.source.hash
     old_axes, new_axes = prepared.parameters[0]["axis"], new.parameters[0]["axis"]
-    assert list(new_axes["pid"]["gain"]) == [0.5, 0.6, 0.6]
+    assert list(new_axes["pid"]["K_V_per_um"]) == [0.5, 0.6, 0.6]
     assert new_axes[1:].tobytes() == old_axes[1:].tobytes()
     restored = revise(new, prepared.configuration, prepared.source)
     assert restored.parameters.tobytes() == prepared.parameters.tobytes()

@@ -57,7 +57,7 @@ def other(value):
     return value + 1 if isinstance(value, int) else value * (1 + 1e-8) + 1e-12
 
 
-LIMITS = {"commissioned", "faults", "authority_percent"}
+LIMITS = {"accept", "commissioned", "faults", "authority_percent"}
 """What no report is about."""
 
 

@@ -4,17 +4,9 @@ from .virtual_bus import VirtualBus
 
 
 @pytest.fixture
-def make_bus():
+def make_bus(closing):
     """A virtual bus with the given bit rates and options; closed after the test."""
-    made = []
-
-    def make(*args, **options):
-        made.append(VirtualBus(*args, **options))
-        return made[-1]
-
-    yield make
-    for bus in made:
-        bus.close()
+    return lambda *args, **options: closing(VirtualBus(*args, **options))
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from micromanip.rt.records import EVENTS
+from micromanip.rt.faults import EVENTS
 from micromanip.rt.states import ARM, ARMING, HOLDING, RAMPING, READY, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell

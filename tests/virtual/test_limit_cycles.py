@@ -66,7 +66,7 @@ def test_a_strain_loop_that_swings_is_stopped_on_the_way_up():
     """Four times the gain that a bus of 1 kHz carries: it swings in the lift already."""
 
     def strong(axis):
-        for gain in ("gain", "integral", "derivative"):
+        for gain in ("K_V_per_um", "integral", "derivative"):
             axis["pid"][gain] *= 12.0
             axis["fallback"][gain] = axis["pid"][gain]
 

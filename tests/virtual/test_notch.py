@@ -51,7 +51,7 @@ def test_the_sensitivity_is_as_predicted(cell, frequency_Hz):
     inner = with_notch(configuration.axes["x"].inner, NOTCH)
     omega = np.array([2 * np.pi * frequency_Hz])
     with_it, without = (
-        1.0 / abs(1.0 + strain_loop(each, actuator.dynamics).response(omega)[0])
+        1.0 / abs(1.0 + strain_loop(each, actuator.system).response(omega)[0])
         for each in (inner, with_notch(inner, None))
     )
     error, taken = measured(cell, inner, frequency_Hz)
@@ -64,7 +64,7 @@ def test_the_sensitivity_is_as_predicted(cell, frequency_Hz):
 def test_a_notch_changes_the_margins(cell):
     configuration, _, actuator = cell
     inner = configuration.axes["x"].inner
-    plain, notched = (margins(strain_loop(with_notch(inner, each), actuator.dynamics)) for each in (None, NOTCH))
+    plain, notched = (margins(strain_loop(with_notch(inner, each), actuator.system)) for each in (None, NOTCH))
     assert plain.stable
     assert notched.stable
     assert abs(notched.phase_deg - plain.phase_deg) > 5.0

@@ -1,30 +1,80 @@
-"""Commissioning of a drawn plant; `make robustness` does fifty."""
+"""The family of drawn plants, the truth about them, and a plant that used to get false margins; the rest: campaign."""
 
+import numpy as np
 import pytest
+from micromanip_drivers.simulated.options import BoucWen, Plant, SecondMode
 
+from micromanip.design.experiment import EXCITED, parked, with_reference
+from micromanip.design.identification import variant
+from micromanip.design.response import measure, multisine
 from micromanip.settings.check import prepare
-from micromanip.virtual.drawn_plants import LEAST_REACH_UM, SPREAD, drawn_cell
-from tools.robustness import CONFIG, commission_drawn
+from micromanip.virtual.experiment import VirtualExperiment
+from tools.robustness.campaign import AXIS, CONFIG, commission_drawn
+from tools.robustness.family import REACH_UM, drawn_cell, drawn_plant, with_plant
+from tools.robustness.truth import small_slope, true_plant
+
+CENTRE_V = 75.0
+QUIET = {"strain_noise_nm": 1.0, "strain_hum_nm": 0.0, "creep_per_operator": 0.005, "damping": 0.02}
 
 
 @pytest.fixture(scope="module")
-def factory():
+def prepared():
     return prepare(CONFIG)
 
 
-def test_drawn_plants_are_seeded_and_reach_far_enough(factory):
-    _, factors, reach = drawn_cell(factory, "x", 15)
-    _, same, again = drawn_cell(factory, "x", 15)
-    assert (factors, reach) == (same, again)
-    assert reach >= LEAST_REACH_UM
-    assert all(1.0 - SPREAD <= factor <= 1.0 + SPREAD for factor in factors.values())
-    assert drawn_cell(factory, "x", 16)[1] != factors
+def test_drawn_plants_are_seeded_and_reach_far_enough(prepared):
+    _, plant, reach = drawn_cell(prepared, AXIS, 15)
+    _, same, again = drawn_cell(prepared, AXIS, 15)
+    assert (plant, reach) == (same, again)
+    assert REACH_UM[0] <= reach <= REACH_UM[1]
+    assert drawn_plant(16) != drawn_plant(17)
+
+
+def test_the_family_holds_what_it_says():
+    drawn = [drawn_plant(seed) for seed in range(200)]
+    assert 90 < sum(plant.second_mode is not None for plant in drawn) < 150
+    assert 40 < sum(plant.bouc_wen is not None for plant in drawn) < 100
+    assert {plant.late_cycles for plant in drawn} == {0, 1, 2, 3}
+    assert {plant.strain_bits for plant in drawn} == {14, 16}
+    assert min(plant.damping for plant in drawn) < 0.012
+    couplings = [plant.flexure_N_per_um / Plant().flexure_N_per_um for plant in drawn]
+    assert min(couplings) < 0.5
+    assert max(couplings) > 2.5
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        Plant(**QUIET),
+        Plant(**QUIET, second_mode=SecondMode(stiffness_share=0.4), late_cycles=2),
+        Plant(**QUIET, bouc_wen=BoucWen()),
+    ],
+    ids=["plain", "second mode, late", "Bouc-Wen"],
+)
+def test_the_truth_is_what_the_simulation_does(prepared, plant):
+    """Voltage to gauge of the linearised plant, its static gain apart: as a small multisine played.
+
+    From 100 Hz on: a slow part of it sees the Bouc-Wen operator dithered by the fast ones, steeper than alone.
+    """
+    experiment = VirtualExperiment(with_plant(prepared, AXIS, plant, 1))
+    wave = multisine(((2000.0, 1.0),), 30.0, 2000.0, 1e4, seed=1)
+    samples = parked(prepared.configuration, len(wave.samples))
+    samples[:, 0] = CENTRE_V + wave.samples
+    rows = experiment(with_reference(variant(prepared.configuration), EXCITED), len(samples) / 1e4, samples)["axis"]
+    played = measure(wave, *(np.asarray(rows[name][:, 0], dtype=float) for name in ("voltage_V", "strain_um")))
+    true = true_plant(plant, small_slope(plant, CENTRE_V), 1e-4).actuator().response(2 * np.pi * played.frequency_Hz)
+    ratio = (played.response / true)[played.frequency_Hz > 100.0]
+    middle = np.median(ratio.real)
+    assert middle == pytest.approx(1.0, abs=0.1)
+    assert np.median(np.abs(ratio / middle - 1.0)) < (0.05 if plant.bouc_wen else 0.02)
+    assert np.quantile(np.abs(ratio / middle - 1.0), 0.95) < (0.2 if plant.bouc_wen else 0.08)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(1))
-def test_drawn_plant(factory, seed):
-    result = commission_drawn(factory, seed)
-    assert result["refused"] is None
-    assert result["stable"]
-    assert result["good"], result
+@pytest.mark.parametrize("seed", [7, 11])
+def test_a_plant_that_got_false_margins(prepared, seed):
+    """With order 8 from 4 s of noise its strain or outer loop had 71 and 63 % of a margin that was claimed."""
+    result = commission_drawn(prepared, seed)
+    assert result.refused is None
+    assert min(result.kept.values()) > 0.9
+    assert not result.false_pass

@@ -201,7 +201,7 @@ def test_inner_loop_swings(gain, trips):
     """The fallback gains once; where they don't help, the ramp."""
     cell = Protected()
     pid = cell.p["axis"][X]["pid"]
-    for name in ("gain", "integral", "derivative"):
+    for name in ("K_V_per_um", "integral", "derivative"):
         pid[name] *= gain
         cell.p["axis"][X]["fallback"][name] = (0.95 if trips else 0.4 / gain) * pid[name]
     rows = cell.run(1.5)

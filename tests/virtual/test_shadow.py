@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from micromanip.rt.records import CELL_STATE, EVENTS
+from micromanip.rt.faults import EVENTS
+from micromanip.rt.records import CELL_STATE
 from micromanip.rt.shadow import shadow_cycle, start_shadow, takes_back
 from micromanip.rt.states import (
     CONFIRMED,
@@ -74,12 +75,12 @@ def shadowed(tmp_path):
 
 
 def better_pid(axis):
-    axis["pid"]["gain"] *= 0.8
+    axis["pid"]["K_V_per_um"] *= 0.8
     axis["pid"]["integral"] *= 0.8
 
 
 def too_hot(axis):
-    for name in ("gain", "integral", "derivative"):
+    for name in ("K_V_per_um", "integral", "derivative"):
         axis["pid"][name] *= 4.5
 
 
@@ -126,7 +127,7 @@ def test_taken_back_by_itself_when_it_is_worse(shadowed):
     rows = shadowed.run(1500, PROMOTE)
     assert shadowed.s["shadow"] == TAKEN_BACK
     assert shadowed.s["version"] == 1
-    assert (shadowed.active[0]["axis"]["pid"]["gain"] == shadowed.before[0]["axis"]["pid"]["gain"]).all()
+    assert (shadowed.active[0]["axis"]["pid"]["K_V_per_um"] == shadowed.before[0]["axis"]["pid"]["K_V_per_um"]).all()
     event = shadowed.s["event"][list(shadowed.s["event"]["code"]).index(ROLLED_BACK)]
     assert event["axis"] >= 0
     assert shadowed.s["state"] == TRACKING

@@ -10,8 +10,8 @@ from micromanip.design.commission.axis import commission_axis
 from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
-from micromanip.virtual.drawn_plants import drawn_cell
 from micromanip.virtual.experiment import VirtualExperiment
+from tools.robustness.family import drawn_cell
 
 from .protected import CONFIG
 

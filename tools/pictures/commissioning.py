@@ -17,7 +17,7 @@ from micromanip.virtual.experiment import VirtualExperiment
 def commissioning_drawings(factory: Prepared) -> Iterator[tuple[str, Figure]]:
     """Residual, strain loop, stage and outer loop, with the names of their files."""
     found = commission_axis(factory.configuration, VirtualExperiment(factory), "x", lambda _: None)
-    loop = strain_loop(found.pid.inner, found.actuator.dynamics, found.pid.slopes[-1])
+    loop = strain_loop(found.pid.inner, found.actuator.system, found.pid.slopes[-1])
     yield "commission_hysteresis", beside(*figure_5(found))
     *_, strain_nyquist = loop_plots("Strain loop", loop, found.pid.margins[-1])
     yield "commission_strain", beside(strain_nyquist)

@@ -13,6 +13,7 @@ from micromanip.design.fit_figures import draw_fit
 from micromanip.design.fitting import Request, fit_record
 from micromanip.design.identification import DEFAULT_SECONDS, Kind, design, recording, samples_for, variant, write_csv
 from micromanip.design.record import Record, load_record
+from micromanip.recordings import Wanted
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
@@ -31,7 +32,7 @@ def record(folder: Path, kind: Kind, seed: int = 1) -> Record:
     rows = VirtualExperiment(prepared)(variant(configuration), seconds, samples_for(configuration, excitation))
     file = folder / f"{kind}_{seed}.csv"
     write_csv(file, recording(configuration, excitation, rows))
-    return load_record(file, "voltage_V", "strain_um")
+    return load_record(file, Wanted(("voltage_V", "strain_um")))
 
 
 def draw_triangle(triangle: Record, file: Path) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import logging
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import cantools
 from cantools.database.errors import UnsupportedDatabaseFormatError
 
-from micromanip.driver import CLASSIC_LENGTHS, FD_LENGTHS, ConfigError, require_regular
+from micromanip.driver import CLASSIC_LENGTHS, FD_LENGTHS, ConfigError, did_you_mean, require_regular
 
 # its warnings are about messages that we refuse in words of our own, where they matter
 logging.getLogger("cantools").addHandler(logging.NullHandler())
@@ -46,7 +44,7 @@ class Database:
                 _must_be_plain(key, message)
                 return message
         names = [message.name for message in self._database.messages]
-        raise ConfigError(f"{key}: {self.name} has no message {name}; {_near(name, names)}")
+        raise ConfigError(f"{key}: {self.name} has no message {name}; {did_you_mean(name, names)}")
 
     def _must_be_alone(self, key: str, message: Any) -> None:
         for other in self._database.messages:
@@ -61,7 +59,7 @@ def signal(key: str, message: Any, name: str) -> Any:
         if found.name == name:
             return found
     names = [found.name for found in message.signals]
-    raise ConfigError(f"{key}: {message.name} has no signal {name}; {_near(name, names)}")
+    raise ConfigError(f"{key}: {message.name} has no signal {name}; {did_you_mean(name, names)}")
 
 
 def whole_number(key: str, message: Any, name: str) -> Any:
@@ -93,9 +91,3 @@ def _must_be_plain(key: str, message: Any) -> None:
     if message.length not in lengths or not message.length:
         hint = "" if message.is_fd or message.length <= 8 else ": for CAN FD give it VFrameFormat StandardCAN_FD"
         raise ConfigError(f"{key}: {message.name} has {message.length} bytes, which {kind} has not{hint}")
-
-
-def _near(name: str, known: Iterable[str]) -> str:
-    lowered = {one.lower(): one for one in known}
-    near = difflib.get_close_matches(name.lower(), lowered, 1)
-    return f"did you mean {lowered[near[0]]}?" if near else f"it has {', '.join(lowered.values()) or 'none'}"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import Annotated
 
 import can
 from pydantic import Field, field_validator, model_validator
 
-from micromanip.driver import BusOptions, real_because
+from micromanip.driver import BusOptions, did_you_mean, real_because
 
 _WITHIN_THIS_MACHINE = ("micromanip", "virtual")
 _OWN_KEYS = {"interface", "channel", "bitrate", "data_bitrate", "fd", "can_filters"}
@@ -38,9 +37,7 @@ class LinkOptions(BusOptions):
     def _is_known(cls, interface: str) -> str:
         known = sorted(can.VALID_INTERFACES)
         if interface not in known:
-            near = difflib.get_close_matches(interface.lower(), known, 1)
-            hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}"
-            raise ValueError(f"python-can has no interface {interface}: {hint}")
+            raise ValueError(f"python-can has no interface {interface}: {did_you_mean(interface, known)}")
         return interface
 
     @field_validator("interface_options")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import configparser
-import difflib
 import logging
 import re
 import warnings
@@ -12,7 +11,7 @@ from pathlib import Path
 
 from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODArray, ODVariable, import_od
 
-from micromanip.driver import ConfigError, require_regular
+from micromanip.driver import ConfigError, did_you_mean, require_regular
 
 logging.getLogger("canopen").addHandler(logging.NullHandler())  # what goes wrong comes as an exception
 
@@ -59,8 +58,7 @@ class Dictionary:
             numbers = " and ".join(number(v.index, v.subindex) for v in found)
             raise ConfigError(f"{self.file} has several objects called {name}: give the number, {numbers}")
         known = [v.name for v in self._variables() if v.index in PROCESS_DATA]
-        near = difflib.get_close_matches(name, known, 1)
-        hint = f"did you mean {near[0]}?" if near else f"its process data are {', '.join(known) or 'none'}"
+        hint = did_you_mean(name, known, "its process data are")
         raise ConfigError(f"{self.file} has no object called {name}; {hint}")
 
     def _get(self, index: int, subindex: int) -> ODVariable | None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Names
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from micromanip.driver import ConfigError
+from micromanip.driver import ConfigError, did_you_mean
 
 from .dictionary import Dictionary, number
 from .mapping import Direction, Mapped, Mapping, mapping
@@ -130,8 +129,7 @@ def _carried(name: str, objects: Sequence[Mapped], where: str) -> Mapped:
         if name in (variable.name, variable.qualname):
             return mapped
     known = [mapped.variable.name for mapped in objects]
-    near = difflib.get_close_matches(name, known, 1)
-    hint = f"did you mean {near[0]}?" if near else f"it carries {', '.join(known)}"
+    hint = did_you_mean(name, known, "it carries")
     raise ConfigError(f"{where} carries no object called {name}; {hint}")
 
 

@@ -10,10 +10,9 @@ from micromanip.driver import Answer, Channel, DeviceFault, Inbox, Load, Outcome
 from .ascii_conversation import Conversation
 from .ascii_exchange import Exchange, Step
 from .ascii_options import Ascii
-from .framing import Framing
+from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .port import Port
-from .silence import Silence
 
 _PAUSE_S = 0.05
 _FORGIVE_NS = 300_000_000

@@ -16,10 +16,9 @@ from micromanip.driver import Answer, DeviceFault, IdentityMismatch, LinkError, 
 
 from . import ascii_presets
 from .ascii_options import Ascii
-from .ascii_templates import Reply
-from .lines import Lines
+from .ascii_text import Lines, Reply
+from .framing import Silence
 from .port import Port
-from .silence import Silence
 
 _ASK_NS = 150_000_000
 """So long the device has to say who it is, before it is asked again."""

@@ -9,7 +9,7 @@ from micromanip.driver import Channel, ConfigError, OutputRefused
 
 from . import ascii_presets
 from .ascii_options import Ascii, AsciiOutput, Read, Write
-from .ascii_templates import Reply, Request
+from .ascii_text import Reply, Request
 from .line_time import LineTime
 
 

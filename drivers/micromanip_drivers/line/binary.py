@@ -18,16 +18,13 @@ from micromanip.driver import (
     TransientError,
 )
 
-from .binary_kinds import FrameKinds
-from .binary_messages import Frames, IdentityFrame, ReceivedFrame, SentFrame
+from .binary_messages import FrameKinds, Frames, IdentityFrame, ReceivedFrame, SentFrame
 from .binary_options import Binary
 from .binary_probe import found
-from .frame_reader import FrameReader
-from .frame_search import FrameSearch
-from .framing import Framing
+from .frame_reader import FrameReader, FrameSearch
+from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .port import Port
-from .silence import Silence
 
 _ASK_NS = 150_000_000
 """So long the device has to say who it is, before it is asked again."""

@@ -49,8 +49,7 @@ from pydantic import Field, model_validator
 
 from micromanip.driver.quantities import Latency, SampleRate
 
-from .field_options import InputField, Known, OutputField, Status, WholeNumber
-from .framing_options import Counter, Crc, Length
+from .frame_options import Counter, Crc, InputField, Known, Length, OutputField, Status, WholeNumber
 from .section import Count, HexBytes, Name, Section
 
 Kind = Annotated[int, Field(strict=True, ge=0)]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from micromanip.driver import Answer
 
-from .binary_kinds import FrameKinds
+from .binary_messages import FrameKinds
 from .frame_reader import FrameReader
 from .port import Port
 

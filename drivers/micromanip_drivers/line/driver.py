@@ -23,12 +23,11 @@ from micromanip.driver import (
 
 from .ascii import AsciiFraming
 from .binary import BinaryFraming
-from .framing import Framing
+from .framing import Framing, Silence
 from .line_time import LineTime
 from .options import LineOptions
 from .port import Port
 from .serial_port import SerialLine
-from .silence import Silence
 from .stream import StreamFraming
 from .tcp_port import TcpConnection
 from .udp_port import UdpDatagrams

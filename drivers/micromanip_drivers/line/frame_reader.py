@@ -1,14 +1,145 @@
-"""Frames as they come in through a port."""
+"""Frames out of a stream of bytes: found by their sync bytes, believed by length, checksum and layout.
+
+However the bytes are cut into chunks, the same frames come of them. After garbage, a frame that is cut short or one
+with a wrong bit, the search goes on at the byte behind the one where it had begun: the next good frame is found, even
+one that lies inside of what looked like a frame.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
 
 from micromanip.driver import TransientError
 
-from .frame_search import FrameSearch
+from .frame_options import Crc
 from .port import Port
+
+STALE_NS = 50_000_000
+"""A frame that stands still for so long in its middle will not go on."""
+
+Measure = Callable[[bytes | bytearray], int | None]
+"""From the bytes behind which a frame begins, to its length: 0 for one that can't be, None where more is needed."""
+
+
+class FrameSearch:
+    """Finds frames that begin with `sync`.
+
+    `measure` gets what is there from a frame's first byte on, and says how long the frame is. Without a checksum a
+    frame counts only if another one, or nothing yet, follows directly, and none begins inside of it.
+    """
+
+    def __init__(self, sync: bytes, measure: Measure, crc: Crc | None) -> None:
+        self._sync, self._measure = sync, measure
+        self._checksum = crc.function if crc else None
+        self._crc_size = crc.size if crc else 0
+        self._crc_order = crc.byte_order if crc else "little"
+        self._covered = crc.first if crc else 0
+        self._buffer = bytearray()
+        self._fed, self._marks = 0, deque[tuple[int, int]]()  # bytes up to now; (bytes, when) of each chunk
+        self.bad = 0
+        """Frames whose checksum, length or surroundings were wrong."""
+        self.skipped = 0
+        """Bytes that belonged to no frame."""
+
+    def clear(self) -> None:
+        """Forget what is there of a frame."""
+        self._buffer.clear()
+        self._marks.clear()
+
+    def feed(self, data: bytes, now_ns: int) -> list[tuple[bytes, int]]:
+        """The frames that are complete with `data`, which came at `now_ns`; each with the time of its last byte."""
+        self._buffer += data
+        self._fed += len(data)
+        self._marks.append((self._fed, now_ns))
+        return self._found()
+
+    def quiet(self, now_ns: int) -> list[tuple[bytes, int]]:
+        """Nothing had come by `now_ns`: frames that lie inside of one that stands still for too long."""
+        if not self._buffer or now_ns - self._marks[-1][1] <= STALE_NS:
+            return []
+        self.bad += 1
+        self._reject()
+        return self._found()
+
+    def whole(self, datagram: bytes, now_ns: int) -> list[tuple[bytes, int]]:
+        """The frames of a datagram, in which they are whole; what is left of it is garbage."""
+        self.clear()
+        frames = self.feed(datagram, now_ns)
+        while self._buffer:
+            self.bad += 1
+            self._reject()
+            frames += self._found()
+        return frames
+
+    def _found(self) -> list[tuple[bytes, int]]:
+        frames: list[tuple[bytes, int]] = []
+        while (frame := self._next()) is not None:
+            if frame:
+                frames.append((frame, self._came_ns()))
+        return frames
+
+    def _came_ns(self) -> int:
+        """When the last byte came that was taken out of the buffer."""
+        taken, marks = self._fed - len(self._buffer), self._marks
+        while len(marks) > 1 and marks[0][0] < taken:
+            marks.popleft()
+        return marks[0][1]
+
+    def _next(self) -> bytes | None:
+        """The next frame, an empty one where the search has to go on, None where more bytes are needed."""
+        buffer, sync = self._buffer, self._sync
+        start = buffer.find(sync)
+        if start < 0:
+            start = max(0, len(buffer) - len(sync) + 1)
+            while start < len(buffer) and not sync.startswith(buffer[start:]):
+                start += 1
+        if start:
+            self.skipped += start
+            del buffer[:start]
+        if len(buffer) < len(sync):
+            return None
+        length = self._measure(buffer)
+        if length is None or len(buffer) < (length or 0):
+            return None
+        frame = bytes(buffer[:length])
+        if not length or not self._is_good(frame, buffer):
+            self.bad += 1
+            self._reject()
+            return b""
+        del buffer[:length]
+        return frame
+
+    def _is_good(self, frame: bytes, buffer: bytearray) -> bool:
+        if self._checksum is not None:
+            return self._adds_up(frame) and not self._is_crossed(len(frame), buffer)
+        after = bytes(buffer[len(frame) : len(frame) + len(self._sync)])
+        return self._sync.startswith(after) and self._sync not in frame[1:]
+
+    def _adds_up(self, frame: bytes) -> bool:
+        assert self._checksum is not None
+        end = len(frame) - self._crc_size
+        return self._checksum(frame[self._covered : end]) == int.from_bytes(frame[end:], self._crc_order)
+
+    def _is_crossed(self, length: int, buffer: bytearray) -> bool:
+        """Whether a good frame begins inside of these `length` bytes, and ends behind them.
+
+        Then that one is real, and what looks like a frame is one that was cut short and the beginning of the next: a
+        checksum of 8 bits agrees by chance with one of 256 of them.
+        """
+        last = length + len(self._sync) - 1
+        at = buffer.find(self._sync, 1, last)
+        while at > 0:
+            inner = self._measure(buffer[at:])
+            if inner and length < at + inner <= len(buffer) and self._adds_up(bytes(buffer[at : at + inner])):
+                return True
+            at = buffer.find(self._sync, at + 1, last)
+        return False
+
+    def _reject(self) -> None:
+        del self._buffer[:1]
+        self.skipped += 1
 
 
 class FrameReader:

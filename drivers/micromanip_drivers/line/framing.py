@@ -1,11 +1,11 @@
-"""What a framing does for the driver: it knows the channels, and what their values are on the port."""
+"""What a framing does for the driver: it knows the channels, and their values on the port; when the port is silent."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.driver import Answer, Channel, Inbox, Load, Outcome, Task
+from micromanip.driver import Answer, Channel, Inbox, LinkError, Load, Outcome, Task
 
 
 class Framing(ABC):
@@ -45,3 +45,29 @@ class Framing(ABC):
     @abstractmethod
     def counters(self) -> Mapping[str, int]:
         """Of its own, since it was built; they only rise."""
+
+
+class Silence:
+    """Watches for `limit_ms` without anything that was understood, while something is expected.
+
+    A device that should speak and doesn't: a half-open connection, a cable that was pulled, a device that hangs.
+    """
+
+    def __init__(self, name: str, limit_ms: float) -> None:
+        self._name = name
+        self._limit_ns = round(limit_ms * 1e6)
+        self._since_ns: int | None = None
+
+    def expect(self, now_ns: int) -> None:
+        """From now on it should speak, if it should not already."""
+        if self._since_ns is None:
+            self._since_ns = now_ns
+
+    def heard(self, now_ns: int, more: bool) -> None:
+        """It was understood; `more`: and should speak again without being asked."""
+        self._since_ns = now_ns if more else None
+
+    def check(self, now_ns: int) -> None:
+        """Raises LinkError when it has been silent for too long."""
+        if self._since_ns is not None and now_ns - self._since_ns > self._limit_ns:
+            raise LinkError(f"{self._name}: nothing understood for {self._limit_ns * 1e-6:g} ms")

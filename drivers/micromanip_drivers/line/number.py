@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from micromanip.driver import OutputRefused
 
-from .field_options import InputField, Number, OutputField
+from .frame_options import InputField, Number, OutputField
 
 _CODES = {1: "b", 2: "h", 4: "i", 8: "q"}
 _FLOATS = {"float32": ("f", (2.0 - 2.0**-23) * 2.0**127), "float64": ("d", (2.0 - 2.0**-52) * 2.0**1023)}

@@ -20,17 +20,13 @@ from micromanip.driver import (
 )
 
 from .device_clock import DeviceClock
-from .field_options import overlap
-from .frame_reader import FrameReader
-from .frame_search import FrameSearch
-from .framing import Framing
-from .layout import part
+from .frame_options import overlap
+from .frame_parts import PacketCounter, StatusWord, part
+from .frame_reader import FrameReader, FrameSearch
+from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .number import InputNumber, NumberCodec, mismatches
-from .packet_counter import PacketCounter
 from .port import Port
-from .silence import Silence
-from .status import StatusWord
 from .stream_options import Blocks, Stream
 
 NOT_FINITE = -1

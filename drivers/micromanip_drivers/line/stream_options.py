@@ -50,8 +50,7 @@ from pydantic import Field, model_validator
 
 from micromanip.driver.quantities import Latency, SampleRate
 
-from .field_options import InputField, Known, Number, Status, WholeNumber
-from .framing_options import Counter, Crc
+from .frame_options import Counter, Crc, InputField, Known, Number, Status, WholeNumber
 from .section import Count, HexBytes, Name, Section
 
 

@@ -34,6 +34,10 @@ def rest(c: Any) -> None:
         p, s = c["p"][i], c["s"][i]
         reset_memory(p["preisach"], s["memory"])
         pure = preisach_step(p["preisach"], s["memory"], 0.0)
+        if p["bouc_wen"]["present"] != 0:
+            pure = 0.0  # symmetric about 0 V, where it begins
+            s["bouc_wen"]["input_V"] = s["bouc_wen"]["internal_um"] = s["bouc_wen"]["lagging_um"] = 0.0
+            s["decided_V"][:] = 0.0
         for k in range(CREEP_OPERATORS):
             s["creep_um"][k] = p["creep_gain"] * pure
         for k in range(MECHANICAL_STATES):
@@ -61,9 +65,12 @@ def advance(c: Any) -> None:
 def latch(c: Any, outputs: Any) -> None:
     """Take the voltages decided in the cycle before: they act from now on, one sample late."""
     for i in range(c["axes"]):
-        p = c["p"][i]
-        inside = max(p["low_V"], min(p["high_V"], outputs[i]))
-        c["s"][i]["latched_V"] = quantised(inside, p["dac_step_V"], 1e9)
+        p, s = c["p"][i], c["s"][i]
+        decided = outputs[i]
+        for k in range(p["late"]):
+            decided, s["decided_V"][k] = s["decided_V"][k], decided
+        inside = max(p["low_V"], min(p["high_V"], decided))
+        s["latched_V"] = quantised(inside, p["dac_step_V"], 1e9)
     latch_switches(c["lines"], outputs)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions
+from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions, did_you_mean
 
 from . import mechanics
 from . import options as o
@@ -26,6 +25,7 @@ from .records import (
     FAULT_KINDS,
     IN_FLIGHT,
     MAX_AXES,
+    MECHANICAL_STATES,
     SUBSTEPS,
     SWITCHES,
 )
@@ -123,9 +123,7 @@ class SimulatedCell(CyclicDriver):
         """What to say of a channel that is none of the inputs."""
         if channel in self._lines:
             return f"{channel} exists with the option lines only: add lines: {{}}"
-        near = difflib.get_close_matches(channel, self.inputs, 1)
-        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(self.inputs)}"
-        return f"there is no channel {channel}; {hint}"
+        return f"there is no channel {channel}; {did_you_mean(channel, self.inputs)}"
 
     def _periods(self, seconds: float) -> int:
         return max(1, round(seconds * 1e9 / self.period_ns))
@@ -181,6 +179,16 @@ class SimulatedCell(CyclicDriver):
         preisach["c"], preisach["d"] = plant.preisach_c_um_per_V2, plant.preisach_d_per_V
         preisach["k1"], preisach["k2"] = plant.preisach_k1, plant.preisach_k2
         preisach["reversible"], preisach["saturation_V"] = plant.reversible_um, plant.saturation_V
+        if plant.bouc_wen is not None:
+            other = plant.bouc_wen
+            p["bouc_wen"]["present"], p["bouc_wen"]["lag_share"] = 1, other.lag_share
+            p["bouc_wen"]["linear"], p["bouc_wen"]["square"] = other.linear_um_per_V, other.square_um_per_V2
+            p["bouc_wen"]["fall"] = other.fall_um_per_V
+            p["bouc_wen"]["with_sign"], p["bouc_wen"]["without_sign"] = other.with_sign_per_V, other.without_sign_per_V
+            p["bouc_wen"]["lag_step"] = -np.expm1(-step_s / (other.lag_ms * 1e-3))
+        p["late"] = plant.late_cycles
+        p["rocking"] = plant.second_mode.gain if plant.second_mode else 0.0
+        p["lever"] = plant.lever
         p["creep_gain"] = plant.creep_per_operator
         p["creep_step"] = -np.expm1(-step_s / np.logspace(-3, 3, CREEP_OPERATORS))
         p["dac_step_V"] = plant.dac_span_V / 2**plant.dac_bits
@@ -188,14 +196,18 @@ class SimulatedCell(CyclicDriver):
         p["amplifier_step"] = -np.expm1(-step_s * 2 * np.pi * plant.amplifier_Hz)
         p["slew_V"] = plant.amplifier_slew_V_per_ms * 1e3 * step_s
         p["amplifier_noise_V"] = plant.amplifier_noise_mV * 1e-3
-        p["a"], p["b"] = mechanics.discrete(plant, step_s)
-        p["rest"] = mechanics.rest(plant)
+        moved, driven = mechanics.discrete(plant, step_s)
+        size = len(moved)
+        p["a"][:size, :size], p["b"][:size] = moved, driven
+        p["rest"][:size] = mechanics.rest(plant)
         a, b = mechanics.continuous(plant)
-        p["stage_acceleration"] = 1e-6 * np.concatenate([a[3], b[3]])
+        row = np.zeros(MECHANICAL_STATES + 2)
+        row[: len(a)], row[MECHANICAL_STATES:] = a[3], b[3]
+        p["stage_acceleration"] = 1e-6 * row
         p["strain_noise_um"], p["hum_um"] = plant.strain_noise_nm * 1e-3, plant.strain_hum_nm * 1e-3
         p["hum_omega"] = 2 * np.pi * 50.0
         p["strain_range_um"] = plant.strain_range_um
-        p["strain_step_um"] = 2 * plant.strain_range_um / 2**16
+        p["strain_step_um"] = 2 * plant.strain_range_um / 2**plant.strain_bits
         p["stage_zero_um"], p["stage_range_um"] = plant.stage_zero_um, plant.stage_range_um
         p["stage_noise_um"], p["acceleration_noise"] = plant.stage_noise_nm * 1e-3, plant.acceleration_noise
         p["drift_um"] = plant.drift_um_per_K * plant.ambient_step_K

@@ -1,8 +1,9 @@
-"""Two-mass mechanics of one axis, discretised exactly for inputs held over a sub-step.
+"""Mechanics of one axis, two masses or three, discretised exactly for inputs held over a sub-step.
 
 Actuator mass driven by the stack's stiffness, lever and flexure to the stage, guide to ground. States:
-actuator position and velocity, stage position and velocity, strain-gauge reading (first order on
-the actuator position); inputs: free displacement of the stack (um) and force on the stage (N).
+actuator position and velocity, stage position and velocity, strain-gauge reading (first order on the actuator
+position), and position and velocity of the second mode's mass where there is one; inputs: free displacement of the
+stack (um) and force on the stage (N).
 """
 
 from __future__ import annotations
@@ -16,21 +17,39 @@ Matrix = NDArray[np.float64]
 
 
 def continuous(plant: Plant) -> tuple[Matrix, Matrix]:
-    """``x' = A x + B [u, F]`` in um, s and N; both modes have the damping ratio of `plant`."""
+    """``x' = A x + B [u, F]`` in um, s and N; all modes have the damping ratio of `plant`."""
     kp, kf, kg, n = plant.piezo_N_per_um, plant.flexure_N_per_um, plant.guide_N_per_um, plant.lever
     stiffness = np.array([[kp + n * n * kf, -n * kf], [-n * kf, kf + kg]])
     mass = np.array([plant.actuator_kg, plant.stage_kg])
+    if plant.second_mode is not None:
+        stiffness, mass = _with_second(plant, stiffness, mass)
     dynamic = 1e6 * stiffness / mass[:, None]
     squares, modes = np.linalg.eig(dynamic)
     damper = modes @ np.diag(2.0 * plant.damping * np.sqrt(squares)) @ np.linalg.inv(modes)
-    a, b = np.zeros((5, 5)), np.zeros((5, 2))
-    a[0, 1] = a[2, 3] = 1.0
-    a[np.ix_([1, 3], [0, 2])] = -dynamic
-    a[np.ix_([1, 3], [1, 3])] = -damper
+    places = [0, 2, 5][: len(mass)]
+    speeds, size = [place + 1 for place in places], 1 + 2 * len(mass)
+    a, b = np.zeros((size, size)), np.zeros((size, 2))
+    a[places, speeds] = 1.0
+    a[np.ix_(speeds, places)] = -dynamic
+    a[np.ix_(speeds, speeds)] = -damper
     a[4, 0], a[4, 4] = 2.0 * np.pi * plant.strain_Hz, -2.0 * np.pi * plant.strain_Hz
     b[1, 0] = 1e6 * kp / mass[0]
     b[3, 1] = 1e6 / mass[1]
     return a, b
+
+
+def _with_second(plant: Plant, stiffness: Matrix, mass: Matrix) -> tuple[Matrix, Matrix]:
+    """Stiffness (3, 3) and masses (3,) with the second mode's mass, on its spring from the lever."""
+    second = plant.second_mode
+    assert second is not None
+    first_square = float(np.min(np.linalg.eigvals(stiffness / mass[:, None])))
+    spring, n = second.stiffness_share * plant.flexure_N_per_um, plant.lever
+    whole = np.zeros((3, 3))
+    whole[:2, :2] = stiffness
+    whole[0, 0] += n * n * spring
+    whole[0, 2] = whole[2, 0] = -n * spring
+    whole[2, 2] = spring
+    return whole, np.append(mass, spring / (second.ratio**2 * first_square))
 
 
 def discrete(plant: Plant, step_s: float) -> tuple[Matrix, Matrix]:
@@ -38,10 +57,11 @@ def discrete(plant: Plant, step_s: float) -> tuple[Matrix, Matrix]:
     from scipy.linalg import expm  # not for the loop's process, which only computes with what comes out
 
     a, b = continuous(plant)
-    block = np.zeros((7, 7))
-    block[:5, :5], block[:5, 5:] = a, b
+    size = len(a)
+    block = np.zeros((size + 2, size + 2))
+    block[:size, :size], block[:size, size:] = a, b
     advanced = expm(block * step_s)
-    return advanced[:5, :5].copy(), advanced[:5, 5:].copy()
+    return advanced[:size, :size].copy(), advanced[:size, size:].copy()
 
 
 def rest(plant: Plant) -> Matrix:

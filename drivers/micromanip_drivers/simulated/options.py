@@ -27,11 +27,35 @@ from micromanip.driver.quantities import (
     VoltsAboveZero,
 )
 
-from .records import EXCHANGE, MAX_FAULTS
+from .records import EXCHANGE, MAX_FAULTS, MOST_LATE
 
 
 class _Options(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class BoucWen(_Options):
+    """Hysteresis of Bouc and Wen in place of the Preisach operator."""
+
+    linear_um_per_V: Positive = Field(default=1.15, description="Slope far from a turning point.")
+    square_um_per_V2: Real = Field(default=-6e-4, description="Asymmetry of the loop.")
+    fall_um_per_V: NotNegative = Field(default=0.45, description="What the slope loses right after a turn.")
+    with_sign_per_V: Real = Field(default=0.03, description="How fast it comes back while the loop opens.")
+    without_sign_per_V: Real = Field(default=0.012, description="The same, whichever way the loop goes.")
+    lag_share: Annotated[float, Field(ge=0, le=0.5)] = Field(
+        default=0.08, description="Share of the displacement that lags: rate dependence."
+    )
+    lag_ms: Milliseconds = Field(default=3.0, description="Time constant of that lag.")
+
+
+class SecondMode(_Options):
+    """A second mode of the flexure: a mass on a spring from the lever, which pushes back on the actuator."""
+
+    ratio: Annotated[float, Field(gt=1, le=20)] = Field(default=3.0, description="Its frequency over the first one's.")
+    stiffness_share: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.1, description="Its spring's stiffness over the flexure's: how much it pushes back."
+    )
+    gain: Real = Field(default=0.1, description="Share of its swing that the stage sensor sees.")
 
 
 class Plant(_Options):
@@ -44,6 +68,7 @@ class Plant(_Options):
     reversible_um: tuple[Real, Real, Real] = Field(
         default=(0.72, -2e-4, -2e-6), description="Reversible part: um per V, V^2, V^3."
     )
+    bouc_wen: BoucWen | None = Field(default=None, description="In place of the Preisach operator; null: that.")
     saturation_V: Volts = Field(default=-20.0, description="Negative saturation.")
     creep_per_operator: NotNegative = Field(
         default=0.005, description="Share of the displacement that each of the 13 creep operators delays."
@@ -52,6 +77,7 @@ class Plant(_Options):
     amplifier_Hz: Hertz = Field(default=900.0, description="Bandwidth of the amplifier.")
     amplifier_slew_V_per_ms: Speed = Field(default=40.0, description="Slew rate of the amplifier.")
     amplifier_noise_mV: NotNegative = Field(default=2.0, description="Noise of the amplifier, rms.")
+    late_cycles: int = Field(default=0, ge=0, le=MOST_LATE, description="Cycles by which every voltage comes later.")
     dac_bits: int = Field(default=16, ge=8, le=32, description="Resolution of the output over dac_span_V.")
     dac_span_V: VoltsAboveZero = Field(default=300.0, description="Span of the output converter.")
     piezo_N_per_um: Positive = Field(default=400.0, description="Stiffness of the stack.")
@@ -64,7 +90,9 @@ class Plant(_Options):
     strain_noise_nm: NotNegative = Field(default=55.0, description="White noise of the strain gauge, rms.")
     strain_hum_nm: NotNegative = Field(default=10.0, description="50 Hz hum of the strain gauge, amplitude.")
     strain_Hz: Hertz = Field(default=2500.0, description="Bandwidth of the strain gauge.")
-    strain_range_um: Distance = Field(default=180.0, description="The strain gauge reads +- this, in 16 bits.")
+    second_mode: SecondMode | None = Field(default=None, description="A second mode of the flexure; null: none.")
+    strain_range_um: Distance = Field(default=180.0, description="The strain gauge reads +- this, in strain_bits.")
+    strain_bits: int = Field(default=16, ge=8, le=32, description="Resolution of the strain gauge over its range.")
     stage_noise_nm: NotNegative = Field(default=12.0, description="Noise of the capacitive sensor, rms.")
     stage_range_um: Distance = Field(default=300.0, description="The capacitive sensor reads +- this.")
     stage_zero_um: Micrometres = Field(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from .bouc_wen import bouc_wen_step
 from .compiled import compiled
 from .noise import normal
 from .preisach import preisach_step
@@ -22,7 +23,11 @@ def drive(p: Any, s: Any, powered: bool) -> float:
         s["amplifier_V"] += max(-p["slew_V"], min(p["slew_V"], change))
     else:
         s["amplifier_V"] -= p["bleed_step"] * s["amplifier_V"]
-    pure = preisach_step(p["preisach"], s["memory"], s["amplifier_V"] + p["amplifier_noise_V"] * normal(s))
+    volts = s["amplifier_V"] + p["amplifier_noise_V"] * normal(s)
+    if p["bouc_wen"]["present"] != 0:
+        pure = bouc_wen_step(p["bouc_wen"], s["bouc_wen"], volts)
+    else:
+        pure = preisach_step(p["preisach"], s["memory"], volts)
     free = pure * (1.0 - CREEP_OPERATORS * p["creep_gain"])
     for i in range(CREEP_OPERATORS):
         s["creep_um"][i] += p["creep_step"][i] * (p["creep_gain"] * pure - s["creep_um"][i])
@@ -33,7 +38,7 @@ def drive(p: Any, s: Any, powered: bool) -> float:
 @compiled
 def move(p: Any, x: Any, free_um: float, force_N: float) -> None:
     """Mechanics over one sub-step."""
-    y0, y1, y2, y3, y4 = x[0], x[1], x[2], x[3], x[4]
+    y0, y1, y2, y3, y4, y5, y6 = x[0], x[1], x[2], x[3], x[4], x[5], x[6]
     for i in range(MECHANICAL_STATES):
         x[i] = (
             p["a"][i, 0] * y0
@@ -41,6 +46,8 @@ def move(p: Any, x: Any, free_um: float, force_N: float) -> None:
             + p["a"][i, 2] * y2
             + p["a"][i, 3] * y3
             + p["a"][i, 4] * y4
+            + p["a"][i, 5] * y5
+            + p["a"][i, 6] * y6
             + p["b"][i, 0] * free_um
             + p["b"][i, 1] * force_N
         )

@@ -11,7 +11,9 @@ from micromanip.driver import SIGNAL
 MAX_AXES = 3
 STACK = 64
 CREEP_OPERATORS = 13
-MECHANICAL_STATES = 5
+MECHANICAL_STATES = 7
+MOST_LATE = 8
+"""Periods by which an output may be late on top of its own."""
 DEVIATION_SINES = 4
 SUBSTEPS = 2
 """Plant steps a loop period."""
@@ -50,9 +52,22 @@ PREISACH = _record(
 MEMORY = _record(
     ("extremum_V", "f8", (STACK,)), ("output_um", "f8", (STACK,)), ("depth", "i8"), ("input_V", "f8"), ("merged", "i8")
 )
+BOUC_WEN = _record(
+    ("present", "i8"),
+    ("linear", "f8"),
+    ("square", "f8"),
+    ("fall", "f8"),
+    ("with_sign", "f8"),
+    ("without_sign", "f8"),
+    ("lag_share", "f8"),
+    ("lag_step", "f8"),
+)
+BOUC_WEN_STATE = _record(("input_V", "f8"), ("internal_um", "f8"), ("lagging_um", "f8"))
 
 AXIS_PARAMETERS = _record(
     ("preisach", PREISACH),
+    ("bouc_wen", BOUC_WEN),
+    ("late", "i8"),
     ("creep_gain", "f8"),
     ("creep_step", "f8", (CREEP_OPERATORS,)),
     ("dac_step_V", "f8"),
@@ -65,6 +80,8 @@ AXIS_PARAMETERS = _record(
     ("a", "f8", (MECHANICAL_STATES, MECHANICAL_STATES)),
     ("b", "f8", (MECHANICAL_STATES, 2)),
     ("rest", "f8", (MECHANICAL_STATES,)),
+    ("rocking", "f8"),
+    ("lever", "f8"),
     ("stage_acceleration", "f8", (MECHANICAL_STATES + 2,)),
     ("strain_zero_um", "f8"),
     ("strain_noise_um", "f8"),
@@ -96,6 +113,8 @@ AXIS_PARAMETERS = _record(
 )
 AXIS_STATE = _record(
     ("memory", MEMORY),
+    ("bouc_wen", BOUC_WEN_STATE),
+    ("decided_V", "f8", (MOST_LATE,)),
     ("creep_um", "f8", (CREEP_OPERATORS,)),
     ("latched_V", "f8"),
     ("charged_V", "f8"),

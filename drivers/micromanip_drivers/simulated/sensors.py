@@ -23,7 +23,9 @@ def stage_position(c: Any, i: int) -> float:
     """Where the spindle is along axis `i` (um, as the capacitive sensor counts), with cross-coupling and drift."""
     total = c["s"][i]["drift_um"]
     for j in range(c["axes"]):
-        total += c["p"][i]["coupling"][j] * (c["s"][j]["x"][2] - c["p"][j]["stage_zero_um"])
+        p, x = c["p"][j], c["s"][j]["x"]
+        rocking = p["rocking"] * (x[5] - p["lever"] * x[0])
+        total += c["p"][i]["coupling"][j] * (x[2] + rocking - p["stage_zero_um"])
     return total
 
 
@@ -54,7 +56,7 @@ def read(c: Any, inputs: Any, now_ns: int) -> None:
                     tracked += p["tracker_row"][j] * deviation(c["p"][j], taken_s)
             put(inputs[first + 2], tracked, now_ns - passed_ns - p["tracker_latency_ns"])
         row = p["stage_acceleration"]
-        acceleration = row[6] * s["force_N"] + p["acceleration_noise"] * normal(s)
+        acceleration = row[MECHANICAL_STATES + 1] * s["force_N"] + p["acceleration_noise"] * normal(s)
         for k in range(MECHANICAL_STATES):
             acceleration += row[k] * s["x"][k]
         put(inputs[first + 3], acceleration, now_ns)

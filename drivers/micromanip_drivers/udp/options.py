@@ -46,8 +46,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from micromanip.driver.quantities import Latency, SampleRate
-from micromanip_drivers.line.field_options import InputField, Known, OutputField, Status, WholeNumber
-from micromanip_drivers.line.framing_options import Counter, Crc
+from micromanip_drivers.line.frame_options import Counter, Crc, InputField, Known, OutputField, Status, WholeNumber
 from micromanip_drivers.line.port_options import UdpPort
 from micromanip_drivers.line.section import Count, HexBytes, Name, Section
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 
 from micromanip.driver import ConfigError, OutputRefused
 from micromanip.driver.wire import FramePlan, GroupPlan
-from micromanip_drivers.line.layout import laid_out, part
+from micromanip_drivers.line.frame_parts import StatusWord, laid_out, part
 from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumber, mismatches
-from micromanip_drivers.line.status import StatusWord
 
 from .options import Identity, Received, Sent, UdpOptions
 

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from micromanip.design import paper
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..analysis import AxisAnalysis
-from ..criteria import Criterion, criteria
+from ..criteria import Criterion, criteria, told
 from ..evaluation import Run
+from ..sensitivity import AGREEMENT
 from ..tuning import OUTER_DELAY
 from .axis import Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
+from .tracking import asked
+from .validation import RISE_S, STEP_UM
 
-_COUPLING, _SETTLING_S = 0.05, 0.05
+_COUPLING = 0.05
+_SIGMA, _NOISE, _PATH, _PATH_NOISE = 0.01, 1.25, 0.01, 3.0
+"""Shares of stroke and amplitude, and multiples of the noise at rest, that are asked for by default."""
+_KEPT = 0.8
+"""Share of the predicted margins that the measured ones must have."""
 _FOLLOWED = 0.7
 """The set-point may move at this share of what the output can do: beyond, the outer loop's model is wrong."""
 _COHERENT_HZ = (2.0, 200.0)
 
 
 def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> tuple[Criterion, ...]:
-    """All criteria of one axis; `runs`: the paper's experiment with the new tuning, `index`: the axis' place in it."""
+    """All criteria of one axis; `runs`: the axis on its sines, `index`: its place in the rows."""
     out: list[Criterion] = []
 
     def add(name: str, passed: bool, value: str, limit: str) -> None:
@@ -47,39 +53,96 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
         f"<= {HELD_OUT_PERCENT:g} %",
     )
     fit = found.stage.fit_percent
-    add("stage model on unseen data", fit >= STAGE_FIT_PERCENT, f"{fit:.1f} %", f">= {STAGE_FIT_PERCENT:g} %")
-    coherence = coherence_in_band(found)
+    add(
+        "stage model beside the measured response",
+        fit >= STAGE_FIT_PERCENT,
+        f"{fit:.1f} %",
+        f">= {STAGE_FIT_PERCENT:g} %",
+    )
+    hertz = found.stage.found.measured.frequency_Hz
+    inside = (hertz >= _COHERENT_HZ[0]) & (hertz <= _COHERENT_HZ[1])
+    coherence = float(np.median(found.stage.found.measured.coherence[inside]))
     add("coherence of the stage", coherence >= COHERENCE, f"{coherence:.2f}, median 2 to 200 Hz", f">= {COHERENCE:g}")
     out += criteria(analysis)
-    for run in runs:
-        if run.config == "C":
-            sigma, limit = run.figures(found.axis, index)["std_error_um"], paper.SIGMA_UM["C"][run.frequency_hz]
-            way = _on_the_way(found, run.frequency_hz)
-            wanted = f"<= {limit:g} um (paper, C)"
-            if way > 0.0:
-                wanted = f"<= {limit + way:.3g} um (paper, C, and {way:.2g} um that the bus is late)"
-            add(f"sigma at {run.frequency_hz:g} Hz", sigma <= limit + way, f"{sigma:.4f} um", wanted)
+    out += _measured(found, analysis)
+    out += _tracked(found, runs, index)
     largest = max(found.validation.coupling.items(), key=lambda entry: abs(entry[1]), default=("none", 0.0))
     value = f"{100 * largest[1]:+.1f} % at {largest[0]}"
     add("cross-coupling", abs(largest[1]) <= _COUPLING, value, f"<= {100 * _COUPLING:.0f} %")
-    settling = found.validation.settling_s
-    value = f"{1e3 * settling:.0f} ms to 5 %, overshoot {100 * found.validation.overshoot:.0f} %"
-    add("stage's step settles", settling <= _SETTLING_S, value, f"within {1e3 * _SETTLING_S:.0f} ms")
     return tuple(out)
 
 
+def _measured(found: Commissioned, analysis: AxisAnalysis) -> list[Criterion]:
+    """Both loops as they were measured while closed, beside what was predicted."""
+    out = []
+    for loop in (found.strain_loop, found.outer_loop):
+        if loop is None:
+            continue
+        slopes = analysis.strain.slopes if loop is found.strain_loop and analysis.strain else (1.0,)
+        claimed = analysis.strain.margins if loop is found.strain_loop and analysis.strain else (loop.margins,)
+        scaled = [loop.measured_margins(slope) for slope in slopes]
+        nominal = loop.measured_margins()
+        value = (
+            f"{nominal.sensitivity:.2f} ({loop.least:.2f} to {loop.most:.2f}), {nominal.gain_dB:.1f} dB, "
+            f"{nominal.phase_deg:.0f} deg; predicted {loop.margins.sensitivity:.2f}"
+        )
+        if len(slopes) > 1:
+            k = int(np.argmax([m.sensitivity for m in claimed]))
+            value += f", {claimed[k].sensitivity:.2f} at {slopes[k]:.2f} times the slope"
+        limit = f"distance to -1 within {100 * AGREEMENT:.0f} % of the predicted one, at the nominal slope"
+        out.append(Criterion(found.axis, f"{loop.name}: Ms measured in the loop", loop.agrees, value, limit))
+        least_dB, least_deg = min(m.gain_dB for m in scaled), min(m.phase_deg for m in scaled)
+        said_dB, said_deg = min(m.gain_dB for m in claimed), min(m.phase_deg for m in claimed)
+        out.append(
+            Criterion(
+                found.axis,
+                f"{loop.name}: margins measured in the loop",
+                least_dB >= _KEPT * said_dB and least_deg >= _KEPT * said_deg,
+                f"{least_dB:.1f} dB, {least_deg:.0f} deg" + (" at the worst slope" if len(slopes) > 1 else ""),
+                f">= {_KEPT:g} of the predicted {said_dB:.1f} dB, {said_deg:.0f} deg",
+            )
+        )
+    return out
+
+
+def _tracked(found: Commissioned, runs: list[Run], index: int) -> list[Criterion]:
+    """What the user asks for: sines, path, step."""
+    out, accept, check = [], found.configuration.axes[found.axis].accept, found.validation
+    sine, floor = asked(found.configuration, found.axis), found.polarity.noise_um
+    for run in runs:
+        if run.config == "C":
+            sigma, way = run.figures(found.axis, index)["std_error_um"], _on_the_way(found, run.frequency_hz)
+            limit = accept.sigma_um or float(np.hypot(_SIGMA * 2.0 * sine.amplitude_um, _NOISE * floor))
+            wanted = f"<= {limit:.3g} um" + (f" and {way:.2g} um that the bus is late" if way > 0.0 else "")
+            wanted += (
+                f": set-point less gauge, {sine.offset_um:.0f} +- {sine.amplitude_um:.0f} um, rms; "
+                f"noise at rest {floor:.3f} um"
+            )
+            value = f"{told(sigma, limit + way, 4)} um"
+            out.append(Criterion(found.axis, f"sigma at {run.frequency_hz:g} Hz", sigma <= limit + way, value, wanted))
+    limit = accept.path_error_um or float(np.hypot(_PATH * check.path_amplitude_um, _PATH_NOISE * check.noise_um))
+    wanted = (
+        f"<= {limit:.3g} um: reference less stage, +- {check.path_amplitude_um:.0f} um at "
+        f"{min(accept.frequencies_Hz):g} Hz, rms; noise at rest {check.noise_um:.3f} um"
+    )
+    value = f"{told(check.path_um, limit, 3)} um"
+    out.append(Criterion(found.axis, "path error", check.path_um <= limit, value, wanted))
+    settling = 1e3 * check.settling_s
+    value = f"{told(settling, accept.settling_ms, 0)} ms to {check.band_um:.2g} um"
+    wanted = f"within {accept.settling_ms:g} ms of the beginning of a step of {STEP_UM:g} um in {1e3 * RISE_S:g} ms"
+    out.append(Criterion(found.axis, "stage's step settles", settling <= accept.settling_ms, value, wanted))
+    over = 100.0 * check.overshoot
+    value = f"{told(over, accept.overshoot_percent, 0)} % beyond its noise"
+    wanted = f"<= {accept.overshoot_percent:g} %"
+    out.append(Criterion(found.axis, "stage's step: overshoot", over <= accept.overshoot_percent, value, wanted))
+    return out
+
+
 def _on_the_way(found: Commissioned, frequency_Hz: float) -> float:
-    """Rms (um) by which the paper's sine moves while a set-point is on its way over a bus; 0 without one."""
+    """Rms (um) by which the sine moves while a set-point is on its way over a bus; 0 without one."""
     path = found.actuator.path
     if path == AT_ONCE:
         return 0.0
     late_s = (OUTER_DELAY + path.output_late) * found.configuration.loop.period_ns * 1e-9
-    speed = 2.0 * np.pi * frequency_Hz * paper.reference(frequency_Hz, 0.0).sines[0].amplitude_um
+    speed = 2.0 * np.pi * frequency_Hz * asked(found.configuration, found.axis).amplitude_um
     return float(speed * late_s / np.sqrt(2.0))
-
-
-def coherence_in_band(found: Commissioned) -> float:
-    """Median coherence between set-point and stage where the outer loop works."""
-    hertz = found.response.frequency_Hz
-    inside = (hertz >= _COHERENT_HZ[0]) & (hertz <= _COHERENT_HZ[1])
-    return float(np.median(found.response.coherence[inside, 0]))

@@ -7,26 +7,38 @@ seen and what to do, before a loop is closed that should not be.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.margins import sensitivity
+from micromanip.control.outer_gains import OuterGains, outer_gains
+from micromanip.control.pid import pid_system
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
+from micromanip.settings.schema.accept import Accept
+from micromanip.settings.schema.axis import Outer
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
-from ..actuation import Actuator, identify_actuator
+from ..actuation import DELAYS, ORDERS, Actuator, identify_actuator
+from ..closed import measure_outer_loop, measure_strain_loop
 from ..experiment import Experiment, with_axis
 from ..hysteresis import HysteresisFit
 from ..identification import design, recording, samples_for, variant
-from ..linear.frequency import FrequencyResponse, frequency_response
-from ..loops import over_path
+from ..judged import analyse_inverse, analyse_strain, slopes_of
+from ..loops import StageSide, StrainSide, draw, over_path
+from ..loops.monte_carlo import drawn_loop
 from ..record import Record, judge_record
+from ..response import Wanted, identify
+from ..sensitivity import Sensitivity, compensator, judge_loop
 from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
-from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis
+from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
+from .partial import Steps
 from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
 from .validation import Validation, validate
@@ -34,11 +46,15 @@ from .validation import Validation, validate
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
-SLOPES, BUS_SLOPES = (0.75, 1.0, 1.3), (0.75, 1.0, 1.45)
-"""The PID holds its margins for these multiples of the actuator's slope: hysteresis, amplitude, ageing; more of them
-where the samples of a bus show less of the actuator."""
+BUS_SLOPE = 1.45
+"""The PID holds its margins up to this multiple of the actuator's slope where the samples of a bus show less of it."""
 TRIANGLE_S = 12.0
-_COHERENCE_SEGMENT = 1 << 13
+DRAWN = range(1, 21)
+"""Seeds of the plants on which the tuning is tried on paper."""
+
+
+_NOISES = (1.0, 4.0, 16.0)
+"""What the sensor's noise is taken for, in terms of what was measured, one after the other."""
 
 
 @dataclass(frozen=True)
@@ -65,64 +81,234 @@ class Commissioned:
     held_out_percent: dict[str, float]
     actuator: Actuator
     pid: PidDesign
+    strain_loop: Sensitivity
     stage: StageModel
-    response: FrequencyResponse
     outer: OuterDesign
+    outer_loop: Sensitivity | None
     validation: Validation
+    learned: tuple[str, ...] = ()
+    """What was measured, found wanting and done again, in sentences."""
 
 
 def commission_axis(
     configuration: Configuration, experiment: Experiment, axis: str, say: Say, knobs: Knobs | None = None, seed: int = 1
 ) -> Commissioned:
-    """All steps for one axis; raises CheckFailed where one of them says no."""
-    settings, knobs = configuration.axes[axis], knobs or Knobs()
+    """All steps for one axis; raises Stopped, with what was found by then, where one of them says no."""
+    steps = Steps(axis, say)
+    with steps.kept():
+        return _commission(configuration, experiment, axis, steps, knobs or Knobs(), seed)
+
+
+def _commission(
+    configuration: Configuration, experiment: Experiment, axis: str, steps: Steps, knobs: Knobs, seed: int
+) -> Commissioned:
+    settings, say = configuration.axes[axis], steps.begin
     say("polarity and scale")
     polarity = check_polarity(configuration, experiment, axis)
+    steps.learn(
+        slope=f"{polarity.slope_um_per_V:.3f} um/V",
+        noise_of_the_gauge_at_rest=f"{polarity.noise_um:.3f} um rms",
+    )
     say("major loop")
     triangle = _triangle(configuration, experiment, axis)
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
     judge_record(_as_record(axis, record))
     quality = judge_coverage(axis, record["voltage_V"], record["strain_um"], settings.setpoint.range_um)
+    steps.learn(
+        stroke=f"{np.ptp(record['strain_um']):.0f} um", coverage=f"{100 * quality.coverage:.0f} % of the set-points"
+    )
     say("hysteresis models")
     tanh, affine = hysteresis_models(record, settings.setpoint.range_um)
     percent = {
         fitted.structure.name: fitted.held_out(held_out["voltage_V"], held_out["strain_um"], burn_in(held_out))[0]
         for fitted in (tanh, affine)
     }
+    steps.learn(hysteresis_on_unseen_data=f"{min(percent.values()):.2f} % of the stroke")
     if min(percent.values()) > HELD_OUT_PERCENT:
         raise CheckFailed(
             f"axis {axis}: no hysteresis model predicts the second record better than to {min(percent.values()):.1f} % "
             f"of the stroke, {HELD_OUT_PERCENT:g} % are needed: look for slip, a loose gauge or a disturbance meanwhile"
         )
+    tuned = with_axis(configuration, axis, hysteresis=tanh.model, hysteresis_affine=affine.model)
     say("actuator")
-    actuator = identify_actuator(configuration, experiment, axis, seed)
+    actuator = identify_actuator(configuration, experiment, axis, seed, _holding_voltage(record, settings.centre_um))
+    learned: list[str] = []
+    steps.learn(
+        actuator=f"order {actuator.found.order}, delay {actuator.delay} cycles, fit {actuator.fit_percent:.1f} % about "
+        f"{actuator.centre_V:.0f} V"
+    )
     say("strain PID")
-    by_bus = actuator.path != AT_ONCE
-    seen, slopes = over_path(actuator.dynamics, actuator.path), BUS_SLOPES if by_bus else SLOPES
-    pid = tune_pid(settings.inner, seen, slopes, careful=by_bus)
-    tuned = with_axis(configuration, axis, hysteresis=tanh.model, hysteresis_affine=affine.model, inner=pid.inner)
+    left_um = 0.01 * min(percent.values()) * tanh.stroke_um
+    actuator, pid, strain_loop = _close_strain(tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned)
+    tuned = with_axis(tuned, axis, inner=pid.inner)
+    steps.learn(
+        strain_PID=f"K {pid.inner.K_V_per_um:g} V/um, Ti {pid.inner.Ti_ms:g} ms, Td {pid.inner.Td_ms:g} ms, filter "
+        f"{pid.inner.filter_ms:g} ms; {pid.limited_by}",
+        strain_loop=strain_loop.sentence,
+    )
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
-    period_s = configuration.loop.period_ns * 1e-9
-    response = frequency_response([(stage.u[:, None], stage.y[:, None])], period_s, _COHERENCE_SEGMENT)
-    say("outer loop")
-    outer = tune_outer(
-        stage.linear,
-        period_s,
-        knobs.noise_um or _sensor_noise(stage),
-        bandwidth_Hz=knobs.bandwidth_Hz,
-        oscillation_Hz=settings.outer.oscillation_Hz if settings.outer else 200.0,
-        sample_cycles=actuator.path.stage_cycles,
-        late_cycles=actuator.path.stage_late,
-    )
-    tuned = with_axis(tuned, axis, outer=outer.outer)
+    stage, outer, outer_loop = _close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
     say("validation")
+    tuned = with_axis(tuned, axis, outer=outer.outer)
     validation = validate(tuned, experiment, axis)
     return Commissioned(
-        axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, stage,
-        response, outer, validation,
+        axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_loop,
+        stage, outer, outer_loop, validation, tuple(learned),
     )  # fmt: skip
+
+
+def _close_strain(
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    actuator: Actuator,
+    polarity: Polarity,
+    left_um: float,
+    seed: int,
+    say: Say,
+    learned: list[str],
+) -> tuple[Actuator, PidDesign, Sensitivity]:
+    """PID for `actuator`, closed, and measured; once more from what was measured where it is not what was predicted."""
+    by_bus = actuator.path != AT_ONCE
+    for again in (False, True):
+        settings = configuration.axes[axis]
+        seen = over_path(actuator.system, actuator.path)
+        hysteresis = settings.hysteresis
+        assert isinstance(hysteresis, PrandtlIshlinskii)
+        _, slopes = slopes_of(settings, actuator.swing_um, analyse_inverse(hysteresis, settings))
+        if by_bus:
+            slopes = (slopes[0], 1.0, max(slopes[-1], BUS_SLOPE))
+        noise_um = polarity.noise_um
+        pid = tune_pid(
+            settings.inner,
+            seen,
+            slopes,
+            careful=by_bus,
+            radius=None if by_bus else actuator.found.radius_at,
+            gain_dB=settings.accept.gain_margin_dB,
+            phase_deg=settings.accept.phase_margin_deg,
+            residual=float(np.clip(noise_um / max(left_um, 1e-6), 0.03, 0.5)),
+        )
+        say("sensitivity of the strain loop")
+        closed = with_axis(configuration, axis, inner=pid.inner)
+        measured = measure_strain_loop(closed, experiment, axis, seed + 10 + again)
+        nominal = pid.margins[slopes.index(1.0)]
+        period_s = configuration.loop.period_ns * 1e-9
+        loop = judge_loop("strain loop", measured, actuator.system, pid_system(pid.inner, period_s), nominal)
+        if loop.agrees or by_bus:
+            return actuator, pid, loop
+        learned.append(loop.sentence)
+        found = identify(measured, period_s, Wanted(ORDERS, DELAYS))
+        if found.problem is not None:
+            learned.append(f"in the closed loop: {found.problem}")
+            break
+        actuator = replace(actuator, found=found)
+    raise CheckFailed(
+        f"axis {axis}: the tuning is withdrawn, the strain loop is not what was predicted: {'; '.join(learned)}. "
+        f"{pid.limited_by[0].upper()}{pid.limited_by[1:]}"
+    )
+
+
+def _close_outer(
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    actuator: Actuator,
+    stage: StageModel,
+    knobs: Knobs,
+    seed: int,
+    say: Say,
+    learned: list[str],
+) -> tuple[StageModel, OuterDesign, Sensitivity | None]:
+    """The same for the outer loop; None behind a bus, where samples are too rare for a measurement."""
+    settings, period_s = configuration.axes[axis], configuration.loop.period_ns * 1e-9
+    for again in (False, True):
+        say("outer loop")
+        hysteresis = settings.hysteresis
+        assert isinstance(hysteresis, PrandtlIshlinskii)
+        strain = analyse_strain(settings, actuator, analyse_inverse(hysteresis, settings)).side
+        hertz = stage.found.measured.frequency_Hz
+        relative = stage.found.radius / np.maximum(np.abs(stage.found.at(hertz)), 1e-12)
+        by_bus = actuator.path.stage_cycles > 1 or actuator.path.stage_late > 0
+        design = partial(
+            tune_outer,
+            stage.linear,
+            period_s,
+            unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
+            bears=_Bears(strain, actuator, period_s, settings.accept),
+            gain_dB=settings.accept.gain_margin_dB,
+            phase_deg=settings.accept.phase_margin_deg,
+            bandwidth_Hz=knobs.bandwidth_Hz,
+            oscillation_Hz=settings.outer.oscillation_Hz if settings.outer else 200.0,
+            sample_cycles=actuator.path.stage_cycles,
+            late_cycles=actuator.path.stage_late,
+        )
+        outer = _calmest_needed(design, knobs, stage.noise_um, learned)
+        if by_bus:
+            return stage, outer, None
+        say("sensitivity of the outer loop")
+        closed = with_axis(configuration, axis, outer=outer.outer)
+        measured = measure_outer_loop(closed, experiment, axis, seed + 20 + again)
+        controller = compensator(outer_gains(outer.outer, None, period_s), period_s)
+        loop = judge_loop("outer loop", measured, stage.found.system(), controller, outer.margins)
+        if loop.agrees:
+            return stage, outer, loop
+        learned.append(loop.sentence)
+        stage = with_response(stage, measured, period_s)
+        if stage.found.problem is not None:
+            learned.append(f"in the closed loop: {stage.found.problem}")
+            break
+    raise CheckFailed(
+        f"axis {axis}: the tuning is withdrawn, the outer loop is not what was predicted: {'; '.join(learned)}"
+    )
+
+
+def _calmest_needed(
+    design: Callable[..., OuterDesign], knobs: Knobs, noise_um: float, learned: list[str]
+) -> OuterDesign:
+    """The design for the sensor's noise; for more of it where that one trusts the sensor further than its model."""
+    if knobs.noise_um is not None:
+        return design(noise_um=knobs.noise_um)
+    for factor in _NOISES[:-1]:
+        try:
+            return design(noise_um=factor * noise_um)
+        except CheckFailed as problem:
+            learned.append(f"with {factor:g} times the sensor's noise: {problem}")
+    return design(noise_um=_NOISES[-1] * noise_um)
+
+
+def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
+    return np.asarray(np.interp(omega, 2 * np.pi * hertz, values))
+
+
+class _Bears:
+    """Whether an outer loop keeps Ms as accepted for enough of the drawn plants; the hardest are tried first."""
+
+    def __init__(self, strain: StrainSide, actuator: Actuator, period_s: float, accept: Accept) -> None:
+        self._strain, self._path, self._period_s, self._accept = strain, actuator.path, period_s, accept
+        self._seeds = list(DRAWN)
+
+    def __call__(self, outer: Outer, gains: OuterGains) -> bool:
+        side = StageSide(gains, outer.model, outer.sample_cycles, self._path.stage_late)
+        too_many = int((1.0 - 0.01 * self._accept.robust_percent) * len(self._seeds) + 1e-9) + 1
+        hard = 0
+        for seed in tuple(self._seeds):
+            loop = drawn_loop(draw(seed), self._strain, side, self._period_s)
+            if loop is None or sensitivity(loop) > self._accept.robust_sensitivity:
+                hard += 1
+                self._seeds.remove(seed)
+                self._seeds.insert(0, seed)
+            if hard >= too_many:
+                return False
+        return True
+
+
+def _holding_voltage(record: dict[str, Array], centre_um: float) -> float:
+    """Voltage (V) at which an open-loop record passes the working point, the mean of both ways."""
+    near = np.argsort(np.abs(record["strain_um"] - centre_um))[: max(len(record["strain_um"]) // 50, 10)]
+    return float(np.median(record["voltage_V"][near]))
 
 
 def _triangle(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, Array]:
@@ -135,11 +321,6 @@ def _triangle(configuration: Configuration, experiment: Experiment, axis: str) -
 def _as_record(axis: str, columns: dict[str, Array]) -> Record:
     voltage, strain = columns["voltage_V"], columns["strain_um"]
     return Record(Path(f"axis {axis}"), "voltage_V", "strain_um", voltage, strain, float(columns["t_s"][1]))
-
-
-def _sensor_noise(stage: StageModel) -> float:
-    """Rms (um) of the capacitive sensor's white noise: what fourth differences leave of the movement."""
-    return float(np.median(np.abs(np.diff(stage.y, 4))) / 0.6745 / np.sqrt(70.0))
 
 
 class Watched:
@@ -155,7 +336,11 @@ class Watched:
         rows = self._experiment(configuration, seconds, samples, every)
         faults = rows["fault"][rows["fault"] != 0]
         if len(faults):
-            raise CheckFailed(f"the experiment was ended by fault {KINDS[int(faults[0])].code}; nothing was tuned")
+            kind = KINDS[int(faults[0])]
+            causes = "; or ".join(kind.likely_causes)
+            raise CheckFailed(
+                f"the experiment was ended by fault {kind.code}; nothing was tuned. Likely: {causes}. {kind.next_step}"
+            )
         return rows
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
@@ -163,4 +348,4 @@ class Watched:
         return self._experiment.path(configuration, axis)
 
 
-__all__ = ["SLOPES", "Commissioned", "Knobs", "Watched", "commission_axis"]
+__all__ = ["DRAWN", "Commissioned", "Knobs", "Watched", "commission_axis"]

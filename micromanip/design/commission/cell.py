@@ -8,15 +8,13 @@ from functools import partial
 
 from micromanip.settings.schema.model import Configuration
 
-from ..analysis import analyse_axis
-from ..evaluation import evaluate
+from ..analysis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment
-from .axis import Commissioned, Knobs, Watched, commission_axis
+from .axis import DRAWN, Commissioned, Knobs, Watched, commission_axis
 from .evidence import Evidence
+from .partial import Stopped
 from .story import evidence
-
-DRAWN = range(1, 21)
-"""Seeds of the plants on which the tuning is tried on paper."""
+from .tracking import follow
 
 
 def _say(say: Callable[[str], None], axis: str, what: str) -> None:
@@ -25,16 +23,22 @@ def _say(say: Callable[[str], None], axis: str, what: str) -> None:
 
 @dataclass(frozen=True)
 class CommissionedCell:
-    """The new `configuration`, what was found, and the evidence, an entry per axis."""
+    """The new `configuration`, what was found, its analysis and the evidence, an entry per axis.
+
+    Where an axis was `stopped`, those before it are whole, its own evidence comes last, and those after it were not
+    begun.
+    """
 
     configuration: Configuration
     axes: tuple[Commissioned, ...]
+    analyses: tuple[AxisAnalysis, ...]
     evidence: tuple[Evidence, ...]
+    stopped: Stopped | None = None
 
     @property
     def passed(self) -> bool:
-        """Whether every criterion of every axis holds."""
-        return all(each.passed for each in self.evidence)
+        """Whether every criterion of every axis holds, and none was stopped."""
+        return self.stopped is None and all(each.passed for each in self.evidence)
 
 
 def commission_cell(
@@ -45,17 +49,24 @@ def commission_cell(
     knobs: Knobs | None = None,
     seed: int = 1,
 ) -> CommissionedCell:
-    """Commission `axes` of `configuration`; the other axes keep what they have. Raises CheckFailed, see `axis`."""
-    watched, found = Watched(experiment), []
+    """Commission `axes` of `configuration`; the other axes keep what they have, and rest meanwhile."""
+    watched, stopped = Watched(experiment), None
+    found: list[Commissioned] = []
     for name in axes:
-        found.append(commission_axis(configuration, watched, name, partial(_say, say, name), knobs, seed))
+        try:
+            found.append(commission_axis(configuration, watched, name, partial(_say, say, name), knobs, seed))
+        except Stopped as problem:
+            stopped = problem
+            break
         configuration = found[-1].configuration
-    say("the paper's experiment")
-    # with the new PID only: one that was found for another plant may be unstable on this one
-    runs = evaluate(configuration, watched, own_pid=True)
-    stories, names = [], list(configuration.axes)
+    stories, analyses, names = [], [], list(configuration.axes)
     for each in found:
+        say(f"axis {each.axis}: acceptance")
+        runs = follow(configuration, watched, each.axis)
         say(f"axis {each.axis}: analysis")
-        analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1)
+        analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1, actuator=each.actuator)
+        analyses.append(analysis)
         stories.append(evidence(each, analysis, runs, names.index(each.axis)))
-    return CommissionedCell(configuration, tuple(found), tuple(stories))
+    if stopped is not None:
+        stories.append(stopped.evidence)
+    return CommissionedCell(configuration, tuple(found), tuple(analyses), tuple(stories), stopped)

@@ -71,10 +71,10 @@ def figure_7(analysis: AxisAnalysis) -> tuple[Plot, ...]:
 
 
 def figure_8(runs: list[Run], index: int) -> tuple[Plot, ...]:
-    """Reference and position at 5 and 10 Hz."""
+    """Reference and position on the faster sines."""
     plots = []
     for run in runs:
-        if run.config == "C" and run.frequency_hz in (5.0, 10.0):
+        if run.config == "C" and run.frequency_hz > 1.0:
             rows, t_s = _piece(run, index)
             curves = (Curve("reference", t_s, rows["reference_um"]), Curve("strain gauge", t_s, rows["strain_um"]))
             plots.append(Plot(f"Figure 8: {run.frequency_hz:g} Hz", "time, s", "position, um", curves))
@@ -84,7 +84,7 @@ def figure_8(runs: list[Run], index: int) -> tuple[Plot, ...]:
 def figure_9(runs: list[Run], index: int) -> tuple[Plot, ...]:
     """Control error of all configurations."""
     plots = []
-    for hertz in (1.0, 5.0, 10.0):
+    for hertz in sorted({run.frequency_hz for run in runs}):
         curves = []
         for run in runs:
             if run.frequency_hz == hertz and run.config in ("A", "B", "C"):
@@ -100,26 +100,23 @@ def _piece(run: Run, index: int) -> tuple[NDArray[np.void], Array]:
     return rows[:count], np.asarray(np.arange(count) * 1e-4, dtype=np.float64)
 
 
-def singular_values(found: Commissioned) -> Plot:
-    """Of the stage's projection: the order is where they fall to the noise."""
-    values = found.stage.fitted.singular_values[:20]
-    number = np.arange(1.0, len(values) + 1)
-    curve = Curve("singular values", number, values / values[0], marks=True)
-    note = f"Order {found.stage.fitted.order} is used."
-    return Plot("Order of the stage's dynamics", "number", "singular value", (curve,), note, log_y=True)
+def tried_orders(found: Commissioned) -> Plot:
+    """Held-out error of each order of the stage's model."""
+    tried = found.stage.found.tried
+    order, error = np.array(list(tried), dtype=float), np.array(list(tried.values()))
+    curve = Curve("held-out error", order, error, marks=True)
+    note = f"1 is the measurement's own confidence; order {found.stage.found.order} is used."
+    return Plot("Order of the stage's dynamics", "order", "error", (curve,), note, log_y=True)
 
 
 def measured_response(found: Commissioned) -> tuple[Plot, ...]:
     """Set-point to stage: model beside the measured response, and its coherence."""
-    measured = found.response
-    kept = (measured.frequency_Hz >= 1.0) & (measured.frequency_Hz <= 2000.0)
-    hertz = measured.frequency_Hz[kept]
-    model = found.stage.fitted.frequency_response(hertz)[:, 0, 0]
-    seen = measured.response[kept, 0, 0]
-    pairs = (("measured", seen), ("model", model))
+    measured = found.stage.found.measured
+    hertz, seen = measured.frequency_Hz, measured.response
+    pairs = (("measured", seen), ("model", found.stage.found.at(hertz)))
     gain = tuple(Curve(name, hertz, np.abs(values)) for name, values in pairs)
     phase = tuple(Curve(name, hertz, np.degrees(np.unwrap(np.angle(values)))) for name, values in pairs)
-    coherence = (Curve("coherence", hertz, measured.coherence[kept, 0]),)
+    coherence = (Curve("coherence", hertz, measured.coherence),)
     return (
         Plot("Set-point to stage: gain", "frequency, Hz", "um/um", gain, log_x=True, log_y=True),
         Plot("Set-point to stage: phase", "frequency, Hz", "degrees", phase, log_x=True),

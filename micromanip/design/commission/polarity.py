@@ -30,6 +30,8 @@ class Polarity:
     slope_um_per_V: float
     moved_V: float
     moved_um: dict[str, float]
+    noise_um: float = 0.0
+    """Rms of the own gauge at rest."""
 
     def share(self, other: str, axis: str) -> float:
         """How far gauge `other` moved, in terms of the own one of `axis`."""
@@ -90,4 +92,4 @@ def judged(axis: str, move_V: float, moved: dict[str, float], noise_um: dict[str
             f"{seen}, and that of axis {other} by {others[other]:+.2f} um: more than {100 * _ACROSS:.0f} % across; "
             "look for a loose flexure or a gauge on the wrong stack. Nothing was closed"
         )
-    return Polarity(slope, move_V, moved)
+    return Polarity(slope, move_V, moved, noise_um[axis])

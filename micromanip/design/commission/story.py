@@ -18,12 +18,13 @@ from .plots import (
     loop_plots,
     measured_response,
     responses,
-    singular_values,
+    tried_orders,
 )
+from .tracking import asked
 
 
 def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> Evidence:
-    """The whole of it for one axis; `runs` are the paper's experiment, in which it is axis number `index`."""
+    """The whole of it for one axis; `runs` are its sines, in whose rows it is axis number `index`."""
     sections = (
         _first_move(found),
         _hysteresis(found),
@@ -75,13 +76,18 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
         "Ms at the worst slope": f"{pid.sensitivity:.2f}",
         "noise gain": f"{pid.noise_gain:.3f}",
         "left of a disturbance at 10 Hz": f"{100 * pid.residual_10Hz:.1f} %",
-        "actuator's model": f"{found.actuator.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
+        "what limits it": pid.limited_by,
+        "measured in the loop": found.strain_loop.sentence,
+        "actuator's model": f"order {found.actuator.found.order}, measured {found.actuator.attempts} times, "
+        f"{found.actuator.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
     }
     plots: tuple[Plot, ...] = ()
     if analysis.strain is not None:
         worst = int(np.argmax([m.sensitivity for m in analysis.strain.margins]))
         plots = loop_plots(
-            "Strain loop at its worst slope", analysis.strain.loops[worst], analysis.strain.margins[worst]
+            f"Strain loop at its worst slope, {analysis.strain.slopes[worst]:.2f} times the identified one",
+            analysis.strain.loops[worst],
+            analysis.strain.margins[worst],
         )
     text = (
         "The largest integral gain for which the sensitivity stays below its limit, at every slope that the hysteresis "
@@ -93,17 +99,17 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
 def _stage(found: Commissioned) -> Section:
     mode_Hz, damping = resonance(found)
     figures = {
-        "model": f"order {found.stage.fitted.order} behind {found.stage.linear.delay_cycles} cycles",
-        "free run on unseen data": f"{found.stage.fit_percent:.1f} %",
+        "model": f"order {found.stage.found.order} behind {found.stage.linear.delay_cycles} cycles",
+        "model beside the measured response": f"{found.stage.fit_percent:.1f} %",
         "first mode": f"{mode_Hz:.1f} Hz, damping {damping:.3f}",
     }
     text = "Noise on the set-point with the strain loop closed; the others hold their working points."
-    return Section("Stage dynamics", text, figures, (singular_values(found), *measured_response(found)))
+    return Section("Stage dynamics", text, figures, (tried_orders(found), *measured_response(found)))
 
 
 def resonance(found: Commissioned) -> tuple[float, float]:
     """Frequency (Hz) and damping ratio of the least damped mode of the stage's model."""
-    s = np.log(found.stage.fitted.poles.astype(complex)) / found.stage.fitted.dt
+    s = np.log(found.stage.found.modes.poles.astype(complex)) / found.stage.found.dt
     swinging = s[s.imag > 0]
     if not len(swinging):
         return float("nan"), 1.0
@@ -120,6 +126,8 @@ def _outer(found: Commissioned, analysis: AxisAnalysis) -> Section:
         "bandwidth": f"{found.outer.bandwidth_Hz:.0f} Hz",
         "error at rest after the step": f"{1e3 * found.validation.settled_um:.0f} nm rms",
     }
+    if found.outer_loop is not None:
+        figures["measured in the loop"] = found.outer_loop.sentence
     for name, share in found.validation.coupling.items():
         figures[f"seen by {name}"] = f"{100 * share:+.2f} %"
     plots = () if analysis.stage is None else loop_plots("Outer loop", analysis.stage.loop, analysis.stage.margins)
@@ -128,14 +136,14 @@ def _outer(found: Commissioned, analysis: AxisAnalysis) -> Section:
 
 
 def _experiment(found: Commissioned, runs: list[Run], index: int) -> Section:
-    figures = {}
+    figures, sine = {}, asked(found.configuration, found.axis)
     for run in runs:
         if run.config in ("A", "B", "C"):
             row = run.figures(found.axis, index)
             name = f"{run.config}, {run.frequency_hz:g} Hz"
             figures[name] = f"sigma {row['std_error_um']:.4f} um, maximum {row['max_error_um']:.2f} um"
     text = (
-        "70 um + 30 um sin, equation (25). A: PID alone, B: with affine inverse, C: with tanh inverse; all with the "
-        "new PID."
+        f"{sine.offset_um:.0f} um + {sine.amplitude_um:.0f} um sin. A: PID alone, B: with affine inverse, C: with tanh "
+        "inverse; all with the new PID."
     )
-    return Section("The paper's experiment", text, figures, (*figure_8(runs, index), *figure_9(runs, index)))
+    return Section("Sines on the gauge", text, figures, (*figure_8(runs, index), *figure_9(runs, index)))

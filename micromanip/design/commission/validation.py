@@ -9,22 +9,24 @@ from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import File
 
-from ..experiment import Experiment, with_axes, with_axis, with_reference, working_points
+from ..experiment import EXCITED, Experiment, alone, parked, resting, with_reference
+from .tracking import path_error
 
 Array = NDArray[np.float64]
 
-STEP_UM, _BEFORE_S, _AFTER_S = 5.0, 0.2, 0.5
-"""Small enough that neither set-point nor voltage meets a limit: it is the linear loop that is looked at."""
+STEP_UM, RISE_S, _BEFORE_S, _AFTER_S = 5.0, 0.01, 0.5, 0.5
+"""Small enough that neither set-point nor voltage meets a limit: it is the linear loop that is looked at. And as a path
+moves, not a jump, which the regulator would answer with all that it has."""
 _MOVE_UM, _MOVE_S = 20.0, 1.0
-_SHOWN_S, _SETTLED_SHARE = 0.1, 0.05
+_SHOWN_S, _SETTLED_SHARE, _NOISES = 0.1, 0.05, 4.0
 
 
 @dataclass(frozen=True)
 class Validation:
     """`step` (t_s, reference_um, stage_um) of the closed outer loop; `settling_s`: until it stays within 5 %.
-    `settled_um`: its error at the end, rms.
+    `settled_um`: its error at the end, rms; `noise_um`: rms of the stage at rest before the step.
+    `path_um`: rms error on a sine of `path_amplitude_um`.
 
     `rejected`: (t_s, open_um, closed_um), the model's stage under a step of 1 um of disturbance at the set-point.
     `coupling`: share of this axis' movement that each other gauge, and each other stage sensor, sees.
@@ -34,6 +36,10 @@ class Validation:
     overshoot: float
     settling_s: float
     settled_um: float
+    noise_um: float
+    band_um: float
+    path_um: float
+    path_amplitude_um: float
     rejected: tuple[Array, Array, Array]
     coupling: dict[str, float]
 
@@ -42,34 +48,44 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
     """Play both experiments on `axis`; the other axes hold their working points."""
     rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     before, after = round(_BEFORE_S * rate_hz), round(_AFTER_S * rate_hz)
-    samples = working_points(configuration, before + after)
-    samples[:, i] = np.where(np.arange(before + after) < before, 0.0, STEP_UM)
-    closed = with_axis(with_axes(configuration, mode="strain"), axis, mode="stage")
-    rows = experiment(with_reference(closed, _FILE), (before + after) / rate_hz, samples)["axis"][:, i]
+    samples = parked(configuration, before + after)
+    passed = np.clip((np.arange(before + after) - before) / (RISE_S * rate_hz), 0.0, 1.0)
+    samples[:, i] = STEP_UM * (0.5 - 0.5 * np.cos(np.pi * passed))
+    closed = alone(configuration, axis, "stage")
+    rows = experiment(with_reference(closed, EXCITED), (before + after) / rate_hz, samples)["axis"][:, i]
     t_s = (np.arange(len(rows)) - before) / rate_hz
     stage, reference = (np.asarray(rows[name], dtype=float) for name in ("stage_um", "reference_um"))
     late = t_s > 0.6 * _AFTER_S
     settled = float(np.sqrt(np.mean((stage - reference)[late] ** 2)))
-    overshoot = float((stage[t_s > 0].max() - STEP_UM) / STEP_UM)
-    outside = np.flatnonzero((np.abs(stage - STEP_UM) > _SETTLED_SHARE * STEP_UM) & (t_s >= 0))
+    noise = float(stage[(t_s < 0) & (t_s > -0.8 * _BEFORE_S)].std())
+    overshoot = max(0.0, float(stage[t_s > 0].max() - STEP_UM) - _NOISES * noise) / STEP_UM
+    band = max(_SETTLED_SHARE * STEP_UM, _NOISES * noise)
+    outside = np.flatnonzero((np.abs(stage - STEP_UM) > band) & (t_s >= 0))
     settling = float(t_s[outside[-1]]) if len(outside) else 0.0
     near = (t_s > -0.02) & (t_s < 0.15)
     step = t_s[near], reference[near], stage[near]
+    path_um, amplitude_um = path_error(configuration, experiment, axis)
     return Validation(
-        step, overshoot, settling, settled, rejection(configuration, axis), coupling(configuration, experiment, axis)
+        step,
+        overshoot,
+        settling,
+        settled,
+        noise,
+        band,
+        path_um,
+        amplitude_um,
+        rejection(configuration, axis),
+        coupling(configuration, experiment, axis),
     )
-
-
-_FILE = File(source="file", path="(excitation)")
 
 
 def coupling(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, float]:
     """Move the axis' set-point slowly up and down; what the others' sensors see of it, by signal name."""
     rate_hz, names = configuration.loop.rate_hz, list(configuration.axes)
     count, i = round(_MOVE_S * rate_hz), names.index(axis)
-    samples = working_points(configuration, count)
+    samples = resting(configuration, axis, count)
     samples[:, i] += _MOVE_UM * np.sin(2 * np.pi * np.arange(count) / count)
-    played = with_reference(with_axes(configuration, mode="strain"), _FILE)
+    played = with_reference(alone(configuration, axis, "strain"), EXCITED)
     rows = experiment(played, _MOVE_S, samples)["axis"]
     seen = {}
     for role in ("strain", "stage"):

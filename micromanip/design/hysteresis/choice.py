@@ -10,22 +10,38 @@ from numpy.typing import NDArray
 
 from micromanip.settings.schema.hysteresis import Range
 
-from .fit import HysteresisFit, fit, structure_of
+from .fit import Flags, HysteresisFit, counting, delayed, fit, structure_of
 from .structure import Structure
 
 Array = NDArray[np.float64]
 
 _FITTED_SHARE = 0.7
 _STARTS = {"pi-free": 2}
+_DELAYS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0)
+_LATEST_S, _LATEST_SAMPLES = 2e-3, 2.0
+"""Dead times that are tried, in samples; what is later than both of these is dynamics, which other records show."""
+_WORTH = 0.97
+"""A dead time is taken where the error falls below this share: it is one parameter more."""
+_ALIKE = 1.15
+"""Of kinds whose errors are within this factor of the least, the one with the fewest parameters is taken: where a
+record repeats itself, as a sine does, its rest can't tell that rate and creep stand in for one another.
+"""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A structure, its error (percent rms) on the first part of the record and on the rest."""
+    """A kind of model, its error (percent rms) on the first part of the record and on the rest."""
 
-    structure: Structure
+    name: str
     fitted_percent: float
     held_out_percent: float
+    structure: Structure | None = None
+    delay_samples: float = 0.0
+
+    @property
+    def merit(self) -> float:
+        """The larger of the errors: a model must neither leave out what is there nor invent what is not."""
+        return max(self.fitted_percent, self.held_out_percent)
 
 
 def candidates(voltage_V: Array, step_s: float, plays: int = 10) -> list[Structure]:
@@ -39,32 +55,79 @@ def starts_for(structure: Structure) -> int:
     return _STARTS.get(structure.name.removesuffix("+creep"), 6)
 
 
+def parted(used: Flags) -> tuple[int, Flags]:
+    """The end of the first 70 % of the samples that count (n,), and those behind it."""
+    at = np.flatnonzero(used)
+    count = int(at[round(_FITTED_SHARE * len(at))])
+    return count, used & (np.arange(len(used)) >= count)
+
+
 def choose(
     structures: list[Structure],
     voltage_V: Array,
     displacement_um: Array,
     range_um: Range,
-    burn_in: int,
+    burn_in: int | Flags,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[HysteresisFit, list[Candidate]]:
     """Best of `structures`: each is fitted to the first 70 % and judged on the rest; the winner is fitted to all.
 
-    The figure of merit is the larger of the two errors: a model must neither leave out what is in the record nor
-    invent what is not. The candidates come back best first.
+    Of kinds that are as good the simplest wins; it is tried behind dead times, too. The candidates come back with the
+    least error first.
     """
-    count = burn_in + round(_FITTED_SHARE * (len(voltage_V) - burn_in))
-    tried = []
+    used = counting(len(voltage_V), burn_in)
+    count, rest = parted(used)
+    v, y = voltage_V[:count], displacement_um[:count]
+    tried: list[Candidate] = []
+    fits: list[HysteresisFit] = []
     for structure in structures:
         progress(structure.name)
         try:
-            first = fit(structure, voltage_V[:count], displacement_um[:count], range_um, burn_in, starts_for(structure))
+            first = fit(structure, v, y, range_um, used[:count], starts_for(structure))
         except ValueError:
             continue  # this kind has no invertible model of the record
-        held_out = first.held_out(voltage_V, displacement_um, count)[0]
-        tried.append(Candidate(structure, first.rms_percent, held_out))
+        fits.append(first)
+        tried.append(_candidate(first, voltage_V, displacement_um, rest))
     if not tried:
         raise ValueError("no kind of model fits; the record may not show a hysteresis loop")
-    tried.sort(key=lambda candidate: max(candidate.fitted_percent, candidate.held_out_percent))
-    progress(f"{tried[0].structure.name}, on the whole record")
-    best = fit(tried[0].structure, voltage_V, displacement_um, range_um, burn_in, starts_for(tried[0].structure))
-    return best, tried
+    least = min(candidate.merit for candidate in tried)
+    alike = [k for k, candidate in enumerate(tried) if candidate.merit <= _ALIKE * least]
+    best = min(alike, key=lambda k: (len(fits[k].x), tried[k].merit))
+    chosen = tried[best]
+    progress(f"{tried[best].name} behind a dead time")
+    late = _with_dead_time(fits[best], tried[best], voltage_V, displacement_um, used, rest, range_um)
+    if late is not None:
+        tried.append(late)
+        chosen = late
+    tried.sort(key=lambda candidate: candidate.merit)
+    progress(f"{chosen.name}, on the whole record")
+    structure = chosen.structure or structures[0]
+    whole = fit(structure, voltage_V, displacement_um, range_um, used, starts_for(structure))
+    if chosen.delay_samples:
+        behind = delayed(whole, chosen.delay_samples, voltage_V, displacement_um, used, range_um)
+        whole = behind if behind.rms_um < whole.rms_um else whole
+    return whole, tried
+
+
+def _candidate(first: HysteresisFit, v: Array, y: Array, rest: Flags) -> Candidate:
+    late = first.delay_samples
+    name = first.structure.name + ("+delay" if late else "")
+    return Candidate(name, first.rms_percent, first.held_out(v, y, rest)[0], first.structure, late)
+
+
+def _with_dead_time(
+    first: HysteresisFit, plain: Candidate, v: Array, y: Array, used: Flags, rest: Flags, range_um: Range
+) -> Candidate | None:
+    """The best dead time, or None where none is worth it."""
+    count = int(np.flatnonzero(rest)[0])
+    best, limit = plain, max(_LATEST_SAMPLES, _LATEST_S / first.structure.step_s)
+    for samples in _DELAYS:
+        if samples > limit:
+            break
+        try:
+            fitted = delayed(first, samples, v[:count], y[:count], used[:count], range_um)
+        except ValueError:
+            continue  # no inverse
+        found = _candidate(fitted, v, y, rest)
+        best = found if found.merit < best.merit else best
+    return best if best.merit < _WORTH * plain.merit else None

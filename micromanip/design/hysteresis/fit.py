@@ -9,13 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from micromanip.recordings.spikes import find_spikes, off_median
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
+from .centring import about_zero, span
 from .shapings import Affine, Table, Tanh
 from .structure import Structure
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
+_BEGUN, _PLACES = 0.1, 41
+"""Share of a record by which the plays' start is found, and how many are tried."""
 _COARSE_SAMPLES = 6000
 _BLOCKS = 20
 _KNOTS = 6
@@ -24,7 +29,11 @@ _CREEP_S = (0.1, 1.0, 10.0, 100.0)
 
 @dataclass(frozen=True)
 class HysteresisFit:
-    """A fitted model; errors in um on the record after its burn-in."""
+    """A fitted model; errors in um on the samples of the record that count.
+
+    `spikes` (n,) are samples that were found to be wrong by what the model leaves of them: they do not count either.
+    `delay_samples` is the dead time before everything else.
+    """
 
     structure: Structure
     x: Array
@@ -35,6 +44,8 @@ class HysteresisFit:
     cost: float
     parameter_std: Array
     stroke_um: float
+    spikes: Flags
+    delay_samples: float = 0.0
 
     @property
     def rms_percent(self) -> float:
@@ -48,13 +59,33 @@ class HysteresisFit:
 
     def predict(self, voltage_V: Array) -> Array:
         """Displacement (n,) in um over `voltage_V` (n,), sampled like the record."""
-        return self.structure.value(self.x, np.asarray(voltage_V, dtype=float))[0]
+        return self.structure.value(self.x, late(np.asarray(voltage_V, dtype=float), self.delay_samples))[0]
 
-    def held_out(self, voltage_V: Array, displacement_um: Array, burn_in: int) -> tuple[float, float]:
-        """Rms and maximum, percent of stroke, on a record it was not fitted to; the offset is refitted."""
-        error = (self.predict(voltage_V) - displacement_um)[burn_in:]
+    def begun(self, voltage_V: Array, displacement_um: Array, counts: Flags) -> HysteresisFit:
+        """The model on another record (n,), (n,): where its plays were before, by the first tenth that `counts`."""
+        first = np.flatnonzero(counts)
+        used = first[: max(2, round(_BEGUN * len(first)))]
+        part = slice(0, int(used[-1]) + 1)
+        v = late(np.asarray(voltage_V, dtype=float), self.delay_samples)
+        u = self.structure.shaping.value(self.x[: self.structure.shaping.count], v)[0]
+        reach = u - self.x[self.structure.shaping.offset]
+        best, least = self, np.inf
+        for place in np.linspace(float(reach.min()), float(reach.max()), _PLACES):
+            x = np.append(self.x[:-1], place)
+            error = (self.structure.value(x, v[part])[0] - displacement_um[part])[used]
+            cost = float(np.var(error))
+            if cost < least * (1.0 - 1e-9):
+                best, least = replace(self, x=x), cost
+        return best
+
+    def held_out(self, voltage_V: Array, displacement_um: Array, counts: int | Flags) -> tuple[float, float]:
+        """Rms and maximum, percent of stroke, on what it was not fitted to, of the samples that count (n,), or those
+        from number `counts` on; the offset is refitted.
+        """
+        used = counting(len(voltage_V), counts)
+        error = (self.predict(voltage_V) - displacement_um)[used]
         error = error - error.mean()
-        stroke = float(np.ptp(displacement_um[burn_in:]))
+        stroke = float(np.ptp(displacement_um[used]))
         return 100.0 * float(np.sqrt(np.mean(error**2))) / stroke, 100.0 * float(np.abs(error).max()) / stroke
 
 
@@ -79,8 +110,19 @@ def structure_of(
     return Structure(Tanh(voltage_V), plays, False, step_s, creep_s, rate=kind == "rate", name=name)
 
 
+def counting(samples: int, counts: int | Flags) -> Flags:
+    """Which of `samples` count, (n,): all from number `counts` on, or as it says itself."""
+    return np.arange(samples) >= counts if isinstance(counts, int) else counts
+
+
+def late(v: Array, samples: float) -> Array:
+    """`v` (n,) that many samples later, which need not be whole; before it stands still."""
+    at = np.arange(len(v))
+    return np.interp(at - samples, at, v) if samples else v
+
+
 def _solve(
-    structure: Structure, start: Array, v: Array, y: Array, burn_in: int, evaluations: int
+    structure: Structure, start: Array, v: Array, y: Array, used: Flags, evaluations: int
 ) -> tuple[Array, float]:
     prior = structure.prior(float(np.ptp(y)) * np.sqrt(len(y)))
 
@@ -93,10 +135,10 @@ def _solve(
         return last
 
     def residual(x: Array) -> Array:
-        return np.concatenate([(at(x)[1] - y)[burn_in:], prior @ x])
+        return np.concatenate([(at(x)[1] - y)[used], prior @ x])
 
     def jacobian(x: Array) -> Array:
-        return np.vstack([at(x)[2][burn_in:], prior])
+        return np.vstack([at(x)[2][used], prior])
 
     # MINPACK: no singular values of a tall matrix, which BLAS threads would make slower instead of faster
     with np.errstate(over="ignore", invalid="ignore"):
@@ -109,24 +151,26 @@ def fit(
     voltage_V: Array,
     displacement_um: Array,
     range_um: Range,
-    burn_in: int = 0,
+    burn_in: int | Flags = 0,
     starts: int = 8,
     seed: int = 0,
     progress: Callable[[], None] = lambda: None,
 ) -> HysteresisFit:
-    """Fit `structure` to a record (n,), (n,); the first `burn_in` samples do not count.
+    """Fit `structure` to a record (n,), (n,); the first `burn_in` samples do not count, or those that it (n,) excludes.
 
-    Starts are tried on a thinned record, the best one is polished on all samples.
+    Starts are tried on a thinned record, the best one is polished on all samples. Single samples that the model then
+    leaves far from all others are excluded, and it is polished once more.
     """
-    v, y = np.ascontiguousarray(voltage_V, dtype=float), np.ascontiguousarray(displacement_um, dtype=float)
+    used = counting(len(voltage_V), burn_in)
+    centred, v, y, middle = _centred(structure, voltage_V, displacement_um, used)
     thin = max(1, len(v) // _COARSE_SAMPLES)
-    coarse = replace(structure, step_s=structure.step_s * thin)
+    coarse = replace(centred, step_s=structure.step_s * thin)
     rng = np.random.default_rng(seed)
     tried = []
     for k in range(starts):
         start = structure.start(y, rng, 0.0 if k == 0 else 1.0)
         try:
-            tried.append(_solve(coarse, start, v[::thin].copy(), y[::thin].copy(), burn_in // thin, 80))
+            tried.append(_solve(coarse, start, v[::thin].copy(), y[::thin].copy(), used[::thin], 80))
         except (ValueError, np.linalg.LinAlgError):
             continue  # a start may leave the range of floating point; the others go on
         finally:
@@ -134,15 +178,55 @@ def fit(
     if not tried:
         raise ValueError("no start of the fit converged; the record may not show a hysteresis loop")
     best = min(tried, key=lambda candidate: candidate[1])[0]
-    x, cost = _solve(structure, best, v, y, burn_in, 60)
-    return _judged(structure, x, cost, v, y, burn_in, range_um)
+    x, cost = _solve(centred, best, v, y, used, 200)
+    wrong = _spikes(centred.value(x, v)[0] - y, y) & used
+    if wrong.any():
+        x, cost = _solve(centred, x, v, y, used & ~wrong, 200)
+    return _judged(structure, x, cost, v, y, used & ~wrong, middle, range_um, wrong)
+
+
+def _spikes(error: Array, y: Array) -> Flags:
+    """Samples (n,) that the model leaves alone and that stand out of the measurement itself, not only of the model."""
+    return find_spikes(error) & (off_median(y) > 0.5 * off_median(error))
+
+
+def delayed(fitted: HysteresisFit, samples: float, v: Array, y: Array, used: Flags, range_um: Range) -> HysteresisFit:
+    """`fitted` once more, from where it is, behind a dead time of so many samples."""
+    kept = used & ~fitted.spikes
+    centred, v, about, middle = _centred(fitted.structure, late(v, samples), y, used)
+    start = fitted.structure.shifted(fitted.x, -middle)
+    x, cost = _solve(centred, start, v, about, kept, 200)
+    found = _judged(fitted.structure, x, cost, v, about, kept, middle, range_um, fitted.spikes)
+    return replace(found, delay_samples=samples)
+
+
+def _centred(structure: Structure, v: Array, y: Array, used: Flags) -> tuple[Structure, Array, Array, float]:
+    """Structure and signals about zero, with the same parameters but for the offset, and the middle of `y`."""
+    shaping = structure.shaping
+    middle, half = span(y[used])
+    return (
+        replace(structure, shaping=shaping.about_zero()),
+        about_zero(np.asarray(v, dtype=float), shaping.middle, shaping.half),
+        about_zero(np.asarray(y, dtype=float), middle, half),
+        middle,
+    )
 
 
 def _judged(
-    structure: Structure, x: Array, cost: float, v: Array, y: Array, burn_in: int, range_um: Range
+    structure: Structure,
+    x: Array,
+    cost: float,
+    v: Array,
+    y: Array,
+    used: Flags,
+    middle: float,
+    range_um: Range,
+    spikes: Flags,
 ) -> HysteresisFit:
-    predicted, jacobian = structure.value(x, v)
-    error, jacobian = (predicted - y)[burn_in:], jacobian[burn_in:]
+    """The model and its errors; `x` and `y` are about zero, which is at `middle`."""
+    predicted, jacobian = replace(structure, shaping=structure.shaping.about_zero()).value(x, v)
+    error, jacobian = (predicted - y)[used], jacobian[used]
+    x = structure.shifted(x, middle)
     blocks = np.array([np.mean(block**2) for block in np.array_split(error, _BLOCKS)])
     rms = float(np.sqrt(np.mean(error**2)))
     rms_std = float(blocks.std() / np.sqrt(_BLOCKS) / (2 * rms)) if rms > 0 else 0.0
@@ -161,5 +245,6 @@ def _judged(
         rms_std,
         cost,
         np.sqrt(np.maximum(np.diag(covariance), 0.0)),
-        float(np.ptp(y[burn_in:])),
+        float(np.ptp(y[used])),
+        spikes,
     )

@@ -28,17 +28,23 @@ def _plays(
     r: Any,
     rho: Any,
     alpha: float,
+    start: float,
+    dstart: Any,
     y: Any,
     by_shape: Any,
     by_threshold: Any,
     states: Any,
     by_kappa: Any,
+    by_start: Any,
 ) -> None:
     """Fill outputs and derivatives, a row per sample; see ``Sensitivities``."""
     samples, shapes = du.shape
     plays = len(r)
-    w = np.zeros(plays)
+    w = np.full(plays, start)
     dw = np.zeros((plays, shapes))
+    for j in range(shapes):
+        dw[:, j] = dstart[j]
+    kept = np.ones(plays)
     dr = np.zeros(plays)
     dk = np.zeros(plays)
     for k in range(samples):
@@ -47,6 +53,7 @@ def _plays(
         sign = 1.0 if change > 0.0 else -1.0
         total = alpha * u[k]
         kappa_total = 0.0
+        start_total = 0.0
         for j in range(shapes):
             by_shape[k, j] = alpha * du[k, j]
         for i in range(plays):
@@ -59,6 +66,7 @@ def _plays(
             if side != 0.0:
                 w[i] = u[k] - side * threshold
                 dr[i] = -side
+                kept[i] = 0.0
                 dk[i] = -side * speed
                 for j in range(shapes):
                     widened = sign * (du[k, j] - du[k - 1, j]) / speed_step if k > 0 else 0.0
@@ -67,10 +75,12 @@ def _plays(
             states[k, i] = w[i]
             by_threshold[k, i] = rho[i] * dr[i]
             kappa_total += rho[i] * dk[i]
+            start_total += rho[i] * kept[i]
             for j in range(shapes):
                 by_shape[k, j] += rho[i] * dw[i, j]
         y[k] = total
         by_kappa[k] = kappa_total
+        by_start[k] = start_total
 
 
 @dataclass(frozen=True)
@@ -78,7 +88,8 @@ class Sensitivities:
     """Output (n,) of the model and its derivatives, a row per sample.
 
     ``by_shape`` (n, shapes) with respect to the shaping's parameters, ``by_threshold`` (n, plays),
-    ``states`` (n, plays) the play outputs, which are the derivatives by the weights, ``by_kappa`` (n,).
+    ``states`` (n, plays) the play outputs, which are the derivatives by the weights, ``by_kappa`` (n,),
+    ``by_start`` (n,) with respect to where the plays were before the first sample.
     """
 
     y: Array
@@ -86,17 +97,28 @@ class Sensitivities:
     by_threshold: Array
     states: Array
     by_kappa: Array
+    by_start: Array
 
 
 def respond(
-    u: Array, du: Array, r: Array, rho: Array, alpha: float = 1.0, kappa: float = 0.0, step_s: float = 1.0
+    u: Array,
+    du: Array,
+    r: Array,
+    rho: Array,
+    alpha: float = 1.0,
+    kappa: float = 0.0,
+    step_s: float = 1.0,
+    start: float = 0.0,
+    dstart: Array | None = None,
 ) -> Sensitivities:
-    """Response to the shaped input `u` (n,), with `du` (n, shapes) its derivatives; plays start as (3).
+    """Response to the shaped input `u` (n,), with `du` (n, shapes) its derivatives.
 
-    `kappa` (s) widens every threshold by kappa times the speed of u, at a sampling of `step_s`.
+    All plays were at `start`, with derivatives `dstart` (shapes,), before the first sample: (3) has 0. `kappa` (s)
+    widens every threshold by kappa times the speed of u, at a sampling of `step_s`.
     """
     n, plays = len(u), len(r)
-    result = Sensitivities(np.empty(n), np.empty(du.shape), np.empty((n, plays)), np.empty((n, plays)), np.empty(n))
+    tables = np.empty(du.shape), np.empty((n, plays)), np.empty((n, plays))
+    result = Sensitivities(np.empty(n), *tables, np.empty(n), np.empty(n))
     _plays(
         u,
         du,
@@ -105,10 +127,13 @@ def respond(
         r,
         rho,
         alpha,
+        start,
+        np.zeros(du.shape[1]) if dstart is None else dstart,
         result.y,
         result.by_shape,
         result.by_threshold,
         result.states,
         result.by_kappa,
+        result.by_start,
     )
     return result

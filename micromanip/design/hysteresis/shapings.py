@@ -6,12 +6,14 @@ value at the middle of the record, its half range and its position, and c3..c6 c
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from copy import copy
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .centring import Array, span
+
+_Family = TypeVar("_Family", bound="Shaping")
 
 
 class Shaping(Protocol):
@@ -19,6 +21,14 @@ class Shaping(Protocol):
 
     name: str
     count: int
+    middle: float
+    half: float
+    offset: int
+    """Which parameter is added to every value."""
+
+    def about_zero(self) -> Self:
+        """The same family, with the same parameters, over voltages less their middle."""
+        ...
 
     def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
         """Parameters to begin with: phi covers about `scale_um` around `middle_um`; random by `spread`."""
@@ -33,13 +43,22 @@ class Shaping(Protocol):
         ...
 
 
+def _about_zero(shaping: _Family) -> _Family:
+    moved = copy(shaping)
+    moved.middle = 0.0
+    return moved
+
+
 class Affine:
     """Equation (15): parameters log slope over the half range, value at the middle."""
 
-    name, count = "affine", 2
+    name, count, offset = "affine", 2, 1
 
     def __init__(self, v: Array) -> None:
-        self.middle, self.half = 0.5 * (float(v.min()) + float(v.max())), 0.5 * float(np.ptp(v))
+        self.middle, self.half = span(v)
+
+    def about_zero(self) -> Self:
+        return _about_zero(self)
 
     def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
         return np.array([np.log(0.5 * scale_um), middle_um]) + spread * np.array([0.3, 0.1 * scale_um]) * rng.normal(
@@ -58,10 +77,13 @@ class Affine:
 class Tanh:
     """Equation (16): parameters log slope, value at the middle, log half range of the argument, its centre."""
 
-    name, count = "tanh", 4
+    name, count, offset = "tanh", 4, 1
 
     def __init__(self, v: Array) -> None:
-        self.middle, self.half = 0.5 * (float(v.min()) + float(v.max())), 0.5 * float(np.ptp(v))
+        self.middle, self.half = span(v)
+
+    def about_zero(self) -> Self:
+        return _about_zero(self)
 
     def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
         centre = np.array([np.log(0.5 * scale_um), middle_um, np.log(0.5), 0.0])
@@ -91,8 +113,15 @@ class Table:
     name = "table"
 
     def __init__(self, v: Array, knots: int) -> None:
-        self.knots = np.linspace(float(v.min()), float(v.max()), knots)
-        self.count = knots
+        self.middle, self.half = span(v)
+        self.count, self.offset = knots, knots - 1
+
+    @property
+    def knots(self) -> Array:
+        return np.asarray(self.middle + self.half * np.linspace(-1.0, 1.0, self.count))
+
+    def about_zero(self) -> Self:
+        return _about_zero(self)
 
     def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
         rises = np.full(self.count - 1, np.log(scale_um / (self.count - 1)))
@@ -102,8 +131,9 @@ class Table:
     def value(self, x: Array, v: Array) -> tuple[Array, Array]:
         rises = np.exp(x[:-1])
         heights = x[-1] + np.append(0.0, np.cumsum(rises))
-        i = np.clip(np.searchsorted(self.knots, v) - 1, 0, self.count - 2)
-        share = (v - self.knots[i]) / (self.knots[i + 1] - self.knots[i])
+        knots = self.knots
+        i = np.clip(np.searchsorted(knots, v) - 1, 0, self.count - 2)
+        share = (v - knots[i]) / (knots[i + 1] - knots[i])
         by_height = np.zeros((len(v), self.count))
         by_height[np.arange(len(v)), i] = 1.0 - share
         by_height[np.arange(len(v)), i + 1] += share

@@ -1,8 +1,9 @@
 """A family of models to be fitted: shaping, weights, creep and rate dependence; value and Jacobian.
 
-Parameters in one vector: shaping, log beta, weights, creep gains, log kappa. Thresholds are ``r_i = beta i``.
+Parameters in one vector: shaping, log beta, weights, creep gains, log kappa, start. Thresholds are ``r_i = beta i``.
 Weights are either ``gamma exp(-delta r_i)`` (log gamma, root of delta) or free, as logarithms of the partial
-sums ``alpha + rho_1 + .. + rho_i``: positive partial sums are what makes the inverse exist.
+sums ``alpha + rho_1 + .. + rho_i``: positive partial sums are what makes the inverse exist. Start is where all plays
+were before the record, as the distance (um) from the shaping's offset, so that nothing depends on the sensor's zero.
 """
 
 from __future__ import annotations
@@ -58,7 +59,23 @@ class Structure:
         else:
             weights = np.array([np.log(0.9 / self.plays), 0.2]) + spread * np.array([0.7, 0.1]) * rng.normal(size=2)
         kappa = [np.log(1e-3 * stroke / self.plays)] if self.rate else []
-        return np.concatenate([shape, [beta], weights, np.zeros(len(self.creep_s)), kappa])
+        from_above = spread > 0.0 and rng.random() < 0.5
+        begin = [(0.6 if from_above else -0.6) * stroke * (1.0 + 0.3 * spread * rng.normal())]
+        return np.concatenate([shape, [beta], weights, np.zeros(len(self.creep_s)), kappa, begin])
+
+    @property
+    def _tail(self) -> int:
+        """Where creep gains, log kappa and start begin."""
+        return self.shaping.count + 1 + self.weight_count
+
+    def shifted(self, x: Array, offset_um: float) -> Array:
+        """Parameters of a model whose displacement is that of `x` plus `offset_um`."""
+        moved = x.copy()
+        r = np.exp(x[self.shaping.count]) * np.arange(1, self.plays + 1)
+        rho = self._weights(x[self.shaping.count + 1 : self._tail], r)[0]
+        gain = 1.0 + rho.sum() + x[self._tail : self._tail + len(self.creep_s)].sum()
+        moved[self.shaping.offset] += offset_um / gain
+        return moved
 
     def _weights(self, x: Array, r: Array) -> tuple[Array, Array, Array]:
         """Rho (plays,), its derivatives by the weights' parameters (plays, count) and by log beta (plays,)."""
@@ -77,11 +94,14 @@ class Structure:
         shape, beta = x[:at], np.exp(x[at])
         weight_x = x[at + 1 : at + 1 + self.weight_count]
         gains = x[at + 1 + self.weight_count : at + 1 + self.weight_count + len(self.creep_s)]
-        kappa = float(np.exp(x[-1])) if self.rate else 0.0
+        kappa = float(np.exp(x[-2])) if self.rate else 0.0
+        by_offset = np.zeros(self.shaping.count)
+        by_offset[self.shaping.offset] = 1.0
         u, du = self.shaping.value(shape, v)
         r = beta * np.arange(1, self.plays + 1)
         rho, by_weight, by_beta = self._weights(weight_x, r)
-        s = respond(u, du, r, rho, kappa=kappa, step_s=self.step_s)
+        start = float(x[self.shaping.offset] + x[-1])
+        s = respond(u, du, r, rho, kappa=kappa, step_s=self.step_s, start=start, dstart=by_offset)
         y, by_shape = s.y, s.by_shape
         lags = []
         for gain, time_constant in zip(gains, self.creep_s, strict=True):
@@ -91,11 +111,12 @@ class Structure:
         columns = [by_shape, s.by_threshold @ r + s.states @ by_beta, s.states @ by_weight, *lags]
         if self.rate:
             columns.append(kappa * s.by_kappa)
+        columns.append(s.by_start)
         return y, np.column_stack(columns)
 
     def prior(self, scale: float) -> Array:
         """Rows that ask for smooth neighbours, where there is a table or free weights: (rows, parameters)."""
-        at, total = self.shaping.count, self.shaping.count + 1 + self.weight_count + len(self.creep_s) + self.rate
+        at, total = self.shaping.count, self._tail + len(self.creep_s) + self.rate + 1
         rows = []
         if self.smoothness > 0.0:
             table = range(at - 2) if self.shaping.name == "table" else range(0)
@@ -111,13 +132,13 @@ class Structure:
         at = self.shaping.count
         r = np.exp(x[at]) * np.arange(1, self.plays + 1)
         rho = self._weights(x[at + 1 : at + 1 + self.weight_count], r)[0]
-        first = at + 1 + self.weight_count
+        first = self._tail
         return PrandtlIshlinskii(
             model="pi",
             **self.shaping.settings(x[:at]),
             thresholds_um=tuple(float(value) for value in r),
             weights=tuple(float(value) for value in rho),
-            rate_ms=1e3 * float(np.exp(x[-1])) if self.rate else 0.0,
+            rate_ms=1e3 * float(np.exp(x[-2])) if self.rate else 0.0,
             creep_s=self.creep_s,
             creep_gains=tuple(float(value) for value in x[first : first + len(self.creep_s)]),
             range_um=range_um,

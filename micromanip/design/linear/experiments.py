@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from scipy.signal import decimate
 
-from micromanip.design.table import column, read_table, require_movement, require_numbers, sampling, time_column
+from micromanip.design.movement import require_movement, stands_still
 from micromanip.errors import CheckFailed
+from micromanip.recordings import Recording, Wanted, take
+from micromanip.recordings.spikes import bridged
 
 from .modal import Array
+from .subspace import Experiment
 
-_LEAST_SAMPLES = 200
+_LEAST_SAMPLES, _LEAST_PIECE = 200, 100
 _SAME_RATE, _WHOLE = 0.01, 0.01
 _COPY = 1e-9
 
 
 @dataclass(frozen=True)
 class LinearRecord:
-    """Inputs (n, m) and outputs (n, l) sampled every `dt` seconds, and where they came from."""
+    """Inputs (n, m) and outputs (n, l) sampled every `dt` seconds, and where they came from.
+
+    Samples are missing before each of `breaks`: what is on either side are experiments of their own.
+    """
 
     file: Path
     inputs: tuple[str, ...]
@@ -29,14 +36,30 @@ class LinearRecord:
     u: Array
     y: Array
     dt: float
+    breaks: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+    told: str = ""
+
+    @property
+    def experiments(self) -> list[Experiment]:
+        """Inputs and outputs of each part without a gap."""
+        ends = [0, *self.breaks, len(self.u)]
+        return [(self.u[first:last], self.y[first:last]) for first, last in pairwise(ends)]
+
+    def _part(self, first: int, last: int) -> LinearRecord:
+        """Samples `first` up to `last`; pieces that the cut leaves too short are left out."""
+        inner = [k for k in self.breaks if first < k < last]
+        ends = [first, *inner, last]
+        kept = [piece for piece in pairwise(ends) if piece[1] - piece[0] >= min(_LEAST_PIECE, last - first)]
+        used = np.concatenate([np.arange(*piece) for piece in kept]) if kept else np.arange(first, last)
+        breaks = np.cumsum([end - begin for begin, end in kept])[:-1] if kept else np.array([], dtype=int)
+        return replace(self, u=self.u[used], y=self.y[used], breaks=tuple(int(k) for k in breaks))
 
     def split(self, share: float) -> tuple[LinearRecord, LinearRecord | None]:
         """The first `share` of the record, and the rest, if any. CheckFailed where one of them is too short."""
         count = round(share * len(self.u))
-        parts = [slice(None, count)] if count == len(self.u) else [slice(None, count), slice(count, None)]
-        records = [
-            LinearRecord(self.file, self.inputs, self.outputs, self.u[part], self.y[part], self.dt) for part in parts
-        ]
+        parts = [(0, count)] if count == len(self.u) else [(0, count), (count, len(self.u))]
+        records = [self._part(*part) for part in parts]
         for record in records:
             if len(record.u) < _LEAST_SAMPLES // 2:
                 raise CheckFailed(
@@ -46,8 +69,8 @@ class LinearRecord:
             still = [
                 name
                 for names, values in ((self.inputs, record.u), (self.outputs, record.y))
-                for name, moved in zip(names, np.ptp(values, axis=0), strict=True)
-                if moved <= 1e-12 * max(1.0, float(np.abs(values).max()))
+                for name, moved in zip(names, values.T, strict=True)
+                if stands_still(moved)
             ]
             if still:
                 part = "first" if record is records[0] else "last"
@@ -58,45 +81,54 @@ class LinearRecord:
         return records[0], records[1] if len(records) > 1 else None
 
 
-def load_linear(
-    file: Path, inputs: Sequence[str], outputs: Sequence[str], dt: float | None, time_name: str | None = None
-) -> LinearRecord:
-    """Read the columns `inputs` and `outputs` of a CSV, a text without header (by number), or a recording of ours.
+def load_linear(file: Path, wanted: Wanted, inputs: int) -> LinearRecord:
+    """Read the columns of `wanted`, of which the first `inputs` are inputs, the others outputs.
 
-    `dt` is the sampling interval, s, of the model: that of the record's time column (by default the first whose name
-    begins with t), or a whole multiple of it, for which the record is low-passed and thinned. Raises CheckFailed, with
-    what to record instead, for data that can't be used.
+    Its `step_s` is the sampling interval, s, of the model: that of the record's time column, or a whole multiple of it,
+    for which the record is low-passed and thinned. Raises CheckFailed, with what to record instead, for data that can't
+    be used.
     """
-    table = read_table(file)
-    u, y = ({name: column(file, table, name) for name in names} for names in (inputs, outputs))
-    require_numbers(file, u | y, table.first_line)
-    if len(next(iter(u.values()))) < _LEAST_SAMPLES:
-        raise CheckFailed(f"{file}: {len(table[inputs[0]])} samples are too few; record at least {_LEAST_SAMPLES}")
-    require_movement(file, u | y)
-    _require_different(file, u)
-    time = time_name or time_column(table)
-    if time is None:
-        if dt is None:
-            raise CheckFailed(
-                f"{file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
-            )
-        thin = 1
-    else:
-        step = sampling(file, time, column(file, table, time))
-        dt = step if dt is None else dt
-        thin = _thinning(file, time, step, dt)
-    stacked = [np.column_stack(list(columns.values())) for columns in (u, y)]
+    taken = take(file, wanted)
+    if len(taken.values) < _LEAST_SAMPLES:
+        raise CheckFailed(f"{file}: {len(taken.values)} samples are too few; record at least {_LEAST_SAMPLES}")
+    columns = dict(zip(taken.names, taken.values.T, strict=True))
+    require_movement(file, columns)
+    _require_different(file, {name: columns[name] for name in taken.names[:inputs]})
+    dt = taken.step_s if wanted.step_s is None or wanted.rate_hz is not None else wanted.step_s
+    thin = _thinning(file, taken.step_s, dt)
+    pieces, notes = _pieces(taken)
     if thin > 1:
-        # both go through the same filter, which so cancels in the model
-        stacked = [np.asarray(decimate(values, thin, ftype="fir", axis=0)) for values in stacked]
-    return LinearRecord(file, tuple(inputs), tuple(outputs), stacked[0], stacked[1], dt)
+        # all go through the same filter, which so cancels in the model
+        pieces = [np.asarray(decimate(piece, thin, ftype="fir", axis=0)) for piece in pieces]
+    values = np.concatenate(pieces)
+    breaks = tuple(int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1])
+    u, y = values[:, :inputs], values[:, inputs:]
+    return LinearRecord(file, taken.names[:inputs], taken.names[inputs:], u, y, dt, breaks, tuple(notes), taken.told())
 
 
-def _thinning(file: Path, time: str, step: float, dt: float) -> int:
+def _pieces(taken: Recording) -> tuple[list[Array], list[str]]:
+    """The parts (n, columns) without a gap that are long enough to be used, spikes bridged, and what is to be told."""
+    smooth = np.column_stack(
+        [bridged(column, flags) for column, flags in zip(taken.values.T, taken.spikes.T, strict=True)]
+    )
+    pieces = [smooth[part] for part in taken.pieces]
+    long = [piece for piece in pieces if len(piece) >= _LEAST_PIECE]
+    if sum(len(piece) for piece in long) < _LEAST_SAMPLES:
+        raise CheckFailed(
+            f"{taken.file}: of {len(pieces)} parts between gaps the longest has "
+            f"{max(len(piece) for piece in pieces)} samples, which is too short; record without gaps, "
+            f"at least {_LEAST_SAMPLES} samples"
+        )
+    short = len(pieces) - len(long)
+    told = [f"{short} of {len(pieces)} parts between gaps are shorter than {_LEAST_PIECE} samples and are left out"]
+    return long, [*taken.notes, *(told if short else [])]
+
+
+def _thinning(file: Path, step: float, dt: float) -> int:
     ratio = dt / step
     if abs(ratio - round(ratio)) > _WHOLE * ratio or round(ratio) < 1:
         raise CheckFailed(
-            f"{file}: --dt {dt:.6g} s is no whole multiple of the record's sampling interval, {step:.6g} s by {time}"
+            f"{file}: --dt {dt:.6g} s is no whole multiple of the record's sampling interval, {step:.6g} s"
         )
     return round(ratio)
 

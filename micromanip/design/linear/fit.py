@@ -8,7 +8,7 @@ import numpy as np
 
 from .choice import choose, modes_of
 from .delay import first_answers
-from .modal import Modes
+from .modal import Array, Modes
 from .model import LinearFit, as_columns, delayed
 from .noise import kalman_gain
 from .refinement import refine
@@ -17,6 +17,7 @@ from .subspace import Experiment, compress, observability
 _REFINEMENTS = 8
 _CHANNEL_ROWS, _SAMPLES_A_ROW = 120, 10
 _LONGEST_DELAY = 20
+_GRID = 2.0**24
 
 
 def fit_linear(
@@ -46,7 +47,8 @@ def fit_linear(
         bad = np.flatnonzero(~(np.isfinite(scale) & (scale > 0)))
         if len(bad):
             raise ValueError(f"{name} {bad[0] + 1} is constant or not finite")
-    scaled = [((u - offsets_u) / scale_u, (y - offsets_y) / scale_y) for u, y in pairs]
+    # on a grid far finer than any sensor's digit: rounding must not depend on where a sensor has its zero
+    scaled = [(_gridded((u - offsets_u) / scale_u), _gridded((y - offsets_y) / scale_y)) for u, y in pairs]
     shortest, channels = min(len(u) for u, _ in scaled), len(scale_u) + len(scale_y)
     least = -(-3 * (order or 1) // (2 * len(scale_y))) + 1
     rows = block_rows or max(least, min(_CHANNEL_ROWS, shortest // _SAMPLES_A_ROW) // channels)
@@ -84,6 +86,10 @@ def fit_linear(
         values,
         tried,
     )
+
+
+def _gridded(scaled: Array) -> Array:
+    return np.asarray(np.rint(scaled * _GRID) / _GRID)
 
 
 def _check(pairs: Sequence[Experiment], dt: float, delays: Sequence[int] | None) -> None:

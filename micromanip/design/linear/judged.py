@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,24 +11,32 @@ import numpy as np
 from micromanip.errors import CheckFailed
 
 from .experiments import LinearRecord, same_rate
-from .fit import fit_linear
 from .frequency import FrequencyResponse, frequency_response
 from .modal import Array
 from .model import LinearFit
+from .selection import select
+from .strict import strict_errors
+from .subspace import Experiment
 
 _SHOWN_VALUES = 40
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A model, what it was fitted to, its free run on what was held out, and the response measured directly."""
+    """A model, its free run on what was held out, that of ARX(1), and the response measured directly.
+
+    The strict errors (outputs,) are those behind the first tenth of each part, to which state and offset are fitted.
+    """
 
     model: LinearFit
     held_out: list[LinearRecord]
     fit_percent: Array
     rms_error_percent: Array
-    validation: tuple[Array, Array] | None
+    strict_percent: Array
+    arx1_percent: Array
+    validation: dict[str, list[float]] | None
     measured: FrequencyResponse
+    notes: list[str]
 
     def report(self) -> dict[str, Any]:
         """The machine-readable result."""
@@ -41,8 +49,9 @@ class Judged:
             "delay_samples": list(model.delays),
             "fit_percent": self.fit_percent.tolist(),
             "rms_error_percent": self.rms_error_percent.tolist(),
-            "validation": self.validation
-            and {"fit_percent": self.validation[0].tolist(), "rms_error_percent": self.validation[1].tolist()},
+            "strict_fit_percent": (100.0 - self.strict_percent).tolist(),
+            "arx1_strict_fit_percent": (100.0 - self.arx1_percent).tolist(),
+            "validation": self.validation,
             "poles_z": [[pole.real, pole.imag] for pole in poles.tolist()],
             "poles_Hz": [float(abs(value)) / (2.0 * np.pi) for value in s],
             "poles_damping": [float(-value.real / abs(value)) for value in s],
@@ -57,6 +66,7 @@ class Judged:
             "K": model.kalman_gain.tolist(),
             "offsets_u": model.offsets_u.tolist(),
             "offsets_y": model.offsets_y.tolist(),
+            "notes": self.notes,
         }
 
 
@@ -77,13 +87,33 @@ def fit_records(
     judged = [rest for _, rest in parts if rest is not None]
     if not judged and validation is not None:
         judged = [validation]
+    fitted_to, left_out = _experiments(part for part, _ in parts), _experiments(judged)
     try:
-        model = fit_linear([(part.u, part.y) for part, _ in parts], records[0].dt, order, progress=progress)
+        selected = select(fitted_to, left_out, records[0].dt, order, progress)
+        model = selected.model
         progress("frequency response")
-        measured = frequency_response([(record.u, record.y) for record in records], model.dt)
+        measured = frequency_response(_experiments(records), model.dt)
     except ValueError as problem:
         raise CheckFailed(f"{records[0].file}: {problem}") from problem
     progress("free run")
-    rms = np.sqrt(np.mean([model.errors(part.u, part.y)[1] ** 2 for part in judged], axis=0))
-    other = model.errors(validation.u, validation.y) if validation else None
-    return Judged(model, judged, 100.0 - rms, rms, other, measured)
+    rms = _rms(model, left_out)
+    strict, arx1 = strict_errors(model, left_out), strict_errors(selected.arx1, left_out)
+    other = None
+    if validation is not None:
+        unseen = validation.experiments
+        errors = _rms(model, unseen)
+        other = {
+            "fit_percent": (100.0 - errors).tolist(),
+            "rms_error_percent": errors.tolist(),
+            "strict_fit_percent": (100.0 - strict_errors(model, unseen)).tolist(),
+        }
+    return Judged(model, judged, 100.0 - rms, rms, strict, arx1, other, measured, selected.notes)
+
+
+def _experiments(records: Iterable[LinearRecord]) -> list[Experiment]:
+    return [pair for record in records for pair in record.experiments]
+
+
+def _rms(model: LinearFit, experiments: Sequence[Experiment]) -> Array:
+    """Rms error of the free run (outputs,), percent, averaged over the experiments."""
+    return np.asarray(np.sqrt(np.mean([model.errors(u, y)[1] ** 2 for u, y in experiments], axis=0)))

@@ -43,6 +43,8 @@ class StrainSide:
     range_um: Range
     identified_slope: float
     path: FeedbackPath = AT_ONCE
+    own_delay: int = 0
+    """Cycles of the actuator's delay, which its dynamics lack."""
 
     def slope(self, p: Perturbation) -> float:
         """Slope of the actuator as a multiple of the identified one; nan where its hysteresis has no inverse."""
@@ -84,6 +86,21 @@ class Sample:
         return all(loop.stable for loop in (self.strain, self.stage) if loop is not None)
 
 
+def drawn_loop(drawn: Perturbation, strain: StrainSide | None, stage: StageSide, period_s: float) -> System | None:
+    """The outer loop around a drawn plant; None where its hysteresis has no inverse."""
+    dynamics = model_dynamics(stage.model, period_s)
+    mechanics = perturbed(dynamics, drawn)
+    if strain is not None:
+        slope = strain.slope(drawn)
+        if not np.isfinite(slope):
+            return None
+        late = delay(max(0.0, strain.own_delay + drawn.delay_cycles), period_s)
+        own, moved = delay(strain.own_delay, period_s), shift(strain.actuator, drawn)
+        mechanics = closed_ratio(strain.inner, strain.actuator, moved, late, slope, own).then(dynamics)
+    plant = perturbed_delay(stage.model, drawn, period_s).then(mechanics)
+    return stage_loop(stage.gains, plant, stage.sample_cycles, stage.late_cycles)
+
+
 def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period_s: float) -> Sample:
     """Draw the plant of `seed` and take the margins of its loops."""
     drawn = draw(seed)
@@ -91,19 +108,14 @@ def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period
     if not np.isfinite(slope):
         return Sample(seed, drawn, _UNSTABLE if strain else None, _UNSTABLE if stage else None)
     inner = outer = None
-    change: System | None = None
     if strain is not None:
-        moved = shift(strain.actuator, drawn)
-        # what the actuator has of delay lies in its own states: it can only be added to
-        late = delay(max(0.0, drawn.delay_cycles), period_s)
+        # a model without a delay of its own has what there is in its states: it can only be added to
+        late = delay(max(0.0, strain.own_delay + drawn.delay_cycles), period_s)
         behind = late.then(perturbed(strain.actuator, drawn))
         inner = margins(strain_loop(strain.inner, over_path(behind, strain.path), slope))
-        change = closed_ratio(strain.inner, strain.actuator, moved, late, slope)
-    if stage is not None:
-        dynamics = model_dynamics(stage.model, period_s)
-        mechanics = perturbed(dynamics, drawn) if change is None else change.then(dynamics)
-        plant = perturbed_delay(stage.model, drawn, period_s).then(mechanics)
-        outer = margins(stage_loop(stage.gains, plant, stage.sample_cycles, stage.late_cycles))
+    loop = None if stage is None else drawn_loop(drawn, strain, stage, period_s)
+    if loop is not None:
+        outer = margins(loop)
     return Sample(seed, drawn, inner, outer)
 
 

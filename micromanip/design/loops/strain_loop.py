@@ -27,7 +27,9 @@ def strain_loop(inner: Inner, actuator: System, slope: float = 1.0) -> System:
     return pid_system(inner, actuator.period_s).then(actuator.scaled(slope))
 
 
-def closed_ratio(inner: Inner, actuator: System, moved: Shift | None, late: System, slope: float) -> System:
+def closed_ratio(
+    inner: Inner, actuator: System, moved: Shift | None, late: System, slope: float, own: System | None = None
+) -> System:
     """What other mechanics, delay or slope inside the closed strain loop make of the plant outside: G'/G.
 
     With PID C and actuator P, the set-point reaches the stage through ``P (F + C) / (1 + P C)`` (F the feedforward)
@@ -35,12 +37,13 @@ def closed_ratio(inner: Inner, actuator: System, moved: Shift | None, late: Syst
 
         G'/G = g s (1 + P C) / (1 + g P' C)
 
-    with s the ratio of the sections of P's own mode. `late` is a delay added to P'. The PID has one copy of its
-    states, so that no integrator is left that is only cancelled.
+    with s the ratio of the sections of P's own mode. `own` is the delay of P (None: none), `late` that of P'. The PID
+    has one copy of its states, so that no integrator is left that is only cancelled.
     """
     pid = pid_system(inner, actuator.period_s)
     behind = actuator if moved is None else shifted(actuator, moved)
     ahead = actuator if moved is None else shifted(actuator, moved.poles_only())
+    ahead = ahead if own is None else own.then(ahead)
     section = None if moved is None else section_ratio(moved, actuator.period_s)
     back = late.then(behind).scaled(slope)
     sizes = [len(pid.A), len(back.A), len(ahead.A), 0 if section is None else len(section.A)]

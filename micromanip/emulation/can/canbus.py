@@ -1,19 +1,164 @@
-"""The device of a driver `canbus`, with the bus that it is on."""
+"""The device of a driver `canbus`, with the bus that it is on: messages of a DBC file, sent at fixed rates."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import cantools
 
+from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
+from micromanip.emulation.messages import Due, MessageFigures, Periodic
+from micromanip.testbus.bus import Bus
 from micromanip.testbus.event_loop import EventLoop
+from micromanip.testbus.frame import Frame
 
 from .can_bus import CanBus
-from .can_device import CanDevice, Sent
-from .dbc_message import DbcMessage
+
+
+class DbcMessage:
+    """Values to frames and back, for one message of cantools."""
+
+    def __init__(self, message: Any, *, counter: str | None) -> None:
+        """`counter` is the signal that counts the frames."""
+        self.name: str = message.name
+        self.identifier: int = message.frame_id
+        self.extended: bool = message.is_extended_frame
+        self.signals: list[str] = [signal.name for signal in message.signals if signal.name != counter]
+        self._message, self._counter = message, counter
+        self._fd = bool(message.is_fd)
+        self._bitrate_switch = self._fd and _switches_bitrate(message)
+        self._ends = {signal.name: _ends(signal) for signal in message.signals}
+        self._counts = max((1 << signal.length for signal in message.signals if signal.name == counter), default=0)
+
+    def frame(self, values: Mapping[str, float], count: int) -> Frame:
+        """A frame; a value that its signal can't hold is the nearest one that it can.
+
+        NaN is sent as such where the DBC has a floating-point number, else as the largest code.
+        """
+        held: dict[str, float] = {}
+        for name, value in values.items():
+            low, high, floating = self._ends[name]
+            if math.isnan(value):
+                held[name] = value if floating else high
+            else:
+                held[name] = min(max(value, low), high)
+        if self._counter is not None:
+            held[self._counter] = count % self._counts
+        data: bytes = self._message.encode(held, strict=False)
+        return Frame(self.identifier, data, self.extended, self._fd, self._bitrate_switch)
+
+    def values(self, frame: Frame) -> dict[str, float] | None:
+        """Values by signal, without the counter; None for a frame that is too short."""
+        if len(frame.data) < self._message.length:
+            return None
+        values: dict[str, float] = self._message.decode(frame.data, decode_choices=False)
+        values.pop(self._counter or "", None)
+        return values
+
+
+def _ends(signal: Any) -> tuple[float, float, bool]:
+    """Lowest and highest value that the bits of a signal hold, and whether it is a floating-point number."""
+    if signal.is_float:
+        return -math.inf, math.inf, True
+    bits = signal.length
+    codes = (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
+    ends = sorted(code * signal.scale + signal.offset for code in codes)
+    return ends[0], ends[1], False
+
+
+def _switches_bitrate(message: Any) -> bool:
+    """Whether the data of a CAN FD message go at the second rate: as its attribute CANFD_BRS says, else they do."""
+    attribute = message.dbc.attributes.get("CANFD_BRS") if message.dbc else None
+    return attribute is None or bool(int(attribute.value))
+
+
+@dataclass(kw_only=True)
+class Sent(Due):
+    """A message that the device sends."""
+
+    message: DbcMessage
+    signals: dict[str, str]
+    """Signal of the DBC to signal of the cell."""
+
+
+class CanDevice:
+    """Takes part in a bus from `start` on."""
+
+    def __init__(
+        self,
+        loop: EventLoop,
+        bus: Bus,
+        cell: EmulatedCell,
+        sent: list[Sent],
+        received: list[DbcMessage],
+        outputs: dict[str, str],
+        amplifier: Amplifier | None,
+    ) -> None:
+        """`outputs` are the plant's outputs by "Message.Signal"; signals that are not among them do nothing."""
+        self.sent = sent
+        self.figures = MessageFigures()
+        self._loop, self._bus, self._cell, self._amplifier = loop, bus, cell, amplifier
+        self._received = {(message.identifier, message.extended): message for message in received}
+        self._outputs = {
+            message.name: {
+                name: outputs[f"{message.name}.{name}"]
+                for name in message.signals
+                if f"{message.name}.{name}" in outputs
+            }
+            for message in received
+        }
+        self._off_until_ns = 0
+        self._periodic = [Periodic(loop, self.figures, message, cell.advance_to, self._send) for message in sent]
+        bus.attach(self)
+
+    @property
+    def understood(self) -> int:
+        """How many messages it takes."""
+        return len(self._received)
+
+    def start(self, now_ns: int) -> None:
+        """Begin to send."""
+        for periodic in self._periodic:
+            periodic.start(now_ns)
+
+    def on_frame(self, frame: Frame, time_ns: int) -> None:
+        """Take a command into force at the end of its frame."""
+        message = self._received.get((frame.identifier, frame.extended))
+        if message is None or frame.remote or frame.error or time_ns < self._off_until_ns:
+            return
+        values = message.values(frame)
+        if values is None:
+            self.figures.not_understood += 1
+            return
+        self.figures.received += 1
+        if self._amplifier is not None:
+            commands = {output: values[name] for name, output in self._outputs[message.name].items()}
+            self._amplifier.take(commands, self._loop.now_ns())
+            self._cell.advance_to(time_ns)
+
+    def reboot(self, for_s: float) -> None:
+        """Be off for a while, with the amplifier; its counters begin anew."""
+        now_ns = self._loop.now_ns()
+        self._off_until_ns = now_ns + round(for_s * 1e9)
+        if self._amplifier is not None:
+            self._amplifier.trip(now_ns)
+        for periodic in self._periodic:
+            periodic.off_until_ns = self._off_until_ns
+            periodic.message.count = 0
+
+    def _send(self, due: Due) -> None:
+        assert isinstance(due, Sent)
+        read = self._cell.read
+        values = {name: read(signal) for name, signal in due.signals.items()}
+        if self._bus.send(self, due.message.frame(values, due.counted()), due.due_ns):
+            self.figures.sent += 1
+        else:
+            self.figures.not_sent += 1
 
 
 class EmulatedCanBus:

@@ -98,7 +98,10 @@ def parsed(line: bytes, peer: Peer) -> Request:
     version = document.pop("version")
     if version != VERSION or not isinstance(version, int) or isinstance(version, bool):
         raise UsageError(f"version {version!r:.40} of the protocol is not supported; supported is {VERSION}")
-    return Request(_verb(document.pop("verb", None)), document, peer)
+    verb = document.pop("verb", None)
+    if not isinstance(verb, str):
+        raise UsageError(f"a verb is a text, not {verb!r:.40}")
+    return Request(verb, document, peer)
 
 
 def _is_deeper(document: Any, depth: int) -> bool:
@@ -119,12 +122,6 @@ def _no_number(name: str) -> NoReturn:
 def _finite(text: str) -> float:
     number = float(text)
     return number if math.isfinite(number) else _no_number(text)
-
-
-def _verb(name: Any) -> str:
-    if not isinstance(name, str):
-        raise UsageError(f"a verb is a text, not {name!r:.40}")
-    return name
 
 
 def success(result: Any) -> bytes:
@@ -229,9 +226,7 @@ class ControlSocket:
                 return
             if not line:
                 return
-            async with (self._stops if self._stop_in(line, client.peer) else self._turns).one():
-                answer = await self._answer(line, client.peer)
-            await self._say(client, answer)
+            await self._answer_in(self._stops if self._stop_in(line, client.peer) else self._turns, line, client)
 
     async def _hear_once(self, reader: asyncio.StreamReader, client: Client, lack: DeviceUnavailable) -> None:
         """Answer one line where it stops the cell; `lack` is why there is no room for anything else."""
@@ -241,12 +236,13 @@ class ControlSocket:
             await self._turn_away(client, lack)
             return
         client.waiting = False
-        if not line:
-            return
-        if not self._stop_in(line, client.peer):
+        if line and not self._stop_in(line, client.peer):
             await self._turn_away(client, lack)
-            return
-        async with self._stops.one():
+        elif line:
+            await self._answer_in(self._stops, line, client)
+
+    async def _answer_in(self, turns: Turns, line: bytes, client: Client) -> None:
+        async with turns.one():
             answer = await self._answer(line, client.peer)
         await self._say(client, answer)
 

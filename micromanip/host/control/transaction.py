@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import difflib
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.errors import CheckFailed, UsageError, did_you_mean
 from micromanip.replies import Change, Differences, Jogged, Parameter, Saved, Shadow, Swap
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
@@ -44,8 +43,7 @@ from micromanip.settings.schema.reference import Jog
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import Source, key_text
-from micromanip.settings.write import write_atomically
-from micromanip.settings.write_values import with_values
+from micromanip.settings.write_values import write_into
 
 from ..controller import Controller
 from .answers import changes, differences, parameters, report
@@ -104,8 +102,7 @@ class Tuning:
             if not isinstance(reference, Jog):
                 raise CheckFailed(f"jog refused: reference.source is {reference.source}, not jog")
             if axis not in configuration.axes:
-                near = difflib.get_close_matches(axis, configuration.axes, 1)
-                hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(configuration.axes)}"
+                hint = did_you_mean(axis, configuration.axes, "there are")
                 raise UsageError(f"there is no axis {axis!r:.40}; {hint}")
             present_um = reference.target_um.get(axis, reference.offset_um)
             target_um = present_um + (by_um or 0.0) if to_um is None else to_um
@@ -187,7 +184,7 @@ class Tuning:
                     f"{on_disk.path} was changed on disk since it was loaded: see `micromanip diff`; `reload` takes "
                     "over its values, `save --force` writes the running ones into it"
                 )
-            saved = await asyncio.to_thread(_written, on_disk, self._prepared.source.data)
+            saved = await asyncio.to_thread(write_into, on_disk, self._prepared.source.data)
             self._keep(saved)
             old, running = validate_document(on_disk), self._prepared.configuration
             return Saved(file=str(saved.path), sha256=saved.hash, changed=changes(old, running))
@@ -195,21 +192,17 @@ class Tuning:
     async def promote(self) -> tuple[Shadow, list[Change]]:
         """Put the candidate in force, on trial; CheckFailed where there is none, or nothing is tracked."""
         async with self._changing():
-            candidate, old = self._candidate, self._prepared.configuration
-            if candidate is None or candidate.standing != SHADOWING:
-                there = f"the last one is {SHADOW_NAMES[candidate.standing]}" if candidate else "there is none"
-                raise CheckFailed(f"promote refused: {there}; `micromanip shadow KEY=VALUE` offers a candidate")
+            self._candidate_for("promote", (SHADOWING,), "`micromanip shadow KEY=VALUE` offers a candidate")
             self._refuse("promote", {})
+            old = self._prepared.configuration
             await self._controller.command(PROMOTE)
             return self._stepped(SHADOWING, old)
 
     async def withdraw(self) -> tuple[Shadow, list[Change]]:
         """Let the candidate go, or take it back where it is on trial; CheckFailed where there is neither."""
         async with self._changing():
-            candidate, old = self._candidate, self._prepared.configuration
-            if candidate is None or candidate.standing not in (SHADOWING, ON_TRIAL):
-                there = f"the last one is {SHADOW_NAMES[candidate.standing]}" if candidate else "there is none"
-                raise CheckFailed(f"withdraw refused: {there}; nothing to withdraw")
+            candidate = self._candidate_for("withdraw", (SHADOWING, ON_TRIAL), "nothing to withdraw")
+            old = self._prepared.configuration
             before, candidate.withdrawn = candidate.standing, True
             try:
                 await self._controller.command(WITHDRAW)
@@ -219,6 +212,14 @@ class Tuning:
             if candidate.standing == SHADOWING:
                 self._candidate = None
             return self._stepped(before, old)
+
+    def _candidate_for(self, verb: str, standings: tuple[int, ...], hint: str) -> Candidate:
+        """The candidate, which must have one of these standings; else CheckFailed."""
+        candidate = self._candidate
+        if candidate is None or candidate.standing not in standings:
+            there = f"the last one is {SHADOW_NAMES[candidate.standing]}" if candidate else "there is none"
+            raise CheckFailed(f"{verb} refused: {there}; {hint}")
+        return candidate
 
     def _stepped(self, before: int, old: Configuration) -> tuple[Shadow, list[Change]]:
         """The candidate after a command, and what that has changed."""
@@ -296,13 +297,3 @@ class Tuning:
         """`source` is the file now, and says what runs."""
         self._file = source
         self._put_in_force(replace(self._prepared, source=source))
-
-
-def _written(file: Source, document: Mapping[str, Any]) -> Source:
-    """`file` after `document` was written into it; PermissionDenied or DeviceUnavailable where it can't be."""
-    text = with_values(file, document)
-    try:
-        write_atomically(file.path, text)
-    except OSError as problem:
-        raise system_error(problem, f"{file.path} can't be written") from problem
-    return Source.parse(file.path, text)

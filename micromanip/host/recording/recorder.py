@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.host.ring import RingReader
+from micromanip.host.ring import FILED_PARAMETERS, RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
+from micromanip.rt.records import CELL_STATE
 from micromanip.rt.telemetry import ROW
 
 from .recording import COMPLETE, LOST, PARAMETERS, PROBLEM, ROWS, STATE
@@ -55,7 +55,7 @@ class Recording:
         self.file.attrs[LOST], self.file.attrs[COMPLETE] = 0, False
         self.file.attrs[PROBLEM] = np.array(b"", f"S{_PROBLEM_BYTES}")  # of fixed length: it is changed in its place
         self.rows = self.file.create_dataset(ROWS, (0,), ROW, maxshape=(None,), chunks=(_CHUNK_ROWS,))
-        self.parameters = self.file.create_dataset(PARAMETERS, (0,), CELL_PARAMETERS, maxshape=(None,), chunks=(1,))
+        self.parameters = self.file.create_dataset(PARAMETERS, (0,), FILED_PARAMETERS, maxshape=(None,), chunks=(1,))
         self.versions: set[int] = set()
         self.lost = 0
         self._reserves = True
@@ -75,7 +75,7 @@ class Recording:
         for version in np.unique(rows["version"]):
             if int(version) not in self.versions:  # an older one comes back where a promotion is taken back
                 self.versions.add(int(version))
-                self._extend(self.parameters, slots[slots["version"] == version])
+                self._extend(self.parameters, slots[slots["version"] == version].view(FILED_PARAMETERS))
         first = _CHUNK_ROWS - len(self.rows) % _CHUNK_ROWS
         try:
             for part in np.split(rows, range(first, len(rows), _CHUNK_ROWS)):  # a small disk takes one chunk, not two

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import micromanip
-from micromanip.errors import CheckFailed, DeviceUnavailable
+from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError
 
 UNIT = "micromanip.service"
 CONFIG = Path("/etc/micromanip/cell.yaml")
@@ -22,6 +23,7 @@ _TARGETS = {
     "90-micromanip.rules": Path("/etc/udev/rules.d/90-micromanip.rules"),
 }
 _NOTIFY_RELOAD_SINCE = 253
+_ELSEWHERE = "/opt/micromanip"
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 
 
@@ -50,19 +52,32 @@ class Machine:
         return text
 
 
-def this_machine() -> Machine:
-    """The running one; raises DeviceUnavailable without systemd, CheckFailed where a service can't see the program."""
+def this_machine(tell: Callable[[MicromanipError], None]) -> Machine:
+    """The running one.
+
+    `tell` gets what stands in the way of a service here: a CheckFailed where it can't see the program, a
+    DeviceUnavailable without systemd. It raises it, or goes on as if that were mended.
+    """
     program = Path(sys.executable).with_name("micromanip")
     if not program.is_file():
-        raise CheckFailed(f"{program} is not there: install the program, e.g. into /opt/micromanip (docs/service.md)")
+        tell(CheckFailed(f"{program} is not there: install the program, e.g. into {_ELSEWHERE} (docs/service.md)"))
     package = Path(micromanip.__file__ or "").resolve().parent
     for path in (program, Path(sys.executable).resolve(), package):
         if any(path.is_relative_to(hidden) for hidden in _HIDDEN):
-            raise CheckFailed(
-                f"{path} lies in a folder that a service does not see; install the program elsewhere, e.g. into "
-                "/opt/micromanip (docs/service.md)"
+            tell(
+                CheckFailed(
+                    f"{path} lies in a folder that a service does not see; install the program elsewhere, e.g. into "
+                    f"{_ELSEWHERE} (docs/service.md)"
+                )
             )
-    return Machine(systemd_version(), program)
+            program = Path(_ELSEWHERE) / "bin" / "micromanip"
+            break
+    try:
+        version = systemd_version()
+    except DeviceUnavailable as problem:
+        tell(problem)
+        version = _NOTIFY_RELOAD_SINCE
+    return Machine(version, program)
 
 
 def systemd_version() -> int:

@@ -86,6 +86,8 @@ def _fit_for_a_service(file: Path, warn: Callable[[str], None]) -> Configuration
     """A configuration that nobody is surprised by when the machine is switched on; raises ConfigError."""
     prepared = prepare(file)
     configuration = prepared.configuration
+    for note in prepared.source.notes:
+        warn(note)
     if configuration.arm_on_start:
         raise prepared.source.error(
             ("arm_on_start",),

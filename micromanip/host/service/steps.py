@@ -32,12 +32,10 @@ class WriteFile:
 
     @property
     def diff(self) -> list[str]:
-        """Lines that change; none for a new file."""
+        """Lines that change; of a new file all of it."""
         present = self._present()
-        lines = difflib.unified_diff(
-            (present or "").splitlines(), self.text.splitlines(), "installed", "new", lineterm="", n=1
-        )
-        return [] if present is None else list(lines)
+        old = [] if present is None else present.splitlines()
+        return list(difflib.unified_diff(old, self.text.splitlines(), "installed", "new", lineterm="", n=1))
 
     def do(self) -> None:
         """Write it whole or not at all, through nobody's link; raises PermissionDenied, CheckFailed."""

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
-from micromanip.host.ring import RingReader
+from micromanip.host.ring import FILED_PARAMETERS, RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 from micromanip.rt import mailbox as w
 
@@ -143,7 +143,7 @@ class Capture:
         kept: NDArray[Any] = slots[
             np.isin(slots["version"], np.unique(rows["version"])) & (slots["version"] > 0)
         ].copy()
-        return kept
+        return kept.view(FILED_PARAMETERS)
 
     def _state(self) -> NDArray[Any]:
         """The loop's state between two cycles; from the middle of one where it is never still."""

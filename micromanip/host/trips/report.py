@@ -10,6 +10,7 @@ import numpy as np
 
 from micromanip.faults import BY_NAME, raised
 from micromanip.files.regular_file import open_regular
+from micromanip.rt import states as states_of
 from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
 
 from .evidence import Moment, at_end_of_range, error_um, milliseconds, observations, parameters_of
@@ -27,6 +28,17 @@ _MEANING = {
     "FAULT": "latched; nothing moves before a reset",
     "OFF": "the loop ends",
 }
+_SENSORS = {
+    states_of.STRAIN_INVALID: "strain",
+    states_of.STRAIN_STUCK: "strain",
+    states_of.STRAIN_CHECK: "strain",
+    states_of.STAGE_INVALID: "stage",
+    states_of.STAGE_STUCK: "stage",
+    states_of.STAGE_CHECK: "stage",
+    states_of.DISAGREEMENT: "stage",
+}
+"""Faults of a sensor: the picture shows what it said."""
+_FRESH, _WORDS = {"strain": 1, "stage": 2}, {"strain": "gauge", "stage": "stage sensor"}
 _BEFORE_MS = -1000.0
 _SIZE, _DPI = (9.0, 9.0), 130
 _NEAR_MS = (-50.0, 50.0)
@@ -189,16 +201,19 @@ def _axis_words(axis: dict[str, Any]) -> str:
 
 
 def draw(box: Box) -> Figure:
-    """Four panels: errors, voltages with their range, and both near the trip; states shaded."""
+    """Errors and voltages with their range, both also near the trip, states shaded; and a sensor that tripped."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE, layout="constrained")
-    figure.suptitle(f"{box.trip['code']}  {box.meta['utc']}")
-    panels = figure.subplots(4, 1)
+    where = f" axis {box.trip['axis']}" if box.trip["axis"] else ""
+    figure.suptitle(f"{box.trip['code']}{where}  {box.meta['utc']}")
+    figure.supxlabel(f"{box.meta['path']} ({box.meta['sha256'][:8]})", fontsize="x-small", color="dimgrey")
+    sensor = _SENSORS.get(box.trip["number"]) if box.trip["axis"] in box.meta["axes"] else None
+    panels = figure.subplots(4 if sensor is None else 5, 1)
     ms = milliseconds(box)
     whole = (float(ms[0]), float(ms[-1]))
     near = (max(whole[0], _NEAR_MS[0]), min(whole[1], _NEAR_MS[1]))
-    for panel, span in zip(panels, (whole, whole, near, near), strict=True):
+    for panel, span in zip(panels, (whole, whole, near, near, near), strict=False):
         _shade(panel, box, span)
         panel.axvline(0.0, color="tab:red", lw=1.0)
         panel.set_xlim(*span)
@@ -218,9 +233,24 @@ def draw(box: Box) -> Figure:
         _fit(panel, box, span)
     for panel in (panels[1], panels[3]):
         panel.set_ylabel("voltage, V")
-    panels[3].set_xlabel("time from the trip, ms")
+    panels[-1].set_xlabel("time from the trip, ms")
+    if sensor is not None:
+        _draw_sensor(panels[4], box, sensor, near)
     panels[0].legend(loc="upper left", fontsize="small", title="axis")
     return figure
+
+
+def _draw_sensor(panel: Any, box: Box, sensor: str, span: tuple[float, float]) -> None:
+    """What the sensor of the axis that tripped said, each fresh sample a dot, beside what it should have said."""
+    axis, ms = box.meta["axes"].index(box.trip["axis"]), milliseconds(box)
+    row, shown = box.rows["axis"][:, axis], (ms >= span[0]) & (ms <= span[1])
+    fresh = shown & (row["fresh"] & _FRESH[sensor] != 0)
+    wanted = "setpoint_um" if sensor == "strain" else "reference_um"
+    panel.plot(ms[shown], row[f"{sensor}_um"][shown], lw=0.8, label=f"{_WORDS[sensor]} {box.trip['axis']}")
+    panel.plot(ms[fresh], row[f"{sensor}_um"][fresh], ".", ms=2, color="C0")
+    panel.plot(ms[shown], row[wanted][shown], "--", lw=0.8, label=wanted.removesuffix("_um"))
+    panel.set_ylabel(f"{_WORDS[sensor]}, um")
+    panel.legend(loc="upper left", fontsize="small")
 
 
 def save(box: Box, file: Path) -> None:

@@ -5,7 +5,7 @@ A trip is a ``.npz`` without pickles, so that any numpy reads it:
 - ``rows``: each cycle from 2 s before to 0.5 s after the trip (``micromanip.rt.telemetry.ROW``)
 - ``parameters``: each set of parameters that was in force in them; a row's ``version`` names one
 - ``state``: the loop's whole state (1,) as soon as the trip was seen
-- ``events``: the faults and warnings that were raised last, in their order (``micromanip.rt.records.EVENT``)
+- ``events``: the faults and warnings that were raised last, in their order (``micromanip.rt.faults.EVENT``)
 - ``meta``: a JSON document: the trip, the configuration's text and hash, the axes, the clocks (see `Box.meta`)
 """
 

@@ -19,7 +19,7 @@ from micromanip.rt.record import Record, record
 from .notch import NOTCH, NOTCH_STATE, is_same_notch, notch_output, start_notch
 
 PID_PARAMETERS = record(
-    ("gain", "f8"),
+    ("K_V_per_um", "f8"),
     ("integral", "f8"),
     ("derivative", "f8"),
     ("filter_s", "f8"),
@@ -41,7 +41,7 @@ def pid_output(p: Record, s: Record, error_um: float, periods: int) -> float:
     )
     s["integrator"] += p["integral"] * periods * error_um
     s["error"] = error_um
-    s["output_V"] = p["gain"] * error_um + s["integrator"] + s["derivative"]
+    s["output_V"] = p["K_V_per_um"] * error_um + s["integrator"] + s["derivative"]
     return s["output_V"]
 
 
@@ -62,16 +62,16 @@ def start_pid(p: Record, s: Record, error_um: float, output_V: float) -> None:
     start_notch(p, s, error_um)
     s["derivative"] = 0.0
     s["error"] = error_um
-    s["integrator"] = output_V - p["gain"] * error_um
+    s["integrator"] = output_V - p["K_V_per_um"] * error_um
     s["output_V"] = output_V
 
 
 @compiled
 def retune(old: Record, new: Record, s: Record) -> None:
     """Bumpless change of parameters: the output of the last step is what `new` would have given."""
-    s["integrator"] += (old["gain"] - new["gain"]) * s["error"]
+    s["integrator"] += (old["K_V_per_um"] - new["K_V_per_um"]) * s["error"]
     if not is_same_notch(old, new):
-        s["integrator"] -= new["gain"] * s["notch_um"]
+        s["integrator"] -= new["K_V_per_um"] * s["notch_um"]
         s["error"] += s["notch_um"]
         start_notch(new, s, s["error"])
     if old["derivative"] != new["derivative"] or old["filter_s"] != new["filter_s"]:

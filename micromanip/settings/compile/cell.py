@@ -145,7 +145,7 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
     for name, value in asdict(pid_gains(axis.inner, period_s)).items():
         a["pid"][name] = value
     a["fallback"] = a["pid"]
-    for gain in ("gain", "integral", "derivative"):
+    for gain in ("K_V_per_um", "integral", "derivative"):
         a["fallback"][gain] = axis.faults.oscillation.fallback * a["pid"][gain]
     a["authority"] = axis.authority_percent / 100.0
     fill_hysteresis(a["hysteresis"], NoModel(model="none") if axis.inner.mode == "pid" else axis.hysteresis, period_s)

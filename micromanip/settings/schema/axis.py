@@ -20,10 +20,11 @@ from micromanip.quantities import (
 )
 from micromanip.rt.laws.estimator import MAX_STATES
 
+from .accept import Accept
 from .base import Settings
 from .faults import AxisFaults
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
-from .key import AtRest, LargerIsWeaker, Live
+from .key import AtRest, LargerIsWeaker, Live, NewStart
 
 Row = tuple[Real, ...]
 
@@ -135,14 +136,15 @@ class Axis(Settings):
     faults: LargerIsWeaker[Live[AxisFaults]] = Field(
         default=AxisFaults(), description="This axis' own limits; what is left out stands in faults.axis."
     )
+    accept: NewStart[Accept] = Field(default=Accept(), description="What `commission` asks of the axis.")
     commissioned: Live[Commissioned | None] = Field(default=None, description="The report that this tuning belongs to.")
 
     def tuning(self) -> dict[str, Any]:
-        """What a commissioning report is about: all but the note of it, limits and authority.
+        """What a commissioning report is about: all but the note of it, what it must reach, limits and authority.
 
         No notch is no key: the hash of a report from before there were notches stays what it was.
         """
-        tuning = self.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent"})
+        tuning = self.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent", "accept"})
         if self.inner.notch is None:
             del tuning["inner"]["notch"]
         return tuning

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from micromanip.quantities import (
     Count,
@@ -32,7 +32,13 @@ from .key import NarrowerIsWeaker, NeverWeaker, SmallerIsWeaker
 REACTIONS = ("warn", "hold", "ramp", "off")
 """The mildest first."""
 Reaction = Literal["warn", "hold", "ramp", "off"]
+_SET = "simulation"
 _REACTION = "What follows: warn only tells, hold freezes the correction, ramp goes to park, off cuts the amplifier."
+
+
+def _default(hardware: float, description: str, *, simulation: float | None) -> Any:
+    """A limit that is another one in the set `simulation`."""
+    return Field(default=hardware, description=description, json_schema_extra={_SET: simulation})
 
 
 class StrainInvalid(Settings):
@@ -40,7 +46,7 @@ class StrainInvalid(Settings):
 
     samples: Count | None = Field(default=3, description="So many unusable samples in a row.")
     identical: Count | None = Field(default=20, description="So many identical readings in a row: the gauge is stuck.")
-    rate_um_per_ms: Speed | None = Field(default=100.0, description="A reading that moves faster is unusable.")
+    rate_um_per_ms: Speed | None = _default(100.0, "A reading that moves faster is unusable.", simulation=1000.0)
     coast_ms: MillisecondsOrZero = Field(default=5.0, description="Time on the feedforward alone before the reaction.")
     reaction: Reaction = Field(default="ramp", description=_REACTION)
 
@@ -58,10 +64,10 @@ class StageInvalid(Settings):
 class Disagreement(Settings):
     """Strain gauge and capacitive sensor disagree: the Kalman filter's innovation is too large."""
 
-    ratio: Positive | None = Field(
-        default=25.0,
-        description="Mean square innovation, in units of the variance that the filter expects, beyond what the process "
-        "brings.",
+    ratio: Positive | None = _default(
+        25.0,
+        "Mean square innovation, in units of the variance that the filter expects, beyond what the process brings.",
+        simulation=None,
     )
     time_ms: Milliseconds = Field(default=10.0, description="Time of the mean.")
     process_um: DistanceOrZero = Field(
@@ -78,8 +84,8 @@ class Disagreement(Settings):
 class FollowingError(Settings):
     """The stage is not where the reference is (mode stage), or the gauge not where the set-point is."""
 
-    limit_um: Distance | None = Field(default=20.0, description="Largest error.")
-    time_ms: Milliseconds = Field(default=5.0, description="It must last so long.")
+    limit_um: Distance | None = _default(20.0, "Largest error.", simulation=400.0)
+    time_ms: Milliseconds = _default(5.0, "It must last so long.", simulation=100.0)
     reaction: Reaction = Field(default="hold", description=_REACTION)
 
 
@@ -94,10 +100,10 @@ class Saturation(Settings):
 class Oscillation(Settings):
     """The inner loop swings: rms of its error in a band."""
 
-    limit_um: Distance | None = Field(default=1.0, description="Largest rms in the band.")
+    limit_um: Distance | None = _default(1.0, "Largest rms in the band.", simulation=20.0)
     band_Hz: NarrowerIsWeaker[RangeHz] = Field(default=(300.0, 1500.0), description="Where a loop would swing.")
-    time_ms: Milliseconds = Field(
-        default=20.0, description="It must last so long; then the fallback gains, then again."
+    time_ms: Milliseconds = _default(
+        20.0, "It must last so long; then the fallback gains, then again.", simulation=200.0
     )
     fallback: Annotated[float, Field(strict=True, ge=1e-6, lt=1)] = Field(
         default=0.4, description="Gain of the PID while it falls back, as a share of its own."
@@ -108,8 +114,8 @@ class Oscillation(Settings):
 class ReferenceLost(Settings):
     """No usable sample of the reference signal."""
 
-    stale_periods: Positive | None = Field(default=2.0, description="Told after so many periods of the signal.")
-    time_ms: Milliseconds | None = Field(default=20.0, description="The reaction follows after so long.")
+    stale_periods: Positive | None = _default(2.0, "Told after so many periods of the signal.", simulation=20.0)
+    time_ms: Milliseconds | None = _default(20.0, "The reaction follows after so long.", simulation=500.0)
     decay_ms: NeverWeaker[Milliseconds] = Field(
         default=200.0, description="The hold goes back to the working point in this time."
     )
@@ -149,15 +155,15 @@ class AxisFaults(Settings):
 class Deadline(Settings):
     """The loop misses its deadlines."""
 
-    in_a_row: Count | None = Field(default=3, description="So many in a row.")
-    share_percent: Percent | None = Field(default=0.1, description="More than this share of one second.")
+    in_a_row: Count | None = _default(3, "So many in a row.", simulation=None)
+    share_percent: Percent | None = _default(0.1, "More than this share of one second.", simulation=None)
     reaction: Literal["hold", "ramp"] = Field(default="hold", description="What follows.")
 
 
 class Host(Settings):
     """The host process gives no sign of life."""
 
-    silent_ms: Milliseconds = Field(default=100.0, description="Longest silence.")
+    silent_ms: Milliseconds = _default(100.0, "Longest silence.", simulation=1000.0)
     reaction: Literal["hold", "ramp"] = Field(default="hold", description="What follows; then the loop ends.")
 
 
@@ -170,13 +176,14 @@ class DriverError(Settings):
 class Link(Settings):
     """The link to a bus is lost: bus-off, a cable, a device without power, its worker process dead."""
 
-    silent_ms: Milliseconds = Field(
-        default=20.0,
-        description="A worker process that gives no sign of life for longer is taken for dead; errors "
-        "of the bus that go on for longer are a lost link.",
+    silent_ms: Milliseconds = _default(
+        20.0,
+        "A worker process that gives no sign of life for longer is taken for dead; errors of the bus that go on for "
+        "longer are a lost link.",
+        simulation=300.0,
     )
-    loop_silent_ms: Milliseconds = Field(
-        default=5.0, description="A loop that is silent for longer is dead to the worker: its outputs ramp to park."
+    loop_silent_ms: Milliseconds = _default(
+        5.0, "A loop that is silent for longer is dead to the worker: its outputs ramp to park.", simulation=100.0
     )
     reaction: Literal["ramp", "off"] = Field(default="ramp", description="What follows.")
 
@@ -214,18 +221,19 @@ class Faults(Settings):
     axis: AxisFaults = AxisFaults()
 
 
-SIMULATION: dict[str, Any] = {
-    "deadline": {"in_a_row": None, "share_percent": None},
-    "host": {"silent_ms": 1000.0},
-    "link": {"silent_ms": 300.0, "loop_silent_ms": 100.0},
-    "axis": {
-        "strain": {"rate_um_per_ms": 1000.0},
-        "disagreement": {"ratio": None},
-        "following_error": {"limit_um": 400.0, "time_ms": 100.0},
-        "oscillation": {"limit_um": 20.0, "time_ms": 200.0},
-        "reference": {"stale_periods": 20.0, "time_ms": 500.0},
-    },
-}
+def _of_simulation(section: type[BaseModel]) -> dict[str, Any]:
+    """The defaults of the set `simulation` that are others, of a section and those in it."""
+    found: dict[str, Any] = {}
+    for name, field in section.model_fields.items():
+        if isinstance(field.default, BaseModel):
+            if below := _of_simulation(type(field.default)):
+                found[name] = below
+        elif isinstance(field.json_schema_extra, dict) and _SET in field.json_schema_extra:
+            found[name] = field.json_schema_extra[_SET]
+    return found
+
+
+SIMULATION = _of_simulation(Faults)
 """Where the set `simulation` differs from `hardware`, which is the models' defaults."""
 
 LOOP_STUCK_S = {"hardware": 0.3, "simulation": 2.0}

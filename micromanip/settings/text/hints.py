@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import re
+
+from micromanip.errors import nearest
 
 from . import renames, units
 from .place import Path, Place
@@ -29,7 +30,7 @@ def unknown_key(place: Place) -> tuple[str, Path | None]:
     if elsewhere:
         where = key_text(elsewhere.path) or "the top level"
         return f"{unknown} here: it belongs to {where}{_variant_of(elsewhere, key)}", (*elsewhere.path, key)
-    if near := same_stem[0] if same_stem else _nearest(key, list(fields)):
+    if near := same_stem[0] if same_stem else nearest(key, list(fields)):
         meant = section.down(near)
         return f"{unknown}: did you mean {near}{unit(meant)}?", meant.path
     return f"{unknown}: known here are {', '.join(fields) or 'none'}", None
@@ -70,7 +71,7 @@ def correction(place: Place, value: object) -> str:
     """The value that was probably meant; empty without an idea."""
     shape = place.shape
     if shape.choices and isinstance(value, str | None):
-        near = _nearest(str(value), [str(choice) for choice in shape.choices])
+        near = nearest(str(value), [str(choice) for choice in shape.choices])
         return f"did you mean {near}?" if near else ""
     if isinstance(value, str) and (meant := _from_text(place, value.strip())):
         return meant
@@ -123,12 +124,6 @@ def _key(place: Place) -> str:
 def _write(place: Place, value: str) -> str:
     key = place.path[-1] if place.path else 0
     return f"write {value}" if isinstance(key, int) else f"write {key}: {value}"
-
-
-def _nearest(word: str, known: list[str]) -> str | None:
-    lowered = {name.lower(): name for name in known}
-    near = difflib.get_close_matches(word.lower(), lowered, n=1)
-    return lowered[near[0]] if near else None
 
 
 def shown(value: object) -> str:

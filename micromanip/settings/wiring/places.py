@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 
 from pydantic import BaseModel
@@ -12,7 +11,7 @@ from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.driver import BusDriver, BusOptions
 from micromanip.bus.registry import driver_class
 from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput
-from micromanip.errors import ConfigError
+from micromanip.errors import ConfigError, did_you_mean
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 from micromanip.settings.load import validate_section
 from micromanip.settings.schema.model import Configuration, Driver, Output, Signal, Switch
@@ -90,8 +89,7 @@ def _channel(
     channels = driver.inputs if section == "signals" else driver.outputs
     wanted = entry.channel or name
     if wanted not in channels:
-        near = difflib.get_close_matches(wanted, channels, 1)
-        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(channels)}"
+        hint = did_you_mean(wanted, channels)
         raise source.error((section, name), f"driver {entry.driver} has no channel {wanted}; {hint}")
     return entry.driver, channels.index(wanted)
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 
 from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.driver import BusDriver
 from micromanip.bus.registry import driver_class
-from micromanip.errors import ConfigError, UsageError
+from micromanip.errors import ConfigError, UsageError, did_you_mean
 from micromanip.settings.load import validate_section
 from micromanip.settings.schema.model import Driver
 from micromanip.settings.text.source import Source
 
 _PERIOD_NS = 100_000
 """Of a cyclic driver that no loop is going to call."""
+
+
+class NothingToProbe(UsageError):  # noqa: N818
+    """A driver that has no wire of its own: what answers is computed, or inside a card."""
 
 
 def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
@@ -29,16 +32,14 @@ def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
     if not isinstance(entries, Mapping):
         raise source.error(("drivers",), "this section is missing, or not a mapping")
     if name not in entries:
-        near = difflib.get_close_matches(name, map(str, entries), 1)
-        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(map(str, entries))}"
-        raise UsageError(f"{file} has no driver called {name}; {hint}")
+        raise UsageError(f"{file} has no driver called {name}; {did_you_mean(name, entries)}")
     entry = validate_section(source, ("drivers", name), Driver, entries[name])
     try:
         kind = driver_class(entry.driver)
     except ConfigError as problem:
         raise source.error(("drivers", name, "driver"), str(problem)) from problem
     if kind.probe is CyclicDriver.probe:
-        raise UsageError(
+        raise NothingToProbe(
             f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "
             "its signals"
         )

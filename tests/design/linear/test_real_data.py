@@ -8,6 +8,7 @@ import pytest
 from micromanip.design import fit_linear
 from micromanip.design.linear.experiments import load_linear
 from micromanip.design.linear.judged import fit_records
+from micromanip.recordings import Wanted
 
 DATA = Path(__file__).parents[3].parent / "shared" / "data"
 
@@ -21,7 +22,7 @@ def folder(name):
 @pytest.mark.parametrize(("name", "percent"), [("robot_arm", 96.0), ("dryer", 89.0)])
 def test_daisy(name, percent):
     """Second half in free run, fitted on the first."""
-    record = load_linear(folder("daisy") / f"{name}.dat", ["1"], ["2"], 1.0)
+    record = load_linear(folder("daisy") / f"{name}.dat", Wanted(("1", "2"), step_s=1.0), 1)
     result = fit_records([record], None, 4, 0.5)
     assert result.model.order == 4
     assert result.fit_percent[0] >= percent

@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from micromanip_drivers.canbus.frame_counter import FrameCounter
+from micromanip_drivers.canbus.received_message import FrameCounter
 
 
 def followed(counts, bits=8):

@@ -9,9 +9,9 @@ import pytest
 from micromanip_drivers.line.binary import BinaryFraming
 from micromanip_drivers.line.binary_options import Binary
 from micromanip_drivers.line.driver import Line
+from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
-from micromanip_drivers.line.silence import Silence
 
 from micromanip.bus.driver import Inbox, Outcome
 from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError

@@ -6,9 +6,9 @@ import time
 import pytest
 from micromanip_drivers.line.ascii import AsciiFraming
 from micromanip_drivers.line.ascii_options import Ascii
+from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
-from micromanip_drivers.line.silence import Silence
 
 from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError

@@ -6,9 +6,9 @@ import random
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from micromanip_drivers.line.frame_search import STALE_NS, FrameSearch
-from micromanip_drivers.line.framing_options import Crc
-from micromanip_drivers.line.lines import Lines
+from micromanip_drivers.line.ascii_text import Lines
+from micromanip_drivers.line.frame_options import Crc
+from micromanip_drivers.line.frame_reader import STALE_NS, FrameSearch
 
 SYNC = b"\xaa\x55"
 CRC32 = Crc(name="crc32.iso_hdlc", byte_order="little")

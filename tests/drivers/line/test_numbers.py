@@ -6,10 +6,9 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from micromanip_drivers.line.field_options import SIZES, InputField, Number, OutputField, Status, WholeNumber
+from micromanip_drivers.line.frame_options import SIZES, InputField, Number, OutputField, Status, WholeNumber
+from micromanip_drivers.line.frame_parts import PacketCounter, StatusWord
 from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumber
-from micromanip_drivers.line.packet_counter import PacketCounter
-from micromanip_drivers.line.status import StatusWord
 
 from micromanip.bus.errors import OutputRefused
 

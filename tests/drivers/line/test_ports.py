@@ -9,9 +9,8 @@ import threading
 import time
 
 import pytest
-from micromanip_drivers.line.echo import Echo
 from micromanip_drivers.line.port_options import SerialPort, TcpPort, UdpPort
-from micromanip_drivers.line.serial_port import SerialLine
+from micromanip_drivers.line.serial_port import Echo, SerialLine
 from micromanip_drivers.line.tcp_port import TcpConnection
 from micromanip_drivers.line.udp_port import UdpDatagrams
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from micromanip_drivers.line.driver import Line
+from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
-from micromanip_drivers.line.silence import Silence
 from micromanip_drivers.line.stream import StreamFraming
 from micromanip_drivers.line.stream_options import Stream
 

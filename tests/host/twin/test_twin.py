@@ -110,10 +110,20 @@ def test_disagreement_names_the_number(tracking):
         require_agreement(left, right)
 
 
-def test_twin_refuses_a_law_that_it_lacks(tracking):
+def _without_feedback(axis):
+    axis["feedback"] = 0
+
+
+def _with_a_notch(axis):
+    axis["pid"]["notch_share"] = 0.9
+
+
+@pytest.mark.parametrize("changed", [_without_feedback, _with_a_notch])
+def test_twin_refuses_a_law_that_it_lacks(tracking, changed):
     from benchmarks.twin import require_covered
 
     parameters = tracking.parameters.copy()
-    parameters["axis"][0, 1]["feedback"] = 0
+    require_covered(parameters)
+    changed(parameters["axis"][0, 1])
     with pytest.raises(CheckFailed, match="covers"):
         require_covered(parameters)

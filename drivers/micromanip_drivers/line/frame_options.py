@@ -1,0 +1,180 @@
+"""Keys of frames: a number in one and how its bytes become a value, checksum, length, counter. Nothing is guessed.
+
+    fields:
+      strain_x: {at: 4, type: int32, byte_order: little, scale: 1.0e-4}
+      strain_y: {at: 8, type: int32, byte_order: little, scale: 1.0e-4, offset: -2.5}
+
+`at` counts bytes from the first of the frame (of the block, in a stream's blocks), beginning with 0.
+value = scale x number + offset.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable
+from typing import Annotated, Literal
+
+import fastcrc
+from pydantic import Field, field_validator, model_validator
+
+from micromanip.driver import did_you_mean
+from micromanip.driver.quantities import Range, Real, Scale
+
+from .section import Place, Section, Whole
+
+SIZES = {
+    **{f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 24, 32, 64)},
+    "float32": 4,
+    "float64": 8,
+}
+"""Bytes of each type."""
+
+ByteOrder = Literal["little", "big"]
+_WIDTHS = {"crc8": 1, "crc16": 2, "crc32": 4, "crc64": 8}
+CRC_NAMES = [f"{width}.{name}" for width in _WIDTHS for name in sorted(getattr(fastcrc, width).algorithms_available)]
+
+
+class Number(Section):
+    """A number in a frame."""
+
+    at: Place = Field(description="Its first byte, counted from that of the frame, or of the block; 0 is the first.")
+    type: str = Field(description=f"One of {', '.join(SIZES)}.")
+    byte_order: ByteOrder | None = Field(
+        default=None,
+        description="little: its lowest byte comes first; big: its highest. null for a single byte.",
+    )
+
+    @field_validator("type")
+    @classmethod
+    def _is_known(cls, kind: str) -> str:
+        if kind not in SIZES:
+            raise ValueError(f"there is no type {kind}; {did_you_mean(kind, SIZES, 'there are')}")
+        return kind
+
+    @model_validator(mode="after")
+    def _order_is_given(self) -> Number:
+        if self.byte_order is None and self.size > 1:
+            raise ValueError(f"byte_order must be given for {self.type}: little or big, as the device's manual says")
+        return self
+
+    @property
+    def size(self) -> int:
+        """How many bytes it has."""
+        return SIZES[self.type]
+
+    @property
+    def end(self) -> int:
+        """The byte behind its last."""
+        return self.at + self.size
+
+
+class WholeNumber(Number):
+    """A number that counts, or tells a state: unsigned."""
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> WholeNumber:
+        if not self.type.startswith("uint"):
+            raise ValueError(f"must be one of uint8, uint16, uint24, uint32, uint64, not {self.type}")
+        return self
+
+
+class Status(WholeNumber):
+    """A number by which the device says whether its values are to be trusted."""
+
+    mask: Annotated[int, Field(strict=True, ge=1)] | None = Field(
+        default=None, description="Bits of it that matter; null for all."
+    )
+    good: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = Field(
+        default=(0,), min_length=1, description="What is left of it under the mask when all is well."
+    )
+
+
+class Known(Number):
+    """A number that says which device it is: a type, a serial number."""
+
+    value: Whole = Field(description="What it must be; any other is the wrong device.")
+
+    @model_validator(mode="after")
+    def _is_an_integer(self) -> Known:
+        if self.type.startswith("float"):
+            raise ValueError("an identity is a whole number")
+        return self
+
+
+class InputField(Number):
+    """A value that the device measures."""
+
+    scale: Scale = Field(default=1.0, description="Physical unit per count.")
+    offset: Real = Field(default=0.0, description="Value at a number of 0.")
+
+    @model_validator(mode="after")
+    def _scale_is_not_zero(self) -> InputField:
+        if self.scale == 0.0:
+            raise ValueError("a scale of 0 makes every value the same")
+        return self
+
+
+class OutputField(InputField):
+    """A value that the device is given."""
+
+    range: Range | None = Field(
+        default=None, description="Lowest and highest value that may be sent; null: what the type holds."
+    )
+    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
+
+    @model_validator(mode="after")
+    def _safe_is_in_range(self) -> OutputField:
+        if self.range is not None and not self.range[0] <= self.safe <= self.range[1]:
+            raise ValueError(f"safe {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
+        return self
+
+
+def overlap(parts: Iterable[tuple[str, int, int]]) -> str | None:
+    """What is wrong if two of the `parts` (name, first byte, byte behind the last) share a byte; None if none do."""
+    last = ("", 0, 0)
+    for part in sorted(parts, key=lambda part: part[1:]):
+        if part[1] < last[2]:
+            return f"{last[0]} (bytes {last[1]} to {last[2] - 1}) and {part[0]} (from byte {part[1]}) overlap"
+        last = part
+    return None
+
+
+class Crc(Section):
+    """A checksum; it is the last of the frame."""
+
+    name: str = Field(description="As fastcrc calls it: crc16.modbus, crc16.ibm_3740, crc32.iso_hdlc, crc8.smbus, ...")
+    byte_order: ByteOrder = Field(default="little", description="Which of its bytes comes first.")
+    first: Place = Field(default=0, description="First byte that it covers; it covers all from there on.")
+
+    @field_validator("name")
+    @classmethod
+    def _is_known(cls, name: str) -> str:
+        if name not in CRC_NAMES:
+            near = difflib.get_close_matches(name.lower().replace("-", "_").replace("/", "."), CRC_NAMES, 3)
+            hint = f"did you mean {', '.join(near)}?" if near else "its documentation lists them, e.g. crc16.modbus"
+            raise ValueError(f"fastcrc has no {name}: {hint}")
+        return name
+
+    @property
+    def size(self) -> int:
+        """How many bytes it has."""
+        return _WIDTHS[self.name.split(".")[0]]
+
+    @property
+    def function(self) -> Callable[[bytes], int]:
+        """From the bytes that it covers to the checksum."""
+        width, name = self.name.split(".")
+        function: Callable[[bytes], int] = getattr(getattr(fastcrc, width), name)
+        return function
+
+
+class Length(WholeNumber):
+    """A number in the frame that says how long it is."""
+
+    plus: Annotated[Whole, Field(ge=-65_535, le=65_535)] = Field(
+        default=0, description="Bytes of the frame that it does not count: the frame has so many more than it says."
+    )
+
+
+class Counter(WholeNumber):
+    """A number that the sender increments with each frame; it wraps at the end of its type."""

@@ -1,0 +1,53 @@
+"""Options of the commands that read a recording: which columns, which part, at which rate; and what was taken, told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import click
+
+from .options import Quantity
+
+
+class Cut(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
+    """``FROM:TO`` in seconds; either may be left out."""
+
+    name = "from:to"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Both ends, the second infinite where it is left out."""
+        if isinstance(value, tuple):
+            return value
+        first, colon, last = str(value).partition(":")
+        seconds = Quantity("SecondsOrZero")
+        ends = (
+            seconds.convert(first, param, ctx) if first.strip() else 0.0,
+            seconds.convert(last, param, ctx) if last.strip() else float("inf"),
+        )
+        if not colon or ends[0] >= ends[1]:
+            self.fail(f"{value!r:.40} is no part of a recording: write FROM:TO in seconds, 1.5:20.", param, ctx)
+        return ends
+
+
+def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--time``, ``--cut`` and ``--resample``."""
+    options = (
+        click.option(
+            "--time", "time_name", metavar="NAME[:unit]",
+            help="Column of the time.  [default: by its unit or name, or the first whose name begins with t]",
+        ),
+        click.option("--cut", type=Cut(), help="Use this part only, in seconds from the first sample."),
+        click.option("--resample", "rate_hz", type=Quantity("Hertz"), help="Rate to bring the recording to, Hz."),
+    )  # fmt: skip
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def tell(records: Iterable[Any]) -> None:
+    """What was taken of each record, in a line, and under it what is unusual: on standard error."""
+    for record in records:
+        click.echo(f"read {record.told}", err=True)
+        for note in record.notes:
+            click.echo(f"  note: {note}", err=True)

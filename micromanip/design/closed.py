@@ -1,0 +1,60 @@
+"""The loops of one axis while they are closed: plants as they are seen there, by a small multisine on the reference."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.settings.schema.model import Configuration
+
+from .experiment import EXCITED, Experiment, alone, path_bandwidth, resting, with_reference
+from .response import Measured, Multisine, measure, multisine
+
+_LOW_HZ, _SHARE, _WIDEST_HZ = 12.0, 0.4, 4000.0
+_STRAIN_UM = ((150.0, 0.5), (600.0, 0.35), (_WIDEST_HZ, 0.25))
+_STAGE_UM = ((150.0, 1.5), (600.0, 2.0), (1500.0, 1.5), (_WIDEST_HZ, 0.7))
+_SLEW_SHARE, _LEAD_S = 0.6, 1.0
+
+
+def measure_strain_loop(configuration: Configuration, experiment: Experiment, axis: str, seed: int = 1) -> Measured:
+    """Voltage to gauge while the strain loop is closed about the working point, the others parked."""
+    wave, samples = _excitation(configuration, experiment, axis, _STRAIN_UM, seed)
+    samples[:, list(configuration.axes).index(axis)] += configuration.axes[axis].centre_um
+    return _played(configuration, experiment, axis, "strain", wave, samples, ("voltage_V", "strain_um"))
+
+
+def measure_outer_loop(configuration: Configuration, experiment: Experiment, axis: str, seed: int = 1) -> Measured:
+    """Set-point to stage sensor while the outer loop is closed, the others parked."""
+    wave, samples = _excitation(configuration, experiment, axis, _STAGE_UM, seed)
+    return _played(configuration, experiment, axis, "stage", wave, samples, ("setpoint_um", "stage_um"))
+
+
+def _excitation(
+    configuration: Configuration, experiment: Experiment, axis: str, rms: tuple[tuple[float, float], ...], seed: int
+) -> tuple[Multisine, NDArray[np.float64]]:
+    rate_hz = configuration.loop.rate_hz
+    wide_hz = min(rms[-1][0], _SHARE * rate_hz, path_bandwidth(experiment.path(configuration, axis), rate_hz))
+    parts = tuple((min(upper, wide_hz), size) for upper, size in rms)
+    wave = multisine(parts, _LOW_HZ, wide_hz, rate_hz, seed=seed, lead_s=_LEAD_S)
+    fastest = float(np.abs(np.diff(wave.samples)).max()) * rate_hz
+    slew = _SLEW_SHARE * 1e3 * configuration.axes[axis].setpoint.slew_um_per_ms
+    index = list(configuration.axes).index(axis)
+    samples = resting(configuration, axis, len(wave.samples))
+    samples[:, index] = min(1.0, slew / fastest) * wave.samples
+    return wave, samples
+
+
+def _played(
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    mode: str,
+    wave: Multisine,
+    samples: NDArray[np.float64],
+    columns: tuple[str, str],
+) -> Measured:
+    excited = with_reference(alone(configuration, axis, mode), EXCITED)
+    rows = experiment(excited, len(wave.samples) / wave.rate_hz, samples)["axis"]
+    index = list(configuration.axes).index(axis)
+    u, y = (np.asarray(rows[name][:, index], dtype=float) for name in columns)
+    return measure(wave, u, y)

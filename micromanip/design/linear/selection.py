@@ -1,0 +1,144 @@
+"""A linear model that predicts: orders, refinement and ARX(1) beside one another on parts that none was fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .arx import fit_arx1
+from .fit import fit_linear
+from .model import LinearFit
+from .strict import strict_errors
+from .subspace import Experiment
+
+_INNER = 0.75
+_CLOSE = 1.5
+"""The order chosen by the free run is kept while its strict error is within this factor of the least."""
+_OTHERS = 3
+_NO_WORSE = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class Selected:
+    """A model, what ARX(1) makes of the same data, and what is to be told about the choice."""
+
+    model: LinearFit
+    arx1: LinearFit
+    notes: list[str]
+
+
+def error_of(model: LinearFit, experiments: Sequence[Experiment]) -> float:
+    """Strict error, rms over the outputs, percent."""
+    return float(np.sqrt(np.mean(strict_errors(model, experiments) ** 2)))
+
+
+def select(
+    experiments: Sequence[Experiment],
+    held_out: Sequence[Experiment],
+    dt: float,
+    order: int | None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Selected:
+    """Fit to `experiments`, with an `order` or the best.
+
+    Candidates are compared by their strict error on the last quarter of the experiments, fitted to what lies before.
+    The part held out is looked at only to see that the model is not worse than ARX(1) there; a model that is, is
+    replaced where no order was asked for, and told of. Raises ValueError as `fit_linear` does.
+    """
+    plain = fit_linear(experiments, dt, order, progress=progress)
+    arx1 = fit_arx1(experiments, dt, plain.delays)
+    direct = bool(np.any(plain.modes.D))
+
+    def again(pairs: Sequence[Experiment], states: int, refinements: int) -> LinearFit:
+        return fit_linear(pairs, dt, states, delays=plain.delays, direct=direct, refinements=refinements)
+
+    progress("comparing on what was left out")
+    notes: list[str] = []
+    model = plain
+    inner, left_out = _parted(experiments)
+    errors = _compared(plain, order, inner, left_out, again)
+    if errors:
+        first = errors.get((plain.order, True), np.inf)
+        best = min(errors, key=lambda key: errors[key])
+        if first > _CLOSE * errors[best] or first > errors.get((plain.order, False), np.inf) * _CLOSE:
+            states, refined = best
+            model = replace(again(experiments, *_fitted_as(best)), tried=plain.tried)
+            how = "" if refined else ", not refined"
+            notes.append(
+                f"order {states}{how} instead of {plain.order}: strict error {errors[best]:.3g} % instead of "
+                f"{first:.3g} % on the last quarter of what is fitted to"
+            )
+    return _no_worse_than_arx1(model, arx1, plain, experiments, held_out, order, again, notes)
+
+
+def _fitted_as(key: tuple[int, bool]) -> tuple[int, int]:
+    states, refined = key
+    return states, 8 if refined else 0
+
+
+def _parted(experiments: Sequence[Experiment]) -> tuple[list[Experiment], list[Experiment]]:
+    counts = [round(_INNER * len(u)) for u, _ in experiments]
+    first = [(u[:count], y[:count]) for (u, y), count in zip(experiments, counts, strict=True)]
+    return first, [(u[count:], y[count:]) for (u, y), count in zip(experiments, counts, strict=True)]
+
+
+def _compared(
+    plain: LinearFit,
+    order: int | None,
+    inner: Sequence[Experiment],
+    left_out: Sequence[Experiment],
+    again: Callable[[Sequence[Experiment], int, int], LinearFit],
+) -> dict[tuple[int, bool], float]:
+    """Strict error (percent) by order and whether it was refined, of what can be fitted to the shorter part."""
+    orders = [plain.order]
+    if order is None:
+        orders += [each for each in sorted(plain.tried, key=lambda n: plain.tried[n]) if each != plain.order][:_OTHERS]
+        orders += [each for each in (1, 2) if each in plain.tried and each not in orders]
+    errors = {}
+    for states in orders:
+        for refined in (True, False):
+            try:
+                fitted = again(inner, *_fitted_as((states, refined)))
+            except (ValueError, np.linalg.LinAlgError):
+                continue
+            error = error_of(fitted, left_out)
+            if np.isfinite(error):
+                errors[states, refined] = error
+    return errors
+
+
+def _no_worse_than_arx1(
+    model: LinearFit,
+    arx1: LinearFit,
+    plain: LinearFit,
+    experiments: Sequence[Experiment],
+    held_out: Sequence[Experiment],
+    order: int | None,
+    again: Callable[[Sequence[Experiment], int, int], LinearFit],
+    notes: list[str],
+) -> Selected:
+    limit, found = error_of(arx1, held_out), error_of(model, held_out)
+    if not np.isfinite(limit) or found <= limit * _NO_WORSE:
+        return Selected(model, arx1, notes)
+    if order is not None:
+        notes.append(
+            f"order {order} predicts worse than ARX(1): strict error {found:.5g} %, ARX(1) {limit:.5g} %; "
+            "another --order, or a longer record"
+        )
+        return Selected(model, arx1, notes)
+    tried = [(limit, arx1, "ARX(1)")]
+    for key in [(plain.order, True), (plain.order, False), (1, True), (1, False), (2, True), (2, False)]:
+        try:
+            other = again(experiments, *_fitted_as(key))
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        tried.append((error_of(other, held_out), other, f"order {key[0]}{'' if key[1] else ', not refined'}"))
+    error, best, name = min(tried, key=lambda entry: entry[0])
+    notes.append(
+        f"{name} instead of order {model.order}, which predicts worse than ARX(1) (strict error {found:.5g} %, "
+        f"ARX(1) {limit:.5g} %, {name} {error:.5g} %): chosen on the part held out, which flatters its figures; "
+        "record more"
+    )
+    return Selected(replace(best, tried=plain.tried), arx1, notes)

@@ -1,0 +1,7 @@
+"""Frequency responses measured with periodic multisines, with their confidence, and rational models of them."""
+
+from .choice import Identified, Wanted, identify
+from .excitation import Multisine, multisine
+from .measured import Measured, measure
+
+__all__ = ["Identified", "Measured", "Multisine", "Wanted", "identify", "measure", "multisine"]

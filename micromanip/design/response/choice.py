@@ -1,0 +1,170 @@
+"""Order and delay of a model by a measured response that was held out, and whether the model is good enough.
+
+Each order is fitted to the first draw of a multisine and judged by the last; the smallest that is nearly as good as the
+best is fitted to all. What is left between model and measurement, and what the measurement itself does not know, is
+kept as a radius at each frequency: margins are judged with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+from micromanip.control.system import System
+from micromanip.design.linear import Modes
+
+from .measured import Measured
+from .rational import fit_rational
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_ENOUGH = 1.15
+_FLOOR = 0.01
+"""A line is never trusted better than to this share: no model is exact, and none should chase one line."""
+_WINDOW = 7
+"""Lines over which the model's error is averaged: fewer would be the measurement's noise."""
+_DELAY_ORDER = 6
+_SURE, _KNOWN = 2.0, 0.1
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Orders and delays (samples) to choose from, and what is to be reached.
+
+    `error`: of the model beside the measurement, `confidence`: standard deviation of the measurement, both as shares,
+    wherever the response is above `matters` of its median size, up to `upper_Hz`; above, only the radius tells.
+    """
+
+    orders: tuple[int, ...]
+    delays: tuple[int, ...]
+    error: float = 0.08
+    confidence: float = 0.15
+    matters: float = 0.25
+    upper_Hz: float = np.inf
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The model, what it was fitted to, its `radius` (k,) of uncertainty at the lines, and what was tried.
+
+    `tried` has the held-out error of each order, 1 being the measurement's own confidence. `problem` says in words
+    why it is not good enough, None where it is.
+    """
+
+    modes: Modes
+    delay: int
+    dt: float
+    measured: Measured
+    radius: Array
+    tried: dict[int, float]
+    problem: str | None
+
+    @property
+    def order(self) -> int:
+        """States, without those of the delay."""
+        return self.modes.order
+
+    @property
+    def fit_percent(self) -> float:
+        """100 less the rms of the relative error, in percent, over the lines that are known to 10 %."""
+        known = self.measured.relative < _KNOWN
+        return 100.0 * (1.0 - float(np.sqrt(np.mean(self.error[known] ** 2)))) if known.any() else 0.0
+
+    @property
+    def error(self) -> Array:
+        """Error (k,) of the model in terms of the response, the noise of single lines averaged out."""
+        return _error(self.at(self.measured.frequency_Hz), self.measured)
+
+    def at(self, frequency_Hz: Array) -> Complex:
+        """The model's response (f,), delay included."""
+        z = np.exp(2j * np.pi * np.asarray(frequency_Hz) * self.dt)
+        return np.asarray(self.modes.frequency_response(z)[:, 0, 0] * z**-self.delay)
+
+    def system(self) -> System:
+        """Model and delay, a step per sample."""
+        from micromanip.control.system import delay
+
+        dynamics = self.dynamics()
+        return delay(self.delay, self.dt).then(dynamics) if self.delay else dynamics
+
+    def dynamics(self) -> System:
+        """The model without its delay."""
+        A, B, C, _ = self.modes.state_space()
+        return System(A, B[:, 0], C[0], 0.0, self.dt)
+
+    def radius_at(self, omega: Array) -> Array:
+        """Radius of uncertainty (n,) at angular frequencies (n,), rad/s; that of the end lines beyond them."""
+        return np.asarray(np.interp(omega, 2 * np.pi * self.measured.frequency_Hz, self.radius))
+
+
+def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
+    """The model of `measured` in the smallest order, and the delay, that the held-out draw asks for."""
+    weight = _weight(measured)
+    seen, unseen = measured.draws[0], measured.draws[-1]
+    hertz = measured.frequency_Hz
+
+    def held_out(order: int, late: int) -> float:
+        modes = fit_rational(hertz, seen, weight, order, late, dt)
+        z = np.exp(2j * np.pi * hertz * dt)
+        error = modes.frequency_response(z)[:, 0, 0] * z**-late - unseen
+        return float(np.sqrt(np.mean(np.abs(error / weight) ** 2)))
+
+    delay = wanted.delays[0]
+    if len(wanted.delays) > 1:
+        at = min(wanted.orders, key=lambda n: abs(n - _DELAY_ORDER))
+        delay = min(wanted.delays, key=lambda late: held_out(at, late))
+    tried = {order: held_out(order, delay) for order in wanted.orders}
+    limit = _ENOUGH * min(tried.values())
+    first = next(n for n, error in tried.items() if error <= limit)
+    size, found = np.abs(measured.response), None
+    # what the mean of all lines does not show, one mode that is missing, may take a larger order
+    for order in (n for n in wanted.orders if n >= first):
+        modes = fit_rational(hertz, measured.response, weight, order, delay, dt)
+        plain = Identified(modes, delay, dt, measured, np.zeros(len(hertz)), tried, None)
+        radius = maximum_filter1d(np.maximum(plain.error * size, _SURE * measured.deviation), _WINDOW, mode="nearest")
+        better = Identified(modes, delay, dt, measured, radius, tried, _problem(plain, wanted))
+        found = better if found is None or better.problem is None else found
+        if found.problem is None:
+            break
+    assert found is not None
+    return found
+
+
+def _weight(measured: Measured) -> Array:
+    return np.asarray(np.hypot(measured.deviation, _FLOOR * np.abs(measured.response)))
+
+
+def _error(model: Complex, measured: Measured) -> Array:
+    share = (model - measured.response) / np.maximum(np.abs(measured.response), 1e-300)
+    # what is the same over neighbouring lines is the model's, the rest the measurement's
+    parts = [uniform_filter1d(part, _WINDOW, mode="nearest") for part in (share.real, share.imag)]
+    return np.asarray(np.hypot(*parts))
+
+
+def _problem(found: Identified, wanted: Wanted) -> str | None:
+    measured, size = found.measured, np.abs(found.measured.response)
+    matters = (size >= wanted.matters * np.median(size)) & (measured.frequency_Hz <= wanted.upper_Hz)
+    if not matters.any():
+        return "nothing of the response stands out of its noise"
+    unsure = np.where(matters, measured.relative, 0.0)
+    k = int(np.argmax(unsure))
+    if unsure[k] > wanted.confidence:
+        return (
+            f"at {measured.frequency_Hz[k]:.3g} Hz the response is only known to +-{100 * _SURE * unsure[k]:.0f} %, "
+            f"+-{100 * _SURE * wanted.confidence:.0f} % are needed"
+        )
+    wrong = np.where(matters, found.error, 0.0)
+    k = int(np.argmax(wrong))
+    if wrong[k] > wanted.error:
+        return (
+            f"at {measured.frequency_Hz[k]:.3g} Hz the model of order {found.order} is {100 * wrong[k]:.0f} % beside "
+            f"the measured response, {100 * wanted.error:.0f} % are allowed"
+        )
+    return None
+
+
+__all__ = ["Identified", "Wanted", "identify"]

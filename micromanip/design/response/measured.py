@@ -1,0 +1,81 @@
+"""The response at the lines of a multisine, and how far it can be trusted.
+
+Each draw gives ``G = mean(Y) / mean(U)`` over its periods. What differs from period to period is noise; what differs
+from draw to draw is noise and the part of the plant that is not linear. Both in terms of the mean of all draws,
+smoothed over neighbouring lines, since there are few of each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from .excitation import Multisine
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_SMOOTHED = 11
+"""Lines over which variances are averaged."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """At (k,) frequencies the `response` (k,), that of each draw (draws, k), and its standard deviation (k,).
+
+    `noise` (k,) is the part of the deviation that noise alone makes; the rest is not linear.
+    """
+
+    frequency_Hz: Array
+    response: Complex
+    draws: Complex
+    deviation: Array
+    noise: Array
+
+    @property
+    def relative(self) -> Array:
+        """Standard deviation (k,) in terms of the response."""
+        return np.asarray(self.deviation / np.maximum(np.abs(self.response), 1e-300))
+
+    @property
+    def coherence(self) -> Array:
+        """Share (k,) of a period's output that the input explains, 0 .. 1, by the deviation."""
+        return np.asarray(1.0 / (1.0 + self.relative**2))
+
+
+def spectra(wave: Multisine, signal: Array) -> Complex:
+    """Lines (draws, periods, k) of a record (n,) made with `wave`; a straight drift over each draw is taken off."""
+    per_draw = wave.lead + wave.periods * wave.period
+    if len(signal) < wave.draws * per_draw:
+        raise ValueError(f"{len(signal)} samples are fewer than the {wave.draws * per_draw} that were played")
+    found = []
+    for d in range(wave.draws):
+        whole = signal[d * per_draw + wave.lead : (d + 1) * per_draw]
+        means = whole.reshape(wave.periods, wave.period).mean(axis=1)
+        drift = np.polyfit(np.arange(wave.periods), means, 1)[0] / wave.period if wave.periods > 1 else 0.0
+        whole = (whole - drift * np.arange(len(whole))).reshape(wave.periods, wave.period)
+        found.append(np.fft.rfft(whole, axis=1)[:, wave.lines])
+    return np.asarray(found)
+
+
+def measure(wave: Multisine, u: Array, y: Array) -> Measured:
+    """Response from `u` (n,) to `y` (n,), records as long as what was played."""
+    U, Y = spectra(wave, u), spectra(wave, y)
+    draws = Y.mean(axis=1) / U.mean(axis=1)
+    rest = Y / U - draws[:, None, :]
+    count = wave.draws * wave.periods
+    noise = np.sqrt(np.sum(np.abs(rest) ** 2, axis=(0, 1)) / max(count - wave.draws, 1) / count)
+    return _judged(wave.frequency_Hz, draws, noise)
+
+
+def _judged(frequency_Hz: Array, draws: Complex, noise: Array) -> Measured:
+    mean = draws.mean(axis=0)
+    scatter = np.sum(np.abs(draws - mean) ** 2, axis=0) / max(len(draws) - 1, 1) / len(draws)
+    size = np.maximum(np.abs(mean), 1e-300)
+    smooth = [
+        np.sqrt(uniform_filter1d((x / size) ** 2, _SMOOTHED, mode="nearest")) * size for x in (noise, scatter**0.5)
+    ]
+    return Measured(frequency_Hz, mean, draws, np.maximum(*smooth), smooth[0])

@@ -1,0 +1,126 @@
+"""Sensitivity of a closed loop, measured while it is closed: a small multisine on top of what it follows.
+
+Whatever enters a loop, plant P and controller C are seen as ``Y = P U``, so with the known C
+
+    L = C Y / U,   S = 1 / (1 + L) = U / (U + C Y).
+
+The measured P is taken relative to the model's: the ratio is smooth where the model is right, so it can be averaged
+over neighbouring lines without a resonance being lost, and gives margins at any frequency. Where it is not near 1, the
+model is not the plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from micromanip.control.margins import Margins, curve_margins
+from micromanip.control.outer_gains import OuterGains
+from micromanip.control.system import System
+
+from .response import Measured
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Response = Callable[[Array], Complex]
+
+AGREEMENT = 0.2
+"""How far the measured distance to -1 may be from the predicted one, beyond its confidence, as a share."""
+_SURE = 2.0
+_WINDOW = 7
+_JUDGED = 1.25
+"""Where 1/|S| is below this, the sensitivity matters: further away from -1 nothing happens."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """A loop measured while closed: at (k,) lines `measured` and `predicted` L, and the deviation of the measured.
+
+    `model` is the predicted L as a function, `margins` its margins; `least` and `most` are the smallest and the largest
+    Ms that the confidence of the measurement leaves. `apart` is by how much more than that confidence both differ at
+    worst, as a share of the distance to -1, at `apart_Hz`.
+    """
+
+    name: str
+    frequency_Hz: Array
+    measured: Complex
+    predicted: Complex
+    deviation: Array
+    model: Response
+    margins: Margins
+    least: float
+    most: float
+    apart: float
+    apart_Hz: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether prediction and measurement are one within `AGREEMENT`."""
+        return self.apart <= AGREEMENT
+
+    @property
+    def sentence(self) -> str:
+        """Both, in words."""
+        found = self.measured_margins().sensitivity
+        return (
+            f"{self.name}: Ms {found:.2f} measured ({self.least:.2f} to {self.most:.2f}), "
+            f"{self.margins.sensitivity:.2f} predicted; at {self.apart_Hz:.0f} Hz their distances to -1 differ by "
+            f"{100 * self.apart:.0f} % more than the measurement's confidence"
+        )
+
+    def measured_margins(self, slope: float = 1.0) -> Margins:
+        """Margins of the measured loop with `slope` times its gain, over the lines' frequencies; stability unknown."""
+        ratio, omega = self.measured / self.predicted, 2 * np.pi * self.frequency_Hz
+
+        def response(w: Array) -> Complex:
+            return np.asarray(slope * self.model(w) * np.interp(w, omega, ratio))
+
+        return curve_margins(response, omega)
+
+
+def judge_loop(name: str, plant: Measured, model: System, controller: System, predicted: Margins) -> Sensitivity:
+    """Sensitivity of the loop of `model` and `controller` by the `plant` as it was measured in it."""
+    omega = 2 * np.pi * plant.frequency_Hz
+    C, G = controller.response(omega), model.response(omega)
+    ratio = plant.response / G
+    smooth = np.array([uniform_filter1d(part, _WINDOW, mode="nearest") for part in (ratio.real, ratio.imag)])
+    L, expected = C * G * (smooth[0] + 1j * smooth[1]), C * G
+    deviation = np.abs(C) * plant.deviation
+    near, far = np.abs(1.0 + L), np.abs(1.0 + expected)
+    beyond = np.maximum(np.abs(near - far) - _SURE * deviation, 0.0) / far
+    judged = np.minimum(near, far) < _JUDGED
+    beyond = np.where(judged, beyond, 0.0)
+    k = int(np.argmax(beyond))
+    return Sensitivity(
+        name,
+        plant.frequency_Hz,
+        L,
+        expected,
+        deviation,
+        model.then(controller).response,
+        predicted,
+        float(1.0 / (near + _SURE * deviation)[judged].min(initial=np.inf)),
+        float(1.0 / np.maximum(near - _SURE * deviation, 1e-3)[judged].min(initial=1e3)),
+        float(beyond[k]),
+        float(plant.frequency_Hz[k]),
+    )
+
+
+def compensator(gains: OuterGains, period_s: float) -> System:
+    """Kalman filter and LQG as one system, stage sensor to set-point, sign changed: a sample in every cycle.
+
+    ``xf = (I - L C) x + L y``, ``u = -K xf``, ``x+ = A xf + B u``.
+    """
+    corrected = np.eye(len(gains.A)) - np.outer(gains.observer, gains.C)
+    closed = gains.A - np.outer(gains.B, gains.feedback)
+    return System(
+        closed @ corrected,
+        closed @ gains.observer,
+        gains.feedback @ corrected,
+        float(gains.feedback @ gains.observer),
+        period_s,
+    )

@@ -1,0 +1,140 @@
+"""What each axis does: position, set-point, strain, voltage, headroom, error; latest, last second, last minute.
+
+All of it comes from the telemetry ring, which the loop fills anyway. A value that is not known is none: no sensor, no
+sample that is young enough, a loop that is not closed, a controller that does not turn any more.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from micromanip.replies import AxisValues, Value
+from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, SWEEPING
+from micromanip.rt.states import STAGE, VOLTAGE
+
+from .controller import Controller
+from .windows import DIGITS, Array, Windows
+
+QUANTITIES = ("position_um", "setpoint_um", "strain_um", "voltage_V", "headroom_V", "error_um")
+"""In the order of the columns here."""
+_SECOND_S, _MINUTE_S = 1.0, 60.0
+_SILENT_S = 0.5
+"""A loop that has written no row for so long stands still: what it wrote last is no value of now."""
+_OLDEST_NS = 2_000_000_000
+"""Ages in the ring end here: the sample is at least so old, or never came."""
+
+
+_NO_NUMBER = "not a finite number"
+_DRIVES = np.isin(np.arange(len(PHASE_NAMES)), (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED))
+"""By the phase: whether the set-point moves the axis."""
+
+
+class AxesValues:
+    """Follows the axes of one controller, row by row."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._names = list(controller.prepared.configuration.axes)
+        self._windows = Windows(len(self._names) * len(QUANTITIES))
+
+    def add(self, rows: Any) -> None:
+        """Take in rows of the telemetry ring."""
+        if len(rows):
+            self._windows.add(rows["time_ns"], _known(rows, self._parameters).reshape(len(rows), -1))
+
+    def report(self, latest: Any | None, now_ns: int) -> dict[str, AxisValues]:
+        """Figures by axis at `now_ns`, CLOCK_MONOTONIC; `latest` is the newest row of the ring, None without any."""
+        windows = zip(self._windows.over(_SECOND_S, now_ns), self._windows.over(_MINUTE_S, now_ns), strict=True)
+        report: dict[str, AxisValues] = {}
+        for i, name in enumerate(self._names):
+            position, setpoint, strain, voltage, headroom, error = (
+                Value(latest=value, unknown=why, second=second, minute=minute)
+                for (value, why), (second, minute) in zip(self._now(i, latest, now_ns), windows, strict=False)
+            )
+            report[name] = AxisValues(
+                position_um=position,
+                setpoint_um=setpoint,
+                strain_um=strain,
+                voltage_V=voltage,
+                headroom_V=headroom,
+                error_um=error,
+                error_of=_error_of(self._parameters[i]),
+            )
+        return report
+
+    @property
+    def _parameters(self) -> Any:
+        """Parameters of the axes (n) that are in force."""
+        return self._controller.prepared.parameters[0]["axis"][: len(self._names)]
+
+    def _now(self, i: int, latest: Any | None, now_ns: int) -> list[tuple[float | None, str | None]]:
+        """Each quantity of axis `i`, or None and why it is not known."""
+        if latest is None:
+            return [(None, "the loop has not turned yet")] * len(QUANTITIES)
+        silent_s = (now_ns - int(latest["time_ns"])) * 1e-9
+        if silent_s > _SILENT_S:
+            return [(None, f"stale: the loop has stood still for {silent_s:.1f} s")] * len(QUANTITIES)
+        values = _known(latest.reshape(1), self._parameters)[0, i]
+        if np.isfinite(values).all():
+            return [(round(float(value), DIGITS), None) for value in values]
+        reasons = self._reasons(i, latest)
+        return [
+            (round(float(value), DIGITS), None) if np.isfinite(value) else (None, why)
+            for value, why in zip(values, reasons, strict=True)
+        ]
+
+    def _reasons(self, i: int, row: Any) -> tuple[str, ...]:
+        """Why each quantity of axis `i` may be unknown in `row`."""
+        axis, name = self._parameters[i], self._names[i]
+        stage, strain = (self._no_sample(axis, row["axis"][i], role, f"{role}_{name}") for role in ("stage", "strain"))
+        idle = "open loop: mode voltage" if axis["mode"] == VOLTAGE else "loops open"
+        sensor = stage if _error_of(axis) == "path" else strain
+        error = sensor if row["phase"] == CLOSED and axis["mode"] != VOLTAGE else idle
+        return stage, idle, strain, _NO_NUMBER, _NO_NUMBER, error
+
+    def _no_sample(self, axis: Any, row: Any, role: str, signal: str) -> str:
+        """Why there is no sample of a sensor that counts; what it reads, where that is the reason."""
+        if axis[role] < 0:
+            return f"no signal {signal}"
+        age_ns = int(row[f"{role}_age_ns"])
+        why = f"for {'2 s or more' if age_ns >= _OLDEST_NS else f'{age_ns * 1e-6:.3g} ms'}"
+        reading, (low, high) = self._controller.status["signals"][axis[role]], axis[f"{role}_range_um"]
+        if reading["sequence"] != 0 and reading["status"] != 0:
+            why += f"; it reads {reading['value']:.4g}, and its driver says that this is no good"
+        elif reading["sequence"] != 0 and not low <= reading["value"] <= high:
+            why += f"; it reads {reading['value']:.4g}, outside {low:g} to {high:g}"
+        return f"stale: no usable sample of {signal} {why}"
+
+
+def _error_of(axis: Any) -> str | None:
+    """What the error of an axis is: of the path at the spindle, of the gauge at its set-point, None in open loop."""
+    if axis["path_error"] >= 0 or axis["mode"] == STAGE:
+        return "path"
+    return None if axis["mode"] == VOLTAGE else "gauge"
+
+
+def _known(rows: Any, axes: Any) -> Array:
+    """Quantities (rows, axes, quantities) of telemetry rows, NaN where one is not known; `axes` are parameters."""
+    row, phase = rows["axis"][:, : len(axes)], rows["phase"][:, None]
+    loops = axes["mode"] != VOLTAGE
+    closed = (phase == CLOSED) & loops
+    voltage = row["voltage_V"]
+    values = np.empty((*row.shape, len(QUANTITIES)))
+    position, setpoint, strain, _, _, error = (values[:, :, k] for k in range(len(QUANTITIES)))
+    position[:] = np.where(_is_young(row, axes, "stage"), row["stage_um"], np.nan)
+    strain[:] = np.where(_is_young(row, axes, "strain"), row["strain_um"], np.nan)
+    setpoint[:] = np.where(_DRIVES[phase] & loops, row["setpoint_um"], np.nan)
+    values[:, :, 3] = voltage
+    values[:, :, 4] = np.minimum(voltage - axes["limiter"]["low_V"], axes["limiter"]["high_V"] - voltage)
+    of_path = (axes["path_error"] >= 0) | (axes["mode"] == STAGE)
+    seen = np.isfinite(position) | (axes["path_error"] >= 0)  # the simulation's truth needs no sensor
+    error[:] = np.where(of_path, np.where(seen, row["path_error_um"], np.nan), setpoint - strain)
+    error[~closed] = np.nan
+    return values
+
+
+def _is_young(row: Any, axes: Any, role: str) -> Any:
+    age_ns = row[f"{role}_age_ns"]
+    return (age_ns <= axes[f"{role}_age_ns"]) & (age_ns < _OLDEST_NS) & (axes[role] >= 0)

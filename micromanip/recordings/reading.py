@@ -1,0 +1,69 @@
+"""A file by what it holds, not by what it is called: one reader for each kind, one message for what can't be read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from micromanip.errors import CheckFailed
+from micromanip.files.regular_file import open_regular
+
+from .arrays import read_npy, read_npz
+from .hdf5 import read_hdf5
+from .matlab import read_matlab
+from .parquet import read_parquet
+from .table import Table
+from .text import read_text
+
+KINDS = "CSV or other text, .mat, .npy, .npz, HDF5 or Parquet"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_PARTS = 1_000_000_000_000
+"""Bytes of a file whose columns are read on their own, in parts: only what is used has to fit into the memory."""
+_FOREIGN = {
+    b"\x1f\x8b": "compressed (gzip): unpack it first, gunzip",
+    b"BZh": "compressed (bzip2): unpack it first, bunzip2",
+    b"\xfd7zXZ": "compressed (xz): unpack it first, unxz",
+    b"TDSm": "LabVIEW TDMS: export it as text (CSV)",
+    b"ARROW1": "Arrow (Feather): save it as Parquet",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook: save it as CSV",
+    b"\x80\x04": "a Python pickle, which is never loaded: save columns with numpy.savez",
+    b"\x80\x05": "a Python pickle, which is never loaded: save columns with numpy.savez",
+    b"RIFF": "a sound file (WAV): save its samples as text or .npz",
+    b"%PDF": "a PDF",
+    b"\x89PNG": "a picture (PNG)",
+    b"\xff\xd8\xff": "a picture (JPEG)",
+}
+
+
+def read_table(file: Path) -> Table:
+    """The columns of `file`. CheckFailed where it is not there, or no recording, with what would be right."""
+    try:
+        with open_regular(file, _PARTS) as opened:
+            head = opened.read(1024)
+    except OSError as problem:
+        why = "no such file" if isinstance(problem, FileNotFoundError) else f"can't be read: {problem.strerror}"
+        raise CheckFailed(f"{file}: {why}") from problem
+    return _reader(file, head)(file)
+
+
+def _reader(file: Path, head: bytes) -> Callable[[Path], Table]:
+    if not head:
+        raise CheckFailed(f"{file}: it is empty; a recording is {KINDS}")
+    for magic, what in _FOREIGN.items():
+        if head.startswith(magic):
+            raise CheckFailed(f"{file}: this is {what}; a recording is {KINDS}")
+    if head.startswith(_HDF5):
+        return read_hdf5
+    if head.startswith((b"MATLAB ", b"\0\0\0\0\0\0\0\0")) or _HDF5 == head[512:520] or _level_4(file, head):
+        return read_matlab
+    if head.startswith(b"\x93NUMPY"):
+        return read_npy
+    if head.startswith(b"PK\3\4"):
+        return read_npz
+    if head.startswith(b"PAR1"):
+        return read_parquet
+    return read_text
+
+
+def _level_4(file: Path, head: bytes) -> bool:
+    return file.suffix.lower() == ".mat" and b"\0" in head

@@ -1,0 +1,95 @@
+"""Columns of a file by name, read when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed, did_you_mean
+
+from .units import known, split_unit
+
+Array = NDArray[np.float64]
+
+_TIMES = {"t", "time", "zeit", "x_value", "x-axis", "timestamp", "time stamp", "date/time", "seconds", "second", "sec"}
+
+
+class Table(Mapping[str, Array]):
+    """Columns (n,) by their name in `file`; columns without a name are called "1", "2" and so on.
+
+    `units` has those that the file states apart from the name, `line` the line of the text at which row 0 stands,
+    `lines` that of each row where they do not follow one another; None where a file has no lines.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        columns: Mapping[str, Array | Callable[[], Array]],
+        units: Mapping[str, str] | None = None,
+        line: int | None = None,
+    ) -> None:
+        self.file, self.line = file, line
+        self._columns = dict(columns)
+        self._units = dict(units or {})
+
+    def __getitem__(self, name: str) -> Array:
+        found = self._columns[name]
+        if callable(found):
+            found = self._columns[name] = found()
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    def unit(self, name: str) -> str | None:
+        """The unit of a column as the file or the column's name states it; None where neither does."""
+        return self._units.get(name) or split_unit(name)[1]
+
+    def where(self, row: int) -> str:
+        """The place of `row` for a message: file and line, or file and number of the row, from 0."""
+        return f"{self.file}: row {row}" if self.line is None else f"{self.file}:{row + self.line}"
+
+    def resolve(self, asked: str) -> tuple[str, str | None]:
+        """Name and unit of the column that ``NAME[:unit]`` means. CheckFailed where there is none.
+
+        NAME is the whole name, or the name without its unit where only one column is called so.
+        """
+        name, _, unit = asked.rpartition(":")
+        found = self._find(asked)
+        if found is not None:
+            return found, self.unit(found)
+        found = self._find(name) if name else None
+        if found is not None and known(unit) is not None:
+            return found, unit
+        if found is not None:
+            raise CheckFailed(f"{self.file}: {asked}: {unit!r} is no unit known here; um, mm, nm, V, mV, s, ms are")
+        if len(self) == 0:
+            raise CheckFailed(f"{self.file}: there is no column of numbers in it")
+        wanted = name if name and known(unit) is not None else asked
+        hint = did_you_mean(wanted, self, "its columns are")
+        raise CheckFailed(f"{self.file}: there is no column {wanted}; {hint}")
+
+    def _find(self, asked: str) -> str | None:
+        if asked in self._columns:
+            return asked
+        bare = [name for name in self if split_unit(name)[0] == asked or name.rpartition(".")[2] == asked]
+        return bare[0] if len(bare) == 1 else None
+
+    def time_column(self) -> str | None:
+        """The column of the time: by its unit, by its name, or the first whose name begins with t."""
+        timed = [name for name in self if _dimension(self.unit(name)) == "time"]
+        plain = [name for name in self if self.unit(name) is None]
+        called = [name for name in plain if name.lower() in _TIMES or name.rpartition(".")[2].lower() in _TIMES]
+        like_t = [name for name in [*timed, *plain] if name.lower().startswith("t")]
+        return next(iter([*(name for name in timed if name in like_t), *called, *timed, *like_t]), None)
+
+
+def _dimension(unit: str | None) -> str | None:
+    found = known(unit) if unit else None
+    return found.dimension if found else None

@@ -1,0 +1,236 @@
+"""What a command takes of a recording: columns by name and unit, a part of the time, at a rate; and what it tells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+
+from .clock import Clock, doubts, even, read_clock
+from .reading import read_table
+from .resampling import onto_grid, resampled
+from .spikes import find_jumps, find_spikes
+from .table import Array, Table
+from .units import known
+
+_MOST_SAMPLES = 20_000_000
+_MOST_JUMPS = 5
+_STROKE_UM = (0.2, 5000.0)
+_SWING_V = 2000.0
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which columns, ``NAME[:unit]``, and how much of them: `cut` in s from the first sample, `rate_hz` of the result.
+
+    `step_s` is the sampling interval where there is no column of time, or where it is to be ignored (`untimed`).
+    """
+
+    columns: Sequence[str]
+    time: str | None = None
+    step_s: float | None = None
+    untimed: bool = False
+    cut: tuple[float, float] | None = None
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Columns (n, k) as they were measured, on a grid of `step_s`.
+
+    `index` (n,) is each sample's number on the grid: where it leaps, samples are missing. `spikes` (n, k) marks single
+    samples that are wrong. `lines` says where sample k came from.
+    """
+
+    file: Path
+    names: tuple[str, ...]
+    units: tuple[str | None, ...]
+    values: Array
+    step_s: float
+    index: NDArray[np.int64]
+    spikes: NDArray[np.bool_]
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def pieces(self) -> list[slice]:
+        """The parts without a gap."""
+        ends = [0, *(np.flatnonzero(np.diff(self.index) > 1) + 1).tolist(), len(self.index)]
+        return [slice(first, last) for first, last in pairwise(ends)]
+
+    def told(self) -> str:
+        """What was taken, in a line."""
+        columns = ", ".join(
+            name if unit is None else f"{name} in {unit}" for name, unit in zip(self.names, self.units, strict=True)
+        )
+        length = (int(self.index[-1]) + 1 - int(self.index[0])) * self.step_s
+        return (
+            f"{self.file.name}: {columns}; {len(self.values)} samples every {self.step_s:.6g} s "
+            f"({1 / self.step_s:.6g} Hz), {length:.4g} s"
+        )
+
+    def report(self) -> dict[str, object]:
+        """The same for a program."""
+        return {
+            "file": str(self.file),
+            "columns": list(self.names),
+            "samples": len(self.values),
+            "step_s": self.step_s,
+            "notes": list(self.notes),
+        }
+
+
+def take(file: Path, wanted: Wanted) -> Recording:
+    """Read and judge what is `wanted` of `file`.
+
+    Lengths come in um, voltages in V, times in s, whatever they were written in. Missing samples are left out, jittered
+    ones are brought onto a grid. CheckFailed, with what would be right, for what can't be used.
+    """
+    table = read_table(file)
+    found = [table.resolve(column) for column in wanted.columns]
+    names = tuple(name for name, _ in found)
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise CheckFailed(f"{file}: the column {twice} is named twice; an input can't be an output")
+    columns = {name: table[name] for name in names}
+    notes: list[str] = []
+    timed = wanted.time or (None if wanted.untimed else table.time_column())
+    clock, time_name = _clock(table, timed, wanted, len(columns[names[0]]), notes)
+    for name, values in columns.items():
+        if len(values) != len(clock.index):
+            other = time_name or names[0]
+            raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {len(clock.index)}: not one recording")
+    first, last = _part(file, clock, wanted.cut)
+    part = slice(first, last)
+    stacked = np.column_stack([columns[name][part] for name in names])
+    _require_numbers(table, names, stacked, first)
+    units, scaled = _in_our_units(names, [unit for _, unit in found], stacked, notes)
+    clock = Clock(clock.step_s, clock.index[part], clock.seconds[part], clock.jittered, clock.notes)
+    notes[:0] = clock.notes
+    spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if len(scaled) > 10 else scaled != scaled
+    _tell_of_spikes(table, names, spikes, first, notes)
+    if not clock.jittered and len(scaled) > 50 and not spikes.any():
+        _tell_of_jumps(table, names, scaled, first, clock, notes)
+    if clock.jittered or wanted.rate_hz is not None:
+        clock, scaled, spikes = _at_a_rate(clock, scaled, spikes, wanted.rate_hz, notes)
+    if len(scaled) > _MOST_SAMPLES:
+        raise CheckFailed(
+            f"{file}: {len(scaled)} samples are more than can be fitted to ({_MOST_SAMPLES}): "
+            "take a part, --cut FROM:TO, or fewer, --resample HZ"
+        )
+    return Recording(file, names, units, scaled, clock.step_s, clock.index, spikes, notes)
+
+
+def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes: list[str]) -> tuple[Clock, str | None]:
+    if timed is None:
+        if wanted.step_s is None:
+            raise CheckFailed(
+                f"{table.file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
+            )
+        return even(samples, wanted.step_s), None
+    name, unit = table.resolve(timed)
+    scale = known(unit) if unit else None
+    t = table[name]
+    if scale is not None and scale.dimension == "count":
+        if wanted.step_s is None:
+            raise CheckFailed(f"{table.file}: {name} counts samples: give their interval, --dt")
+        t = t * wanted.step_s
+    elif scale is not None and scale.dimension == "time":
+        t = t * scale.factor
+    elif scale is not None:
+        raise CheckFailed(f"{table.file}: {name} is in {unit}, which is no time; name the right column with --time")
+    clock = read_clock(name, t, table.where, any_rate=wanted.rate_hz is not None)
+    if scale is None:
+        notes += doubts(name, len(t), clock.step_s)
+    return clock, name
+
+
+def _part(file: Path, clock: Clock, cut: tuple[float, float] | None) -> tuple[int, int]:
+    if cut is None:
+        return 0, len(clock.index)
+    first, last = (int(np.searchsorted(clock.seconds, edge - 1e-9 * clock.step_s)) for edge in cut)
+    if last - first < 2:
+        raise CheckFailed(
+            f"{file}: --cut {cut[0]:g}:{cut[1]:g} leaves {max(last - first, 0)} samples: "
+            f"the recording goes from 0 to {clock.seconds[-1]:.6g} s"
+        )
+    return first, last
+
+
+def _require_numbers(table: Table, names: Sequence[str], values: Array, first: int) -> None:
+    for name, column in zip(names, values.T, strict=True):
+        bad = np.flatnonzero(~np.isfinite(column))
+        if len(bad):
+            raise CheckFailed(
+                f"{table.where(int(bad[0]) + first)}: {name} has no number here ({len(bad)} in all); "
+                "cut the record, or repair the sensor"
+            )
+
+
+def _in_our_units(
+    names: Sequence[str], written: Sequence[str | None], values: Array, notes: list[str]
+) -> tuple[tuple[str | None, ...], Array]:
+    units: list[str | None] = []
+    scaled = values.copy()
+    for k, (name, unit) in enumerate(zip(names, written, strict=True)):
+        scale = known(unit) if unit else None
+        units.append(scale.base if scale else None)
+        if scale is None:
+            continue
+        if scale.factor != 1.0:
+            scaled[:, k] *= scale.factor
+            notes.append(f"{name}: {unit} turned into {scale.base}")
+        notes += _doubts(name, scale.dimension, float(np.ptp(scaled[:, k])), unit or "")
+    return tuple(units), scaled
+
+
+def _doubts(name: str, dimension: str, span: float, unit: str) -> list[str]:
+    """What in a span looks like another unit."""
+    if dimension == "length" and 0.0 < span < _STROKE_UM[0]:
+        guess = "mm" if span > 1e-3 * _STROKE_UM[0] else "m"
+        return [f"{name} moves by {span:.3g} um only: if these are {guess}, not {unit}, give {name}:{guess}"]
+    if dimension == "length" and span > _STROKE_UM[1]:
+        return [f"{name} moves by {span:.3g} um: if these are nm, not {unit}, give {name}:nm"]
+    if dimension == "voltage" and span > _SWING_V:
+        return [f"{name} swings by {span:.4g} V: if these are mV, not {unit}, give {name}:mV"]
+    return []
+
+
+def _tell_of_spikes(
+    table: Table, names: Sequence[str], spikes: NDArray[np.bool_], first: int, notes: list[str]
+) -> None:
+    for name, flags in zip(names, spikes.T, strict=True):
+        at = np.flatnonzero(flags)
+        if len(at):
+            many = f"{len(at)} samples stand out as spikes, the first" if len(at) > 1 else "a spike"
+            notes.append(f"{name}: {many} at {table.where(int(at[0]) + first)}: bridged, and not fitted to")
+
+
+def _tell_of_jumps(
+    table: Table, names: Sequence[str], values: Array, first: int, clock: Clock, notes: list[str]
+) -> None:
+    jumps = [k for k in find_jumps(list(values.T)) if clock.index[k + 1] - clock.index[k] == 1]
+    if 0 < len(jumps) <= _MOST_JUMPS:
+        notes.append(
+            f"{' and '.join(names)} jump together at {table.where(jumps[0] + 1 + first)}"
+            f"{f' and {len(jumps) - 1} more places' if len(jumps) > 1 else ''}, while the time goes on evenly: "
+            "samples may be missing there and the times numbered anew; if so, --cut"
+        )
+
+
+def _at_a_rate(
+    clock: Clock, values: Array, spikes: NDArray[np.bool_], rate_hz: float | None, notes: list[str]
+) -> tuple[Clock, Array, NDArray[np.bool_]]:
+    """The samples on an even grid, piece by piece."""
+    step = clock.step_s
+    index, grid, flags = onto_grid(clock, values, spikes)
+    if rate_hz is not None:
+        step = 1.0 / rate_hz
+        index, grid, flags = resampled(index, grid, flags, clock.step_s, step)
+        notes.append(f"resampled from {1 / clock.step_s:.6g} to {rate_hz:.6g} Hz")
+    return Clock(step, index, np.asarray(index * step, dtype=float), False, ()), grid, flags

@@ -1,0 +1,248 @@
+"""Columns of a text: CSV of any dialect, and what oscilloscopes and LabVIEW write, with lines before the numbers.
+
+The rows are found first: the dialect (separator, decimal mark) in which most lines near the middle are numbers, then
+the first line from which on they are. Names stand in the line before, or a units row does, and the names before that.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from micromanip.errors import CheckFailed
+from micromanip.files.regular_file import open_regular
+
+from .encoding import decoded
+from .table import Array, Table
+from .units import known
+
+_DIALECTS = (("\t", "."), ("\t", ","), (";", ","), (";", "."), (",", "."), (None, "."), (None, ","))
+"""Separator (None: spaces) and decimal mark; the first of those that fit is taken."""
+_SAMPLED = 60
+_COMMENT = "#%/*"
+_EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity"}
+_NO_TABLE = "not a table of numbers: one row per sample, separated by commas, semicolons, tabs or spaces, is read"
+
+
+@dataclass(frozen=True)
+class _Dialect:
+    separator: str | None
+    decimal: str
+
+    def fields(self, line: str) -> list[str]:
+        if self.separator is None:
+            return line.split()
+        return [field.strip().strip('"').strip() for field in line.split(self.separator)]
+
+    def number(self, field: str) -> float | None:
+        """The number that a field is, NaN for an empty one, None for a text."""
+        try:
+            return float(field.replace(",", ".") if self.decimal == "," else field)
+        except ValueError:
+            return np.nan if field.lower() in _EMPTY else None
+
+
+def read_text(file: Path) -> Table:
+    """A text. CheckFailed, with the line, where it is no table, or a row of it has not as many values as the others."""
+    with open_regular(file) as opened:
+        lines = decoded(file, opened.read()).splitlines()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    dialect = _dialect(file, lines)
+    first, kinds = _rows(file, lines, dialect)
+    names, units = _header(file, lines[:first], dialect, kinds)
+    values = _values(file, lines, first, dialect, kinds)
+    kept = [k for k, kind in enumerate(kinds) if kind and (names[k] or np.isfinite(values[k]).any())]
+    named = _unlike([names[k] or str(k + 1) for k in kept])
+    columns = {name: values[k] for name, k in zip(named, kept, strict=True)}
+    stated = {name: unit for name, k in zip(named, kept, strict=True) if (unit := units[k])}
+    stated |= {name: "s" for name, k in zip(named, kept, strict=True) if kinds[k] == "stamp"}
+    return Table(file, columns, stated, first + 1)
+
+
+def _dialect(file: Path, lines: Sequence[str]) -> _Dialect:
+    """The dialect in which most of some lines from the last half of the text are rows."""
+    last_half = [line for line in lines[len(lines) // 2 :] if line.strip()]
+    sampled = last_half[:: max(1, len(last_half) // _SAMPLED)]
+    best, most = None, 0.0
+    for separator, decimal in _DIALECTS:
+        dialect = _Dialect(separator, decimal)
+        rows = [fields for fields in map(dialect.fields, sampled) if _is_row(fields, dialect)]
+        common = _commonest([len(row) for row in rows])
+        numbers = sum(dialect.number(field) is not None for row in rows if len(row) == common for field in row)
+        # two columns of numbers say more than one, whatever else fits
+        merit = numbers / max(common * len(sampled), 1) * (1.0 if common > 1 else 0.5)
+        if merit > most + 1e-9:
+            best, most = dialect, merit
+    if best is None or most < 0.25:
+        raise CheckFailed(f"{file}: {_NO_TABLE}")
+    return best
+
+
+def _commonest(numbers: Sequence[int]) -> int:
+    return max(set(numbers), key=numbers.count, default=0)
+
+
+def _is_row(fields: Sequence[str], dialect: _Dialect) -> bool:
+    """Numbers, with at most a few texts among them (a date, a comment, a status)."""
+    numbers = [dialect.number(field) for field in fields]
+    texts = sum(number is None for number in numbers)
+    return any(number is not None and np.isfinite(number) for number in numbers) and texts <= len(fields) // 2
+
+
+def _rows(file: Path, lines: Sequence[str], dialect: _Dialect) -> tuple[int, list[str]]:
+    """The first line of numbers, and what each column is: "number", "stamp" (a date and time), or "" for a text."""
+    tail = [dialect.fields(line) for line in lines[-_SAMPLED:]]
+    rows = [row for row in tail if _is_row(row, dialect)]
+    width = _commonest([len(row) for row in rows])
+    kinds = [_kind([row[column] for row in rows if len(row) == width], dialect) for column in range(width)]
+    first = len(lines)
+    for at in range(len(lines) - 1, -1, -1):
+        row = dialect.fields(lines[at])
+        if not _fits(row, kinds, dialect):
+            if not any(_fits(dialect.fields(line), kinds, dialect) for line in lines[max(0, at - _SAMPLED) : at]):
+                break
+            if _may_begin(lines[at]) and first < len(lines):
+                break
+            continue  # a bad row among good ones: it is told when the values are read
+        first = at
+    if first == len(lines) or not any(kinds):
+        raise CheckFailed(f"{file}: {_NO_TABLE}")
+    return first, kinds
+
+
+def _kind(fields: Sequence[str], dialect: _Dialect) -> str:
+    """What a column is by some of its fields; one that is empty throughout, behind a last comma, is a text."""
+    numbers = [dialect.number(field) for field in fields]
+    if not any(fields):
+        return ""
+    if sum(number is None for number in numbers) <= len(numbers) // 2:
+        return "number"
+    return "stamp" if _stamp(fields[-1], dialect) is not None else ""
+
+
+def _may_begin(line: str) -> bool:
+    """Whether a line that is no row is a header rather than a damaged row: nothing in it is a number."""
+    return not any(character.isdigit() for character in line) or line.lstrip()[:1] in _COMMENT
+
+
+def _fits(row: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> bool:
+    if len(row) != len(kinds):
+        return False
+    numbers = [dialect.number(field) for field, kind in zip(row, kinds, strict=True) if kind == "number"]
+    return all(number is not None for number in numbers) and any(np.isfinite(n) for n in numbers if n is not None)
+
+
+def _header(
+    file: Path, before: Sequence[str], dialect: _Dialect, kinds: Sequence[str]
+) -> tuple[list[str], list[str | None]]:
+    """Names ("" where there are none) and units, from the last lines before the numbers."""
+    count = len(kinds)
+    nothing: list[str | None] = [None] * count
+    candidates = []
+    for line in reversed(before):
+        text = line.strip("\r\n ").lstrip(_COMMENT).strip(" ")
+        if text.strip(",;\t "):
+            candidates.append(_names(text, dialect, count))
+        if len(candidates) == 2:
+            break
+    if not candidates or len(candidates[0]) == 1 != count:
+        return [""] * count, nothing
+    if len(candidates[0]) != count:
+        if _is_prose(before[-1]):
+            return [""] * count, nothing
+        raise CheckFailed(
+            f"{file}:{len(before)}: the header has {len(candidates[0])} names, the rows have {count} values each"
+        )
+    own = [_as_unit(field) for field in candidates[0]]
+    units_row = any(own) and all(unit or not field for unit, field in zip(own, candidates[0], strict=True))
+    if units_row and len(candidates) > 1 and len(candidates[1]) == count:
+        return list(candidates[1]), own
+    if units_row and not _as_names(candidates[0]):
+        return [""] * count, own
+    return list(candidates[0]), nothing
+
+
+def _names(text: str, dialect: _Dialect, count: int) -> list[str]:
+    """Fields of a header of `count` columns: LabVIEW adds a comment's, and between spaces names may have some."""
+    fields = dialect.fields(text)
+    while len(fields) > count and (not fields[-1] or fields[-1].lower() == "comment"):
+        fields.pop()
+    if dialect.separator is None and len(fields) != count:
+        for pattern in (r"\s{2,}|\t", r"\s+(?![(\[])"):
+            split = re.split(pattern, text.strip())
+            if len(split) == count:
+                return split
+    return fields
+
+
+def _is_prose(line: str) -> bool:
+    """A comment, or nothing but separators: no header that has lost a name."""
+    return line.strip()[:1] in _COMMENT or not line.strip(",;\t ") or line.strip().startswith("**")
+
+
+def _as_names(fields: Sequence[str]) -> bool:
+    """Whether units may be meant as names, "s" and "V" as in a table without a units row."""
+    return len(set(fields)) == len(fields) and all(fields)
+
+
+def _as_unit(field: str) -> str | None:
+    """A field of a units row, with or without brackets, as a unit."""
+    inner = re.sub(r"^[(\[{<]\s*(.*?)\s*[)\]}>]$", r"\1", field)
+    return inner if inner and known(inner) is not None else None
+
+
+def _unlike(names: Sequence[str]) -> list[str]:
+    """Names of which no two are alike: the second x is called x.2."""
+    found: list[str] = []
+    for name in names:
+        again = sum(each == name or each.rpartition(".")[0] == name for each in found)
+        found.append(f"{name}.{again + 1}" if name in found else name)
+    return found
+
+
+def _values(file: Path, lines: Sequence[str], first: int, dialect: _Dialect, kinds: Sequence[str]) -> list[Array]:
+    """A column (n,) for each kind; empty for texts."""
+    rows = lines[first:]
+    plain = all(kind == "number" for kind in kinds)
+    if plain and not any('"' in line for line in rows[:_SAMPLED]):
+        quick = [line.replace(",", ".") for line in rows] if dialect.decimal == "," else rows
+        try:
+            table = np.loadtxt(quick, delimiter=dialect.separator, ndmin=2, comments=None)
+        except ValueError:
+            pass  # an empty field, a bad row: looked at one by one
+        else:
+            if len(table) == len(rows) and table.shape[1] == len(kinds):
+                return [np.ascontiguousarray(column) for column in table.T]
+    values = [np.full(len(rows) if kind else 0, np.nan) for kind in kinds]
+    for k, line in enumerate(rows):
+        fields = dialect.fields(line)
+        if len(fields) != len(kinds):
+            raise CheckFailed(f"{file}:{first + k + 1}: {_ragged(fields, kinds, last=k == len(rows) - 1)}")
+        for column, (field, kind) in enumerate(zip(fields, kinds, strict=True)):
+            if kind:
+                number = _stamp(field, dialect) if kind == "stamp" else dialect.number(field)
+                if number is None:
+                    raise CheckFailed(f"{file}:{first + k + 1}: {field[:40]!r} is no number")
+                values[column][k] = number
+    return [column - column[0] if kind == "stamp" else column for column, kind in zip(values, kinds, strict=True)]
+
+
+def _ragged(fields: Sequence[str], kinds: Sequence[str], *, last: bool) -> str:
+    why = "; the file's last row: it may be cut off, remove it" if last else ""
+    return f"this row has not as many values as there are columns ({len(fields)}, the others have {len(kinds)}){why}"
+
+
+def _stamp(field: str, dialect: _Dialect) -> float | None:
+    """Seconds of a date and time in ISO 8601, or of a time of day; None for anything else."""
+    text = field.replace(",", ".") if dialect.decimal == "," else field
+    found = re.fullmatch(r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d\d?):(\d\d):(\d\d(?:\.\d*)?)(?:Z|[+-]\d\d:?\d\d)?", text)
+    if not found:
+        return None
+    days = datetime.date.fromisoformat(found[1]).toordinal() if found[1] else 0
+    return 86_400.0 * days + 3600.0 * int(found[2]) + 60.0 * int(found[3]) + float(found[4])

@@ -1,0 +1,92 @@
+"""``micromanip status`` before a played controller: what is said, once, and in which colour."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from micromanip.cli.live import figures, state_line
+from micromanip.cli.main import main
+from micromanip.cli.run import _judge
+from micromanip.errors import CheckFailed
+
+from .played import FAULT, Played, status
+
+RED = "\x1b[1;31m"
+
+
+@pytest.fixture
+def played(tmp_path):
+    controller = Played(tmp_path / "control.sock")
+    controller.status = status("FAULT", [FAULT]) | {"links": {}, "shadow": "none", "recording": None}
+    yield controller
+    controller.close()
+
+
+def on_a_terminal(controller, **environment):
+    """What `status` writes to a terminal of 100 columns."""
+    master, slave = pty.openpty()
+    environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "100"} | environment
+    command = [Path(sys.executable).with_name("micromanip"), "status", "--socket", str(controller.path)]
+    subprocess.run(command, stdout=slave, env=environment, check=True)
+    os.close(slave)
+    written = b""
+    while chunk := _read(master):
+        written += chunk
+    os.close(master)
+    return written.decode()
+
+
+def _read(descriptor):
+    try:
+        return os.read(descriptor, 65536)
+    except OSError:  # the terminal is closed, and empty
+        return b""
+
+
+def test_a_fault_is_said_once_and_before_the_values(played, capsys):
+    main(["status", "--socket", str(played.path)])
+    out = capsys.readouterr().out
+    assert out.count("X-201") == 1
+    assert out.index("FAULT") < out.index("X-201") < out.index("position, um")
+    assert "\x1b" not in out, "colours are for terminals"
+
+
+def test_a_fault_is_red_on_a_terminal_and_plain_where_nobody_wants_colours(played):
+    shown = on_a_terminal(played)
+    assert f"{RED}X-201 axis x" in shown
+    plain = on_a_terminal(played, NO_COLOR="1")
+    assert "X-201 axis x" in plain
+    assert "31m" not in plain
+
+
+def test_json_is_what_the_controller_answered(played, capsys):
+    main(["status", "--socket", str(played.path), "--json"])
+    assert json.loads(capsys.readouterr().out) == played.status
+
+
+def test_the_live_line_has_the_error_of_the_last_second(played):
+    assert str(state_line(played.status)).endswith("error rms x 0.50 y 0.50 um")
+
+
+def test_a_run_that_ends_by_a_fault_does_not_tell_it_again(played):
+    """It was told in full when it was noticed."""
+    with pytest.raises(
+        CheckFailed, match=r"^ended by X-201 on axis x, as said above; `micromanip explain` tells more$"
+    ):
+        _judge(played.status)
+
+
+@pytest.mark.parametrize(("without", "told"), [(114.3, "140 times"), (None, "-")])
+def test_better_by_needs_a_deviation(played, without, told, capsys):
+    from rich.console import Console
+
+    error = {"uncompensated_rms": without, "rms": 0.8164, "max": 3.0}
+    Console(width=100).print(figures(played.status | {"path_error_um": {"x": error}}))
+    row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("│ x"))
+    assert [cell.strip() for cell in row.strip("│").split("│")][-1] == told
+    assert "0.816" in row

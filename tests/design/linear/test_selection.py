@@ -1,0 +1,92 @@
+"""What is chosen predicts no worse than ARX(1), is judged strictly, and what was replaced is told."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from micromanip.design.linear import fit_linear
+from micromanip.design.linear.arx import fit_arx1
+from micromanip.design.linear.selection import error_of, select
+from micromanip.design.linear.strict import strict_errors
+
+DT = 1e-3
+
+
+def experiment(seed, samples=1500, noise=0.02, drift=0.0):
+    """A lightly damped mode behind a lag, driven by noise; the sensor may wander."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((samples, 1))
+    poles = 0.97 * np.exp(np.array([0.2j, -0.2j]))
+    y = lfilter([0.0, 0.1], np.poly([*poles, 0.6]).real, u, axis=0)
+    wander = drift * np.cumsum(rng.standard_normal((samples, 1)), axis=0)
+    return u, 5.0 + y + noise * y.std() * rng.standard_normal(y.shape) + wander * y.std()
+
+
+def test_arx1_is_that_of_least_squares():
+    """Beside numpy's solution for one output, with an offset."""
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal((800, 2))
+    y = lfilter([0.0, 1.0], [1.0, -0.8], u @ np.array([[0.5], [-0.2]]), axis=0) + 3.0
+    y += 0.05 * rng.standard_normal(y.shape)
+    model = fit_arx1([(u, y)], DT, (0, 0))
+    table = np.column_stack([y[:-1, 0], u[:-1], np.ones(799)])
+    a, b1, b2, _ = np.linalg.lstsq(table, y[1:, 0], rcond=None)[0]
+    assert model.poles[0].real == pytest.approx(a, rel=1e-6)
+    np.testing.assert_allclose(model.modes.B[0].real, [b1, b2], rtol=1e-6)
+    run, at = np.empty(800), y[0, 0] - y.mean()
+    for k in range(800):
+        run[k] = at
+        at = a * at + (u[k] - u.mean(axis=0)) @ [b1, b2]
+    np.testing.assert_allclose(
+        model.simulate(u, y)[100:, 0] - model.simulate(u, y)[-1, 0], run[100:] - run[-1], atol=0.02
+    )
+
+
+def test_the_strict_error_does_not_see_what_it_is_judged_by():
+    """The start is fitted to the first tenth: what comes later moves the error, not the run."""
+    u, y = experiment(2)
+    model = fit_linear([(u, y)], DT, 3)
+    other_u, other_y = experiment(3)
+    usual, strict = model.errors(other_u, other_y)[1], strict_errors(model, [(other_u, other_y)])
+    assert strict == pytest.approx(usual, rel=0.1)
+    late = other_y.copy()
+    late[800:] += 2.0 * other_y.std()
+    before, seen = model.errors(other_u, late)[1], strict_errors(model, [(other_u, late)])
+    assert seen > 1.2 * before, "an offset that comes late can't be fitted away"
+    np.testing.assert_array_less(strict, seen)
+
+
+def test_parts_that_are_too_short_to_be_judged_are_infinite():
+    u, y = experiment(2)
+    model = fit_linear([(u, y)], DT, 3)
+    assert np.isinf(strict_errors(model, [(u[:20], y[:20])])).all()
+    assert np.isfinite(strict_errors(model, [(u[:20], y[:20]), (u, y)])).all()
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    ("noise", "drift", "samples"), [(0.02, 0.0, 600), (0.5, 0.0, 300), (0.1, 0.2, 600), (3.0, 0.1, 240)]
+)
+def test_nothing_chosen_is_worse_than_arx1(seed, noise, drift, samples):
+    u, y = experiment(seed, 2 * samples, noise, drift)
+    first, rest = (u[:samples], y[:samples]), (u[samples:], y[samples:])
+    selected = select([first], [rest], DT, None)
+    assert error_of(selected.model, [rest]) <= error_of(selected.arx1, [rest]) * (1.0 + 1e-6)
+    replaced = selected.model.order != fit_linear([first], DT).order
+    assert not replaced or selected.notes, "what was replaced is told"
+
+
+def test_an_order_that_was_asked_for_is_kept_and_judged():
+    u, y = experiment(4, 400, 3.0, 0.3)
+    selected = select([(u[:200], y[:200])], [(u[200:], y[200:])], DT, 8)
+    assert selected.model.order == 8
+    worse = error_of(selected.model, [(u[200:], y[200:])]) > error_of(selected.arx1, [(u[200:], y[200:])])
+    assert worse == any("order 8 predicts worse than ARX(1)" in note for note in selected.notes)
+
+
+def test_a_good_record_is_fitted_as_ever():
+    u, y = experiment(5)
+    selected = select([(u[:1000], y[:1000])], [(u[1000:], y[1000:])], DT, None)
+    plain = fit_linear([(u[:1000], y[:1000])], DT)
+    assert selected.notes == []
+    np.testing.assert_array_equal(selected.model.poles, plain.poles)

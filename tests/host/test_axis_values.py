@@ -1,0 +1,245 @@
+"""What `status` tells of each axis, from rows of the telemetry ring: known or not, and over which time."""
+
+import re
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from micromanip.host import statistics
+from micromanip.host.axis_values import AxesValues
+from micromanip.host.shared_memory import RING, STATUS
+from micromanip.host.windows import BLOCK_NS, Windows
+from micromanip.rt.mailbox import RING_HEAD
+from micromanip.rt.phases import CLOSED, LIFTING, PARKED
+from micromanip.rt.states import STAGE, STRAIN, VOLTAGE
+from micromanip.rt.telemetry import ROW
+from micromanip.settings.check import prepare
+
+from .standin import SIMULATED
+
+START_NS = 7_000_000_000_000
+PERIOD_NS = 100_000
+MS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return prepare(SIMULATED)
+
+
+@pytest.fixture
+def controller(prepared):
+    """Axis x as configured but for its truth, which no hardware tells."""
+    parameters = prepared.parameters.copy()
+    parameters["axis"]["path_error"] = parameters["axis"]["uncompensated"] = -1
+    parameters["axis"]["stage_age_ns"] = 3 * MS
+    standin = SimpleNamespace(configuration=prepared.configuration, parameters=parameters)
+    return SimpleNamespace(prepared=standin, status=np.zeros(1, STATUS)[0])
+
+
+def rows(count=1, phase=CLOSED):
+    made = np.zeros(count, ROW)
+    made["time_ns"] = START_NS + PERIOD_NS * np.arange(count)
+    made["phase"], made["periods"] = phase, 1
+    axis = made["axis"]
+    axis["stage_um"], axis["strain_um"], axis["setpoint_um"] = 50.0, 66.0, 66.5
+    axis["voltage_V"], axis["path_error_um"] = 100.0, -0.25
+    return made
+
+
+def report(controller, made, now_ns=None):
+    values = AxesValues(controller)
+    values.add(made)
+    return values.report(made[-1], int(made["time_ns"][-1]) if now_ns is None else now_ns)["x"]
+
+
+def latest(axis):
+    return {name: value["latest"] for name, value in axis.items() if name != "error_of"}
+
+
+def test_values_of_an_axis_that_tracks(controller):
+    axis = report(controller, rows())
+    assert latest(axis) == {
+        "position_um": 50.0,
+        "setpoint_um": 66.5,
+        "strain_um": 66.0,
+        "voltage_V": 100.0,
+        "headroom_V": 50.0,  # of -20 to 150 V
+        "error_um": -0.25,
+    }
+    assert axis["error_of"] == "path"
+
+
+@pytest.mark.parametrize(("voltage_V", "headroom_V"), [(-19.0, 1.0), (149.5, 0.5), (65.0, 85.0), (-20.0, 0.0)])
+def test_headroom_is_to_the_nearer_end(controller, voltage_V, headroom_V):
+    made = rows()
+    made["axis"]["voltage_V"] = voltage_V
+    assert report(controller, made)["headroom_V"]["latest"] == headroom_V
+
+
+def test_an_axis_at_rest_has_position_strain_and_voltage_and_no_setpoint_or_error(controller):
+    axis = report(controller, rows(20, PARKED))
+    for name in ("setpoint_um", "error_um"):
+        assert axis[name] == {"latest": None, "unknown": "loops open", "second": None, "minute": None}
+    assert (axis["position_um"]["latest"], axis["strain_um"]["latest"], axis["voltage_V"]["latest"]) == (50, 66, 100)
+    lifted = report(controller, rows(1, LIFTING))
+    assert (lifted["setpoint_um"]["latest"], lifted["error_um"]["latest"]) == (66.5, None)
+
+
+def test_a_sample_that_is_too_old_is_no_value_and_counts_nowhere(controller):
+    made = rows(100)
+    made["axis"]["stage_age_ns"][40:] = 4 * MS
+    axis = report(controller, made)
+    assert axis["position_um"]["latest"] is None
+    assert axis["position_um"]["unknown"] == "stale: no usable sample of stage_x for 4 ms"
+    assert axis["error_um"]["latest"] is None, "the error is that of the stage's sensor"
+    made["axis"]["stage_um"][40:, 0] = 1e9
+    assert report(controller, made)["position_um"]["second"]["max"] == 50.0
+
+
+def test_a_sensor_that_never_spoke_is_unknown_also_without_a_limit(controller):
+    controller.prepared.parameters["axis"]["stage_age_ns"] = 1 << 62
+    made = rows()
+    made["axis"]["stage_age_ns"] = 2_000_000_000
+    value = report(controller, made)["position_um"]
+    assert value["latest"] is None
+    assert value["unknown"] == "stale: no usable sample of stage_x for 2 s or more"
+
+
+@pytest.mark.parametrize(
+    ("reading", "status", "why"),
+    [(-301.5, 0, "; it reads -301.5, outside -300 to 300"), (-300.0, 1, "; it reads -300, and its driver says that")],
+)
+def test_a_reading_that_does_not_count_is_named_as_the_reason(controller, reading, status, why):
+    place = controller.prepared.parameters[0]["axis"][0]["stage"]
+    controller.status["signals"][place] = (reading, START_NS, 12, status)
+    made = rows()
+    made["axis"]["stage_age_ns"] = 2_000_000_000
+    value = report(controller, made)["position_um"]
+    assert value["latest"] is None
+    assert f"for 2 s or more{why}" in value["unknown"]
+
+
+def test_an_axis_without_a_stage_sensor_says_so(controller):
+    controller.prepared.parameters["axis"]["stage"] = -1
+    controller.prepared.parameters["axis"]["mode"] = STRAIN
+    axis = report(controller, rows())
+    assert axis["position_um"]["unknown"] == "no signal stage_x"
+    assert (axis["error_of"], axis["error_um"]["latest"]) == ("gauge", 0.5)
+
+
+def test_in_open_loop_there_is_neither_setpoint_nor_error(controller):
+    controller.prepared.parameters["axis"]["mode"] = VOLTAGE
+    axis = report(controller, rows())
+    assert axis["error_of"] is None
+    assert axis["setpoint_um"]["unknown"] == axis["error_um"]["unknown"] == "open loop: mode voltage"
+
+
+def test_the_simulation_s_truth_needs_no_sensor(controller):
+    controller.prepared.parameters["axis"]["path_error"] = 3
+    controller.prepared.parameters["axis"]["mode"] = STAGE
+    made = rows()
+    made["axis"]["stage_age_ns"] = 4 * MS
+    assert report(controller, made)["error_um"]["latest"] == -0.25
+
+
+def test_a_loop_that_stands_still_has_no_values(controller):
+    made = rows(10)
+    axis = report(controller, made, now_ns=int(made["time_ns"][-1]) + 1_500 * MS)
+    assert set(latest(axis).values()) == {None}
+    assert axis["voltage_V"]["unknown"] == "stale: the loop has stood still for 1.5 s"
+    assert axis["voltage_V"]["second"] is None
+    assert axis["voltage_V"]["minute"]["mean"] == 100.0
+
+
+def test_before_the_first_cycle_nothing_is_known(controller):
+    axis = AxesValues(controller).report(None, START_NS)["x"]
+    assert set(latest(axis).values()) == {None}
+
+
+def test_a_known_sine_has_its_rms_and_peak(controller):
+    made = rows(20_000)
+    t = np.arange(20_000) * 1e-4
+    made["axis"]["path_error_um"] = (0.8 * np.sin(2 * np.pi * 25 * t))[:, None]
+    made["axis"]["voltage_V"] = (60 + 2 * np.sin(2 * np.pi * 25 * t))[:, None]
+    axis = report(controller, made)
+    second = axis["error_um"]["second"]
+    assert (second["rms"], second["peak"]) == (pytest.approx(0.8 / np.sqrt(2), rel=1e-3), pytest.approx(0.8))
+    assert second["seconds"] == 1.0
+    moved = axis["voltage_V"]["minute"]
+    assert moved["deviation_rms"] == pytest.approx(np.sqrt(2), rel=1e-3)
+    assert (moved["mean"], moved["deviation_peak"]) == (pytest.approx(60, abs=1e-3), pytest.approx(2, abs=1e-3))
+    assert moved["seconds"] == 2.0
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 300 * MS), st.sampled_from([np.nan, -3.0, 0.5, 7.0, 1e3])), max_size=300),
+    st.integers(1, 50),
+    st.sampled_from([1.0, 60.0]),
+)
+def test_windows_are_what_numpy_makes_of_the_values_in_them(gaps, piece, seconds):
+    times = START_NS + np.cumsum([gap for gap, _ in gaps], dtype=np.int64)
+    values = np.array([value for _, value in gaps])
+    windows = Windows(1)
+    for at in range(0, len(gaps), piece):
+        windows.add(times[at : at + piece], values[at : at + piece, None])
+    now = int(times[-1]) if len(gaps) else START_NS
+    inside = times // BLOCK_NS > now // BLOCK_NS - round(seconds * 1e9 / BLOCK_NS)
+    known = values[inside & np.isfinite(values)]
+    (window,) = windows.over(seconds, now)
+    if not len(known):
+        assert window is None
+        return
+    assert window["seconds"] <= seconds
+    expected = {
+        "mean": known.mean(),
+        "min": known.min(),
+        "max": known.max(),
+        "rms": np.sqrt(np.mean(known**2)),
+        "peak": np.abs(known).max(),
+        "deviation_rms": known.std(),
+        "deviation_peak": np.abs(known - known.mean()).max(),
+    }
+    for name, value in expected.items():
+        assert window[name] == pytest.approx(value, rel=1e-6, abs=1e-4), name
+
+
+def test_the_ring_is_read_once_and_a_report_is_up_to_date(prepared):
+    ring = np.zeros(1, RING)[0]
+    ring["rows"]["time_ns"] = time.monotonic_ns()
+    controller = SimpleNamespace(prepared=prepared, ring=ring, status=np.zeros(1, STATUS)[0])
+    gathered = statistics.Gathered(controller)
+    for row in range(2):
+        ring["rows"]["axis"]["voltage_V"][row] = 10.0 + row
+        ring["words"][RING_HEAD] = row + 1
+        gathered.gather()
+        value = gathered.axes()["y"]["voltage_V"]
+        assert (value["latest"], value["second"]["max"]) == (10.0 + row, 10.0 + row)
+    gathered.gather()
+    assert gathered.axes()["y"]["voltage_V"]["second"]["mean"] == 10.5, "no row counts twice"
+
+
+@pytest.mark.parametrize(
+    ("reference", "truth", "known"),
+    [
+        ("{source: hold, offset_um: 60}", False, False),  # nothing deviates: 60 um are no path error
+        ("{source: hold, offset_um: 60}", True, True),
+        ("{source: signal}", False, True),
+    ],
+)
+def test_uncompensated_is_told_only_where_something_deviates(tmp_path, reference, truth, known):
+    text = re.sub(r"(?m)^reference:\n(  .*\n)+", f"reference: {reference}\n", SIMULATED.read_text())
+    if not truth:
+        text = re.sub(r"(?m)^  (path_error|uncompensated)_[xyz]: .*\n", "", text)
+    (tmp_path / "cell.yaml").write_text(text)
+    status = np.zeros(1, STATUS)[0]
+    axis = status["state"][0]["axis"][0]
+    axis["errors"], axis["error_squares"], axis["uncompensated_squares"] = 100, 25.0, 360_000.0
+    controller = SimpleNamespace(prepared=prepare(tmp_path / "cell.yaml"), status=status)
+    found = statistics.path_errors(controller)["x"]
+    assert found["rms"] == 0.5
+    assert found["uncompensated_rms"] == (60.0 if known else None)

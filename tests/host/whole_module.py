@@ -1,0 +1,20 @@
+"""A controller that tracks for all tests of a module, and ends as it should behind them."""
+
+import contextlib
+
+from tools.running_controller import Running
+
+
+@contextlib.contextmanager
+def tracking_until_the_end(folder, text):
+    """It is handed out once it tracks; no test may have made it fault, complain, or leave a process behind."""
+    cell = Running(folder, text)
+    try:
+        yield cell.reach("TRACKING")
+        assert cell.end() == 0, cell.said
+        assert "Traceback" not in cell.said
+        assert cell.report["faults"] == []
+    finally:
+        left = cell.kill()
+        cell.release()
+    assert left == []

@@ -34,7 +34,7 @@ def test_check_tells_what_the_wire_carries(capsys):
 
 def test_a_wire_that_is_too_slow_is_refused(tmp_path):
     slow = changed(tmp_path, ("    port: 4840\n", "    port: 4840\n    link_Mbit_per_s: 10\n"))
-    with pytest.raises(ConfigError, match=r"out would be busy for 71 % of the time"):
+    with pytest.raises(ConfigError, match=r"in would be busy for 100 % of the time"):
         prepare(slow)
 
 

@@ -210,9 +210,20 @@ def _hash_of(axes: dict[str, Axis], name: str) -> str | None:
 
 
 def _print(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> None:
-    from .analyse import print_criteria
+    from rich.padding import Padding
+    from rich.text import Text
 
-    print_criteria([criterion for story in found.evidence for criterion in story.criteria], "Commissioning")
+    from .analyse import print_criteria
+    from .tables import out_console
+
+    for story in found.evidence:
+        missed = [criterion for criterion in story.criteria if not criterion.passed]
+        met = [criterion for criterion in story.criteria if criterion.passed]
+        print_criteria(missed, "Not met")
+        verdict = "[red]FAIL[/]" if missed else "[green]PASS[/]"
+        out_console().print(f"axis {story.axis}: {verdict}, {len(met)} of {len(story.criteria)} criteria are met")
+        for criterion in met:
+            out_console().print(Padding(Text(f"{criterion.name}: {criterion.value}"), (0, 0, 0, 2)))
     if found.passed:
         click.echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
     else:

@@ -124,7 +124,7 @@ def test_a_voltage_moves_the_stage_and_the_sensors_say_so(cell):
         ("drop", {"share": 0.3}, "lost"),
         ("duplicate", {"share": 0.3}, "doubled"),
         ("reorder", {"share": 0.3}, "late"),
-        ("delay", {"share": 0.2, "ms": 3}, "unanswered"),
+        ("delay", {"share": 0.1, "ms": 3}, "unanswered"),
         ("flip", {"share": 0.3}, "wrong_checksum"),
         ("short", {"share": 0.3}, "wrong_length"),
         ("garbage", {"share": 0.3}, "wrong_length"),

@@ -99,7 +99,7 @@ def _make_safe(name: str, driver: CyclicDriver) -> list[str]:
         return [f"driver {name} could not be opened: {problem}"]
     if code := call_context(functions.open, at):
         return [f"driver {name} could not be opened: code {code}"]
-    unsafe = driver.safe_in_host()(context)
+    unsafe = call_context(functions.safe, at)
     unclosed = call_context(functions.close, at)
     failed = [f"driver {name}: its outputs could not be made safe, code {unsafe}"] if unsafe else []
     return failed + ([f"driver {name} could not be closed: code {unclosed}"] if unclosed else [])

@@ -1,5 +1,6 @@
 """Mistakes that only show when sections are seen together: one line each, with the place and the way out."""
 
+import json
 import math
 import os
 from importlib.metadata import EntryPoint
@@ -331,7 +332,7 @@ def test_a_broken_configuration_starts_nothing(tmp_path, monkeypatch, capsys):
             main([*command, str(file)])
         assert ended.value.code == 78
         shown = capsys.readouterr()
-        assert shown.out == ""
+        assert (json.loads(shown.out)["exit_code"] == 78) if "--json" in command else (shown.out == "")
         assert shown.err.startswith(f"micromanip: {file}:{line_of(CELL, 'reference:')}: reference: axis x can't reach")
     assert [entry.name for entry in tmp_path.iterdir()] == ["cell.yaml"]
 

@@ -50,14 +50,11 @@ def played_on(controller, script, width=120, height=60):
 def test_state_values_and_error_are_shown_whole(played, width):
     async def script(pilot, see):
         await see("T R A C K I N G")
-        screen = await see(
-            "51.250", "66.500", "66.000", "100.000", "50.000", "-0.250", "x     1.25 um", "y     1.25 um"
-        )
+        values = "51.250", "66.500", "66.000", "100.000", "50.000", "-0.250", "x     1.25 um", "y     1.25 um"
+        screen = await see(*values, "r reset", "q quit")
         for figure in ("0.125", "0.375", "0.500", "1.250"):
             assert figure in screen
         assert "…" not in screen, "nothing is cut"
-        assert "r reset" in screen
-        assert "q quit" in screen
 
     played_on(played, script, width, height=100)
 

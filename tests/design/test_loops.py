@@ -31,7 +31,7 @@ def simulated(system, u):
 def test_the_pid_is_the_one_that_runs():
     p = record(
         PID_PARAMETERS,
-        gain=PID.K_V_per_um,
+        K_V_per_um=PID.K_V_per_um,
         period_s=PERIOD_S,
         integral=PID.K_V_per_um * PERIOD_S / (PID.Ti_ms * 1e-3),
         derivative=PID.K_V_per_um * PID.Td_ms * 1e-3,

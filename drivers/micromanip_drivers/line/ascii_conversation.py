@@ -214,13 +214,15 @@ class Conversation:
         introduction = self._is_introduction(line)
         if self._owed is None:
             return
+        if introduction:
+            self._silence.heard(time_ns, more=False)
+            self._introduced = True
+        if self._introduced:  # an answer may have been lost: then another, and `drain_ms` of silence, must do
+            self._owed_until_ns = time_ns + self._drain_ns
         if self._pattern is None:
             in_order = self._owed.numbers(line) is not None
         else:
             in_order = introduction and self._introductions_due == 0
-            self._introduced |= introduction
-            if self._introduced:  # an answer may have been lost: then another, and `drain_ms` of silence, must do
-                self._owed_until_ns = time_ns + self._drain_ns
         if in_order:
             self._owed = None
             self._silence.heard(time_ns, more=False)

@@ -161,6 +161,28 @@ def test_answers_that_were_lost_hold_the_questions_back_for_a_while_only(lost):
     assert values[0] < 0
 
 
+@pytest.mark.live
+def test_a_device_that_says_who_it_is_is_not_silent():
+    """It has lost the first two askings, so a drain of silence must follow its answer; the link is not lost by that."""
+    device, eaten = gcs_device(), []
+    one, _ = framing(
+        lambda data: (eaten.append(data) or []) if len(eaten) < 3 else device(data),
+        identity="Physik",
+        silence_ms=104.0,
+        drain_ms=40.0,
+    )
+    eaten[:] = [b""] * 3
+    begin(one)
+    eaten.clear()
+    with pytest.raises(TransientError, match="no reply"):
+        read(one, VOLTAGE)
+    values, end_s = [], time.monotonic() + 1.0
+    while not values and time.monotonic() < end_s:
+        values = read(one, VOLTAGE)
+        time.sleep(0.0005)
+    assert values[0] < 0
+
+
 def test_a_missing_reply_is_one_error_and_the_next_question_waits():
     lost = [False]
     device = gcs_device()

@@ -35,6 +35,7 @@ from pydantic import BaseModel
 
 from .device_identity import real_because
 from .driver import Answer, Channel, Load
+from .safe_state import SafeOutput
 
 CONTEXT_C = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 """A driver's open, safe or close."""
@@ -53,6 +54,21 @@ class Functions:
     exchange: int
     safe: int
     close: int
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A wire that the loop itself serves: whether the device answers, and what its outputs do.
+
+    `outputs` is one of ``OUTPUT_NAMES`` of ``rt/bus_image.py``, `given` what each output was given last, at `sent_ns`
+    (CLOCK_MONOTONIC, 0 for never); `links` is how often the device began to answer.
+    """
+
+    up: bool
+    outputs: str
+    given: tuple[float, ...]
+    sent_ns: int
+    links: int
 
 
 class CyclicDriver(ABC):
@@ -120,6 +136,13 @@ class CyclicDriver(ABC):
     def context(self) -> NDArray[np.uint8]:
         """First contents of the context, a block of bytes that the loop and the host share; no pointers in it."""
 
+    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:  # noqa: B027 (most need none)
+        """Take over the limits of the outputs, in the order of `outputs`, into the context.
+
+        The host tells them before the loop begins and again when they have changed, which they do at rest only. The
+        loop keeps to them by itself: they are for a driver whose commands may be lost on the way.
+        """
+
     def begin(self, context: NDArray[np.uint8]) -> None:  # noqa: B027 (most have nothing to do)
         """Get ready in Python what ``open`` needs: called by the process that calls it, with its context, just before.
 
@@ -129,6 +152,10 @@ class CyclicDriver(ABC):
     def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:  # noqa: ARG002 (what a subclass may count)
         """Counters of its own, out of the context, while the loop runs."""
         return {}
+
+    def wire(self, context: NDArray[np.uint8]) -> Wire | None:  # noqa: ARG002 (most have none)
+        """Where its wire stands, out of the context, while the loop runs; None where it has none."""
+        return None
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         """Look, without moving anything, what answers; what is found, as it is found. As ``BusDriver.probe``."""

@@ -94,6 +94,7 @@ class FramePlan:
     counter: NumberKeys | None = None
     clock: NumberKeys | None = None
     status: StatusKeys | None = None
+    acknowledged: NumberKeys | None = None
 
     def record(self) -> NDArray[np.void]:
         """The table, an array of one FRAME. Raises ConfigError for what it has no room for."""
@@ -111,8 +112,8 @@ class FramePlan:
         frame["length"] = self.length
         frame["template"][: len(self.head)] = np.frombuffer(self.head, np.uint8)
         frame["fixed"][: len(self.head)] = 1
-        for place, keys in (("counter", self.counter), ("clock", self.clock), ("status", self.status)):
-            _fill_number(frame[place], keys)
+        for place in ("counter", "acknowledged", "clock", "status"):
+            _fill_number(frame[place], getattr(self, place))
         if self.status is not None:
             frame["mask"] = (1 << (8 * self.status.size)) - 1 if self.status.mask is None else self.status.mask
             frame["goods"] = len(self.status.good)

@@ -1,6 +1,7 @@
 """The door for drivers: all that a driver's package needs of Micromanip, and the only place it imports from.
 
-    CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/drivers.md)
+    CyclicDriver, Functions, SIGNAL,                   a driver that the loop calls (docs/drivers.md); the limits of an output,
+    SafeOutput, Wire                                   and where its wire stands
     Compiler, *_SIGNATURE, now_ns, sleep_until,        what it needs if numba compiles it
     minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
@@ -22,10 +23,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, worst_case_s
-from micromanip.bus.cyclic import CyclicDriver, Functions
+from micromanip.bus.cyclic import CyclicDriver, Functions, Wire
 from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.safe_state import SafeOutput
 from micromanip.errors import ConfigError, did_you_mean
 from micromanip.files.regular_file import require_regular
 from micromanip.rt.records import SIGNAL
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 1)
+DRIVER_API = (1, 2)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
@@ -78,9 +80,11 @@ __all__ = [
     "Load",
     "Outcome",
     "OutputRefused",
+    "SafeOutput",
     "Sample",
     "Task",
     "TransientError",
+    "Wire",
     "did_you_mean",
     "minimum_jerk",
     "now_ns",

@@ -10,6 +10,7 @@ import pytest
 
 from micromanip.bus.cyclic import call_context
 from micromanip.bus.errors import IdentityMismatch
+from micromanip.bus.safe_state import VOLTAGE, SafeOutput
 from micromanip.emulation.devices import Devices
 from micromanip.rt.records import SIGNAL
 from micromanip.settings.check import validate
@@ -27,6 +28,7 @@ _EXCHANGE = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
 )
 SILENT_S, REST_S = 0.05, 0.35
+STEP_V, RESOLVED_V = 0.6, 2e-4
 
 
 class Cell:
@@ -42,6 +44,8 @@ class Cell:
         self.driver = build_driver(source, "cell", validate(source).drivers["cell"], PERIOD_NS, 0)[0]
         self.names, self.signals = list(self.driver.inputs), np.zeros(48, SIGNAL)
         self.outputs, self.context = np.zeros(8), self.driver.context()
+        limits = SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, STEP_V * 1e9 / PERIOD_NS)
+        self.driver.adopt(self.context, [limits] * len(self.driver.outputs))
         self._functions = self.driver.functions()
         self._exchange = _EXCHANGE(self._functions.exchange)
         self._orders, self._done = [], threading.Event()
@@ -141,7 +145,19 @@ def test_a_bad_wire_is_counted_and_spoils_no_sample(cell, kind, keys, counter):
     assert strains
     assert np.abs(np.array(strains) - np.mean(calm)).max() < 1.0
     assert cell.run(0.1, 20.0)[0][-1] == 0
-    assert cell.largest_step_V() < 1.0
+    assert cell.largest_step_V() <= STEP_V + RESOLVED_V
+
+
+@pytest.mark.parametrize("command", [{"inject": "unplug"}, {"device": "silence"}, {"inject": "drop", "share": 1.0}])
+def test_a_break_too_short_to_be_one_makes_no_step(cell, command):
+    """The loop moves on meanwhile: afterwards the device is led to where the loop is."""
+    cell.begin().run(0.05)
+    cell.order(**command, for_s=0.7 * SILENT_S)
+    codes = cell.lift(30.0).run(0.2, 30.0)[0]
+    assert codes[-1] == 0
+    assert cell.devices.cell.voltages()["voltage_x"] == pytest.approx(30.0, abs=1e-3)
+    assert cell.driver.statistics(cell.context)["held_back"] > 0
+    assert cell.largest_step_V() <= STEP_V + RESOLVED_V
 
 
 AWAY = [{"device": "silence"}, {"inject": "hang"}, {"device": "reboot"}, {"inject": "unplug"}]

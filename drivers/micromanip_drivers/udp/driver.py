@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Answer, Channel, ConfigError, CyclicDriver, Functions, Load
-from micromanip.driver.wire import MOST_BITS, hand_over
+from micromanip.driver import Answer, Channel, ConfigError, CyclicDriver, Functions, Load, SafeOutput, Wire
+from micromanip.driver.wire import MOST_BITS, OUTPUTS_FOLLOW, OUTPUTS_REST, OUTPUTS_UNKNOWN, hand_over
 
 from .opening import Opening
 from .options import UdpOptions
 from .plan import Datagrams
-from .records import CONTEXT, COUNTERS, MAX_OUTPUTS, RESTING
+from .records import ANSWERS, CONTEXT, COUNTERS, FOLLOWING, MAX_OUTPUTS, QUIET, RECENT, RESTING
 
 _OVERHEAD_BYTES = 66
 """Ethernet with its gap, IP and UDP."""
@@ -43,6 +43,12 @@ class Udp(CyclicDriver):
             )
         if len(options.send.fields) > MAX_OUTPUTS:
             raise ConfigError(f"send.fields: {len(options.send.fields)} outputs, at most {MAX_OUTPUTS} are possible")
+        self._counts, silent = 1 << 8 * options.send.counter.size, math.ceil(options.silence_ms * 1e6 / period_ns)
+        if options.send.fields and self._counts <= silent + RECENT:
+            raise ConfigError(
+                f"send.counter.type: {options.send.counter.type} begins anew after {self._counts} datagrams, {silent} "
+                "of which may go unanswered (silence_ms): take a longer type, or an old answer may count as a new one"
+            )
         self._opening = Opening(options, self._datagrams, self.device)
         self._tables = self._datagrams.received_plan.record(), self._datagrams.sent_plan.record()
 
@@ -96,13 +102,20 @@ class Udp(CyclicDriver):
         watchdog = options.watchdog
         c["watchdog_ns"] = round(_WATCHDOG_SHARE * 1e6 * watchdog.ms) if watchdog else np.iinfo(np.int64).max
         c["still_ns"] = round(1e6 * (watchdog.ms + watchdog.rest_ms)) if watchdog else 0
-        c["counts"] = 1 << 8 * options.send.counter.size
+        c["counts"] = self._counts
         c["counted"]["counts"] = 1 << 8 * options.receive.counter.size
         if clock := options.receive.clock:
             c["clock"]["unit_ns"], c["clock"]["bits"] = clock.unit_us * 1e3, min(8 * clock.size, MOST_BITS)
         for i, field in enumerate(options.send.fields.values()):
             c["rest"][i], c["switch"][i], c["given"][i] = field.safe, field.switch, field.safe
+            c["step"][i] = math.inf if field.switch else 0.0  # until `adopt` has told
         return context.view(np.uint8)
+
+    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:
+        c = context.view(CONTEXT)[0]
+        for i, (field, output) in enumerate(zip(self.options.send.fields.values(), outputs, strict=True)):
+            if not field.switch:
+                c["step"][i] = output.slew_V_per_s * self.period_ns * 1e-9
 
     def begin(self, context: NDArray[np.uint8]) -> None:
         hand_over(self._opening.rest_then_ask(), context.view(CONTEXT)[0]["socket"])
@@ -120,7 +133,19 @@ class Udp(CyclicDriver):
     def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
         c = context.view(CONTEXT)[0]
         counted = {name: int(c["counted"][name]) for name in ("lost", "doubled", "late", "restarts")}
-        return {**{name: int(c[name]) for name in COUNTERS}, **counted, "clock_steps": int(c["clock"]["steps"])}
+        counts = {name: int(c[name]) for name in COUNTERS}
+        bad = sum(counts[name] for name in ("wrong_length", "wrong_checksum", "not_this_datagram", "not_sent"))
+        totals = {"performed": int(c["sent_count"]), "errors": bad}
+        return {**counts, **counted, "clock_steps": int(c["clock"]["steps"]), **totals}
+
+    def wire(self, context: NDArray[np.uint8]) -> Wire:
+        c = context.view(CONTEXT)[0]
+        sent_ns, following = int(c["sent_ns"]), int(c["state"]) == FOLLOWING
+        quiet = int(c["state"]) == QUIET or time.monotonic_ns() - sent_ns > int(c["watchdog_ns"])  # or the loop is dead
+        given = tuple(float(value) for value in c["given"][: len(self.outputs)])
+        up = not quiet and int(c["answers"]) >= ANSWERS
+        outputs = OUTPUTS_UNKNOWN if quiet else OUTPUTS_FOLLOW if following else OUTPUTS_REST
+        return Wire(up, outputs, given, sent_ns, int(c["begun"]))
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         return self._opening.found(seconds)

@@ -4,7 +4,9 @@
     QUIET       the link was lost: nothing is sent, until the device's own watchdog has surely brought it to rest
     RESTING     it is given its safe values, until it answers and the loop itself asks for just these: nothing steps
 
-The answer to the datagram of one cycle is taken in the next: the loop never waits for the wire.
+The answer to the datagram of one cycle is taken in the next: the loop never waits for the wire. It says which datagram
+the device has acted on last. So it is known between which values lies what the device has, and the next value is within
+a step of them all: however many were lost on the way, nothing jumps. ``bus/safe_state.py`` does the same for buses.
 """
 
 from __future__ import annotations
@@ -45,34 +47,32 @@ from micromanip.driver.datagrams import (
 from micromanip.driver.wire import DOWN, TAKEN
 
 from .compiled import compiled
-from .records import CONTEXT, FOLLOWING, MAX_OUTPUTS, QUIET, RESTING
+from .records import ANSWERS, CONTEXT, FOLLOWING, MAX_OUTPUTS, QUIET, RECENT, RESTING
 
 NOT_OPEN = 1
 """What ``exchange`` returns before ``open``: fault X-103."""
 _ROUNDS = 4
 """System calls a cycle at most: what more there is waits, so that nobody can hold up the loop."""
-_ANSWERS = 3
-"""So many answers, and the device counts as there again."""
 _EQUAL = 1e-9
 _MAX_INPUTS = 48
 
 
 @compiled
 def take(c: Any, inputs: Any, deadline_ns: int) -> int:
-    """Take in what has come since the last cycle; how much of it was fresh."""
-    s, fresh = c["socket"], 0
+    """Take in what has come since the last cycle; how many datagrams acknowledge what was sent."""
+    s, news = c["socket"], 0
     for _ in range(_ROUNDS):
         count = receive(s)
         for k in range(count):
-            fresh += take_one(c, k, inputs, deadline_ns)
+            news += take_one(c, k, inputs, deadline_ns)
         if count < BATCH:
             break
-    return fresh
+    return news
 
 
 @compiled
 def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
-    """Datagram `k`: 1 if it is a fresh one of the device. Only such a one becomes samples."""
+    """Datagram `k`: 1 if it acknowledges what was sent. Only a fresh one of the device becomes samples."""
     s, f = c["socket"], c["receive"]
     c["received"] += 1
     if not is_from_peer(s, k):
@@ -99,7 +99,42 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
     if f["clock"]["present"] != 0:
         came_ns = taken_ns(c["clock"], code_of(f["clock"], data), came_ns)
     leave_samples(c, data, inputs, missing, min(came_ns, deadline_ns))
+    return acknowledge(c, data)
+
+
+@compiled
+def acknowledge(c: Any, data: Any) -> int:
+    """1 where the answer says that the device has acted on a datagram later than was known.
+
+    Then it has this one's values, or those of one that was sent after it.
+    """
+    n = c["receive"]["acknowledged"]
+    if n["present"] == 0:
+        return 1
+    behind = (c["sent_count"] - 1 - np.int64(code_of(n, data))) % c["counts"]
+    last = c["sent_count"] - 1 - behind
+    if behind >= RECENT or last < c["acknowledged"]:
+        return 0
+    c["acknowledged"] = last + 1
+    for i in range(c["outputs"]):
+        c["lowest"][i] = c["highest"][i] = c["recent"][last % RECENT][i]
+        for k in range(last + 1, c["sent_count"]):
+            may_have(c, i, c["recent"][k % RECENT][i])
     return 1
+
+
+@compiled
+def may_have(c: Any, i: int, value: float) -> None:
+    """Count `value` of output `i` among what the device may have."""
+    c["lowest"][i], c["highest"][i] = min(c["lowest"][i], value), max(c["highest"][i], value)
+
+
+@compiled
+def has_rest(c: Any) -> None:
+    """From now on the device has its safe values, and only what it is sent from now on counts as acknowledged."""
+    c["state"], c["answers"], c["acknowledged"] = RESTING, 0, c["sent_count"]
+    for i in range(c["outputs"]):
+        c["lowest"][i] = c["highest"][i] = c["rest"][i]
 
 
 @compiled
@@ -142,21 +177,38 @@ def lose(c: Any) -> None:
 
 @compiled
 def give(c: Any, outputs: Any, deadline_ns: int) -> None:
-    """Send `outputs`; one that is not finite or out of range stays as it was."""
+    """Send `outputs`, or what is next to them and near enough to what the device has.
+
+    One that is not finite or out of range stays as it was.
+    """
     f, data = c["send"], c["socket"]["sent"]
-    begin_frame(f, data, c["count"])
+    begin_frame(f, data, c["sent_count"] % c["counts"])
     for i in range(c["outputs"]):
-        if put_value(f, f["number"][i], data, outputs[i]):
-            c["given"][i] = outputs[i]
+        value = near(c, i, outputs[i])
+        if put_value(f, f["number"][i], data, value):
+            c["given"][i] = value
         else:
             c["refused_values"] += 1
             put_value(f, f["number"][i], data, c["given"][i])
     seal(f, data)
     c["sent_ns"] = deadline_ns  # also where the system did not take it: then the device is at rest the earlier
     if send(c["socket"], f["length"]) == 0:
-        c["count"] = (c["count"] + 1) % c["counts"]
+        for i in range(c["outputs"]):
+            c["recent"][c["sent_count"] % RECENT][i] = c["given"][i]
+            may_have(c, i, c["given"][i])
+        c["sent_count"] += 1
     else:
         c["not_sent"] += 1
+
+
+@compiled
+def near(c: Any, i: int, value: float) -> float:
+    """What comes nearest to `value` and is within a step of all that the device may have; NaN stays NaN."""
+    step = c["step"][i]
+    if c["highest"][i] - step <= value <= c["lowest"][i] + step or not math.isfinite(value):
+        return value
+    c["held_back"] += 1
+    return min(max(value, c["highest"][i] - step), c["lowest"][i] + step)
 
 
 @compiled
@@ -174,10 +226,10 @@ def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int) -> int:
     """One exchange of the loop; 0, DOWN, TAKEN, or NOT_OPEN."""
     if c["opened"] == 0:
         return NOT_OPEN
-    fresh = take(c, inputs, deadline_ns)
-    if fresh > 0:
+    if take(c, inputs, deadline_ns) > 0:
         c["unanswered_in_a_row"] = 0
         c["answers"] += 1
+        c["begun"] += 1 if c["answers"] == ANSWERS else 0
     else:
         c["unanswered_in_a_row"] += 1
         c["unanswered"] += 1
@@ -188,8 +240,8 @@ def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int) -> int:
     if c["state"] == QUIET:
         if away_ns < c["still_ns"]:
             return DOWN
-        c["state"] = RESTING
-    up = c["answers"] >= _ANSWERS
+        has_rest(c)
+    up = c["answers"] >= ANSWERS
     if c["state"] == RESTING and up and asks_for_rest(c, outputs):
         c["state"] = FOLLOWING
     if c["state"] == FOLLOWING:
@@ -230,7 +282,8 @@ def open_c(context: Any) -> Any:
     c = numba.carray(context, 1)[0]
     if c["socket"]["descriptor"] < 0:
         return NOT_OPEN
-    c["opened"], c["state"] = 1, RESTING
+    c["opened"] = 1
+    has_rest(c)
     return 0
 
 

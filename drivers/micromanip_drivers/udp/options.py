@@ -16,17 +16,18 @@
         receive:
           head: a5 10
           counter: {at: 2, type: uint16, byte_order: little}
-          clock: {at: 4, type: uint32, byte_order: little, unit_us: 1}
-          status: {at: 8, type: uint8, good: [0]}
+          acknowledges: {at: 4, type: uint16, byte_order: little}
+          clock: {at: 6, type: uint32, byte_order: little, unit_us: 1}
+          status: {at: 10, type: uint8, good: [0]}
           fields:
-            strain_x: {at: 9, type: int32, byte_order: little, scale: 1.0e-4}
+            strain_x: {at: 11, type: int32, byte_order: little, scale: 1.0e-4}
           slow:
             tracker:
               rate_hz: 1000
-              counter: {at: 13, type: uint8}
+              counter: {at: 15, type: uint8}
               latency_us: 1050
               fields:
-                deviation_x: {at: 14, type: int32, byte_order: little, scale: 1.0e-3}
+                deviation_x: {at: 16, type: int32, byte_order: little, scale: 1.0e-3}
         send:
           head: a5 20
           counter: {at: 2, type: uint16, byte_order: little}
@@ -84,6 +85,10 @@ class Received(Section):
         default=None, description="Length of all of it, with its CRC; null: to the end of its last part and CRC."
     )
     counter: Counter = Field(description="Incremented with each: what comes twice or is overtaken is not fresh.")
+    acknowledges: Counter | None = Field(
+        default=None,
+        description="Counter of the datagram that the device has acted on last; must be given where there are outputs.",
+    )
     clock: Clock | None = Field(default=None, description="null: a sample is as old as the kernel's time of reception.")
     status: Status | None = Field(default=None, description="How the device says that its values are bad.")
     latency_us: Latency = Field(default=0.0, description="From being sampled to being stamped, or sent.")
@@ -151,6 +156,16 @@ class UdpOptions(UdpPort):
             raise ValueError(
                 "watchdog must be given: it brings the outputs to rest when the loop has died; this driver can't move "
                 "a device that has none"
+            )
+        if self.send.fields and self.receive.acknowledges is None:
+            raise ValueError(
+                "receive.acknowledges must be given: where in its answer the device says which datagram it has acted "
+                "on last; without it nobody knows what it has after some were lost, and it might be made to step"
+            )
+        if self.receive.acknowledges is not None and self.receive.acknowledges.size != self.send.counter.size:
+            raise ValueError(
+                f"receive.acknowledges.type: {self.receive.acknowledges.type}, but it gives back send.counter, which "
+                f"is {self.send.counter.type}: both must be as long"
             )
         if self.watchdog is not None and self.silence_ms > 0.5 * self.watchdog.ms:
             raise ValueError(

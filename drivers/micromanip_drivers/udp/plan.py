@@ -63,6 +63,7 @@ class Datagrams:
             received.counter,
             received.clock,
             received.status,
+            received.acknowledges,
         )
 
     @property
@@ -143,7 +144,12 @@ class Datagrams:
 
 
 def _received_parts(received: Received) -> list[tuple[str, int, int]]:
-    parts = [*part("clock", received.clock), *part("status", received.status), *_fields("fields", received.fields)]
+    parts = [
+        *part("acknowledges", received.acknowledges),
+        *part("clock", received.clock),
+        *part("status", received.status),
+        *_fields("fields", received.fields),
+    ]
     for name, slow in received.slow.items():
         parts += [*part(f"slow.{name}.counter", slow.counter), *_fields(f"slow.{name}.fields", slow.fields)]
     return parts

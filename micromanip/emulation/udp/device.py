@@ -263,7 +263,13 @@ def _received(keys: Any) -> FramePlan:
     received = keys.receive
     slow = list(received.slow.values())
     parts = [part for group in _groups(keys) for part in group.values()]
-    parts += [received.counter, received.clock, received.status, *(group.counter for group in slow)]
+    parts += [
+        received.counter,
+        received.acknowledges,
+        received.clock,
+        received.status,
+        *(group.counter for group in slow),
+    ]
     return FramePlan(
         _length(received, parts, keys.crc),
         [GroupPlan(received.fields), *(GroupPlan(group.fields, group.counter) for group in slow)],
@@ -272,6 +278,7 @@ def _received(keys: Any) -> FramePlan:
         received.counter,
         received.clock,
         received.status,
+        received.acknowledges,
     )
 
 

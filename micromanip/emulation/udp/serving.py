@@ -122,21 +122,25 @@ def say(d: Any, k: int, signals: Any) -> None:
         d["reading"][i] = signals[d["signal"][i]]["value"] if d["signal"][i] >= 0 else 1.0
     for g in range(1, f["groups"]):
         d["samples"][g] = signals[d["group_signal"][g]]["sequence"] if d["group_signal"][g] >= 0 else 0
-    write_answer(f, d["count"], int(d["time_ns"] / d["unit_ns"]), d["samples"], d["reading"], data)
+    write_answer(d, data)
     if send_back(d["socket"], k, f["length"]) == 0:
         d["sent"] += 1
 
 
 @compiled
-def write_answer(f: Any, count: int, stamp: int, samples: Any, values: Any, data: Any) -> None:
-    """Answer number `count` with `values`; `stamp` is the device's time, `samples` has the count of each group.
+def write_answer(d: Any, data: Any) -> None:
+    """The answer number `count` with `reading`, and with the count of each group's `samples`.
 
     A value that its number can't hold is the nearest that it can, NaN the highest where the type has none.
     """
-    begin_frame(f, data, count)
+    f, values, samples = d["answers"], d["reading"], d["samples"]
+    begin_frame(f, data, d["count"])
+    if f["acknowledged"]["present"] != 0:
+        n = f["acknowledged"]
+        put_bits(data, n["at"], n["size"], n["big"], np.uint64(d["counted"]["last"]))
     if f["clock"]["present"] != 0:
         n = f["clock"]
-        put_bits(data, n["at"], n["size"], n["big"], np.uint64(stamp))
+        put_bits(data, n["at"], n["size"], n["big"], np.uint64(int(d["time_ns"] / d["unit_ns"])))
     for g in range(1, f["groups"]):
         n = f["group"][g]["counter"]
         put_bits(data, n["at"], n["size"], n["big"], np.uint64(samples[g]))
@@ -162,6 +166,4 @@ def understand(devices: Any, data: Any, length: int) -> int:
 @compiled.entry(types.void(array_of(SERVED)))
 def compose(devices: Any) -> None:
     """The next answer by itself, with `reading` and `samples`; it is in the socket's `sent`."""
-    d = devices[0]
-    stamp = int(d["time_ns"] / d["unit_ns"])
-    write_answer(d["answers"], d["count"], stamp, d["samples"], d["reading"], d["socket"]["sent"])
+    write_answer(devices[0], devices[0]["socket"]["sent"])

@@ -52,6 +52,7 @@ FRAME = record(
     ("fixed", "u1", (MAX_BYTES,)),
     ("checksum", CHECKSUM),
     ("counter", NUMBER),
+    ("acknowledged", NUMBER),
     ("clock", NUMBER),
     ("status", NUMBER),
     ("mask", "u8"),
@@ -64,7 +65,8 @@ FRAME = record(
     ("group_of", "i8", (MAX_SIGNALS,)),
     ("bits", "u8", (1,)),
 )
-"""One kind of frame; `clock` is the device's time stamp, `bits` scratch for the bits of a number."""
+"""One kind of frame; `acknowledged` is the count of the frame that its sender has taken last, `clock` the device's time
+stamp, `bits` scratch for the bits of a number."""
 
 BATCH = 8
 """Datagrams that one system call takes at most."""

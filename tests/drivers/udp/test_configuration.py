@@ -28,13 +28,13 @@ def test_check_tells_what_the_wire_carries(capsys):
     out, back = report["buses"]["cell"]
     assert (out["name"], back["name"]) == ("out", "in")
     assert out["share_percent"] == pytest.approx(100 * 10_000 * 8 * (23 + 66) / 100e6, abs=0.1)
-    assert back["share_percent"] == pytest.approx(100 * 10_000 * 8 * (59 + 66) / 100e6, abs=0.1)
+    assert back["share_percent"] == pytest.approx(100 * 10_000 * 8 * (61 + 66) / 100e6, abs=0.1)
     assert report["drivers"]["cell"]["watchdog"].startswith("the amplifiers ramp")
 
 
 def test_a_wire_that_is_too_slow_is_refused(tmp_path):
     slow = changed(tmp_path, ("    port: 4840\n", "    port: 4840\n    link_Mbit_per_s: 10\n"))
-    with pytest.raises(ConfigError, match=r"in would be busy for 100 % of the time"):
+    with pytest.raises(ConfigError, match=r"in would be busy for 102 % of the time"):
         prepare(slow)
 
 
@@ -51,6 +51,11 @@ def test_a_wire_that_is_too_slow_is_refused(tmp_path):
         ),
         ([("head: a5 20", "head: a5 20 00")], "head .bytes 0 to 2. and counter .from byte 2. overlap"),
         ([("crc32.iso_hdlc", "crc32.iso")], "fastcrc has no crc32.iso"),
+        (
+            [("      acknowledges: {at: 55, type: uint16, byte_order: little}", "")],
+            "receive.acknowledges must be given",
+        ),
+        ([("acknowledges: {at: 55, type: uint16", "acknowledges: {at: 55, type: uint32")], "both must be as long"),
     ],
 )
 def test_what_can_not_be_right_is_refused(tmp_path, changes, said):

@@ -1,7 +1,7 @@
 """The door for drivers: all that a driver's package needs of Micromanip, and the only place it imports from.
 
-    CyclicDriver, Functions, SIGNAL,                   a driver that the loop calls (docs/drivers.md); the limits of an output,
-    SafeOutput, Wire                                   and where its wire stands
+    CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/drivers.md)
+    SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
     Compiler, *_SIGNATURE, now_ns, sleep_until,        what it needs if numba compiles it
     minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)

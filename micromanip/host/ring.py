@@ -43,6 +43,11 @@ class RingReader:
         kept: NDArray[Any] = rows[torn:]
         return kept
 
+    def go_back(self, rows: int, spare: int) -> None:
+        """Begin so many rows earlier, or with the oldest there are; `spare` of the oldest are left to the loop."""
+        most = len(self._rows) - spare
+        self.position = max(self.position - min(rows, most), int(self._words[RING_HEAD]) - most, 0)
+
     def latest(self) -> Any | None:
         """The newest row, without moving on; None before the first."""
         head = int(self._words[RING_HEAD])

@@ -19,8 +19,8 @@ from micromanip.host.shared_memory import RING, RING_ROWS, Segments
 from micromanip.recordings import open_telemetry
 from micromanip.recordings.blocks import columns_of_rows
 from micromanip.rt import mailbox as w
-from micromanip.rt.tell import tell
 from micromanip.rt.telemetry import ROW
+from micromanip.rt.tell import tell
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 

@@ -31,6 +31,7 @@ GROUPS = {
         "reset": "clear a latched fault",
         "jog": "move an axis by hand",
         "record": "record the running cell: start, stop, mark",
+        "export": "a recording in the formats of other programs",
         "explain": "a trip in plain words, from its black box",
         "audit": "who asked for what, and when",
     },

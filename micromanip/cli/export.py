@@ -13,8 +13,7 @@ from .recording_options import Cut
 @click.command(
     "export",
     cls=StrictCommand,
-    epilog="Examples: micromanip export run.mcap --to run.h5; "
-    "micromanip export run.mcap --to part.csv --cut 2:3 --signals t_s,strain_um,voltage_V_x",
+    epilog="Example: micromanip export run.mcap --to part.csv --cut 2:3 --signals strain_um,voltage_V_x",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option("--to", required=True, type=click.Path(path_type=Path), help="New file: .h5, .parquet, .csv or .mat.")

@@ -13,7 +13,7 @@ from micromanip.replies import Marked, Recorded
 from .options import Quantity, StrictCommand, asking
 
 
-@click.group("record")
+@click.group("record", epilog='Example: micromanip record start; micromanip record mark "coolant on"')
 def command() -> None:
     """Record the running controller, every cycle, to its folder of recordings."""
 
@@ -35,7 +35,7 @@ def _marked(marked: Marked) -> None:
 @command.command(
     "start",
     cls=StrictCommand,
-    epilog="Examples: micromanip record start part17.mcap; micromanip record start --on fault --before 3 --after 2",
+    epilog="Example: micromanip record start night.mcap --on fault --before 3 --after 2",
 )
 @click.argument("file", required=False)
 @click.option(

@@ -200,15 +200,17 @@ class Client:
         triggers: Sequence[str] = (),
         before_s: float = 0.0,
         after_s: float | None = None,
+        segment_s: float | None = None,
+        quota_bytes: int | None = None,
     ) -> Recorded:
         """Record to a new file of that name in the controller's folder, one named for the time without.
 
         `before_s` (s) of what has been is in it, too; with `triggers` (fault, overrun, mark) it waits for the first of
-        them, and ends `after_s` later.
+        them, and ends `after_s` later. With `segment_s` it goes on in numbered files of that length, of which
+        the oldest are removed beyond `quota_bytes`.
         """
-        begun: Recorded = self.request(
-            "record_start", file=file, triggers=list(triggers), before_s=before_s, after_s=after_s
-        )
+        extent = {"before_s": before_s, "after_s": after_s, "segment_s": segment_s, "quota_bytes": quota_bytes}
+        begun: Recorded = self.request("record_start", file=file, triggers=list(triggers), **extent)
         return begun
 
     def record_stop(self) -> Recorded:

@@ -51,9 +51,26 @@ def _marked(marked: Marked) -> None:
 @click.option(
     "--after", "after_s", type=Quantity("SecondsOrZero", most=3600.0), help="End so long after the trigger, s."
 )
+@click.option(
+    "--segment",
+    "minutes",
+    type=Quantity("SecondsOrZero", least=0.1, most=1440.0),
+    help="Another file each so many minutes.",
+)
+@click.option(
+    "--quota",
+    "quota_GB",
+    type=Quantity("SecondsOrZero", least=0.001),
+    help="Remove the oldest of them beyond so many GB.",
+)
 @asking(_began)
 def start(
-    file: str | None, triggers: tuple[str, ...], before_s: float, after_s: float | None
+    file: str | None,
+    triggers: tuple[str, ...],
+    before_s: float,
+    after_s: float | None,
+    minutes: float | None,
+    quota_GB: float | None,
 ) -> Callable[[Client], Recorded]:
     """Begin a recording: FILE.mcap or FILE.h5, a name without a folder; named for the time without one.
 
@@ -61,7 +78,16 @@ def start(
     """
     if (after_s is None) != (not triggers):
         raise UsageError("--on and --after go together: how long to record after the trigger")
-    return lambda client: client.record_start(file, triggers=triggers, before_s=before_s, after_s=after_s)
+    if (minutes is None) != (quota_GB is None):
+        raise UsageError("--segment and --quota go together: how long a file is, and how much all may take")
+    return lambda client: client.record_start(
+        file,
+        triggers=triggers,
+        before_s=before_s,
+        after_s=after_s,
+        segment_s=None if minutes is None else minutes * 60.0,
+        quota_bytes=None if quota_GB is None else round(quota_GB * 1e9),
+    )
 
 
 @command.command("stop", cls=StrictCommand, epilog="Example: micromanip record stop")

@@ -92,11 +92,21 @@ class RecordStart(Settings):
     after_s: Annotated[float, Field(strict=True, ge=0, le=3600, allow_inf_nan=False)] | None = Field(
         default=None, description="End so much later than the trigger, s."
     )
+    segment_s: Annotated[float, Field(strict=True, ge=1, le=86_400, allow_inf_nan=False)] | None = Field(
+        default=None, description="Begin another file so often, s."
+    )
+    quota_bytes: Annotated[int, Field(strict=True, ge=1_000_000, le=10**16)] | None = Field(
+        default=None, description="Remove the oldest of these files beyond that."
+    )
 
     @model_validator(mode="after")
     def _after_a_trigger(self) -> Self:
         if (self.after_s is None) != (not self.triggers):
             raise ValueError("triggers and after_s go together: how long to record after the first of them")
+        if (self.segment_s is None) != (self.quota_bytes is None):
+            raise ValueError("segment_s and quota_bytes go together: how long a file is, and how much all may take")
+        if self.segment_s is not None and self.triggers:
+            raise ValueError("segment_s is for a recording without an end, not for one around triggers")
         return self
 
 
@@ -260,7 +270,8 @@ class Verbs:
 
     async def _record_start(self, request: Request) -> tuple[Recorded, Sequence[Change]]:
         fields = request.read(RecordStart)
-        extent = Extent(fields.before_s, fields.triggers, fields.after_s or 0.0)
+        ends = fields.triggers, fields.after_s or 0.0
+        extent = Extent(fields.before_s, *ends, fields.segment_s, fields.quota_bytes)
         begun = await self._recordings.start(fields.file, extent)
         return begun, [Change(key="recording", old=None, new=begun["file"])]
 

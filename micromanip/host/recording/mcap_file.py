@@ -69,8 +69,12 @@ class McapRecording:
     def begin(self, state: Any) -> None:
         """Store a snapshot of the loop; without a trigger the rows follow it."""
         self._attach(layout.STATE, np.array([state], CELL_STATE))
-        # with the first chunk comes what readers must know of the rows
-        self.mark(layout.BEGAN, int(state["cycle"]), "recorder", time.monotonic_ns())
+        self.go_on(int(state["cycle"]))
+
+    def go_on(self, cycle: int) -> None:
+        """Begin without a snapshot, behind another file."""
+        # the first chunk brings what readers must know of the rows
+        self.mark(layout.BEGAN, cycle, "recorder", time.monotonic_ns())
 
     def append(self, rows: NDArray[Any], slots: Any) -> None:
         """Add rows; a new parameter version brings its parameters, one of `slots`, with it.

@@ -23,6 +23,7 @@ from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 from .hdf5_file import Hdf5Recording
 from .mcap_file import McapRecording
 from .orders import Orders
+from .series import McapSeries
 from .window import Window
 
 _TELL_S = 0.5
@@ -31,7 +32,7 @@ _PROBLEM_BYTES = 200
 _SPARE_ROWS = 2048
 """Of the ring's past so much may be overwritten while the first rows are read."""
 
-Recording = Hdf5Recording | McapRecording
+Recording = Hdf5Recording | McapRecording | McapSeries
 
 
 def tell(**message: Any) -> None:
@@ -51,7 +52,7 @@ def main() -> int:
     segments = Segments.attach(orders["descriptors"], writable=False)
     reader = RingReader(segments.ring.record(RING))
     try:
-        recording = McapRecording(orders) if orders["file"].endswith(".mcap") else Hdf5Recording(orders)
+        recording = _opened(orders)
     except ImportError:
         tell(problem="install the extra first: pip install micromanip[recording]")
         return 69
@@ -72,6 +73,12 @@ def main() -> int:
         return _abandon(rows, reader.lost, _said(problem))
     tell(rows=rows, bytes=size, lost=reader.lost, armed=False, complete=True)
     return 0
+
+
+def _opened(orders: Mapping[str, Any]) -> Recording:
+    if not orders["file"].endswith(".mcap"):
+        return Hdf5Recording(orders)
+    return McapSeries(orders) if orders.get("segment_s") else McapRecording(orders)
 
 
 class _Wanted:
@@ -108,7 +115,9 @@ def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wan
             recording.mark(**mark)
         if time.monotonic() - told_s > _TELL_S:
             told_s = time.monotonic()
-            tell(rows=recording.written, bytes=recording.size_bytes, lost=reader.lost, armed=window.is_armed)
+            name = {"file": str(recording.file)} if isinstance(recording, McapSeries) else {}
+            progress = {"rows": recording.written, "bytes": recording.size_bytes, "lost": reader.lost}
+            tell(**progress, **name, armed=window.is_armed)
 
 
 def _give_up(recording: Recording, reader: RingReader, problem: str) -> int:

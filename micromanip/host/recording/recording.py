@@ -25,13 +25,17 @@ MCAP, HDF5 = ".mcap", (".h5", ".hdf5")
 
 @dataclass(frozen=True)
 class Extent:
-    """What a recording takes: `before_s` of what the ring still holds, all from then on; or, with `triggers` (their
-    names as in ``window.TRIGGERS``), what was `before_s` before the first of them to `after_s` after it.
+    """What a recording takes: `before_s` of what the ring still holds, and all from then on.
+
+    With `triggers` (their names as in ``window.TRIGGERS``) what was `before_s` before the first of them to `after_s`
+    after it. With `segment_s` it goes into numbered files of that length; beyond `quota_bytes` the oldest are removed.
     """
 
     before_s: float = 0.0
     triggers: tuple[str, ...] = ()
     after_s: float = 0.0
+    segment_s: float | None = None
+    quota_bytes: int | None = None
 
 
 _FROM_NOW = Extent()
@@ -104,6 +108,8 @@ class RecorderProcess:
             "triggers": self._extent.triggers,
             "before_s": self._extent.before_s,
             "after_s": self._extent.after_s,
+            "segment_s": self._extent.segment_s,
+            "quota_bytes": self._extent.quota_bytes,
         }
         await self._child.start(orders)
         self._answers = self._child.answers()
@@ -192,6 +198,7 @@ class RecorderProcess:
 
     def _note(self, said: Mapping[str, Any]) -> None:
         rows, lost, size = said.get("rows"), said.get("lost"), said.get("bytes")
+        self._report["file"] = said.get("file", self._report["file"])
         if said.get("armed") is False:
             self._report["waits_for"] = []
         if isinstance(size, int):

@@ -17,6 +17,7 @@ from micromanip.replies import Marked, Recorded
 from micromanip.rt import mailbox as w
 
 from .recording import MCAP, Extent, RecorderProcess, require_new_file
+from .series import numbered
 
 if TYPE_CHECKING:
     from micromanip.host.controller import Controller
@@ -70,7 +71,9 @@ class Recordings:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as problem:
             raise system_error(problem, self._folder) from problem
-        require_new_file(file, "record start:")
+        if extent.segment_s is not None and file.suffix != MCAP:
+            raise UsageError(f"{file.name}: a recording in segments is MCAP, {MCAP}")
+        require_new_file(file if extent.segment_s is None else numbered(file, 1), "record start:")
         return await self.begin(file, extent)
 
     async def stop(self) -> Recorded:

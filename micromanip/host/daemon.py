@@ -235,8 +235,8 @@ class Daemon:
             await asyncio.sleep(_LOOK_S)
 
     def _report(self) -> Report:
-        boxes, links, recording = self._boxes.report(), self._workers.report(), self._recordings.report()
-        return report(self._controller, self._gathered, boxes, links, recording)
+        links = {**self._workers.report(), **self._controller.wires()}
+        return report(self._controller, self._gathered, self._boxes.report(), links, self._recordings.report())
 
     def _unrecorded(self) -> str:
         recording = self._recordings.report()

@@ -32,6 +32,7 @@ GROUPS = {
         "jog": "move an axis by hand",
         "record": "record the running cell: start, stop, mark",
         "export": "a recording in the formats of other programs",
+        "report": "a recorded run as one page",
         "compare": "two recorded runs side by side, and whether they differ",
         "explain": "a trip in plain words, from its black box",
         "audit": "who asked for what, and when",

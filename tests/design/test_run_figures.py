@@ -1,10 +1,12 @@
 """Figures of recorded runs against closed forms; confidence that is what it says, with correlated samples too."""
 
 import json
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from cli.command import code_of
+from host.test_mcap_recording import CONFIGURATION as CONFIGURATION_IN_FILE
 from host.test_mcap_recording import begun, slots, some_rows
 from scipy.signal import lfilter
 
@@ -65,7 +67,7 @@ def test_too_few_cycles():
 CONFIGURATION = "loop: {rate_hz: 10000}\naxes: {x: {inner: {K: 0.6}}, y: {}}\n"
 
 
-def recording(file, amplitude=1.0, tracking=slice(None), fault=0):
+def recording(file, amplitude=1.0, tracking=slice(None), fault=0, marks=()):
     """A sine of 66 Hz, and noise, as the path error of axis x; 60 V with 5 V of swing."""
     rows = some_rows(42, 20_000)
     t = np.arange(len(rows)) * 1e-4
@@ -79,6 +81,8 @@ def recording(file, amplitude=1.0, tracking=slice(None), fault=0):
     sets["axis"]["limiter"]["low_V"], sets["axis"]["limiter"]["high_V"] = -20, 100
     written = begun(file)
     written.append(rows, sets)
+    for mark in marks:
+        written.mark(mark, 5000, "alice", 5000 * 100_000)
     written.close()
     return file
 
@@ -124,3 +128,49 @@ def test_the_command(tmp_path, capsys):
     shown = capsys.readouterr().out
     assert "lower" in shown
     assert "the configurations are the same" in shown
+
+
+class Page(HTMLParser):
+    """Tags and texts of a page; each tag is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.texts, self.open = [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+        if tag not in ("meta", "!doctype"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+@pytest.mark.long
+def test_a_report(tmp_path, capsys):
+    """One file: small, without anything from elsewhere, with what the figures say and what people wrote."""
+    file = recording(tmp_path / "run.mcap", marks=("<script>alert(1)</script>",))
+    assert code_of("report", file, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["run"]["axes"]["x"]["peak_Hz"] == pytest.approx(66.0, rel=0.01)
+    text = (tmp_path / "run.html").read_text()
+    assert told["report"] == str(tmp_path / "run.html")
+    assert len(text) < 1_000_000
+    page = Page(text)
+    assert [tag for tag, _ in page.tags].count("svg") == 5
+    assert not [tag for tag, _ in page.tags if tag in ("script", "img", "link", "iframe")]
+    links = [value for _, given in page.tags for name, value in given.items() if name.endswith(("href", "src"))]
+    assert all(link.startswith("#") for link in links)
+    assert "<script>alert(1)</script>" in page.texts
+    assert "1.0000" in page.texts
+    assert CONFIGURATION_IN_FILE in page.texts
+    assert code_of("report", file) == 64
+    assert "nothing is replaced" in capsys.readouterr().err

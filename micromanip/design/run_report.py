@@ -62,11 +62,7 @@ def run_report(telemetry: Telemetry, figures: RunFigures) -> str:
     states = telemetry.column("state")
     parts = [
         _summary(telemetry, figures),
-        _section(
-            "Path error",
-            "While tracking, least and greatest value. The bar: blue arming, green tracking, yellow holding, red fault.",
-            _errors(telemetry, t_s, states),
-        ),
+        _section("Path error", _ABOUT_ERRORS, _errors(telemetry, t_s, states)),
         _section("Spectrum of the path error", "While tracking; Welch, Hann window.", _spectra(telemetry, states)),
         _section("Voltage left", "To the nearer end of the range that the limiter keeps.", _headroom(telemetry, t_s)),
         _section("Hysteresis loop", "Gauge over voltage, as it was driven.", _loops(telemetry)),

@@ -43,10 +43,9 @@ class RingReader:
         kept: NDArray[Any] = rows[torn:]
         return kept
 
-    def go_back(self, rows: int, spare: int) -> None:
-        """Begin so many rows earlier, or with the oldest there are; `spare` of the oldest are left to the loop."""
-        most = len(self._rows) - spare
-        self.position = max(self.position - min(rows, most), int(self._words[RING_HEAD]) - most, 0)
+    def go_back(self, position: int, spare: int) -> None:
+        """Begin with the row at `position`, or the oldest there is; `spare` of the oldest are left to the loop."""
+        self.position = max(min(position, self.position), int(self._words[RING_HEAD]) - len(self._rows) + spare, 0)
 
     def latest(self) -> Any | None:
         """The newest row, without moving on; None before the first."""

@@ -88,14 +88,15 @@ class _Wanted:
         """`first` is the cycle of the snapshot; without rows from before it the file goes on right behind it."""
         before, after = (round(orders.get(key, 0.0) * 1e9 / orders["period_ns"]) for key in ("before_s", "after_s"))
         self.window = Window(orders.get("triggers", ()), before, after)
-        self.before = before
+        self.before, self.position = before, orders.get("head", 0) - before
         self.first = first if before == 0 else 0
 
 
 def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wanted, segments: Segments) -> None:
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)
     recording.begin(status["snapshot"][0])
-    reader.go_back(wanted.before, _SPARE_ROWS)
+    if wanted.before:
+        reader.go_back(wanted.position, _SPARE_ROWS)
     window, told_s, newest = wanted.window, 0.0, wanted.first
     due_s = time.monotonic()
     while not (told.ended or window.is_over(newest)):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
 from micromanip.host.child import Child
 from micromanip.replies import Recorded
+from micromanip.rt import mailbox as w
 
 from .unclosed import close_unclosed
 
@@ -105,6 +106,7 @@ class RecorderProcess:
             "sha256": prepared.source.hash,
             "axes": list(prepared.configuration.axes),
             "period_ns": prepared.configuration.loop.period_ns,
+            "head": int(self._controller.ring["words"][w.RING_HEAD]),  # before what starting takes
             "triggers": self._extent.triggers,
             "before_s": self._extent.before_s,
             "after_s": self._extent.after_s,

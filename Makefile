@@ -8,7 +8,7 @@ JOBS   ?= 3
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill surprise fault-campaign fuzz-socket fuzz-udp robustness docs tune clean
+.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -76,6 +76,10 @@ fault-campaign: $(READY) ## faults of a bus on the whole daemon and a simulated 
 
 soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at random moments
 	$(BIN)/python -m tools.kills
+
+soak-recording: $(READY) ## a recorder killed a hundred times, its file read each time; 5 million values a second recorded
+	$(BIN)/pytest -n0 --kills 100 tests/host/test_mcap_recording.py
+	$(BIN)/python -m tools.record_soak
 
 surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts and bad files on one device: does it ever jump?
 	$(BIN)/python -m tools.surprise

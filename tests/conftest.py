@@ -45,6 +45,7 @@ def closing():
 
 
 def pytest_addoption(parser):
+    parser.addoption("--kills", type=int, default=3, help="how often a recorder is killed")
     parser.addoption("--garbage", type=int, default=5_000, help="how many inputs the control socket is tried with")
 
 

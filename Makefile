@@ -7,6 +7,8 @@ READY  := $(VENV)/.installed
 JOBS   ?= 3
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
+# Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill surprise fault-campaign fuzz-socket robustness docs tune clean
 

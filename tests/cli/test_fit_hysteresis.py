@@ -83,6 +83,7 @@ def test_validation_is_predicted_with_its_offset_refitted(csv, tmp_path, capsys)
     assert figures[1] == pytest.approx(figures[0])
 
 
+@pytest.mark.long
 def test_best_tells_what_it_tried(csv, capsys):
     assert code_of(csv, *COLUMNS, "--plays", "4", "--json") == 0
     report = json.loads(capsys.readouterr().out)

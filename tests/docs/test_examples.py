@@ -49,6 +49,7 @@ def installed(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
+@pytest.mark.long  # compiles it
 def test_numba_example_moves_as_its_page_says(installed):
     cell = virtual_cell(installed("lag_stage"))
     rows = np.concatenate([cell.arm(), cell.run(0.2)])

@@ -32,7 +32,7 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-	$(BIN)/pytest -n 2 --dist loadgroup -m 'not live and not long' tests
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not live and not long' tests
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target lint compiled test-laws-plain test-laws-checked

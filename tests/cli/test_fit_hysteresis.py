@@ -102,6 +102,7 @@ def test_creep_is_added_when_asked_for(csv, capsys):
     assert report["parameters"]["creep_s"] == [0.1, 1.0]  # up to a quarter of 6 s
 
 
+@pytest.mark.long
 def test_text_and_figures(csv, tmp_path, capsys):
     other, out = record(tmp_path / "other.csv", 2), tmp_path / "out"
     assert code_of(csv, *QUICK, "--validate", other, "--out", out) == 0

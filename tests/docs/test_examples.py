@@ -41,7 +41,6 @@ def installed(tmp_path, monkeypatch):
         (info / "entry_points.txt").write_text("\n".join(lines))
         monkeypatch.syspath_prepend(str(info.parent))
         monkeypatch.syspath_prepend(str(EXAMPLES / name))
-        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
         return EXAMPLES / name / "cell.yaml"
 
     yield install
@@ -49,7 +48,6 @@ def installed(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-@pytest.mark.long  # compiles it
 def test_numba_example_moves_as_its_page_says(installed):
     cell = virtual_cell(installed("lag_stage"))
     rows = np.concatenate([cell.arm(), cell.run(0.2)])

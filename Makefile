@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
-# twice as many as cores: while some tests wait for processes and links, others compute
+# more than cores: while some tests wait for processes and links, others compute
 JOBS   ?= 3
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import click
@@ -45,13 +46,17 @@ def command(
 
     Ctrl-C ramps the outputs to park and stops cleanly.
     """
-    from micromanip.host.daemon import Options, serve
-    from micromanip.host.recording.recording import require_new_file
-    from micromanip.settings.check import prepare
+    gc.disable()  # of all that is imported nothing is garbage: looking for it takes a tenth of the start
+    try:
+        from micromanip.host.daemon import Options, serve
+        from micromanip.host.recording.recording import require_new_file
+        from micromanip.settings.check import prepare
 
-    from .live import LiveLine, summary
+        from .live import LiveLine, summary
 
-    prepared = prepare(config)
+        prepared = prepare(config)
+    finally:
+        gc.enable()
     if record is not None:
         require_new_file(record)
     with LiveLine() as live:

@@ -186,6 +186,7 @@ while True:
 """
 
 
+@pytest.mark.live  # a process that is killed
 @pytest.mark.parametrize("after_ms", [20, 150, 333, 800])
 def test_killed_in_the_middle_of_a_write(tmp_path, after_ms):
     """It writes without a pause: wherever the kill comes, the file is one row after the other."""

@@ -12,7 +12,7 @@ from micromanip.cli.main import main
 
 from .command import code_of
 
-pytestmark = [pytest.mark.long, pytest.mark.xdist_group("analyse")]  # what is shared is made once
+pytestmark = pytest.mark.long
 
 CONFIG = Path(__file__).parents[2] / "config"
 PAPER_CELL = CONFIG / "paper.yaml"

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from micromanip.cli.main import cli, main
 from micromanip.design import paper
 
-pytestmark = [pytest.mark.long, pytest.mark.xdist_group("evaluate")]  # what is shared is made once
+pytestmark = pytest.mark.long
 
 CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
 KEYS = {

@@ -167,7 +167,6 @@ def test_without_links_latest_is_a_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("commission")
 def test_commission_replaces_no_report(commissioned, tmp_path):
     """Also one that somebody put there, and the file that it starts from."""
     out = tmp_path / "out"
@@ -215,7 +214,6 @@ def no_file_above(size):
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("commission")
 def test_a_report_that_finds_no_room_does_not_cost_the_tuning(commissioned, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("micromanip.design.commission.cell.commission_cell", lambda *_: commissioned.found)
     out = tmp_path / "out"

@@ -101,7 +101,6 @@ def test_the_outer_loop_damps_the_resonance(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("commissioned cell")  # commissioned once, not by each worker
 @pytest.mark.parametrize(("predict", "times"), [(False, 30.0), (True, 100.0)], ids=["held", "predicted"])
 def test_a_cell_that_was_commissioned_from_factory_values(commissioned, predict, times):
     """The same figures with nothing but what `commission` has found about the untuned cell."""

@@ -48,7 +48,11 @@ def on_hardware(folder, make, force=CONTACT, fault=""):
     return made(prepare(file), make)
 
 
-@pytest.fixture(scope="module", params=MAKES)
+GROUPED = [pytest.param(make, marks=pytest.mark.xdist_group(f"tool entry {make}")) for make in MAKES]
+"""Each is commissioned once, not by each worker."""
+
+
+@pytest.fixture(scope="module", params=GROUPED)
 def commissioned(request):
     """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
     prepared = made(prepare(FOLDER / "factory.yaml"), request.param)
@@ -84,6 +88,7 @@ def test_the_tool_comes_into_contact(commissioned, tmp_path):
     assert error_um[3000:].std() < 0.025 * bent_um, "what the force does without control, a fortieth of it"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("offset_um", [3.0, -3.0])
 def test_a_sensor_that_is_off_is_found(commissioned, tmp_path, offset_um):
     """Within a millisecond, with the tool in the cut."""

@@ -89,7 +89,7 @@ surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts a
 robustness: $(READY) ## commission 100 cells with drawn plants, and hold their true margins against the claimed ones
 	$(BIN)/python -m tools.robustness
 
-tune: $(READY)    ## fit the models of config/simulated.yaml anew
+tune: $(READY)    ## commission config/factory.yaml, and put the result into config/simulated.yaml
 	$(BIN)/python -m tools.tune_simulated
 
 docs: $(READY)    ## generated pages and pictures

@@ -15,7 +15,7 @@ from micromanip.errors import CheckFailed
 
 from .command import code_of
 
-CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
+CONFIG = str(Path(__file__).parents[2] / "config" / "paper.yaml")
 
 
 @pytest.mark.parametrize("name", COMMANDS)

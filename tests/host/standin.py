@@ -18,7 +18,7 @@ from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import prepare
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = Path(__file__).parents[2] / "config" / "paper.yaml"
 ALICE = Peer("alice", 1000, 42)
 
 

@@ -19,7 +19,7 @@ from micromanip.settings.feedback import (
 )
 from micromanip.settings.wiring.timing import output_cycles, output_timing, signal_timing
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 BUS = {"input_rate_Hz": 1000.0, "input_latency_us": 0.0, "output_rate_Hz": 1000.0, "output_latency_us": 0.0}
 
 

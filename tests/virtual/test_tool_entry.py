@@ -2,20 +2,19 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import Plant
 
-from micromanip.design.commission.axis import commission_axis
+from micromanip.design.commission.axis import Knobs, commission_axis
 from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.virtual.experiment import VirtualExperiment
 
-from .protected import CONFIG
-
-FOLDER = CONFIG.parent
+FOLDER = Path(__file__).parents[2] / "config"
 AT_S = 4.0
 CONTACT = "{start_s: 4.0, static_N: 60.0, rise_ms: 7.0, tooth_N: 40.0, noise_N: 5.0}"
 """60 N, 95 % of them there within 20 ms."""
@@ -58,7 +57,7 @@ def commissioned(request):
     """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
     prepared = made(prepare(FOLDER / "factory.yaml"), request.param)
     configuration = prepared.configuration
-    found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None)
+    found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None, Knobs(tooth_Hz=200.0))
     return request.param, found.configuration.axes["x"].model_copy(update={"mode": "stage"})
 
 

@@ -41,6 +41,8 @@ from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, rec
 from .partial import Steps
 from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
+from .rest import check_rest
+from .travel import check_answer, check_travel
 from .validation import Validation, validate
 
 Array = NDArray[np.float64]
@@ -103,6 +105,8 @@ def _commission(
     configuration: Configuration, experiment: Experiment, axis: str, steps: Steps, knobs: Knobs, seed: int
 ) -> Commissioned:
     settings, say = configuration.axes[axis], steps.begin
+    say("sensors at rest")
+    check_rest(configuration, experiment, axis)
     say("polarity and scale")
     polarity = check_polarity(configuration, experiment, axis)
     steps.learn(
@@ -110,7 +114,12 @@ def _commission(
         noise_of_the_gauge_at_rest=f"{polarity.noise_um:.3f} um rms",
     )
     say("major loop")
-    triangle = _triangle(configuration, experiment, axis)
+    triangle, others_um = _triangle(configuration, experiment, axis)
+    judge_coverage(axis, triangle["voltage_V"], triangle["strain_um"], settings.setpoint.range_um)
+    steps.learn(stage_over_gauge=f"{check_travel(configuration, axis, triangle, others_um):.2f}")
+    say("answer to a step")
+    answer = check_answer(configuration, experiment, axis, _holding_voltage(triangle, settings.centre_um))
+    steps.learn(gauge_after_a_step=f"63 % in {answer.rise_ms:.1f} ms")
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
     judge_record(_as_record(axis, record))
@@ -311,11 +320,16 @@ def _holding_voltage(record: dict[str, Array], centre_um: float) -> float:
     return float(np.median(record["voltage_V"][near]))
 
 
-def _triangle(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, Array]:
+def _triangle(
+    configuration: Configuration, experiment: Experiment, axis: str
+) -> tuple[dict[str, Array], dict[str, float]]:
+    """The recording, and how far the stages of the other axes moved (um)."""
     excitation = design(configuration, axis, "triangle", TRIANGLE_S, 0)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
     rows = experiment(variant(configuration), seconds, samples_for(configuration, excitation))
-    return recording(configuration, excitation, rows)
+    travel = {name: float(np.ptp(rows["axis"]["stage_um"][:, i])) for i, name in enumerate(configuration.axes)}
+    others = {name: um for name, um in travel.items() if name != axis and np.isfinite(um)}
+    return recording(configuration, excitation, rows), others
 
 
 def _as_record(axis: str, columns: dict[str, Array]) -> Record:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from micromanip.control.margins import sensitivity
 from micromanip.control.outer_gains import OuterGains, outer_gains
-from micromanip.control.pid import pid_system
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.settings.schema.accept import Accept
@@ -31,11 +30,11 @@ from ..experiment import Experiment, with_axis
 from ..hysteresis import HysteresisFit
 from ..identification import design, recording, samples_for, variant
 from ..judged import analyse_inverse, analyse_strain, slopes_of
-from ..loops import StageSide, StrainSide, draw, over_path
+from ..loops import StageSide, StrainSide, draw, over_path, stage_loop, strain_loop
 from ..loops.monte_carlo import drawn_loop
 from ..record import Record, judge_record
 from ..response import Wanted, identify
-from ..sensitivity import Sensitivity, compensator, judge_loop
+from ..sensitivity import Sensitivity, judge_loop
 from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
 from .partial import Steps
@@ -86,7 +85,7 @@ class Commissioned:
     strain_loop: Sensitivity
     stage: StageModel
     outer: OuterDesign
-    outer_loop: Sensitivity | None
+    outer_loop: Sensitivity
     validation: Validation
     learned: tuple[str, ...] = ()
     """What was measured, found wanting and done again, in sentences."""
@@ -149,12 +148,14 @@ def _commission(
     )
     say("strain PID")
     left_um = 0.01 * min(percent.values()) * tanh.stroke_um
-    actuator, pid, strain_loop = _close_strain(tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned)
+    actuator, pid, strain_closed = _close_strain(
+        tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned
+    )
     tuned = with_axis(tuned, axis, inner=pid.inner)
     steps.learn(
         strain_PID=f"K {pid.inner.K_V_per_um:g} V/um, Ti {pid.inner.Ti_ms:g} ms, Td {pid.inner.Td_ms:g} ms, filter "
         f"{pid.inner.filter_ms:g} ms; {pid.limited_by}",
-        strain_loop=strain_loop.sentence,
+        strain_loop=strain_closed.sentence,
     )
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
@@ -163,7 +164,7 @@ def _commission(
     tuned = with_axis(tuned, axis, outer=outer.outer)
     validation = validate(tuned, experiment, axis)
     return Commissioned(
-        axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_loop,
+        axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_closed,
         stage, outer, outer_loop, validation, tuple(learned),
     )  # fmt: skip
 
@@ -205,7 +206,7 @@ def _close_strain(
         measured = measure_strain_loop(closed, experiment, axis, seed + 10 + again)
         nominal = pid.margins[slopes.index(1.0)]
         period_s = configuration.loop.period_ns * 1e-9
-        loop = judge_loop("strain loop", measured, actuator.system, pid_system(pid.inner, period_s), nominal)
+        loop = judge_loop("strain loop", measured, actuator.system, strain_loop(pid.inner, seen), nominal)
         if loop.agrees or by_bus:
             return actuator, pid, loop
         learned.append(loop.sentence)
@@ -230,8 +231,8 @@ def _close_outer(
     seed: int,
     say: Say,
     learned: list[str],
-) -> tuple[StageModel, OuterDesign, Sensitivity | None]:
-    """The same for the outer loop; None behind a bus, where samples are too rare for a measurement."""
+) -> tuple[StageModel, OuterDesign, Sensitivity]:
+    """The same for the outer loop; behind a bus it is judged as it is, by the lines that its samples show."""
     settings, period_s = configuration.axes[axis], configuration.loop.period_ns * 1e-9
     for again in (False, True):
         say("outer loop")
@@ -255,14 +256,13 @@ def _close_outer(
             late_cycles=actuator.path.stage_late,
         )
         outer = _calmest_needed(design, knobs, stage.noise_um, learned)
-        if by_bus:
-            return stage, outer, None
         say("sensitivity of the outer loop")
         closed = with_axis(configuration, axis, outer=outer.outer)
         measured = measure_outer_loop(closed, experiment, axis, seed + 20 + again)
-        controller = compensator(outer_gains(outer.outer, None, period_s), period_s)
-        loop = judge_loop("outer loop", measured, stage.found.system(), controller, outer.margins)
-        if loop.agrees:
+        gains, plant = outer_gains(outer.outer, None, period_s), stage.found.system()
+        closed_loop = stage_loop(gains, plant, actuator.path.stage_cycles, actuator.path.stage_late)
+        loop = judge_loop("outer loop", measured, plant, closed_loop, outer.margins)
+        if loop.agrees or by_bus:
             return stage, outer, loop
         learned.append(loop.sentence)
         stage = with_response(stage, measured, period_s)

@@ -2,6 +2,6 @@
 
 from .choice import Identified, Wanted, identify
 from .excitation import Multisine, multisine
-from .measured import Measured, measure
+from .measured import Measured, measure, of_spectra
 
-__all__ = ["Identified", "Measured", "Multisine", "Wanted", "identify", "measure", "multisine"]
+__all__ = ["Identified", "Measured", "Multisine", "Wanted", "identify", "measure", "multisine", "of_spectra"]

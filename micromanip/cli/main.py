@@ -30,6 +30,7 @@ GROUPS = {
         "hold": "freeze the correction",
         "reset": "clear a latched fault",
         "jog": "move an axis by hand",
+        "sensitivity": "margins of a loop, measured while it runs",
         "explain": "a trip in plain words, from its black box",
         "audit": "who asked for what, and when",
     },

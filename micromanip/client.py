@@ -15,16 +15,29 @@ import os
 import select
 import socket
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from .errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
-from .replies import Audit, Differences, Jogged, Marked, Parameter, Recorded, Saved, Shadow, Status, Swap
+from .replies import (
+    Audit,
+    Differences,
+    Injected,
+    Jogged,
+    Marked,
+    Parameter,
+    Recorded,
+    Response,
+    Saved,
+    Shadow,
+    Status,
+    Swap,
+)
 
 _TIMEOUT_S = 10.0
-_TRIAL_LOOK_S = 0.1
+_TRIAL_LOOK_S, _INJECTED_LOOK_S = 0.1, 0.2
 
 
 def default_socket() -> Path:
@@ -182,6 +195,27 @@ class Client:
         """Send an axis `by_um` from its present target, or `to_um`; returns when it is on its way."""
         jogged: Jogged = self.request("jog", axis=axis, by_um=by_um, to_um=to_um)
         return jogged
+
+    def inject(
+        self,
+        axis: str,
+        loop: str,
+        amplitude_um: float,
+        seed: int = 1,
+        *,
+        progress: Callable[[float], None] | None = None,
+    ) -> tuple[Injected, Response]:
+        """Let the running loop inject a small multisine, and wait for the response of its plant.
+
+        It is taken back where this client goes away. Raises CheckFailed where it is refused, or was ended early.
+        """
+        begun: Injected = self.request("sensitivity", axis=axis, loop=loop, amplitude_um=amplitude_um, seed=seed)
+        while not (response := self.request("sensitivity", number=begun["number"]))["done"]:
+            if progress is not None:
+                progress(response["progress"])
+            time.sleep(_INJECTED_LOOK_S)
+        found: Response = response
+        return begun, found
 
     def reload(self) -> Swap:
         """Take over the configuration file as it is now, all of it or nothing."""

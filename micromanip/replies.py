@@ -61,6 +61,31 @@ class Jogged(TypedDict):
     target_um: float
 
 
+class Injected(TypedDict):
+    """An injection that has begun: its number, how long it takes, and what the response is to be judged by.
+
+    `configuration` is what runs; `path` says in cycles what sensors and output of the axis take; `simulated`: all of
+    its drivers are.
+    """
+
+    number: int
+    seconds: float
+    configuration: dict[str, Any]
+    path: dict[str, int]
+    simulated: bool
+
+
+class Response(TypedDict):
+    """Where an injection stands; once `done`, spectra at its lines: input and output, [re, im] a period and line."""
+
+    number: int
+    done: bool
+    progress: float
+    frequency_Hz: list[float]
+    input: list[list[list[float]]]
+    output: list[list[list[float]]]
+
+
 class _AuditEntry(TypedDict):
     time: str
     user: str

@@ -30,6 +30,7 @@ GROUPS = {
         "hold": "freeze the correction",
         "reset": "clear a latched fault",
         "jog": "move an axis by hand",
+        "sensitivity": "margins of a loop, measured while it runs",
         "record": "record the running cell: start, stop, mark",
         "export": "a recording in the formats of other programs",
         "report": "a recorded run as one page",

@@ -11,10 +11,8 @@ from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File, Reference
-from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
-
-_TOLD = 0.2
-"""Share of the sampling rate."""
+from micromanip.settings.wiring.timing import FeedbackPath
+from micromanip.settings.wiring.timing import path_bandwidth as path_bandwidth
 
 
 class Experiment(Protocol):
@@ -30,12 +28,6 @@ class Experiment(Protocol):
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take; in the rows every sample stands at its own time."""
-
-
-def path_bandwidth(path: FeedbackPath, rate_hz: float) -> float:
-    """Up to which frequency (Hz) a line through the samples, and voltages held between writes, tell the truth."""
-    slowest = max(path.strain_cycles, path.stage_cycles, 2 * path.output_late)
-    return _TOLD * rate_hz / slowest if path != AT_ONCE else np.inf
 
 
 def parked(configuration: Configuration, count: int) -> NDArray[np.float64]:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from micromanip.control.margins import Margins, curve_margins
-from micromanip.control.outer_gains import OuterGains
 from micromanip.control.system import System
 
 from .response import Measured
@@ -31,7 +30,8 @@ Response = Callable[[Array], Complex]
 AGREEMENT = 0.2
 """How far the measured distance to -1 may be from the predicted one, beyond its confidence, as a share."""
 _SURE = 2.0
-_WINDOW = 7
+WINDOW = 7
+"""Lines over which measured and modelled plant are compared by default."""
 _JUDGED = 1.25
 """Where 1/|S| is below this, the sensitivity matters: further away from -1 nothing happens."""
 
@@ -63,6 +63,11 @@ class Sensitivity:
         return self.apart <= AGREEMENT
 
     @property
+    def seen(self) -> bool:
+        """Whether the lines reach to where the predicted loop is nearest to -1: what is not measured is not claimed."""
+        return bool(self.frequency_Hz[0] <= self.margins.peak_Hz <= self.frequency_Hz[-1])
+
+    @property
     def sentence(self) -> str:
         """Both, in words."""
         found = self.measured_margins().sensitivity
@@ -82,14 +87,20 @@ class Sensitivity:
         return curve_margins(response, omega)
 
 
-def judge_loop(name: str, plant: Measured, model: System, controller: System, predicted: Margins) -> Sensitivity:
-    """Sensitivity of the loop of `model` and `controller` by the `plant` as it was measured in it."""
+def judge_loop(
+    name: str, plant: Measured, model: System, loop: System, predicted: Margins, window: int = WINDOW
+) -> Sensitivity:
+    """Sensitivity of the `loop` that was designed around `model`, by the `plant` as it was measured in it.
+
+    Behind a bus `loop` steps from sample to sample: then only lines up to half of their rate count, and what is beyond
+    is taken to be filtered by the plant. `window`: lines over which plant and model are compared.
+    """
     omega = 2 * np.pi * plant.frequency_Hz
-    C, G = controller.response(omega), model.response(omega)
+    G, expected = model.response(omega), loop.response(omega)
     ratio = plant.response / G
-    smooth = np.array([uniform_filter1d(part, _WINDOW, mode="nearest") for part in (ratio.real, ratio.imag)])
-    L, expected = C * G * (smooth[0] + 1j * smooth[1]), C * G
-    deviation = np.abs(C) * plant.deviation
+    smooth = np.array([uniform_filter1d(part, window, mode="nearest") for part in (ratio.real, ratio.imag)])
+    L = expected * (smooth[0] + 1j * smooth[1])
+    deviation = np.abs(expected / G) * plant.deviation
     near, far = np.abs(1.0 + L), np.abs(1.0 + expected)
     beyond = np.maximum(np.abs(near - far) - _SURE * deviation, 0.0) / far
     judged = np.minimum(near, far) < _JUDGED
@@ -101,26 +112,10 @@ def judge_loop(name: str, plant: Measured, model: System, controller: System, pr
         L,
         expected,
         deviation,
-        model.then(controller).response,
+        loop.response,
         predicted,
         float(1.0 / (near + _SURE * deviation)[judged].min(initial=np.inf)),
         float(1.0 / np.maximum(near - _SURE * deviation, 1e-3)[judged].min(initial=1e3)),
         float(beyond[k]),
         float(plant.frequency_Hz[k]),
-    )
-
-
-def compensator(gains: OuterGains, period_s: float) -> System:
-    """Kalman filter and LQG as one system, stage sensor to set-point, sign changed: a sample in every cycle.
-
-    ``xf = (I - L C) x + L y``, ``u = -K xf``, ``x+ = A xf + B u``.
-    """
-    corrected = np.eye(len(gains.A)) - np.outer(gains.observer, gains.C)
-    closed = gains.A - np.outer(gains.B, gains.feedback)
-    return System(
-        closed @ corrected,
-        closed @ gains.observer,
-        gains.feedback @ corrected,
-        float(gains.feedback @ gains.observer),
-        period_s,
     )

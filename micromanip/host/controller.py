@@ -200,11 +200,17 @@ class Controller:
 
     async def apply(self, prepared: Prepared) -> int:
         """Swap to `prepared` at a cycle boundary; its version. CheckFailed where the loop takes none."""
-        version = self.buffers.put_in_force(prepared.parameters)
-        self.prepared = prepared
+        self.prepared, version = prepared, self.buffers.put_in_force(prepared.parameters)
+        await self._taken(version)
+        return version
+
+    async def inject(self, parameters: Any) -> None:
+        """Swap to the `parameters` of the configuration in force but for an injection; errors as `apply`."""
+        await self._taken(self.buffers.put_in_force(parameters))
+
+    async def _taken(self, version: int) -> None:
         await self._take("new parameters", lambda: ask(self.words, w.VERSION_ACTIVE) == version)
         self.buffers.taken()
-        return version
 
     async def offer(self, prepared: Prepared) -> int:
         """Let a candidate compute beside what is in force; its version. CheckFailed where the loop takes none."""

@@ -13,6 +13,7 @@ import math
 from typing import Any
 
 from micromanip.rt.laws.estimator import output, predict_to, remember, start_estimator, update
+from micromanip.rt.laws.excitation import excitation
 from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
 from micromanip.rt.laws.limiter import limit
 from micromanip.rt.laws.lqg import outer_setpoint
@@ -51,7 +52,10 @@ def axis_cycle(
     if phase in (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED):
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
-        finite = move_setpoint(p, s, demand(p, s, phase, fraction))
+        added_um = 0.0
+        if p["excitation"]["lines"] > 0:
+            added_um = excitation(p["excitation"], s["excitation"], cycle, may_be_excited(s, phase, fraction))
+        finite = move_setpoint(p, s, demand(p, s, phase, fraction) + added_um)
         remember_setpoint(s, cycle)
         measure_errors(p, s, cycle)
         s["request_V"] = request_voltage(p, s, phase, fraction)
@@ -144,6 +148,14 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
         s["closed"] = 1
     s["blend_um"] *= p["blend_decay"]
     return u + s["blend_um"]
+
+
+@compiled
+def may_be_excited(s: Record, phase: int, fraction: float) -> bool:
+    """Whether the axis tracks or is held, with both sensors and its own gains: not on its way anywhere."""
+    w = s["watch"]
+    steady = phase == CLOSED and (fraction == 0.0 or fraction == 1.0)
+    return steady and w["coast"] == 0 and w["degraded"] == 0 and w["fallback"] == 0
 
 
 @compiled

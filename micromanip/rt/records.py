@@ -11,6 +11,7 @@ from .faults import EVENT, EVENTS
 from .figures import FIGURES
 from .laws.coordinate_transform import FRAME, MAX_FRAME
 from .laws.estimator import ESTIMATOR_STATE, INPUT_HISTORY
+from .laws.excitation import EXCITATION_PARAMETERS, EXCITATION_STATE
 from .laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from .laws.limiter import LIMITER_PARAMETERS
 from .laws.lqg import OUTER_PARAMETERS
@@ -66,6 +67,7 @@ AXIS_PARAMETERS = record(
     ("outer", OUTER_PARAMETERS),
     ("reference", REFERENCE_PARAMETERS),
     ("limiter", LIMITER_PARAMETERS),
+    ("excitation", EXCITATION_PARAMETERS),
     ("watch", WATCH_PARAMETERS),
     ("strain_check", CHECK_PARAMETERS),
     ("stage_check", CHECK_PARAMETERS),
@@ -84,6 +86,7 @@ AXIS_STATE = record(
     ("pid", PID_STATE),
     ("estimator", ESTIMATOR_STATE),
     ("reference", REFERENCE_STATE),
+    ("excitation", EXCITATION_STATE),
     ("setpoints", "f8", (INPUT_HISTORY,)),
     ("references", "f8", (INPUT_HISTORY,)),
     ("wanted_cycle", "i8"),

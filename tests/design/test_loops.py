@@ -10,7 +10,6 @@ from rt.outer_loops import designed
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.design.loops import System, delay, model_system, over_path, pid_system, stage_loop, strain_loop
-from micromanip.design.sensitivity import compensator
 from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE, pid_output
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.axis import Inner
@@ -164,12 +163,3 @@ def test_a_plant_that_feeds_through_is_refused():
     _, gains, _ = designed(2)
     with pytest.raises(ValueError, match="must not feed through"):
         stage_loop(gains, delay(0.0, PERIOD_S))
-
-
-def test_the_compensator_alone_is_that_of_the_loop():
-    """Kalman filter and LQG as one system, behind the plant: the same loop transfer."""
-    outer, gains, _ = designed(2, sample_cycles=1, oscillation_Hz=200.0)
-    plant = model_system(outer.model, PERIOD_S)
-    omega = 2 * np.pi * np.geomspace(1.0, 4000.0, 300)
-    whole = stage_loop(gains, plant).response(omega)
-    assert plant.then(compensator(gains, PERIOD_S)).response(omega) == pytest.approx(whole, rel=1e-6)

@@ -56,6 +56,13 @@ def test_offset_adds():
     assert (bad["value"] - good["value"])[AT - 1 : AT - 1 + CYCLES] == pytest.approx(2.0)
 
 
+def test_scale_multiplies():
+    """A gauge in mm for um, or one with its leads swapped."""
+    bad, good = played({**NOISY, "faults": [fault("strain_x", "scale", -1e-3)]}, "strain_x")
+    assert differing(bad, good) == DURING
+    assert bad["value"][AT - 1] == pytest.approx(-1e-3 * good["value"][AT - 1])
+
+
 def test_for_ever():
     bad, good = played({**NOISY, "faults": [fault("strain_x", "offset", 2.0, for_s=None)]}, "strain_x")
     assert differing(bad, good) == list(range(AT, 31))

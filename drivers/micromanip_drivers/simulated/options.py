@@ -174,11 +174,14 @@ class Fault(_Options):
     """A fault that comes at a set time."""
 
     channel: str = Field(description="Input channel that it befalls, e.g. strain_x; exchange for the kind error.")
-    kind: Literal["value", "offset", "freeze", "nan", "status", "drop", "spike", "error"] = Field(
-        description="value replaces the reading, offset adds to it, freeze repeats the last one, nan is not a number, "
-        "status flags it as bad, drop lets no sample come, spike adds to one sample, error fails the whole exchange."
+    kind: Literal["value", "offset", "scale", "freeze", "nan", "status", "drop", "spike", "error"] = Field(
+        description="value replaces the reading, offset adds to it, scale multiplies it, freeze repeats the last one, "
+        "nan is not a number, status flags it as bad, drop lets no sample come, spike adds to one sample, error fails "
+        "the whole exchange."
     )
-    value: Real = Field(default=0.0, description="What is put in or added; the code with which an exchange fails.")
+    value: Real = Field(
+        default=0.0, description="What is put in, added or multiplied by; the code with which an exchange fails."
+    )
     at_s: SecondsOrZero = Field(description="When it begins, after the loop's start.")
     for_s: Seconds | None = Field(default=None, description="How long it lasts; null: for ever.")
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import outer_gains
-from micromanip.control.pid import pid_system
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
@@ -28,16 +27,18 @@ from ..experiment import Experiment, with_axis
 from ..hysteresis import HysteresisFit
 from ..identification import design, recording, samples_for, variant
 from ..judged import analyse_inverse, analyse_strain, slopes_of
-from ..loops import over_path
+from ..loops import over_path, stage_loop, strain_loop
 from ..record import Record, judge_record
 from ..response import Wanted, identify
-from ..sensitivity import Sensitivity, compensator, judge_loop
+from ..sensitivity import Sensitivity, judge_loop
 from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
 from .borne import DRAWN, Borne, calmest_needed
 from .partial import Steps
 from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
+from .rest import check_rest
+from .travel import check_answer, check_travel
 from .validation import Validation, validate
 from .watched import Watched
 
@@ -80,7 +81,7 @@ class Commissioned:
     strain_loop: Sensitivity
     stage: StageModel
     outer: OuterDesign
-    outer_loop: Sensitivity | None
+    outer_loop: Sensitivity
     validation: Validation
     learned: tuple[str, ...] = ()
     """What was measured, found wanting and done again, in sentences."""
@@ -99,6 +100,8 @@ def _commission(
     configuration: Configuration, experiment: Experiment, axis: str, steps: Steps, knobs: Knobs, seed: int
 ) -> Commissioned:
     settings, say = configuration.axes[axis], steps.begin
+    say("sensors at rest")
+    check_rest(configuration, experiment, axis)
     say("polarity and scale")
     polarity = check_polarity(configuration, experiment, axis)
     steps.learn(
@@ -106,7 +109,12 @@ def _commission(
         noise_of_the_gauge_at_rest=f"{polarity.noise_um:.3f} um rms",
     )
     say("major loop")
-    triangle = _triangle(configuration, experiment, axis)
+    triangle, others_um = _triangle(configuration, experiment, axis)
+    judge_coverage(axis, triangle["voltage_V"], triangle["strain_um"], settings.setpoint.range_um)
+    steps.learn(stage_over_gauge=f"{check_travel(configuration, axis, triangle, others_um):.2f}")
+    say("answer to a step")
+    answer = check_answer(configuration, experiment, axis, _holding_voltage(triangle, settings.centre_um))
+    steps.learn(gauge_after_a_step=f"63 % in {answer.rise_ms:.1f} ms")
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
     judge_record(_as_record(axis, record))
@@ -136,12 +144,14 @@ def _commission(
     )
     say("strain PID")
     left_um = 0.01 * min(percent.values()) * tanh.stroke_um
-    actuator, pid, strain_loop = _close_strain(tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned)
+    actuator, pid, strain_closed = _close_strain(
+        tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned
+    )
     tuned = with_axis(tuned, axis, inner=pid.inner)
     steps.learn(
         strain_PID=f"K {pid.inner.K_V_per_um:g} V/um, Ti {pid.inner.Ti_ms:g} ms, Td {pid.inner.Td_ms:g} ms, filter "
         f"{pid.inner.filter_ms:g} ms; {pid.limited_by}",
-        strain_loop=strain_loop.sentence,
+        strain_loop=strain_closed.sentence,
     )
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
@@ -150,7 +160,7 @@ def _commission(
     tuned = with_axis(tuned, axis, outer=outer.outer)
     validation = validate(tuned, experiment, axis)
     return Commissioned(
-        axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_loop,
+        axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_closed,
         stage, outer, outer_loop, validation, tuple(learned),
     )  # fmt: skip
 
@@ -192,7 +202,7 @@ def _close_strain(
         measured = measure_strain_loop(closed, experiment, axis, seed + 10 + again)
         nominal = pid.margins[slopes.index(1.0)]
         period_s = configuration.loop.period_ns * 1e-9
-        loop = judge_loop("strain loop", measured, actuator.system, pid_system(pid.inner, period_s), nominal)
+        loop = judge_loop("strain loop", measured, actuator.system, strain_loop(pid.inner, seen), nominal)
         if loop.agrees or by_bus:
             return actuator, pid, loop
         learned.append(loop.sentence)
@@ -217,8 +227,8 @@ def _close_outer(
     seed: int,
     say: Say,
     learned: list[str],
-) -> tuple[StageModel, OuterDesign, Sensitivity | None]:
-    """The same for the outer loop; None behind a bus, where samples are too rare for a measurement."""
+) -> tuple[StageModel, OuterDesign, Sensitivity]:
+    """The same for the outer loop; behind a bus it is judged as it is, by the lines that its samples show."""
     settings, period_s = configuration.axes[axis], configuration.loop.period_ns * 1e-9
     for again in (False, True):
         say("outer loop")
@@ -242,14 +252,13 @@ def _close_outer(
             late_cycles=actuator.path.stage_late,
         )
         outer = calmest_needed(design, knobs.noise_um, stage.noise_um, learned)
-        if by_bus:
-            return stage, outer, None
         say("sensitivity of the outer loop")
         closed = with_axis(configuration, axis, outer=outer.outer)
         measured = measure_outer_loop(closed, experiment, axis, seed + 20 + again)
-        controller = compensator(outer_gains(outer.outer, None, period_s), period_s)
-        loop = judge_loop("outer loop", measured, stage.found.system(), controller, outer.margins)
-        if loop.agrees:
+        gains, plant = outer_gains(outer.outer, None, period_s), stage.found.system()
+        closed_loop = stage_loop(gains, plant, actuator.path.stage_cycles, actuator.path.stage_late)
+        loop = judge_loop("outer loop", measured, plant, closed_loop, outer.margins)
+        if loop.agrees or by_bus:
             return stage, outer, loop
         learned.append(loop.sentence)
         stage = with_response(stage, measured, period_s)
@@ -277,11 +286,16 @@ def _holding_voltage(record: dict[str, Array], centre_um: float) -> float:
     return float(np.median(record["voltage_V"][near]))
 
 
-def _triangle(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, Array]:
+def _triangle(
+    configuration: Configuration, experiment: Experiment, axis: str
+) -> tuple[dict[str, Array], dict[str, float]]:
+    """The recording, and how far the stages of the other axes moved (um)."""
     excitation = design(configuration, axis, "triangle", TRIANGLE_S, 0)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
     rows = experiment(variant(configuration), seconds, samples_for(configuration, excitation))
-    return recording(configuration, excitation, rows)
+    travel = {name: float(np.ptp(rows["axis"]["stage_um"][:, i])) for i, name in enumerate(configuration.axes)}
+    others = {name: um for name, um in travel.items() if name != axis and np.isfinite(um)}
+    return recording(configuration, excitation, rows), others
 
 
 def _as_record(axis: str, columns: dict[str, Array]) -> Record:

@@ -18,7 +18,7 @@ from ..identification import variant
 MOVE_SHARE = 0.12
 """Of the output's range: about 20 V, 13 um."""
 _RISE_S, _HOLD_S = 0.5, 0.3
-_LEAST, _MOST = 0.05, 5.0
+_LEAST, _MOST, _SMALL = 0.05, 5.0, 0.01
 _ACROSS = 0.3
 _NOISES = 8.0
 
@@ -72,6 +72,11 @@ def judged(axis: str, move_V: float, moved: dict[str, float], noise_um: dict[str
                 f"{seen}, but that of axis {other} by {others[other]:+.2f} um: the gauges or the outputs are swapped; "
                 "check cables and the channels in the sections signals and outputs. Nothing was closed"
             )
+    if _NOISES * noise_um[axis] < abs(moved[axis]) < _LEAST * abs(move_V) and abs(slope) < _SMALL:
+        raise CheckFailed(
+            f"{seen}, {slope:.2g} um/V, far above its noise of {noise_um[axis]:.2g} um: a gauge that reads too little; "
+            "check its scale and unit (mm for um?). Nothing was closed"
+        )
     if abs(moved[axis]) < max(_NOISES * noise_um[axis] / 10.0, _LEAST * abs(move_V)):
         raise CheckFailed(
             f"{seen}: the actuator does not move, or the gauge does not see it; check the amplifier's enable and "

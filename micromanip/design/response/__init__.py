@@ -3,7 +3,7 @@
 from .attempts import Recorded, identify_again
 from .choice import Identified, Wanted, identify
 from .excitation import PERIOD_S, Multisine, multisine
-from .measured import Measured, measure
+from .measured import Measured, measure, of_spectra
 
 __all__ = [
     "PERIOD_S",
@@ -16,4 +16,5 @@ __all__ = [
     "identify_again",
     "measure",
     "multisine",
+    "of_spectra",
 ]

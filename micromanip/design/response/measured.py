@@ -63,12 +63,16 @@ def spectra(wave: Multisine, signal: Array) -> Complex:
 
 def measure(wave: Multisine, u: Array, y: Array) -> Measured:
     """Response from `u` (n,) to `y` (n,), records as long as what was played."""
-    U, Y = spectra(wave, u), spectra(wave, y)
+    return of_spectra(wave.frequency_Hz, spectra(wave, u), spectra(wave, y))
+
+
+def of_spectra(frequency_Hz: Array, U: Complex, Y: Complex) -> Measured:
+    """Response from lines `U` to lines `Y` (draws, periods, k)."""
     draws = Y.mean(axis=1) / U.mean(axis=1)
     rest = Y / U - draws[:, None, :]
-    count = wave.draws * wave.periods
-    noise = np.sqrt(np.sum(np.abs(rest) ** 2, axis=(0, 1)) / max(count - wave.draws, 1) / count)
-    return _judged(wave.frequency_Hz, draws, noise)
+    count = U.shape[0] * U.shape[1]
+    noise = np.sqrt(np.sum(np.abs(rest) ** 2, axis=(0, 1)) / max(count - U.shape[0], 1) / count)
+    return _judged(frequency_Hz, draws, noise)
 
 
 def _judged(frequency_Hz: Array, draws: Complex, noise: Array) -> Measured:

@@ -16,7 +16,17 @@ from dataclasses import replace
 from typing import Any
 
 from micromanip.errors import CheckFailed, UsageError, did_you_mean
-from micromanip.replies import Change, Differences, Jogged, Parameter, Saved, Shadow, Swap
+from micromanip.replies import (
+    Change,
+    Differences,
+    Injected,
+    Jogged,
+    Parameter,
+    Response,
+    Saved,
+    Shadow,
+    Swap,
+)
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
     CONFIRMED,
@@ -48,6 +58,7 @@ from micromanip.settings.write_values import write_into
 from ..controller import Controller
 from .answers import changes, differences, parameters, report
 from .candidate import Candidate, Outcome, step, why_taken_back
+from .injecting import Injecting
 
 _AT_REST = tuple(STATE_NAMES[state] for state in (OFF, READY, FAULT))
 _WHILE_TRACKING = {
@@ -68,6 +79,7 @@ class Tuning:
         self._file = controller.prepared.source
         self._candidate: Candidate | None = None
         self._one_at_a_time = asyncio.Lock()
+        self._injecting = Injecting(controller)
 
     @property
     def _prepared(self) -> Prepared:
@@ -109,6 +121,18 @@ class Tuning:
             key = f"reference.target_um.{axis}"
             await self._swap("jog", await self._with({key: target_um}))
             return Jogged(axis=axis, target_um=target_um), Change(key=key, old=present_um, new=target_um)
+
+    async def inject(self, axis: str, loop: str, amplitude_um: float, seed: int) -> Injected:
+        """Begin to measure the sensitivity of a loop; UsageError or CheckFailed says why not."""
+        async with self._changing():
+            self._refuse_on_trial()
+            if self._candidate is not None and self._candidate.standing == SHADOWING:
+                raise CheckFailed("sensitivity refused: a candidate is compared; `micromanip withdraw` lets it go")
+            return await self._injecting.begin(axis, loop, amplitude_um, seed)
+
+    def injected(self, number: int) -> Response:
+        """Where that measurement stands."""
+        return self._injecting.look(number)
 
     async def reload(self) -> Swap:
         """Take over the file as it is now; errors as `set`, and nothing changed where one key of it can't be taken."""
@@ -255,6 +279,7 @@ class Tuning:
         """The only one to change anything, on the newest knowledge of the loop."""
         async with self._one_at_a_time:
             self._notice()
+            self._injecting.require_none()
             yield
 
     def notice(self) -> None:

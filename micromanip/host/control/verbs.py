@@ -13,9 +13,10 @@ from micromanip.errors import MicromanipError
 from micromanip.faults import FaultReport
 from micromanip.host.recording.recording import Extent
 from micromanip.host.recording.recordings import Recordings
-from micromanip.quantities import Micrometres
-from micromanip.replies import Audit, Change, Jogged, Marked, Recorded, Saved, Shadow, Status, Swap
+from micromanip.quantities import Micrometres, Seed
+from micromanip.replies import Audit, Change, Injected, Jogged, Marked, Recorded, Response, Saved, Shadow, Status, Swap
 from micromanip.rt import states
+from micromanip.settings.injected import AMPLITUDE_UM
 from micromanip.settings.schema.base import Flag, Settings
 from micromanip.settings.text.source import Source
 
@@ -62,6 +63,25 @@ class JogTo(Settings):
     def _one_of_both(self) -> Self:
         if (self.by_um is None) == (self.to_um is None):
             raise ValueError("give either by_um or to_um")
+        return self
+
+
+class Inject(Settings):
+    """Fields of `sensitivity`: those of a new measurement, or the number of one that was begun."""
+
+    number: Annotated[int, Field(strict=True, ge=1)] | None = Field(default=None, description="Which one is asked for.")
+    axis: str | None = Field(default=None, description="Name of the axis.")
+    loop: Literal["strain", "stage"] = Field(default="strain", description="Which of its loops.")
+    amplitude_um: Annotated[float, Field(gt=0, le=10)] = Field(
+        default=AMPLITUDE_UM,
+        description="Rms of the multisine on the set-point.",
+    )
+    seed: Seed = Field(default=1, description="Draws its phases.")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.number is None) == (self.axis is None):
+            raise ValueError("give either axis, to begin, or number")
         return self
 
 
@@ -192,6 +212,7 @@ class Verbs:
             "diff": observing(self._diff),
             "audit": observing(self._audit),
             "shadow": Verb(self._shadow, _right_to_shadow),
+            "sensitivity": operating(self._sensitivity),
             **{name: operating(noted(self._trail, act), stops=name in stops) for name, act in operations.items()},
         }
 
@@ -248,6 +269,19 @@ class Verbs:
         fields = request.read(JogTo)
         jogged, moved = await self._tuning.jog(fields.axis, by_um=fields.by_um, to_um=fields.to_um)
         return jogged, [moved]
+
+    async def _sensitivity(self, request: Request) -> Injected | Response:
+        fields = request.read(Inject)
+        if fields.number is not None:
+            return self._tuning.injected(fields.number)
+        injected: Injected = await noted(self._trail, self._inject)(request)
+        return injected
+
+    async def _inject(self, request: Request) -> tuple[Injected, Sequence[Change]]:
+        fields = request.read(Inject)
+        injected = await self._tuning.inject(str(fields.axis), fields.loop, fields.amplitude_um, fields.seed)
+        what = f"{fields.loop} loop measured with {fields.amplitude_um:g} um rms"
+        return injected, [Change(key=f"axes.{fields.axis}", old=None, new=what)]
 
     async def _shadow(self, request: Request) -> Shadow:
         if _right_to_shadow(request) is Right.OPERATE:

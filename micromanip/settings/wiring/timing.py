@@ -28,6 +28,15 @@ class FeedbackPath:
 
 AT_ONCE = FeedbackPath()
 
+_TOLD = 0.2
+"""Share of the sampling rate."""
+
+
+def path_bandwidth(path: FeedbackPath, rate_hz: float) -> float:
+    """Up to which frequency (Hz) a line through the samples, and voltages held between writes, tell the truth."""
+    slowest = max(path.strain_cycles, path.stage_cycles, 2 * path.output_late)
+    return _TOLD * rate_hz / slowest if path != AT_ONCE else math.inf
+
 
 def signal_timing(configuration: Configuration, wiring: Wiring, name: str) -> Channel:
     """Rate and latency of a signal of the configuration, under its name there."""

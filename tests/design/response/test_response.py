@@ -7,9 +7,11 @@ from scipy.signal import cont2discrete, dlsim
 from micromanip.control.margins import margins
 from micromanip.control.pid import pid_system
 from micromanip.control.system import System, delay
+from micromanip.design.loops import over_path, strain_loop
 from micromanip.design.paper import ANCHOR_PID
-from micromanip.design.response import Wanted, identify, measure, multisine
+from micromanip.design.response import Measured, Wanted, identify, measure, multisine
 from micromanip.design.sensitivity import judge_loop
+from micromanip.settings.wiring.timing import FeedbackPath
 
 pytestmark = pytest.mark.long
 
@@ -133,12 +135,33 @@ def test_sensitivity_measured_in_the_loop_is_the_loops(wave):
     A, B, C, _ = TWO
     true = margins(pid_system(inner, T).then(System(A, B[:, 0], C[0], 0.0, T)))
     assert true.stable
-    found = judge_loop("strain loop", plant, right, controller, margins(right.then(controller)))
+    around = right.then(controller)
+    found = judge_loop("strain loop", plant, right, around, margins(around))
     assert found.agrees
     assert found.least <= true.sensitivity <= found.most
     assert found.measured_margins().sensitivity == pytest.approx(true.sensitivity, rel=0.05)
     assert found.measured_margins().gain_dB == pytest.approx(true.gain_dB, abs=0.5)
     A, B, C, _ = ONE
     wrong = delay(0, T).then(System(A, B[:, 0], 1.1 * C[0], 0.0, T))
-    apart = judge_loop("strain loop", plant, wrong, controller, margins(wrong.then(controller)))
+    around = wrong.then(controller)
+    apart = judge_loop("strain loop", plant, wrong, around, margins(around))
     assert apart.apart > found.apart
+
+
+def test_behind_a_bus_a_loop_is_judged_as_it_steps_and_only_where_its_lines_reach():
+    """A plant that is its model gives the loop's own margins; lines that end below the peak of Ms claim nothing."""
+    inner = ANCHOR_PID.model_copy(update={"K_V_per_um": 0.05, "Ti_ms": 3.0, "Td_ms": 0.0})
+    path = FeedbackPath(strain_cycles=5, strain_late=5, output_late=7)
+    A, B, C, _ = ONE
+    model = System(A, B[:, 0], C[0], 0.0, T)
+    around = strain_loop(inner, over_path(model, path))
+    predicted = margins(around)
+    for top_Hz, seen in ((2.0 * predicted.peak_Hz, True), (0.5 * predicted.peak_Hz, False)):
+        hertz = np.linspace(2.0, top_Hz, 400)
+        G = model.response(2 * np.pi * hertz)
+        plant = Measured(hertz, G, G[None], 1e-6 * abs(G), 1e-6 * abs(G))
+        found = judge_loop("strain loop", plant, model, around, predicted)
+        assert found.seen is seen
+        assert found.agrees
+        if seen:
+            assert found.measured_margins().sensitivity == pytest.approx(predicted.sensitivity, rel=1e-3)

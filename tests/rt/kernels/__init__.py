@@ -5,6 +5,7 @@ from typing import Any
 from micromanip.rt.histogram import bin_of, lower_edge
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.estimator import output, predict, predict_to, remember, start_estimator, update
+from micromanip.rt.laws.excitation import excitation
 from micromanip.rt.laws.hysteresis import inverse_output, model_output, play
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.network import network_output
@@ -117,3 +118,10 @@ def edges_course(bins: Any, edges: Any) -> None:
     """Lower edge of each bin."""
     for k in range(len(bins)):
         edges[k] = lower_edge(bins[k])
+
+
+@compiled
+def excitation_course(p: Any, s: Any, cycle: Any, allowed: Any, out: Any) -> None:
+    """The injected multisine over the numbers of the cycles."""
+    for k in range(len(cycle)):
+        out[k] = excitation(p, s, cycle[k], allowed[k])

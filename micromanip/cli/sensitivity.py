@@ -1,0 +1,170 @@
+"""``micromanip sensitivity``: margins of a loop, measured while it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from micromanip.client import Client
+from micromanip.errors import CheckFailed
+
+from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
+
+if TYPE_CHECKING:
+    from micromanip.control.margins import Margins
+    from micromanip.design.running import Running
+    from micromanip.settings.check import Prepared
+
+
+@click.command(
+    "sensitivity",
+    cls=StrictCommand,
+    epilog="Example: micromanip sensitivity --axis x     or, in virtual time: "
+    "micromanip sensitivity config/simulated.yaml --axis x --loop stage",
+)
+@click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
+@click.option("--axis", required=True, help="The axis.")
+@click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", show_default=True, help="Its loop.")
+@click.option(
+    "--amplitude-um", "amplitude_um", type=Quantity("Distance", least=0.001, most=10.0), default=0.3,
+    show_default=True, metavar="UM", help="Rms of the multisine on the actuator's set-point.",
+)  # fmt: skip
+@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws its phases.")
+@click.option(
+    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Folder for a picture."
+)
+@socket_option
+@json_option
+def command(
+    config: Path | None, axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Measure gain and phase margin of a loop, and Ms, while everything runs.
+
+    A small multisine is added to the actuator's set-point, twice for 5 s, within the limits; it begins and ends softly,
+    and is ended at once by a disarm, a fault, or the end of this command. The axis must be TRACKING or HOLDING; held
+    (`micromanip hold`) it is measured best. With CONFIG the simulated cell is measured, in virtual time.
+
+    Exit code 1 where measured and predicted do not agree, the confidence leaves it open, or margins are below `accept`.
+    """
+    from micromanip.design.running import judge_running, measure_virtually, simulated_actuator
+    from micromanip.errors import UsageError
+    from micromanip.settings.injected import require_axis
+
+    if config is not None:
+        prepared = prepare_and_warn(config)
+        require_axis(prepared.configuration, axis)
+        if not prepared.wiring.virtual:
+            raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
+        plant = measure_virtually(prepared, axis, loop, amplitude_um, seed)
+        path, where = _path(prepared, axis), f"{config}, in virtual time"
+    else:
+        prepared, path, plant = _live(axis, loop, amplitude_um, seed, socket_path)
+        where = f"the controller on {socket_path}"
+    modelled = loop == "strain" and prepared.wiring.virtual
+    actuator = simulated_actuator(prepared, axis) if modelled else None
+    found = judge_running(prepared.configuration, path, axis, loop, plant, actuator)
+    files = []
+    if folder is not None:
+        from micromanip.design.canvas import save
+        from micromanip.design.running_figures import picture
+
+        from .results import results_folder
+
+        with results_folder(folder):
+            files = save(picture(found), folder, f"sensitivity_{axis}_{loop}", about=where)
+    if as_json:
+        print_json(_document(found, loop, files))
+    else:
+        _print(found, where, files)
+    if found.problem is not None:
+        raise CheckFailed(f"axis {axis}, {found.loop.name}: {found.problem}")
+
+
+def _path(prepared: Prepared, axis: str) -> Any:
+    from micromanip.settings.wiring.timing import feedback_path
+
+    return feedback_path(prepared.configuration, prepared.wiring, axis)
+
+
+def _live(axis: str, loop: str, amplitude_um: float, seed: int, socket_path: Path) -> tuple[Prepared, Any, Any]:
+    """What runs, and the response of its plant."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from micromanip.design.running import DRAWS, plant_of
+    from micromanip.settings.check import prepared
+    from micromanip.settings.text.source import Source
+    from micromanip.settings.wiring.timing import FeedbackPath
+
+    responses = []
+    with Client(socket_path) as client, Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(f"axis {axis}, {loop} loop", total=float(DRAWS))
+        for draw in range(DRAWS):
+
+            def tell(part: float, done: int = draw) -> None:
+                bar.update(task, completed=done + part)
+
+            begun, response = client.inject(axis, loop, amplitude_um, seed + draw, progress=tell)
+            responses.append(response)
+    plant = plant_of(
+        responses[0]["frequency_Hz"], [each["input"] for each in responses], [each["output"] for each in responses]
+    )
+    running = prepared(Source.of(begun["configuration"], Path("(running)")))
+    return running, FeedbackPath(**begun["path"]), plant
+
+
+def _figures(found: Margins) -> dict[str, float]:
+    return {"Ms": found.sensitivity, "at_Hz": found.peak_Hz, "gain_dB": found.gain_dB, "phase_deg": found.phase_deg}
+
+
+def _document(found: Running, loop: str, files: list[Path]) -> dict[str, Any]:
+    lines, nominal = found.loop, found.nominal
+    slopes = [
+        {
+            "slope": slope,
+            "measured": _figures(found.measured[k]),
+            "predicted": None if found.predicted is None else _figures(found.predicted[k]),
+        }
+        for k, slope in enumerate(found.slopes)
+    ]
+    return {
+        "axis": found.axis,
+        "loop": loop,
+        **slopes[nominal],
+        "slopes": slopes,
+        "Ms_least": found.confidence[0],
+        "Ms_most": found.confidence[1],
+        "agrees": found.agrees,
+        "apart_percent": None if found.predicted is None else 100.0 * lines.apart,
+        "apart_Hz": None if found.predicted is None else lines.apart_Hz,
+        "problem": found.problem,
+        "frequency_Hz": lines.frequency_Hz.tolist(),
+        "sensitivity": (1.0 / abs(1.0 + lines.measured)).tolist(),
+        "sensitivity_predicted": None if found.predicted is None else (1.0 / abs(1.0 + lines.predicted)).tolist(),
+        "files": [str(file) for file in files],
+    }
+
+
+def _print(found: Running, where: str, files: list[Path]) -> None:
+    from .tables import Figures, out_console
+
+    columns = ("slope", "", "Ms", "at, Hz", "gain margin, dB", "phase margin, deg")
+    shown = Figures(*columns, title=f"Axis {found.axis}, {found.loop.name}")
+    for k, slope in enumerate(found.slopes):
+        for name, margins in (("measured", found.measured), ("predicted", found.predicted)):
+            if margins is not None:
+                figures = _figures(margins[k])
+                shown.add_row(f"{slope:.2f}", name, *(f"{value:.2f}" for value in figures.values()))
+    out_console().print(shown)
+    low, high = found.loop.frequency_Hz[[0, -1]]
+    least, most = found.confidence
+    click.echo(f"Ms {least:.2f} to {most:.2f} by its confidence, {low:.0f} to {high:.0f} Hz; {where}")
+    if found.predicted is None:
+        click.echo("no prediction: the configuration holds no model of the actuator; `commission` finds one")
+    elif found.agrees:
+        click.echo("measured and predicted agree")
+    for file in files:
+        click.echo(f"wrote {file}")

@@ -1,0 +1,169 @@
+"""The stage sensor over the first travel through the range, and the answer to a small step: all in open loop.
+
+What makes an outer loop dangerous or useless is seen here, before even the strain loop is closed: a sensor that stands
+still, is clipped or sees another axis, a wrong unit or sign, lost motion in the flexure, an amplifier slower than the
+path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+from micromanip.settings.schema.model import Configuration
+
+from ..experiment import Experiment, parked
+from ..identification import variant
+
+Array = NDArray[np.float64]
+
+_LEAST_SLOPE, _MOST_SLOPE = 0.05, 50.0
+"""Stage over gauge: no lever is outside."""
+_NEAR, _FOLLOWS, _HELD, _LOST_MOTION = 0.15, 0.5, 0.2, 0.05
+"""Share of the set-point's range about the working point. There: correlation of stage and gauge; share of the samples
+without a new reading; how far the stage may stay behind where the actuator turns, as a share of its travel there."""
+_OTHER = 5.0
+STEP_V, _RISE_S, _BEFORE_S, _AFTER_S, _LIFT_S = 5.0, 0.002, 0.1, 0.5, 0.5
+_LATE_S, _SETTLED_S, _PADDED, _TURNS = 0.2, 0.02, 8, 2
+_SWING_SHARE, _SWINGS_PER_PATH = 0.1, 2.0
+"""A swing of the stage counts from this share of its step; it must be so many times faster than the path."""
+
+
+def check_travel(
+    configuration: Configuration, axis: str, record: dict[str, Array], others_um: dict[str, float]
+) -> float:
+    """Stage over gauge near the working point, from a `record` in open loop; `others_um`: travel of the other stages.
+
+    Raises CheckFailed where the sensor, its scale or the flexure is no good for an outer loop.
+    """
+    settings, none = configuration.axes[axis], np.full(len(record["strain_um"]), np.nan)
+    low, high = settings.setpoint.range_um
+    near = np.abs(record["strain_um"] - settings.centre_um) < _NEAR * (high - low)
+    strain, stage, volts = (record.get(name, none)[near] for name in ("strain_um", "stage_um", "voltage_V"))
+    moved_um, good, where = float(np.ptp(strain)), np.isfinite(stage), f"signals.stage_{axis}"
+    own_um = float(np.ptp(stage[good])) if good.any() else 0.0
+    other = max(others_um, key=lambda name: others_um[name], default=axis)
+    if others_um.get(other, 0.0) > max(_OTHER * own_um, moved_um):
+        raise CheckFailed(
+            f"axis {axis}: while its actuator moved by {moved_um:.0f} um its stage sensor saw {own_um:.2g} um, but "
+            f"that of axis {other} {others_um[other]:.0f} um: the stage sensors or the outputs are swapped; check "
+            "cables and the channels in the sections signals and outputs. No loop was closed"
+        )
+    if not good.any():
+        raise CheckFailed(
+            f"axis {axis}: the stage sensor gave no usable sample while the actuator moved by {moved_um:.0f} um "
+            "about the working point: none come, or they are late, no numbers, flagged as invalid, or outside "
+            f"range_um of {where}; `micromanip probe CONFIG` shows what it says. No loop was closed"
+        )
+    if own_um == 0.0:
+        raise CheckFailed(
+            f"axis {axis}: the stage sensor reads exactly {stage[good][0]:g} um while the actuator moves by "
+            f"{moved_um:.0f} um: it is dead, not connected or on its rail; check its supply, cable and zero, and "
+            f"{where}. No loop was closed"
+        )
+    missing = 1.0 - float(good.mean()) + float(np.mean(np.diff(stage[good]) == 0.0))
+    if missing > _HELD:
+        raise CheckFailed(
+            f"axis {axis}: about the working point, {settings.centre_um:g} um of the gauge, the stage sensor is at "
+            f"an end of its range or gives no usable sample {100 * missing:.0f} % of the time: shift its zero or its "
+            "range, or centre_um. No loop was closed"
+        )
+    strain, stage, volts = strain[good], stage[good], volts[good]
+    if abs(float(np.corrcoef(strain, stage)[0, 1])) < _FOLLOWS:
+        raise CheckFailed(
+            f"axis {axis}: the stage sensor does not follow the actuator: while the gauge moved by {moved_um:.0f} um "
+            f"it read {stage.std():.2g} um rms of something else; check that it is the sensor of this axis, and that "
+            "target and flexure are fixed. No loop was closed"
+        )
+    slope = float(np.polyfit(strain, stage, 1)[0])
+    if not _LEAST_SLOPE <= abs(slope) <= _MOST_SLOPE:
+        raise CheckFailed(
+            f"axis {axis}: the stage sensor moves by {slope:.2g} um for 1 um of the gauge, no lever does that: check "
+            f"scale and unit (mm for um?) of {where}. No loop was closed"
+        )
+    if slope < 0.0:
+        raise CheckFailed(
+            f"axis {axis}: the stage sensor falls by {-slope:.2g} um for each um that the gauge rises: the path "
+            "would be corrected the wrong way; change the sign of its scale, so that all of an axis counts in one "
+            "direction. No loop was closed"
+        )
+    lost_um = _lost_motion(strain, stage, volts)
+    if lost_um > _LOST_MOTION * float(np.ptp(stage)):
+        raise CheckFailed(
+            f"axis {axis}: where the actuator turns the stage stays {lost_um:.2g} um behind, "
+            f"{100 * lost_um / np.ptp(stage):.0f} % of its travel of {np.ptp(stage):.0f} um: a loose flexure, clamp "
+            "or sensor target; tighten it. No loop was closed"
+        )
+    return slope
+
+
+def _lost_motion(strain: Array, stage: Array, volts: Array) -> float:
+    """By how much (um) the stage differs between both ways at the same reading of the gauge."""
+    rising = np.gradient(volts) > 0.0
+    if not 0.1 < rising.mean() < 0.9:
+        return 0.0
+    regressors = np.column_stack([np.ones(len(strain)), strain, np.where(rising, -0.5, 0.5)])
+    return max(0.0, float(np.linalg.lstsq(regressors, stage, rcond=None)[0][2]))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a small step shows: until the gauge has made 63 % of its way, and the stage's swing afterwards, if any."""
+
+    rise_ms: float
+    swing_Hz: float | None
+
+
+def check_answer(configuration: Configuration, experiment: Experiment, axis: str, centre_V: float) -> Answer:
+    """Step `axis` by STEP_V about `centre_V` in open loop; CheckFailed where gauge or stage is slower than the path."""
+    rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
+    output, path_Hz = configuration.outputs[f"voltage_{axis}"], max(configuration.axes[axis].accept.frequencies_Hz)
+    rise_s = max(_RISE_S, 4.0 * STEP_V / output.fastest_V_per_s)
+    parts = (_LIFT_S, _BEFORE_S, rise_s, _AFTER_S, _LIFT_S)
+    lift, before, rise, after, _ = (round(seconds * rate_hz) for seconds in parts)
+    way = np.concatenate([_soft(lift), np.ones(before + rise + after), 1.0 - _soft(lift)])
+    step = np.concatenate([np.zeros(lift + before), _soft(rise), np.ones(after), 1.0 - _soft(lift)])
+    samples = parked(configuration, len(way))
+    samples[:, index] += (centre_V - output.park_V) * way + STEP_V * (step - 0.5 * way)
+    rows = experiment(variant(configuration), len(way) / rate_hz, samples)["axis"][:, index]
+    begin, end = lift + before, lift + before + rise + after
+    answer = judge_answer(rows[begin - before : end], before, rate_hz)
+    if 1e-3 * answer.rise_ms - 0.5 * rise_s > 1.0 / (2.0 * np.pi * path_Hz):
+        raise CheckFailed(
+            f"axis {axis}: after a step of {STEP_V:g} V the gauge needs {answer.rise_ms:.0f} ms for 63 % of its way, "
+            f"too slow for the {path_Hz:g} Hz of accept.frequencies_Hz: an amplifier with too little current or "
+            "bandwidth, or a filter of the gauge; check both, or accept lower frequencies. No loop was closed"
+        )
+    if answer.swing_Hz is not None and answer.swing_Hz < _SWINGS_PER_PATH * path_Hz:
+        raise CheckFailed(
+            f"axis {axis}: after a step of {STEP_V:g} V the stage swings at {answer.swing_Hz:.0f} Hz, and the path "
+            f"goes up to {path_Hz:g} Hz: a loose flexure or clamp, or more mass than it is made for; look at it, or "
+            "accept lower frequencies. No loop was closed"
+        )
+    return answer
+
+
+def judge_answer(rows: NDArray[Any], before: int, rate_hz: float) -> Answer:
+    """From rows of one axis around a step that begins after `before` of them."""
+    strain, stage = (np.asarray(rows[name], dtype=float) for name in ("strain_um", "stage_um"))
+    late = round(_LATE_S * rate_hz)
+    rest, way = strain[:before].mean(), strain[-late:].mean() - strain[:before].mean()
+    reached = (strain[before:] - rest) / way >= 1.0 - np.exp(-1.0)
+    rise_ms = 1e3 * int(np.argmax(reached)) / rate_hz
+    after = stage[before + round(_SETTLED_S * rate_hz) :]
+    t = np.arange(len(after)) / rate_hz
+    swing = after - np.polyval(np.polyfit(t, after, 1), t) if np.isfinite(stage).all() else np.zeros(len(after))
+    if np.ptp(swing) <= _SWING_SHARE * abs(stage[-late:].mean() - stage[:before].mean()):
+        return Answer(rise_ms, None)
+    count = _PADDED * len(swing)
+    spectrum = np.abs(np.fft.rfft(swing * np.hanning(len(swing)), count))
+    slowest = round(_TURNS * count / len(swing))
+    return Answer(rise_ms, float((slowest + np.argmax(spectrum[slowest:])) * rate_hz / count))
+
+
+def _soft(count: int) -> Array:
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count), dtype=np.float64)

@@ -1,0 +1,47 @@
+"""What may be injected into a loop of a configuration: where, how large, up to which frequency."""
+
+from __future__ import annotations
+
+from micromanip.control.injection import Injection, highest_Hz, injection
+from micromanip.errors import CheckFailed, UsageError, did_you_mean
+
+from .schema.model import Configuration
+from .wiring.timing import FeedbackPath, path_bandwidth
+
+AMPLITUDE_UM = 0.3
+"""Rms by default: some noises of a gauge."""
+COLUMNS = {"strain": ("voltage_V", "strain_um"), "stage": ("setpoint_um", "stage_um")}
+"""What goes into the plant of each loop and what comes out, in the rows."""
+_SLEW_SHARE = 0.5
+
+
+def require_axis(configuration: Configuration, axis: str) -> None:
+    """Raise UsageError where there is no such axis."""
+    if axis not in configuration.axes:
+        raise UsageError(f"there is no axis {axis!r:.40}; {did_you_mean(axis, configuration.axes, 'there are')}")
+
+
+def planned(
+    configuration: Configuration, path: FeedbackPath, axis: str, loop: str, amplitude_um: float, seed: int
+) -> Injection:
+    """The injection for `loop` of `axis`, `amplitude_um` rms on the actuator's set-point.
+
+    Raises UsageError where there is no such axis, CheckFailed where that loop is not closed, or the amplitude
+    asks for more than half of the set-point's slew limit.
+    """
+    require_axis(configuration, axis)
+    settings = configuration.axes[axis]
+    if settings.mode == "voltage" or (loop == "stage" and settings.mode != "stage"):
+        raise CheckFailed(f"sensitivity refused: axis {axis} is in mode {settings.mode}, its {loop} loop is open")
+    if loop == "strain" and settings.inner.mode == "feedforward":
+        raise CheckFailed(f"sensitivity refused: inner.mode of axis {axis} is feedforward, its strain loop is open")
+    rate_hz = float(configuration.loop.rate_hz)
+    wave = injection(amplitude_um, highest_Hz(rate_hz, path_bandwidth(path, rate_hz)), rate_hz, seed=seed)
+    allowed = _SLEW_SHARE * settings.setpoint.slew_um_per_ms * 1e3 / rate_hz
+    if wave.fastest > allowed:
+        raise CheckFailed(
+            f"sensitivity refused: {amplitude_um:g} um rms would move axis {axis} at "
+            f"{100 * _SLEW_SHARE * wave.fastest / allowed:.0f} % of setpoint.slew_um_per_ms; at most "
+            f"{amplitude_um * allowed / wave.fastest:.2g} um"
+        )
+    return wave

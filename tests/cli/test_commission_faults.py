@@ -1,0 +1,160 @@
+"""Broken cells: each is stopped before harm, with a sentence that names what is wrong on which axis, and what to do."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.cli import commission
+from micromanip.design.commission import axis as steps
+from micromanip.design.commission.axis import Watched, commission_axis
+from micromanip.errors import CheckFailed
+from micromanip.settings.check import prepare
+from micromanip.virtual.experiment import VirtualExperiment
+
+from .command import code_of
+
+CONFIG = Path(__file__).parents[2] / "config"
+SHORT_S = 3.0
+"""Of the major loop, which is long for its picture's sake."""
+
+
+class Recorded:
+    """An experiment that remembers the modes of all axes, and every voltage."""
+
+    def __init__(self, prepared):
+        self.experiment, self.modes, self.voltages = VirtualExperiment(prepared), [], []
+
+    def __call__(self, configuration, seconds, samples=None, every=1):
+        self.modes += [axis.mode for axis in configuration.axes.values()]
+        rows = self.experiment(configuration, seconds, samples, every)
+        self.voltages.append(rows["axis"]["voltage_V"][:, : len(configuration.axes)])
+        return rows
+
+    def path(self, configuration, axis):
+        return self.experiment.path(configuration, axis)
+
+
+def plant(figures):
+    return "    variation: ", f"    plant: {{{figures}}}\n    variation: "
+
+
+def fault(channel, kind, value=0.0):
+    return (
+        "    variation: ",
+        f"    faults: [{{channel: {channel}, kind: {kind}, value: {value}, at_s: 0}}]\n    variation: ",
+    )
+
+
+def wired(signal, channel):
+    return f"  {signal}: {{driver: cell,", f"  {signal}: {{driver: cell, channel: {channel},"
+
+
+def cell(tmp_path, *changes, base="factory.yaml"):
+    text = (CONFIG / base).read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    file = tmp_path / "cell.yaml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+BROKEN = {
+    "dead gauge": ([fault("strain_x", "value")], "the strain gauge reads exactly 0 um all the time"),
+    "dead stage sensor": ([fault("stage_x", "value")], "the stage sensor reads exactly 0 um while the actuator moves"),
+    "flagged gauge": ([fault("strain_x", "status")], "the strain gauge gives no usable samples .* flagged as invalid"),
+    "flagged stage sensor": ([fault("stage_x", "status")], "the stage sensor gave no usable sample .* flagged"),
+    "gauge on its rail": ([fault("strain_x", "value", 180.0)], "reads exactly 180 um .* on its rail"),
+    "stage sensor on its rail": ([fault("stage_x", "value", 300.0)], "reads exactly 300 um .* on its rail"),
+    "gauge of noise": ([wired("strain_x", "acceleration_x")], "the actuator does not move, or the gauge does not see"),
+    "stage sensor of noise": ([wired("stage_x", "acceleration_x")], "the stage sensor does not follow the actuator"),
+    "clipped gauge": ([plant("strain_range_um: 60")], "the strain gauge .* or the gauge is at the end of its range"),
+    "clipped stage sensor": ([plant("stage_zero_um: 50")], "the stage sensor is at an end of its range"),
+    "inverted gauge": ([fault("strain_x", "scale", -1.0)], "the wrong way, feedback would run away"),
+    "inverted stage sensor": ([fault("stage_x", "scale", -1.0)], "the path would be corrected the wrong way"),
+    "slow amplifier": ([plant("amplifier_Hz: 8")], r"the gauge needs \d+ ms .*: an amplifier with too little current"),
+    "weak amplifier": ([plant("amplifier_range_V: [-20.0, 60.0]")], "the amplifier saturates there"),
+    "dead amplifier": ([plant("amplifier_range_V: [-0.001, 0.001]")], "the actuator does not move"),
+    "little stroke": ([plant("reversible_um: [0.2, 0.0, 0.0]")], "the record reaches .* % of the set-point's range"),
+    "swapped gauges": (
+        [wired("strain_x", "strain_y"), wired("strain_y", "strain_x")],
+        "that of axis y by .* the gauges or the outputs are swapped",
+    ),
+    "swapped stage sensors": (
+        [wired("stage_x", "stage_y"), wired("stage_y", "stage_x")],
+        "that of axis y .* the stage sensors or the outputs are swapped",
+    ),
+    "gauge in mm": ([fault("strain_x", "scale", 1e-3)], r"0.00\d+ um/V, far above its noise .* \(mm for um\?\)"),
+    "stage sensor in mm": ([fault("stage_x", "scale", 1e-3)], r"no lever does that: check scale and unit \(mm for um"),
+    "loose flexure": ([plant("flexure_N_per_um: 0.05")], r"the stage swings at \d+ Hz, .*: a loose flexure or clamp"),
+}  # fmt: skip
+
+
+def refusal(config, tmp_path, monkeypatch, capsys):
+    """What `commission` says on standard error; that it left open loop and the outputs' limits alone, and a report."""
+    made = []
+    monkeypatch.setattr(commission, "_virtual", lambda prepared: made.append(Recorded(prepared)) or made[0])
+    monkeypatch.setattr(steps, "TRIANGLE_S", SHORT_S)
+    out = tmp_path / "out"
+    assert code_of("commission", config, "--axis", "x", "--out", out, "--json") == 1
+    said = capsys.readouterr()
+    (recorded,) = made
+    assert set(recorded.modes) == {"voltage"}, "a loop was closed"
+    output = prepare(config).configuration.outputs["voltage_x"]
+    for voltages in recorded.voltages:
+        assert output.range_V[0] <= voltages.min()
+        assert voltages.max() <= output.range_V[1]
+        assert np.abs(np.diff(voltages, axis=0)).max() <= 0.1 * output.slew_V_per_ms + 1e-9
+    document = json.loads(said.out)
+    assert document["tuned"] is None
+    assert not (out / "tuned.yaml").exists()
+    assert "Commissioning stopped at the step" in (out / "report.html").read_text(encoding="utf-8")
+    assert document["stopped"].startswith("axis x: ")
+    assert document["stopped"] in said.err
+    return document["stopped"]
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_cell_is_named_before_a_loop_is_closed(name, tmp_path, monkeypatch, capsys):
+    changes, wanted = BROKEN[name]
+    said = refusal(cell(tmp_path, *changes), tmp_path, monkeypatch, capsys)
+    assert re.search(wanted, said), said
+
+
+def test_a_tracker_that_is_missing(tmp_path, monkeypatch, capsys):
+    config = cell(tmp_path, fault("deviation_x", "drop"), base="simulated.yaml")
+    said = refusal(config, tmp_path, monkeypatch, capsys)
+    assert re.search("the tracker gives no usable samples .* of signals.deviation_x", said), said
+
+
+def test_a_fault_on_the_way_ends_it(tmp_path):
+    class Faulty(Recorded):
+        def __call__(self, configuration, seconds, samples=None, every=1):
+            rows = super().__call__(configuration, seconds, samples, every)
+            rows["fault"][-10:] = 4
+            return rows
+
+    prepared = prepare(cell(tmp_path))
+    with pytest.raises(CheckFailed) as refused:
+        commission_axis(prepared.configuration, Watched(Faulty(prepared)), "x", lambda _: None)
+    assert "the experiment was ended by fault X-201; nothing was tuned. Likely: " in str(refused.value)
+    assert str(refused.value).startswith("axis x: sensors at rest: ")
+
+
+@pytest.mark.long
+def test_a_resonance_that_has_moved_is_followed(tmp_path):
+    """Nearly three times the mass on the stage, the mode at 40 Hz: another outer loop, the same margins."""
+    heavy = prepare(cell(tmp_path, plant("stage_kg: 33.0")))
+    recorded = Recorded(heavy)
+    found = commission_axis(heavy.configuration, Watched(recorded), "x", lambda _: None)
+    poles = found.stage.found.modes.poles
+    swinging = np.log(poles[poles.imag > 1e-9]) / found.stage.found.dt  # a real pole, of the delays, is no resonance
+    mode_Hz = np.abs(swinging[np.argmin(-swinging.real / np.abs(swinging))]) / (2 * np.pi)
+    assert mode_Hz == pytest.approx(66.9 * np.sqrt(12.0 / 33.0), rel=0.03)
+    assert found.outer.margins.gain_dB >= 6.0
+    assert found.outer.margins.phase_deg >= 35.0
+    assert found.outer_loop.agrees
+    assert max(voltages.max() for voltages in recorded.voltages) <= 150.0

@@ -1,0 +1,59 @@
+"""What the first travel and a small step show of stage sensor and flexure, on records whose truth is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from micromanip.design.commission.travel import check_travel, judge_answer
+from micromanip.errors import CheckFailed
+
+RATE_HZ = 10_000
+AXIS = SimpleNamespace(setpoint=SimpleNamespace(range_um=(2.0, 128.0)), centre_um=66.0)
+CELL = SimpleNamespace(axes={"x": AXIS})
+
+
+def record(lost_um=0.0):
+    """A shrinking triangle; the stage is five times the gauge, behind a play of `lost_um`."""
+    strain = 66.0 + np.interp(np.arange(6000), np.arange(0, 6001, 500), 60.0 * (-0.95) ** np.arange(13))
+    stage, held = np.zeros(len(strain)), 5.0 * (strain[0] - 66.0)
+    for k, free in enumerate(5.0 * (strain - 66.0)):
+        held = min(max(held, free - 0.5 * lost_um), free + 0.5 * lost_um)
+        stage[k] = held
+    return {"voltage_V": strain, "strain_um": strain, "stage_um": stage}
+
+
+def test_the_slope_of_a_good_stage():
+    assert check_travel(CELL, "x", record(), {"y": 3.0}) == pytest.approx(5.0)
+
+
+def test_a_little_lost_motion_is_borne_and_more_is_named():
+    """About the working point the stage travels some 190 um, of which 5 % may be lost."""
+    assert check_travel(CELL, "x", record(4.0), {}) == pytest.approx(5.0, rel=0.01)
+    with pytest.raises(CheckFailed, match=r"axis x: where the actuator turns the stage stays \d+ um behind.*loose"):
+        check_travel(CELL, "x", record(20.0), {})
+
+
+def answer(mode_Hz, tau_s, damping=0.02):
+    rows = np.zeros(6000, [("strain_um", "f8"), ("stage_um", "f8")])
+    t = (np.arange(6000) - 1000) / RATE_HZ
+    after = np.maximum(t, 0.0)
+    rows["strain_um"] = 60.0 + 3.0 * (1.0 - np.exp(-after / tau_s))
+    swing = np.cos(2 * np.pi * mode_Hz * after) * np.exp(-damping * 2 * np.pi * mode_Hz * after)
+    rows["stage_um"] = np.where(t > 0.0, 15.0 * (1.0 - swing), 0.0)
+    rows["stage_um"] += np.random.default_rng(1).normal(0.0, 0.01, 6000)
+    return judge_answer(rows, 1000, RATE_HZ)
+
+
+@pytest.mark.parametrize("mode_Hz", [8.0, 19.0, 40.0, 67.0])
+def test_the_swing_after_a_step_is_told_by_its_frequency(mode_Hz):
+    assert answer(mode_Hz, 1e-3).swing_Hz == pytest.approx(mode_Hz, abs=1.0)
+
+
+def test_a_stage_that_does_not_swing_has_no_frequency():
+    assert answer(67.0, 1e-3, damping=0.9).swing_Hz is None
+
+
+@pytest.mark.parametrize("tau_ms", [1.0, 5.0, 20.0])
+def test_the_time_for_63_percent_is_that_of_the_lag(tau_ms):
+    assert answer(67.0, 1e-3 * tau_ms).rise_ms == pytest.approx(tau_ms, abs=0.2)

@@ -1,0 +1,96 @@
+"""Sensitivity measured on a real loop that tracks: from the ring, softly, and gone when nobody asks any more."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from micromanip.cli.main import cli
+from micromanip.client import Client
+from micromanip.control.injection import FADE_S, LEAD_S, PERIOD_S, PERIODS
+from micromanip.errors import CheckFailed
+from tools.running_controller import calm, until
+
+from .whole_module import tracking_until_the_end
+
+pytestmark = [pytest.mark.live, pytest.mark.realtime]  # a loop that misses many cycles gives no spectra
+SECONDS = 2 * FADE_S + LEAD_S + PERIODS * PERIOD_S
+
+
+@pytest.fixture(scope="module")
+def tracking(tmp_path_factory):
+    with tracking_until_the_end(tmp_path_factory.mktemp("sensitivity"), calm()) as cell:
+        yield cell
+
+
+def level(cell, axis=0):
+    return float(cell.status["state"][0]["axis"][axis]["excitation"]["level"])
+
+
+def lines(cell, axis=0):
+    slots = cell.control["parameters"]
+    in_force = slots[slots["version"] == cell.status["state"][0]["version"]][0]
+    return int(in_force["axis"][axis]["excitation"]["lines"])
+
+
+def test_it_is_measured_while_nothing_else_may_be_changed_and_leaves_nothing(tracking):
+    with Client(tracking.socket) as client, Client(tracking.socket) as other:
+        begun = client.request("sensitivity", axis="x", loop="strain")
+        assert begun["seconds"] == pytest.approx(SECONDS)
+        assert begun["simulated"]
+        with pytest.raises(CheckFailed, match="the sensitivity of axis x, strain loop, is being measured"):
+            other.set({"axes.x.inner.K_V_per_um": 0.5})
+        with pytest.raises(CheckFailed, match="is being measured"):
+            other.inject("y", "strain", 0.3)
+        highest = 0.0
+        while not (found := client.request("sensitivity", number=begun["number"]))["done"]:
+            highest = max(highest, level(tracking))
+            time.sleep(0.1)
+        assert highest == 1.0
+        U, Y = (np.array(found[name]) @ [1.0, 1j] for name in ("input", "output"))
+        gain = np.abs(Y.mean(axis=0) / U.mean(axis=0))
+        low = np.array(found["frequency_Hz"]) < 30.0
+        assert np.median(gain[low]) == pytest.approx(0.7, rel=0.4), "the actuator's um per V"
+        assert lines(tracking) == 0
+        entry = other.audit(1)["entries"][0]
+        assert (entry["verb"], entry["accepted"]) == ("sensitivity", False)
+        other.set({"axes.x.inner.K_V_per_um": 0.6})
+
+
+def test_it_is_taken_back_where_the_client_goes_away(tracking):
+    with Client(tracking.socket) as client:
+        number = client.request("sensitivity", axis="y", loop="strain")["number"]
+        until(lambda: level(tracking, 1) > 0.0, "no injection")
+    until(lambda: lines(tracking, 1) == 0, "it goes on")
+    with Client(tracking.socket) as client, pytest.raises(CheckFailed, match="nobody has asked for it for 1 s"):
+        client.request("sensitivity", number=number)
+
+
+def test_the_command(tracking, tmp_path):
+    """Held, as its page says; a picture and one document."""
+    with Client(tracking.socket) as client:
+        client.hold()
+    arguments = ["sensitivity", "--axis", "x", "--json", "--out", tmp_path / "out", "--socket", tracking.socket]
+    done = CliRunner().invoke(cli, list(map(str, arguments)))
+    document = json.loads(done.stdout)
+    assert (document["axis"], document["loop"]) == ("x", "strain")
+    assert 1.0 < document["measured"]["Ms"] < 4.0
+    assert document["agrees"] is (document["problem"] is None) or document["problem"]
+    assert {file.name for file in (tmp_path / "out").iterdir()} >= {"sensitivity_x_strain.png"}
+
+
+def test_a_disarm_ends_it_at_once(tracking):
+    with Client(tracking.socket) as client:
+        client.arm()
+        until(lambda: client.status()["state"] == "TRACKING", "it does not track")
+        number = client.request("sensitivity", axis="x", loop="strain")["number"]
+        until(lambda: level(tracking) == 1.0, "no injection")
+        client.disarm()
+        until(lambda: level(tracking) == 0.0, "it goes on")
+        with pytest.raises(CheckFailed, match=r"was ended: the state is (RAMPING|READY), it began while"):
+            until(lambda: client.request("sensitivity", number=number)["done"], "it does not end")
+        until(lambda: client.status()["state"] == "READY" and lines(tracking) == 0, "it does not rest")
+        client.arm()
+        until(lambda: client.status()["state"] == "TRACKING", "it does not track")

@@ -1,0 +1,74 @@
+"""Sensitivity as it is measured in the running loop, beside that of the plant's own equations."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from micromanip_drivers.simulated.options import Plant
+
+from micromanip.control.margins import margins
+from micromanip.control.outer_gains import outer_gains
+from micromanip.control.pid import pid_system
+from micromanip.design.describing import harmonics, inverse_operator
+from micromanip.design.loops import stage_loop
+from micromanip.design.running import judge_running, measure_virtually
+from micromanip.errors import CheckFailed
+from micromanip.settings.check import prepare
+from micromanip.virtual.experiment import VirtualExperiment
+from tools.robustness.truth import small_slope, true_plant
+
+pytestmark = pytest.mark.long
+SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+CENTRE_V, CENTRE_UM, SWING_UM = 93.0, 83.0, 0.5
+"""Where axis x is held, and about how far it swings there: what the slope of the hysteresis depends on."""
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return prepare(SIMULATED)
+
+
+def measured(prepared, loop):
+    plant = measure_virtually(prepared, "x", loop, 0.3)
+    path = VirtualExperiment(prepared).path(prepared.configuration, "x")
+    return judge_running(prepared.configuration, path, "x", loop, plant)
+
+
+def compared(found, true):
+    measured = found.measured[found.nominal]
+    assert measured.sensitivity == pytest.approx(true.sensitivity, rel=0.05)
+    assert measured.gain_dB == pytest.approx(true.gain_dB, abs=0.5)
+    assert measured.phase_deg == pytest.approx(true.phase_deg, abs=2.0)
+    low, high = found.confidence
+    assert low < 1.03 * true.sensitivity
+    assert high > 0.97 * true.sensitivity
+
+
+def plant_and_axis(prepared):
+    period_s = prepared.configuration.loop.period_ns * 1e-9
+    return true_plant(Plant(), small_slope(Plant(), CENTRE_V), period_s), prepared.configuration.axes["x"], period_s
+
+
+def test_the_strain_loop_is_that_of_the_plants_equations(prepared):
+    plant, axis, period_s = plant_and_axis(prepared)
+    found = measured(prepared, "strain")
+    compared(found, margins(pid_system(axis.inner, period_s).then(plant.actuator())))
+    assert found.agrees is None, "the configuration has no model of the actuator"
+    assert len(found.slopes) == 3
+
+
+def test_the_outer_loop_too_and_a_model_that_is_not_the_plant_is_told(prepared):
+    """The measured loop is the true one whatever the configuration's model says; another gain does not agree."""
+    plant, axis, period_s = plant_and_axis(prepared)
+    feedforward = abs(harmonics(inverse_operator(axis.hysteresis), SWING_UM, CENTRE_UM).gain)
+    gains = outer_gains(axis.outer, prepared.configuration.reference, period_s)
+    found = measured(prepared, "stage")
+    compared(found, margins(stage_loop(gains, plant.behind(axis, feedforward))))
+    wrong = replace(found, loop=replace(found.loop, apart=0.3))
+    assert wrong.agrees is False
+    assert "the model is not the plant any more" in wrong.problem
+
+
+def test_a_loop_that_is_open_is_refused(prepared):
+    with pytest.raises(CheckFailed, match="20 um rms would move axis x at"):
+        measure_virtually(prepared, "x", "stage", 20.0)

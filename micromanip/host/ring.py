@@ -43,6 +43,10 @@ class RingReader:
         kept: NDArray[Any] = rows[torn:]
         return kept
 
+    def seek(self, rows: int) -> None:
+        """Go on with so many `rows` before the newest, where there are as many; nothing counts as lost by it."""
+        self.position = max(0, int(self._words[RING_HEAD]) - rows)
+
     def latest(self) -> Any | None:
         """The newest row, without moving on; None before the first."""
         head = int(self._words[RING_HEAD])

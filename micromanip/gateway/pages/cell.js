@@ -1,6 +1,6 @@
 // The cell page: state, faults, axes, timing, links; orders, each after a question.
 import { Connection, post } from "./connection.js";
-import { by, cell, element, figure, head, rows, themeButton } from "./page.js";
+import { by, cell, count, element, figure, head, rows, themeButton } from "./page.js";
 
 const QUESTIONS = {
   arm: ["Arm the cell?", "It begins to move."],
@@ -83,14 +83,14 @@ function showAxes(axes) {
   }));
 }
 
-const us = (ns) => figure(ns * 1e-3, 1);
+const us = (ns) => (ns < 1e6 ? figure(ns * 1e-3, 1) : count(Math.round(ns * 1e-3)));
 
 function showTiming(status) {
   const line = (said, d) => [cell(said), ...["p50", "p99_9", "max"].map((key) => cell(us(d[key]), "number"))];
   rows(by("timing"), [
     [head("µs"), head("p50", "number"), head("p99.9", "number"), head("max", "number")],
     line("lateness", status.lateness_ns), line("compute", status.compute_ns),
-    [cell("overruns"), cell(String(status.overruns), "number"), cell(`of ${status.cycles} cycles`), cell("")],
+    [cell("overruns"), cell(count(status.overruns), "number"), element("td", { colSpan: 2, className: "number" }, `of ${count(status.cycles)} cycles`)],
   ]);
 }
 
@@ -119,7 +119,7 @@ function showRun(status) {
     [cell("period"), cell(`${status.period_ns / 1000} µs`)],
     [cell("parameter version"), cell(String(status.parameter_version))],
     [cell("candidate tuning"), cell(status.shadow)],
-    [cell("recording"), cell(recording ? `${recording.state}, ${recording.rows} rows, ${recording.dropped} dropped` : "none")],
+    [cell("recording"), cell(recording ? `${recording.state}, ${count(recording.rows)} rows, ${count(recording.dropped)} dropped` : "none")],
   ]);
 }
 

@@ -29,6 +29,9 @@ export function figure(value, digits = 2) {
   return value === null || value === undefined || Number.isNaN(value) ? "–" : value.toFixed(digits).replace("-", "−");
 }
 
+/** A whole number in groups of three digits. */
+export const count = (number) => String(number).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+
 /** A number with four significant digits. */
 export function short(value) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";

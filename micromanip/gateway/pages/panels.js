@@ -60,7 +60,7 @@ export class Panels {
     return {
       width: Math.max(200, this.place.clientWidth - 10),
       height: this.height(panels) + (isLast ? 24 : 0),
-      ms: 1,
+      padding: [12, 18, 0, 0],
       legend: { show: false },
       cursor: { sync: { key: KEY, scales: ["x", null] }, drag: { x: true, y: false, setScale: false }, points: { size: 6 }, focus: { prox: 16 } },
       scales: { x: { time: false, range: () => this.shown ?? [0, 1] }, y: { range: (plot, low, high) => padded(low, high) } },
@@ -126,16 +126,10 @@ export class Panels {
     ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
-    ctx.font = `600 ${12 * devicePixelRatio}px system-ui, sans-serif`;
-    ctx.textBaseline = "top";
     for (const [from, to, state] of this.bands ?? []) {
       const left = Math.max(bbox.left, plot.valToPos(from, "x", true)), right = Math.min(bbox.left + bbox.width, plot.valToPos(to, "x", true));
       ctx.fillStyle = STATE_TINT[state] ?? "#80808018";
       ctx.fillRect(left, bbox.top, right - left, bbox.height);
-      if (plot === this.plots[0]?.plot && right - left > ctx.measureText(state).width + 10) {
-        ctx.fillStyle = colour("--faint");
-        ctx.fillText(state, left + 5 * devicePixelRatio, bbox.top + 4 * devicePixelRatio);
-      }
     }
     if (unit === "V") {
       ctx.strokeStyle = colour("--bad");
@@ -156,6 +150,7 @@ export class Panels {
     const lines = [...Object.entries(this.cursors), ["T", this.trigger]];
     ctx.save();
     ctx.font = `700 ${12 * devicePixelRatio}px system-ui, sans-serif`;
+    if (plot === this.plots[0]?.plot) this.nameBands(plot);
     for (const [name, at] of lines) {
       if (at === null || at === undefined || !this.shown || at < this.shown[0] || at > this.shown[1]) continue;
       const x = plot.valToPos(at, "x", true);
@@ -169,6 +164,19 @@ export class Panels {
       ctx.fillText(name, x + 4 * devicePixelRatio, bbox.top + bbox.height - 6 * devicePixelRatio);
     }
     ctx.restore();
+  }
+
+  nameBands(plot) {
+    const { ctx, bbox } = plot;
+    for (const [from, to, state] of this.bands ?? []) {
+      const left = Math.max(bbox.left, plot.valToPos(from, "x", true)), right = Math.min(bbox.left + bbox.width, plot.valToPos(to, "x", true));
+      const width = ctx.measureText(state).width;
+      if (right - left < width + 10) continue;
+      ctx.fillStyle = colour("--plot");
+      ctx.fillRect(left + 3, bbox.top + 2, width + 6, 17 * devicePixelRatio);
+      ctx.fillStyle = colour("--faint");
+      ctx.fillText(state, left + 6, bbox.top + 14 * devicePixelRatio);
+    }
   }
 
   resize() {

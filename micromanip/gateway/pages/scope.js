@@ -1,7 +1,7 @@
 // The scope: what is shown, and who is asked for it. Time is counted in cycles; s are made only to be shown.
 import { Connection, post } from "./connection.js";
 import { parsed } from "./frames.js";
-import { by, cell as td, element, head, rows, seconds, themeButton, unitText } from "./page.js";
+import { by, cell as td, count, element, head, rows, seconds, themeButton, unitText } from "./page.js";
 import { Panels, readout } from "./panels.js";
 import { SpectrumView, lines } from "./spectrum.js";
 import { TriggerForm } from "./trigger.js";
@@ -133,7 +133,6 @@ function bands(times, [low, high], end) {
 
 function tell(header) {
   const part = (name, value, bad = false) => element("span", { className: bad ? "bad" : "" }, `${name} `, element("b", {}, value));
-  const count = (number) => number.toLocaleString("en").replaceAll(",", " ");
   by("told").replaceChildren(
     part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
     part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
@@ -198,7 +197,7 @@ function offer() {
       });
       return element("label", { data: { name: field.name } }, box, element("span", {}, field.shown), element("i", {}, unitText(field.unit)));
     }))));
-  trigger.offer(controller.fields, controller.states);
+  trigger.offer(controller.fields, controller.states, known()[0]);
   const axis = controller.axes[0];
   for (const [id, wanted] of [["x", `${axis}.voltage_V`], ["y", `${axis}.strain_um`]]) {
     const select = by(id), kept = select.value || wanted;

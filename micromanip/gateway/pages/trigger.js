@@ -12,11 +12,11 @@ export class TriggerForm {
     this.arrange();
   }
 
-  /** The fields and states of the cell. */
-  offer(fields, states) {
+  /** The fields and states of the cell; `first` is chosen where nothing was before. */
+  offer(fields, states, first) {
     const field = this.form.elements.field, kept = field.value;
     field.replaceChildren(...fields.map(({ name }) => new Option(name)));
-    if (fields.some(({ name }) => name === kept)) field.value = kept;
+    field.value = fields.some(({ name }) => name === kept) ? kept : first ?? fields[0].name;
     const state = this.form.elements.state;
     if (!state.options.length) {
       state.replaceChildren(...states.map((name) => new Option(name)));

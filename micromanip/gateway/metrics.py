@@ -121,12 +121,12 @@ def _of_signals(status: Status) -> Iterator[Metric]:
     rates = {(name,): s["rate_hz"] for name, s in signals.items()}
     yield _labelled("signal_rate_hertz", "Fresh samples of a signal in a second.", ["signal"], rates)
     ages = {
-        (name, quantile): age * 1e-6
+        (name, percentile): age * 1e-6
         for name, s in signals.items()
-        for quantile, age in (("0.5", s["age_p50_us"]), ("0.999", s["age_p99_9_us"]), ("1", s["age_max_us"]))
+        for percentile, age in (("50", s["age_p50_us"]), ("99.9", s["age_p99_9_us"]), ("100", s["age_max_us"]))
         if age is not None
     }
-    yield _labelled("signal_age_seconds", "Age of a signal's newest sample.", ["signal", "quantile"], ages)
+    yield _labelled("signal_age_seconds", "Age of a signal's newest sample.", ["signal", "percentile"], ages)
     lost = {(name,): s["lost"] for name, s in signals.items()}
     yield _labelled("signal_lost", "Samples of a signal that were lost.", ["signal"], lost, CounterMetricFamily)
     stale = {(name,): s["stale_cycles"] for name, s in signals.items()}
@@ -172,7 +172,7 @@ def _histogram(name: str, what: str, counts: Any) -> Metric:
     """Of the loop's histogram: a bin counts below a bound where all of it is."""
     counts = np.array(counts[: len(_EDGES_NS)], np.float64)
     upper = np.r_[_EDGES_NS[1:], np.inf]
-    buckets = [(repr(bound * 1e-9), float(counts[upper <= bound].sum())) for bound in _BOUNDS_NS]
+    buckets = [(f"{bound * 1e-9:g}", float(counts[upper <= bound].sum())) for bound in _BOUNDS_NS]
     buckets.append(("+Inf", float(counts.sum())))
     middles = np.r_[(_EDGES_NS[1:] + _EDGES_NS[:-1]) / 2.0, _EDGES_NS[-1]]
     return HistogramMetricFamily(

@@ -47,7 +47,9 @@ class Session:
         self._on_the_way = 0
         self._number = 0
         self._shown: int | None = None
+        self._is_greeted = False
         self._wake = asyncio.Event()
+        self._wake.set()
 
     async def run(self) -> None:
         """Send what there is to send, for ever."""
@@ -88,14 +90,15 @@ class Session:
         self._wake.set()
 
     def _set_trigger(self, told: Any) -> None:
-        self._told_trigger, self._trigger = told, None
-        if told is None or self._source is None:
+        self._told_trigger = self._trigger = None
+        if self._source is None or told is None:
             return
         condition = Condition.read(told, self._source.fields)
         share = number(told, "before", 0.0, 1.0)
         span = self._view.cycles(self._source)
         before = round(share * span)
         patience = max(span, round(_LEAST_PATIENCE_S * 1e9 / self._source.told["period_ns"]))
+        self._told_trigger = told
         self._trigger = Trigger(condition, str(told.get("mode")), before, span - before, patience)
 
     def _heard(self, rows: Rows | None) -> None:
@@ -110,9 +113,8 @@ class Session:
 
     async def _say_next(self) -> bool:
         """Send one message, if there is one and the browser can take it; whether there was."""
-        if self._source is not self._cell.source:
-            self._source = self._cell.source
-            self._trigger = None
+        if not self._is_greeted or self._source is not self._cell.source:
+            self._is_greeted, self._source, self._trigger = True, self._cell.source, None
             await self._send(json.dumps(self._hello()))
             return True
         if self._on_the_way >= _ON_THE_WAY:

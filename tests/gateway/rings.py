@@ -7,6 +7,7 @@ from micromanip.host.shared_memory import RING, STATUS, columns
 from micromanip.rt.mailbox import RING_HEAD
 from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import ROW
+from tests.cli import played
 
 AXES = ["x", "y"]
 PERIOD_NS = 100_000
@@ -52,3 +53,15 @@ class Played:
         while (new := self.cell.source.read()) is not None:
             for listener in list(self.cell.listeners):
                 listener(new)
+
+
+SIGNAL = {"rate_hz": 9999.5, "age_p50_us": 0, "age_p99_9_us": 1900, "age_max_us": 2000}
+SIGNAL |= {"lost": 3, "samples": 7, "late": 1, "stale_cycles": 5}
+LINK = {"link": "up", "outputs": "following", "links": 2, "starts": 1, "message": None}
+
+
+def status(state="TRACKING", faults=()):
+    """What a controller answers, whole."""
+    more = {"signals": {"strain_x": SIGNAL}, "links": {"can": LINK}, "parameter_version": 2, "recording": None}
+    more |= {"shadow": "none", "trips": [], "configuration": "cell.yaml", "configuration_sha256": "0" * 64}
+    return played.status(state, faults) | more

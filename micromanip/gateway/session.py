@@ -47,7 +47,7 @@ class Session:
         self._on_the_way = 0
         self._number = 0
         self._shown: int | None = None
-        self._is_greeted = False
+        self._is_greeted = self._told_status = False
         self._wake = asyncio.Event()
         self._wake.set()
 
@@ -80,6 +80,7 @@ class Session:
             self._wanted.add("frame")
         elif kind == "trigger":
             self._set_trigger(message.get("trigger"))
+            self._wanted.add("frame")
         elif kind == "arm":
             if self._trigger is not None:
                 self._trigger.arm()
@@ -127,9 +128,16 @@ class Session:
         return True
 
     async def _next(self) -> str | bytes | None:
-        if "status" in self._wanted:
+        """What is to be said next; status and traces take turns, so that neither starves."""
+        told_status, self._told_status = self._told_status, False
+        message = None if "status" in self._wanted and not told_status else await self._traces()
+        if message is None and "status" in self._wanted:
             self._wanted.discard("status")
-            return json.dumps(self._status())
+            self._told_status = True
+            message = json.dumps(self._status())
+        return message
+
+    async def _traces(self) -> str | bytes | None:
         if self._source is None:
             return None
         try:

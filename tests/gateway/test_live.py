@@ -161,7 +161,7 @@ def test_neither_misses_the_other(cell, gateway):
         assert (after["state"], after["cycles"] > before["cycles"]) == ("TRACKING", True)
     cell.end()
     until(lambda: gateway.state() is None, "the gateway notices")
-    assert "no controller answers" in gateway.get("/api/status", "observe")
+    until(lambda: "no controller answers" in gateway.get("/api/status", "observe"), "and says why")
     again = Running(cell.folder, cell.config.read_text(), "--socket", str(cell.socket))
     try:
         until(lambda: gateway.state() == "READY", "the gateway sees the next one")

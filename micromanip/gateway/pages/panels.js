@@ -3,7 +3,7 @@ import uPlot from "./third_party/uplot/uPlot.esm.js";
 import { colour, element, seconds, short, unitText } from "./page.js";
 
 const STATE_TINT = {
-  READY: "#1f4e9922", ARMING: "#f0bd2130", TRACKING: "#0a8a3a1c", HOLDING: "#f0bd2130", RAMPING: "#f0bd2130", FAULT: "#d0202038",
+  READY: "#1f4e9922", ARMING: "#f0bd2120", TRACKING: "#0a8a3a1c", HOLDING: "#f0bd2120", RAMPING: "#f0bd2120", FAULT: "#d0202038",
 };
 const KEY = "scope";
 
@@ -60,7 +60,7 @@ export class Panels {
     return {
       width: Math.max(200, this.place.clientWidth - 10),
       height: this.height(panels) + (isLast ? 24 : 0),
-      padding: [12, 18, 0, 0],
+      padding: [12, 18, isLast ? 0 : 10, 0],
       legend: { show: false },
       cursor: { sync: { key: KEY, scales: ["x", null] }, drag: { x: true, y: false, setScale: false }, points: { size: 6 }, focus: { prox: 16 } },
       scales: { x: { time: false, range: () => this.shown ?? [0, 1] }, y: { range: (plot, low, high) => padded(low, high) } },
@@ -150,6 +150,8 @@ export class Panels {
     const lines = [...Object.entries(this.cursors), ["T", this.trigger]];
     ctx.save();
     ctx.font = `700 ${12 * devicePixelRatio}px system-ui, sans-serif`;
+    ctx.textAlign = "left";
+    ctx.textBaseline = "alphabetic";
     if (plot === this.plots[0]?.plot) this.nameBands(plot);
     for (const [name, at] of lines) {
       if (at === null || at === undefined || !this.shown || at < this.shown[0] || at > this.shown[1]) continue;

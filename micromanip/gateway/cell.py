@@ -43,7 +43,7 @@ class Source:
     """The telemetry of one controller: its history, and its ring."""
 
     def __init__(self, told: Telemetry, status: Any, ring: Any, inode: int) -> None:
-        """`status` and `ring` are records of `STATUS` and `RING`; `inode` tells this memory from another controller's."""
+        """`status` and `ring` are records of `STATUS` and `RING`; `inode` tells their memory from another's."""
         self.told, self.status, self.inode = told, status, inode
         self.fields = fields(told["axes"])
         self.history = History(self.fields)

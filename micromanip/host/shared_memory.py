@@ -123,6 +123,7 @@ class Segments:
 def columns() -> list[str]:
     """How a row of the ring is laid out, a text for each field: two versions that agree in it read the same."""
     assert ROW.names is not None
+    assert ROW.fields is not None
     return [f"{name} {ROW[name]} at {ROW.fields[name][1]}" for name in ROW.names]
 
 

@@ -17,7 +17,9 @@ def _scope(kind, path, host, origin, token, more=()):
     return {"type": kind, "path": path, "headers": headers, "scheme": "http", **plain}
 
 
-async def request(app, path, *, method="GET", body=None, host=HOST, origin=None, token=None, content="application/json"):
+async def request(
+    app, path, *, method="GET", body=None, host=HOST, origin=None, token=None, content="application/json"
+):
     """Status, headers and body of the answer."""
     sent, text = [], b"" if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
     waiting = [{"type": "http.request", "body": text, "more_body": False}]

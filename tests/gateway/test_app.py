@@ -67,7 +67,8 @@ def test_pages_load_nothing_from_elsewhere(app, path):
 
 
 @pytest.mark.parametrize(
-    ("path", "method", "body"), [("/api/status", "GET", None), ("/metrics", "GET", None), ("/api/order", "POST", {"order": "arm"})]
+    ("path", "method", "body"),
+    [("/api/status", "GET", None), ("/metrics", "GET", None), ("/api/order", "POST", {"order": "arm"})],
 )
 def test_without_a_right_token_nothing_is_told(app, path, method, body):
     assert ask(app, path, method=method, body=body)[0] == 401

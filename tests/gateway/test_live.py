@@ -58,7 +58,9 @@ class Beside:
         return True
 
     def get(self, path, scope=None, body=None):
-        request = urllib.request.Request(f"http://{self.host}{path}", None if body is None else json.dumps(body).encode())
+        request = urllib.request.Request(
+            f"http://{self.host}{path}", None if body is None else json.dumps(body).encode()
+        )
         request.add_header("content-type", "application/json")
         if scope is not None:
             request.add_header("authorization", f"Bearer {self.secret[scope]}")
@@ -92,11 +94,21 @@ def test_the_memory_that_is_handed_out_can_only_be_read(cell):
             mmap.mmap(descriptor, 0, prot=mmap.PROT_READ).close()
             with pytest.raises(PermissionError):
                 mmap.mmap(descriptor, 0, prot=mmap.PROT_READ | mmap.PROT_WRITE)
-            with pytest.raises(OSError, match="Bad file descriptor|Invalid argument"):
+            with pytest.raises(OSError, match=r"Bad file descriptor|Invalid argument"):
                 os.ftruncate(descriptor, 1)
             if os.geteuid() == 0:  # what another user can do with it
-                python = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups", sys.executable, "-c", OPEN_TO_WRITE]
-                done = subprocess.run([*python, str(descriptor)], pass_fds=[descriptor], capture_output=True, text=True, check=False)
+                python = [
+                    "setpriv",
+                    "--reuid=65534",
+                    "--regid=65534",
+                    "--clear-groups",
+                    sys.executable,
+                    "-c",
+                    OPEN_TO_WRITE,
+                ]
+                done = subprocess.run(
+                    [*python, str(descriptor)], pass_fds=[descriptor], capture_output=True, text=True, check=False
+                )
                 assert "PermissionError" in done.stderr
     finally:
         for descriptor in descriptors:

@@ -1,4 +1,4 @@
-"""Metrics as Prometheus reads them: complete, in base units, clean by promtool; and what the dashboard asks for is there."""
+"""Metrics as Prometheus reads them: complete, in base units, clean by promtool; the dashboard finds what it asks."""
 
 import json
 import re
@@ -58,7 +58,9 @@ def test_figures_are_in_base_units(text):
 
 def test_the_histogram_is_the_loop_s(text):
     found = samples(text)
-    buckets = {float(name[1]): value for name, value in found.items() if name[0] == "micromanip_lateness_seconds_bucket"}
+    buckets = {
+        float(name[1]): value for name, value in found.items() if name[0] == "micromanip_lateness_seconds_bucket"
+    }
     assert [buckets[bound] for bound in (1e-7, 1e-6, 2e-6, 5e-4, 1e-3, float("inf"))] == [20, 20, 30, 30, 40, 40]
     assert found["micromanip_lateness_seconds_count",] == 40
     assert found["micromanip_lateness_seconds_sum",] == pytest.approx(10 * (50 + 90 + 1500 + 700_000) * 1e-9, rel=0.03)

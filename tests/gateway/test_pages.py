@@ -1,4 +1,4 @@
-"""The pages in a real browser, before a made-up ring: nothing from elsewhere, no complaint, the trigger at its cycle."""
+"""The pages in a real browser, before a made-up ring: nothing from elsewhere, no complaint, exact triggers."""
 
 import asyncio
 import socket
@@ -68,7 +68,9 @@ def opened(browser, address, path):
 def in_order(browser, address):
     assert browser.errors == []
     assert len(browser.asked) > 5
-    assert {url for url in browser.asked if not url.startswith((address, address.replace("http", "ws"), "blob:", "data:"))} == set()
+    assert {
+        url for url in browser.asked if not url.startswith((address, address.replace("http", "ws"), "blob:", "data:"))
+    } == set()
     assert not any(DO in url for url in browser.asked), "a token is in no address"
 
 
@@ -77,7 +79,9 @@ def test_a_wrong_token_is_told_and_the_right_one_opens(browser, address):
     for token, then in (("w" * 24, "document.querySelector('dialog[open] .notice')?.hidden === false"),
                         (DO, "document.getElementById('who').textContent.includes('ana')")):  # fmt: skip
         browser.until("document.querySelector('dialog[open] input[type=password]') !== null")
-        browser.value(f"document.getElementById('token').value = '{token}'; document.querySelector('dialog[open] button').click()")
+        browser.value(
+            f"document.getElementById('token').value = '{token}'; document.querySelector('dialog[open] button').click()"
+        )
         browser.until(then)
     browser.until("document.querySelector('#state b').textContent === 'TRACKING'")
     in_order(browser, address)
@@ -108,7 +112,8 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
     browser.until("document.querySelectorAll('#fields input').length === 48")
     form = "const f = document.getElementById('trigger').elements"
     browser.value(
-        f"{{ {form}; f.mode.value = 'single'; f.field.value = 'x.stage_um'; f.level.value = '0.5'; f.before.value = '25'; "
+        f"{{ {form}; f.mode.value = 'single'; f.field.value = 'x.stage_um'; f.level.value = '0.5'; "
+        "f.before.value = '25'; "
         "f.mode.dispatchEvent(new Event('input', {bubbles: true})) }"
     )
     browser.until("document.getElementById('armed').textContent === 'waits' || scopeFrames.length === 0")
@@ -125,7 +130,7 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
     assert hit["trigger_cycle"] == EDGE_CYCLE
     assert (hit["first"], hit["last"]) == (EDGE_CYCLE - 2_500, EDGE_CYCLE + 7_500)
     browser.until("document.getElementById('told').textContent.includes('77')")
-    browser.value("document.querySelector('#trigger [name=mode]').value = 'off'; document.getElementById('trigger').dispatchEvent(new Event('input'))")
+    browser.value(f"{{ {form}; f.mode.value = 'off'; f.mode.dispatchEvent(new Event('input', {{bubbles: true}})) }}")
     browser.value("{ const s = document.getElementById('span'); s.value = '5'; s.dispatchEvent(new Event('change')) }")
     browser.until("scopeFrames.at(-1).last === 99999 && scopeFrames.at(-1).first === 49999")
     assert browser.value("scopeFrames.every((frame) => frame.lost === 0 && frame.missing === 0)")

@@ -45,8 +45,9 @@ def uninstall(machine: Machine, root: Path, *, purge: bool) -> list[Step]:
         removals += [Remove(_below(root, path), root) for path in (CONFIG.parent, *STATE)]
     steps: list[Step] = []
     here = _below(root, Path("/etc/systemd/system") / UNIT).exists()
-    for unit in [*([GATEWAY] if _enabled(root, GATEWAY).is_symlink() else []), *([UNIT] if here else [])]:
-        steps.append(Run(("systemctl", *_at(root), "disable", *(["--now"] if root == Path("/") else []), unit)))
+    units = [*([GATEWAY] if _enabled(root, GATEWAY).is_symlink() else []), *([UNIT] if here else [])]
+    now = ["--now"] if root == Path("/") else []
+    steps += [Run(("systemctl", *_at(root), "disable", *now, unit)) for unit in units]
     steps += removals
     steps += _told_systemd(root)
     if purge and _has_user(root):

@@ -156,7 +156,7 @@ const connection = new Connection((message) => {
 
 for (const button of by("orders").querySelectorAll("button")) button.addEventListener("click", () => order(button.dataset.order));
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("input, select")) return;
   const name = { a: "arm", h: "hold", d: "disarm", r: "reset" }[event.key];
   if (name) order(name);
 });

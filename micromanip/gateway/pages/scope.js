@@ -270,7 +270,7 @@ by("find").addEventListener("input", () => {
   for (const group of by("fields").children) if (wanted) group.open = true;
 });
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input:not([type=checkbox]), select, button, summary")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("input:not([type=checkbox]), select, button, summary")) return;
   const act = {
     " ": freeze, "+": () => zoom(0.5), "=": () => zoom(0.5), "-": () => zoom(2), ArrowLeft: () => move(-0.25), ArrowRight: () => move(0.25),
     t: () => connection.send({ type: "arm" }),

@@ -8,7 +8,7 @@ JOBS   ?= 3
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill surprise fault-campaign fuzz-socket robustness docs tune clean
+.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill surprise fault-campaign fuzz-socket fuzz-udp robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -64,6 +64,9 @@ mutation: compiled ## every mutant of the last gates and of the fault manager mu
 
 fuzz-socket: $(READY) ## a million lines of garbage against the control socket
 	$(BIN)/pytest tests/host/test_garbage.py --garbage 1000000
+
+fuzz-udp: $(READY)  ## ten million datagrams of garbage against the driver udp
+	$(BIN)/pytest -n0 --timeout=3600 tests/drivers/udp -k garbage --garbage 500000
 
 soak-machine: $(READY) ## ten thousand steps of commands, faults, lines and swaps on the cell
 	$(BIN)/pytest -n0 --hypothesis-profile=soak tests/rt/test_cell_machine.py

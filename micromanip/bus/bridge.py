@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from micromanip.rt.bus_image import IMAGE, OUTPUT_STATE, RESTING, SENT_NS, UNKNO
 from micromanip.rt.tell import ask
 
 from .cyclic import CONTEXT_C, CyclicDriver, Functions
-from .driver import BusDriver, BusOptions, Channel
+from .driver import BusDriver, BusOptions, Channel, Load
 
 UNSAFE = 1
 """What ``safe`` returns where the worker did not bring its outputs to rest in time."""
@@ -46,6 +46,13 @@ class BusBridge(CyclicDriver):
     @property
     def device(self) -> str | None:
         return self.bus.device
+
+    @property
+    def real_because(self) -> str | None:
+        return self.bus.real_because
+
+    def loads(self) -> Sequence[Load]:
+        return self.bus.loads()
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -15,6 +15,9 @@ input, adding one to ``sequence`` where the sample is fresh; ``time_ns`` is when
 not allocate, block, or call Python. ``safe`` brings every output to its safe value; the host calls it in *its* own
 process when the loop is dead, so all that it needs lives in the context.
 
+A device that may be out of reach says so by what ``exchange`` returns: -1 (DOWN) while its link can't be used, -2
+(TAKEN) while its outputs do not follow the loop. These are faults in use only, and end by themselves.
+
 ``docs/drivers.md`` has a complete example.
 """
 
@@ -22,7 +25,7 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -30,7 +33,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from .driver import Channel
+from .device_identity import real_because
+from .driver import Answer, Channel, Load
+from .safe_state import SafeOutput
 
 CONTEXT_C = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 """A driver's open, safe or close."""
@@ -49,6 +54,21 @@ class Functions:
     exchange: int
     safe: int
     close: int
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A wire that the loop itself serves: whether the device answers, and what its outputs do.
+
+    `outputs` is one of ``OUTPUT_NAMES`` of ``rt/bus_image.py``, `given` what each output was given last, at `sent_ns`
+    (CLOCK_MONOTONIC, 0 for never); `links` is how often the device began to answer.
+    """
+
+    up: bool
+    outputs: str
+    given: tuple[float, ...]
+    sent_ns: int
+    links: int
 
 
 class CyclicDriver(ABC):
@@ -76,6 +96,11 @@ class CyclicDriver(ABC):
         """
         return None if self.simulated else type(self).__name__
 
+    @property
+    def real_because(self) -> str | None:
+        """Why the device may be a real one, though the driver calls itself simulated; None as far as is seen."""
+        return None if self.device is None else real_because(self.device)
+
     @abstractmethod
     def __init__(self, options: Any, period_ns: int) -> None:
         """`options` is a validated ``Options``; raises ConfigError for what only the driver can know."""
@@ -97,12 +122,44 @@ class CyclicDriver(ABC):
 
     @property
     def slow_outputs(self) -> tuple[Channel, ...]:
-        """Rate and latency of the outputs that are not in force in the cycle in which they are written."""
+        """Rate and latency of the outputs that are not in force in the cycle in which they are written.
+
+        One whose `safe` the driver itself leads to must be among them: `check` sees that it is the output's `park_V`.
+        """
+        return ()
+
+    def loads(self) -> Sequence[Load]:
+        """What the loop's rate costs on a wire, where there is one."""
         return ()
 
     @abstractmethod
     def context(self) -> NDArray[np.uint8]:
         """First contents of the context, a block of bytes that the loop and the host share; no pointers in it."""
+
+    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:  # noqa: B027 (most need none)
+        """Take over the limits of the outputs, in the order of `outputs`, into the context.
+
+        The host tells them before the loop begins and again when they have changed, which they do at rest only. The
+        loop keeps to them by itself: they are for a driver whose commands may be lost on the way.
+        """
+
+    def begin(self, context: NDArray[np.uint8]) -> None:  # noqa: B027 (most have nothing to do)
+        """Get ready in Python what ``open`` needs: called by the process that calls it, with its context, just before.
+
+        May block for some seconds; must not move anything. Raises BusError, with a message for whoever starts the cell.
+        """
+
+    def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:  # noqa: ARG002 (what a subclass may count)
+        """Counters of its own, out of the context, while the loop runs."""
+        return {}
+
+    def wire(self, context: NDArray[np.uint8]) -> Wire | None:  # noqa: ARG002 (most have none)
+        """Where its wire stands, out of the context, while the loop runs; None where it has none."""
+        return None
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        """Look, without moving anything, what answers; what is found, as it is found. As ``BusDriver.probe``."""
+        raise NotImplementedError
 
     def without_process(self) -> CyclicDriver:
         """The driver for an experiment without machining: a simulation leaves its process force out."""

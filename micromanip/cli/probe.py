@@ -17,6 +17,7 @@ from .options import Quantity, StrictCommand, config_argument, json_option, prin
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from micromanip.bus.cyclic import CyclicDriver
     from micromanip.bus.driver import Answer, BusDriver
 
 
@@ -39,11 +40,11 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
     """
     from micromanip.bus.device_lock import DeviceLocks
     from micromanip.bus.driver import BusDriver
-    from micromanip.settings.wiring.single_driver import CyclicDriver, bus_driver
+    from micromanip.settings.wiring.single_driver import NothingToProbe, driver_to_probe
 
     try:
-        chosen = bus_driver(config, driver)
-    except CyclicDriver as refusal:
+        chosen = driver_to_probe(config, driver)
+    except NothingToProbe as refusal:
         answer = _simulated(config, driver, seconds, refusal)
         if as_json:
             print_json(_found_document(driver, driver, seconds, {driver: answer}))
@@ -52,18 +53,23 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
         return
     if type(chosen).probe is BusDriver.probe:
         raise UsageError(f"driver {driver} has no probe: what answers on its bus can't be seen without moving it")
-    with DeviceLocks([chosen.device]):
+    with DeviceLocks([_device(chosen)]):
         answers: dict[str, Answer] = {}
         with contextlib.suppress(KeyboardInterrupt):
             _look(chosen, seconds, answers, live=not as_json and sys.stdout.isatty())
     if as_json:
-        print_json(_found_document(driver, chosen.device, seconds, answers))
+        print_json(_found_document(driver, _device(chosen), seconds, answers))
     if not answers:
         raise DeviceUnavailable(
-            f"nothing answered on {chosen.device} in {seconds:g} s; check power, cable and the keys of drivers.{driver}"
+            f"nothing answered on {_device(chosen)} in {seconds:g} s; check power, cable and the keys of "
+            f"drivers.{driver}"
         )
     if not as_json and not sys.stdout.isatty():
         _plain(answers)
+
+
+def _device(driver: BusDriver | CyclicDriver) -> str:
+    return driver.device or type(driver).__name__
 
 
 def _simulated(config: Path, driver: str, seconds: float, refusal: UsageError) -> Answer:
@@ -91,8 +97,10 @@ def _found_document(driver: str, device: str, seconds: float, answers: dict[str,
     return {"driver": driver, "device": device, "seconds": seconds, "answers": found}
 
 
-def _look(driver: BusDriver, seconds: float, answers: dict[str, Answer], live: bool) -> None:
+def _look(driver: BusDriver | CyclicDriver, seconds: float, answers: dict[str, Answer], live: bool) -> None:
     """Gather the newest answer of each name into `answers`, on a terminal in a table that follows them."""
+    from micromanip.bus.driver import BusDriver
+
     try:
         if not live:
             for answer in _found(driver, seconds):
@@ -105,18 +113,19 @@ def _look(driver: BusDriver, seconds: float, answers: dict[str, Answer], live: b
                 answers[answer.name] = answer
                 view.update(_table(answers))
     finally:
-        driver.close()
+        if isinstance(driver, BusDriver):
+            driver.close()
 
 
-def _found(driver: BusDriver, seconds: float) -> Iterator[Answer]:
+def _found(driver: BusDriver | CyclicDriver, seconds: float) -> Iterator[Answer]:
     from micromanip.bus.errors import BusError
 
     try:
         yield from driver.probe(seconds)
     except BusError as problem:
         said = str(problem)
-        named = said.startswith(driver.device)  # most errors of a bus begin with its name
-        raise DeviceUnavailable(said if named else f"{driver.device}: {said}") from problem
+        named = said.startswith(_device(driver))  # most errors of a bus begin with its name
+        raise DeviceUnavailable(said if named else f"{_device(driver)}: {said}") from problem
 
 
 def _rows(answers: dict[str, Answer]) -> Iterator[tuple[str, str, str, str]]:

@@ -1,6 +1,7 @@
 """The door for drivers: all that a driver's package needs of Micromanip, and the only place it imports from.
 
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/drivers.md)
+    SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
     Compiler, *_SIGNATURE, now_ns, sleep_until,        what it needs if numba compiles it
     minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
@@ -11,9 +12,10 @@
     real_because, require_regular                      whether a device may be a real one; a file that can be read
 
 ``micromanip.driver.quantities`` has types of options with their bounds, ``micromanip.driver.testing`` runs a cyclic
-driver in virtual time, and ``micromanip.driver.conformance`` is the suite that a bus driver must pass, which needs the
-extra ``conformance`` (pytest). What is compiled is loaded when it is asked for: a bus driver's worker never imports
-numba.
+driver in virtual time, ``micromanip.driver.wire`` and ``micromanip.driver.datagrams`` are for one that serves a wire in
+the loop itself (tables of frames, datagrams from compiled code), and ``micromanip.driver.conformance`` is the suite
+that a bus driver must pass, which needs the extra ``conformance`` (pytest). What is compiled is loaded when it is asked
+for: a bus driver's worker never imports numba.
 """
 
 from __future__ import annotations
@@ -21,10 +23,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, worst_case_s
-from micromanip.bus.cyclic import CyclicDriver, Functions
+from micromanip.bus.cyclic import CyclicDriver, Functions, Wire
 from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.safe_state import SafeOutput
 from micromanip.errors import ConfigError, did_you_mean
 from micromanip.files.regular_file import require_regular
 from micromanip.rt.records import SIGNAL
@@ -35,7 +38,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 1)
+DRIVER_API = (1, 2)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
@@ -77,9 +80,11 @@ __all__ = [
     "Load",
     "Outcome",
     "OutputRefused",
+    "SafeOutput",
     "Sample",
     "Task",
     "TransientError",
+    "Wire",
     "did_you_mean",
     "minimum_jerk",
     "now_ns",

@@ -34,6 +34,13 @@ class Arrived:
         self.last = value
         self.samples += 1
 
+    def merge(self, other: Arrived) -> None:
+        """What somebody else has counted since, from the same last command on."""
+        self.minimum, self.maximum = min(self.minimum, other.minimum), max(self.maximum, other.maximum)
+        self.largest_step = max(self.largest_step, other.largest_step)
+        self.samples += other.samples
+        self.last = other.last
+
     def report(self) -> dict[str, Any]:
         """The figures under their names in reports; None where nothing came."""
         if not self.samples:
@@ -101,6 +108,23 @@ class Amplifier:
                 self._plant.write(name, value)
             elif self.ok:
                 self._put(name, value)
+
+    @property
+    def follows(self) -> bool:
+        """Whether it puts out what it is commanded."""
+        return self.ok and not self._ramp_from
+
+    def has_taken(self, arrived: Mapping[str, Arrived], clock_ns: int) -> None:
+        """Commands that went to the plant another way while it `follows`, the last at `clock_ns`."""
+        self._commanded_ns = clock_ns
+        for name, figures in arrived.items():
+            if name in self.rest_V:
+                self.in_force[name] = figures.last
+                merged = (self.arrived, self._arrived_since_report)
+            else:
+                merged = (self.switches, self._switches_since_report)
+            for kept in merged:
+                kept.setdefault(name, Arrived()).merge(figures)
 
     def tick(self, clock_ns: int, plant_ns: int) -> None:
         """Time passes, on the clock and in the plant: look after the watchdog and the ramp."""

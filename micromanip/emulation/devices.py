@@ -14,6 +14,7 @@ from micromanip.emulation.can.canbus import emulate_canbus
 from micromanip.emulation.can.canopen import emulate_canopen
 from micromanip.emulation.line.device_of_a_line import emulate_line
 from micromanip.emulation.modbus.units_on_a_port import emulate_modbus
+from micromanip.emulation.udp.device import emulate_udp
 from micromanip.errors import MicromanipError, UsageError
 from micromanip.settings.check import validate
 from micromanip.settings.text.source import Source
@@ -44,6 +45,7 @@ BUILDERS: dict[str, Builder] = {
     "canopen": emulate_canopen,
     "line": emulate_line,
     "modbus": emulate_modbus,
+    "udp": emulate_udp,
 }
 """By the driver's entry point."""
 _PRIORITY = 1

@@ -10,6 +10,7 @@ import ctypes
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.bus.cyclic import CyclicDriver, call_context
 from micromanip.errors import CheckFailed
@@ -78,6 +79,7 @@ class PlantInRealTime:
         self._values: list[float] = [0.0] * len(self.inputs)
         self._outputs = np.zeros(len(self.outputs))
         self._written = False
+        self._address = functions.exchange
         self._exchange = _EXCHANGE(functions.exchange)
         self._at = self._context.ctypes.data, self._outputs.ctypes.data, self._signals.ctypes.data
 
@@ -105,6 +107,25 @@ class PlantInRealTime:
     def value(self, channel: str) -> float:
         """Newest value of an input."""
         return self._values[self.inputs[channel]]
+
+    @property
+    def addresses(self) -> tuple[int, int]:
+        """Where its `exchange` is, and its context: for compiled code that advances it, and then says so (`is_at`)."""
+        return self._address, int(self._at[0])
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.void]]:
+        """Its outputs and its inputs, as `exchange` takes them."""
+        return self._outputs, self._signals
+
+    def is_at(self, time_ns: int) -> None:
+        """Somebody else has advanced it."""
+        self.time_ns = time_ns
+        self._values = self._signals["value"].tolist()
+
+    def samples(self, channel: str) -> int:
+        """How often an input has been fresh."""
+        return int(self._signals[self.inputs[channel]]["sequence"])
 
     def write(self, channel: str, value: float) -> None:
         """What an output shall be from the next `advance_to` on."""

@@ -57,7 +57,7 @@ class BusWorker:
         descriptors = (segments.contexts.descriptor, *locks)
         self._child = Child("micromanip.bus.worker_process", descriptors, complains=True, restarts=RestartLimit())
         self._orders = _orders(prepared, name, segments.contexts.descriptor, offset)
-        self._places = _places(prepared, name)
+        self._places = prepared.wiring.places(name)
         self._voltages = [output for output in self._places if output in prepared.configuration.outputs]
         self.image = ProcessImage(segments.contexts.bytes()[offset : offset + IMAGE.itemsize].view(IMAGE))
         self._listening: asyncio.Task[None] | None = None
@@ -250,11 +250,3 @@ def _rules(prepared: Prepared, name: str) -> dict[str, Any]:
 
 def _slews(output: dict[str, Any]) -> bool:
     return math.isfinite(output["high"] - output["low"]) and math.isfinite(output["slew_V_per_s"])
-
-
-def _places(prepared: Prepared, name: str) -> dict[str, int]:
-    """Places of the outputs and switches of the configuration that are on this bus, among those of its driver."""
-    wiring = prepared.wiring
-    first, count = wiring.first_output[name], len(wiring.buses[name].outputs)
-    indices = {**wiring.outputs, **wiring.switches}
-    return {output: index - first for output, index in indices.items() if 0 <= index - first < count}

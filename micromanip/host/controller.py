@@ -14,6 +14,7 @@ from typing import Any
 from micromanip.bus.rights import beginning_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.faults import LOOP_DIED, FaultReport, latched
+from micromanip.replies import Link
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import ARM, COMMAND_NAMES, FAULT, PROMOTE, RESET, SHADOWING, STARTING, STATE_NAMES, STOP
 from micromanip.rt.tell import ask, tell
@@ -23,6 +24,7 @@ from .child import Child
 from .parameter_buffers import ParameterBuffers
 from .refusals import axis_refusals, output_refusals, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
+from .wires import wire_link
 
 _ANSWER_S = 1.0
 _READY_S = 8.0
@@ -50,6 +52,7 @@ class Controller:
         self._contexts = [shared[at : at + len(each)] for at, each in zip(self.offsets, contexts, strict=True)]
         for place, context in zip(self._contexts, contexts, strict=True):
             place[:] = context
+        self._tell_limits(prepared)
         self.control = self.segments.control.record(CONTROL)
         self.status = self.segments.status.record(STATUS)
         self.ring = self.segments.ring.record(RING)
@@ -71,7 +74,12 @@ class Controller:
     @prepared.setter
     def prepared(self, prepared: Prepared) -> None:
         self._prepared = prepared
+        self._tell_limits(prepared)
         self.adopted(prepared)
+
+    def _tell_limits(self, prepared: Prepared) -> None:
+        for (name, driver), context in zip(self._drivers.items(), self._contexts, strict=True):
+            driver.adopt(context, prepared.wiring.safe_outputs(name, prepared.configuration))
 
     async def start(self, *, ready: bool = True, say: Callable[[str], None] = lambda _: None) -> None:
         """Start the loop process; returns when it has run for so long that every sensor has said something.
@@ -120,6 +128,15 @@ class Controller:
         if self.process.code is None or self.words[w.FINISHED]:
             return None
         return self._killed or FaultReport(LOOP_DIED, what=f"the loop process {self.process.end}")
+
+    def wires(self) -> dict[str, Link]:
+        """Where the wires stand that the loop itself serves, by the driver's name."""
+        found = {}
+        for (name, driver), context in zip(self._drivers.items(), self._contexts, strict=True):
+            if (wire := driver.wire(context)) is not None:
+                places = self.prepared.wiring.places(name)
+                found[name] = wire_link(driver, wire, driver.statistics(context), places)
+        return found
 
     def declare_ready(self) -> None:
         """Starting is over: from now on `state` is the cell's, and `arm` is given to the loop."""

@@ -236,7 +236,8 @@ class Daemon:
 
     def _report(self) -> Report:
         recording = None if self._recorder is None else self._recorder.report()
-        return report(self._controller, self._gathered, self._boxes.report(), self._workers.report(), recording)
+        links = {**self._workers.report(), **self._controller.wires()}
+        return report(self._controller, self._gathered, self._boxes.report(), links, recording)
 
     def _unrecorded(self) -> str:
         failed = self._recorder is not None and self._recorder.report()["state"] == "failed"

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from micromanip.bus.bridge import bridge_functions
-from micromanip.bus.cyclic import CyclicDriver, Functions, call_context
+from micromanip.bus.cyclic import CyclicDriver, call_context
+from micromanip.bus.errors import BusError
 from micromanip.bus.registry import driver_class
 from micromanip.errors import DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.rt.histogram import BINS
@@ -42,8 +43,11 @@ def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tupl
     records = np.zeros(max(1, len(orders["drivers"])), DRIVER)
     opened = []
     for record, entry in zip(records, orders["drivers"], strict=False):
-        functions = _functions(entry, orders["period_ns"])
+        driver = _driver(entry, orders["period_ns"])
+        functions = bridge_functions() if driver is None else driver.functions()
         context = base + entry["context"]
+        if driver is not None:
+            _begin(entry["name"], driver, segments.contexts.bytes()[entry["context"] :][: len(driver.context())])
         code = call_context(functions.open, context)
         if code != 0:
             raise DeviceUnavailable(f"driver {entry['name']} could not be opened: code {code}")
@@ -53,12 +57,20 @@ def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tupl
     return records, opened
 
 
-def _functions(entry: dict[str, Any], period_ns: int) -> Functions:
-    if entry["bus"]:  # its driver is the worker's: none of it is loaded here
-        return bridge_functions()
+def _driver(entry: dict[str, Any], period_ns: int) -> CyclicDriver | None:
+    """None for a bus: its driver is the worker's, and none of it is loaded here."""
+    if entry["bus"]:
+        return None
     kind = driver_class(entry["driver"])
     assert issubclass(kind, CyclicDriver)
-    return kind(kind.Options.model_validate_json(entry["options"]), period_ns).functions()
+    return kind(kind.Options.model_validate_json(entry["options"]), period_ns)
+
+
+def _begin(name: str, driver: CyclicDriver, context: Any) -> None:
+    try:
+        driver.begin(context)
+    except BusError as problem:
+        raise DeviceUnavailable(f"driver {name} could not be opened: {problem}") from problem
 
 
 def _warm(control: Any, status: Any, samples: Any, spin_ns: int) -> None:
@@ -100,7 +112,8 @@ def _compile(orders: dict[str, Any]) -> None:
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
     try:
         for entry in orders["drivers"]:
-            _functions(entry, orders["period_ns"])
+            driver = _driver(entry, orders["period_ns"])
+            bridge_functions() if driver is None else driver.functions()
     finally:  # what it could not do is done, and told, once more by its parent
         os._exit(0)
 

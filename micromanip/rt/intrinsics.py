@@ -46,6 +46,18 @@ if numba.config.DISABLE_JIT:
 else:
 
     @intrinsic
+    def last_error(typingctx: Any) -> Any:
+        """errno, as the system call before has left it."""
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            number = ir.IntType(32)
+            kind = ir.FunctionType(number.as_pointer(), [])
+            place = cgutils.get_or_insert_function(builder.module, kind, "__errno_location")
+            return builder.load(builder.call(place, []))
+
+        return types.int32(), codegen
+
+    @intrinsic
     def load_acquire(typingctx: Any, words: Any, index: Any) -> Any:
         """Element of an int64 array, read before everything that follows."""
 

@@ -16,7 +16,7 @@ from micromanip.driver.testing import call_context, virtual_cell
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare, validate
 from micromanip.settings.text.source import Source
-from micromanip.settings.wiring.single_driver import bus_driver
+from micromanip.settings.wiring.single_driver import driver_to_probe
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -112,7 +112,7 @@ def test_bus_example_is_found_and_built_from_its_configuration(installed):
     config = installed("udp_stage")
     assert not findings(driver_class("udp_stage"))
     assert set(validate(Source.read(config)).axes) == {"x", "y"}
-    assert bus_driver(config, "stage").device == "udp 127.0.0.1:5005"
+    assert driver_to_probe(config, "stage").device == "udp 127.0.0.1:5005"
 
 
 @pytest.mark.parametrize("file", SHOWN, ids=lambda file: str(file.relative_to(EXAMPLES)))

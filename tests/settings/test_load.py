@@ -101,6 +101,10 @@ VALUES = {
         ("rate_hz: 10000", "rate_hz: 1e4"),
         "4: loop.rate_hz: expected a whole number from 100 to 20000, not 10000.0: write rate_hz: 10000",
     ),
+    "neither whole nor in range": (
+        ("rate_hz: 10000", "rate_hz: 1.0e+300"),
+        "4: loop.rate_hz: expected a whole number from 100 to 20000, not 1e+300",
+    ),
     "out of range": (
         ("rate_hz: 10000", "rate_hz: 50000"),
         "4: loop.rate_hz: expected a whole number from 100 to 20000, not 50000",

@@ -43,6 +43,18 @@ class UdpPort(LinePort):
     def name(self) -> str:
         return f"udp {self._address[0]}:{self._address[1]}"
 
+    @property
+    def descriptor(self) -> int | None:
+        """Of its socket, for compiled code that serves it in between; None while it is unplugged."""
+        return None if self._socket is None else self._socket.fileno()
+
+    def carried(self, sent: int, sent_bytes: int, received: int, received_bytes: int) -> None:
+        """Datagrams, of so many bytes each, that went another way than through this object."""
+        self.figures.bytes_sent += sent * sent_bytes
+        self.figures.bytes_received += received * received_bytes
+        for count, length in ((sent, sent_bytes), (received, received_bytes)):
+            self.figures.busy_ns += count * round((length + _OVERHEAD_BYTES) * self._byte_ns)
+
     def send(self, data: bytes) -> None:
         """One datagram."""
         if self._socket is not None:
@@ -66,7 +78,7 @@ class UdpPort(LinePort):
                 "machine, on a port that is free"
             ) from error
         self._socket = opened
-        self._loop.add_reader(opened.fileno(), self._read)
+        self._loop.add_reader(opened.fileno(), self.read)
 
     def unplug(self) -> None:
         """Nothing comes and nothing arrives; who asks is told by the system that nobody listens."""
@@ -89,7 +101,8 @@ class UdpPort(LinePort):
         self.figures.bytes_lost += len(data) - sent
         self._count(sent)
 
-    def _read(self) -> None:
+    def read(self) -> None:
+        """Take one datagram in."""
         assert self._socket is not None
         try:
             data, sender = self._socket.recvfrom(_READ_BYTES)

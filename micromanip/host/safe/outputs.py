@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from micromanip.bus.bridge import BusBridge
 from micromanip.bus.cyclic import CyclicDriver, call_context
 from micromanip.bus.device_lock import DeviceLocks
+from micromanip.bus.errors import BusError
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.errors import CheckFailed, DeviceUnavailable
 
@@ -92,6 +93,10 @@ def _make_safe(name: str, driver: CyclicDriver) -> list[str]:
     """The same of a cyclic driver, which says itself whether it has done it."""
     functions, context = driver.functions(), driver.context()
     at = context.ctypes.data
+    try:
+        driver.begin(context)
+    except BusError as problem:
+        return [f"driver {name} could not be opened: {problem}"]
     if code := call_context(functions.open, at):
         return [f"driver {name} could not be opened: code {code}"]
     unsafe = call_context(functions.safe, at)

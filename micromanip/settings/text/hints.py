@@ -77,7 +77,7 @@ def correction(place: Place, value: object) -> str:
         return meant
     if shape.type == "string" and isinstance(value, int | float):
         return _write(place, '"' + str(value).lower() + '"')
-    if shape.type == "integer" and isinstance(value, float) and value.is_integer():
+    if shape.type == "integer" and isinstance(value, float) and value.is_integer() and shape.allows(value):
         return _write(place, str(int(value)))
     if place.path and place.path[-1] in shape.fields:
         return f"{place.path[-1]} is a key of such a section, indent it further"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -175,6 +176,10 @@ class Shape:
         if self.type == "array" and self.entry and (each := self.entry.range()):
             limits.append(f"each {each}")
         return ", ".join(limits + self._size())
+
+    def allows(self, number: float) -> bool:
+        """Whether `number` is neither below the least nor above the greatest value."""
+        return bool(self.schema.get("minimum", -math.inf) <= number <= self.schema.get("maximum", math.inf))
 
     def _size(self) -> list[str]:
         if self.type == "array" and self.schema.get("minItems") == self.schema.get("maxItems"):

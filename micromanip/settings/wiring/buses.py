@@ -16,8 +16,9 @@ _POSITIONS = ("strain_", "stage_", "deviation_", "tracker_")
 
 
 def budget(wiring: Wiring) -> dict[str, list[Load]]:
-    """Loads of each bus by the name of its driver."""
-    return {name: list(bridge.bus.loads()) for name, bridge in wiring.buses.items()}
+    """Loads of each bus, or wire of the loop's own, by the name of its driver."""
+    loads = {name: list(driver.loads()) for name, driver in wiring.drivers.items()}
+    return {name: of_driver for name, of_driver in loads.items() if of_driver or name in wiring.buses}
 
 
 def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
@@ -41,6 +42,22 @@ def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Findi
         first = sources.setdefault(wiring.signal(name), name)
         if first != name:
             yield ("signals", name), f"it reads the same channel as {first}"
+
+
+def rest_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
+    """Outputs that a cyclic driver by itself brings to another value than the loop parks them at.
+
+    The loop would never be seen to ask for rest, and never be given the outputs back.
+    """
+    for name, entry in configuration.outputs.items():
+        driver = wiring.drivers[entry.driver]
+        rest = {channel.name: channel.safe for channel in driver.slow_outputs}.get(entry.channel or name)
+        if entry.driver not in wiring.buses and rest is not None and rest != entry.park_V:
+            yield (
+                ("outputs", name, "park_V"),
+                f"{entry.park_V:g} V, but driver {entry.driver} brings this channel to {rest:g} by itself (`safe`): "
+                "give both the same value",
+            )
 
 
 def _shared_devices(wiring: Wiring) -> Iterator[Finding]:

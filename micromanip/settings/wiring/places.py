@@ -59,9 +59,10 @@ class Wiring:
         return options
 
     def safe_outputs(self, name: str, configuration: Configuration) -> list[SafeOutput]:
-        """How each output of the bus called `name` comes to rest, in the order of its driver."""
-        bridge, first = self.buses[name], self.first_output[name]
-        result = [SafeOutput(UNUSED, channel.safe) for channel in bridge.bus.outputs]
+        """How each output of the driver called `name` comes to rest, and its limits; in the order of the driver."""
+        driver, first = self.drivers[name], self.first_output[name]
+        safe = {channel.name: channel.safe for channel in driver.slow_outputs}
+        result = [SafeOutput(UNUSED, safe.get(channel, 0.0)) for channel in driver.outputs]
         for output, index in self.outputs.items():
             if 0 <= index - first < len(result):
                 settings = configuration.outputs[output]
@@ -71,6 +72,12 @@ class Wiring:
             if 0 <= index - first < len(result):
                 result[index - first] = _SAFE_SWITCHES[switch]
         return result
+
+    def places(self, name: str) -> dict[str, int]:
+        """Outputs and switches of the configuration that are on the driver called `name`, and their places there."""
+        first, count = self.first_output[name], len(self.drivers[name].outputs)
+        indices = {**self.outputs, **self.switches}
+        return {output: index - first for output, index in indices.items() if 0 <= index - first < count}
 
     def signal(self, name: str) -> int:
         """Index of a signal, -1 where the configuration does not have it."""

@@ -10,12 +10,12 @@ Finding = tuple[tuple[str | int, ...], str]
 
 
 def simulated_findings(wiring: Wiring) -> Iterator[Finding]:
-    """Buses with wide limits, no watchdog and perhaps nobody asked, whose device may move something real.
+    """Drivers with wide limits, no watchdog and perhaps nobody asked, whose device may move something real.
 
     What is not there yet (a link that simulate-device is going to make) can't be judged: look again once it is up.
     """
-    for name, bridge in wiring.buses.items():
-        if bridge.simulated and (why := bridge.bus.real_because):
+    for name, driver in wiring.drivers.items():
+        if driver.simulated and (why := driver.real_because):
             yield (
                 ("drivers", name, "simulated"),
                 f"{why}: it may move a real stage; take simulated away, and set loop.limits: hardware",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.driver import BusDriver
 from micromanip.bus.registry import driver_class
 from micromanip.errors import ConfigError, UsageError, did_you_mean
@@ -12,16 +13,19 @@ from micromanip.settings.load import validate_section
 from micromanip.settings.schema.model import Driver
 from micromanip.settings.text.source import Source
 
+_PERIOD_NS = 100_000
+"""Of a cyclic driver that no loop is going to call."""
 
-class CyclicDriver(UsageError):  # noqa: N818
-    """A driver that has no bus: it is called in the loop."""
+
+class NothingToProbe(UsageError):  # noqa: N818
+    """A driver that has no wire of its own: what answers is computed, or inside a card."""
 
 
-def bus_driver(file: Path, name: str) -> BusDriver:
-    """The bus driver that the configuration calls `name`, not opened.
+def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
+    """The driver that the configuration calls `name`, not opened.
 
     Reads its entry in the section drivers only. Raises ConfigError, and UsageError where the file has no such driver or
-    it is a cyclic one.
+    it is one that has nothing to look at.
     """
     source = Source.read(file)
     entries = source.data.get("drivers") if isinstance(source.data, Mapping) else None
@@ -34,13 +38,13 @@ def bus_driver(file: Path, name: str) -> BusDriver:
         kind = driver_class(entry.driver)
     except ConfigError as problem:
         raise source.error(("drivers", name, "driver"), str(problem)) from problem
-    if not issubclass(kind, BusDriver):
-        raise CyclicDriver(
+    if kind.probe is CyclicDriver.probe:
+        raise NothingToProbe(
             f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "
             "its signals"
         )
     options = validate_section(source, ("drivers", name), kind.Options, entry.options)
     try:
-        return kind(options, file.parent)
+        return kind(options, file.parent) if issubclass(kind, BusDriver) else kind(options, _PERIOD_NS)
     except ConfigError as problem:
         raise source.error_below(("drivers", name), str(problem)) from problem

@@ -11,7 +11,7 @@ import yaml
 from micromanip_drivers.line.driver import Line
 
 from micromanip.errors import ConfigError
-from micromanip.settings.wiring.single_driver import bus_driver
+from micromanip.settings.wiring.single_driver import driver_to_probe
 
 from ..changed_options import DELETE, put
 from .board import FRAMING
@@ -142,7 +142,7 @@ def test_refused_with_one_message_that_says_where(tmp_path, options, path, value
     section = changed(options, path, value)
     file.write_text(yaml.safe_dump({"schema_version": 2, "drivers": {"one": {"driver": "line", **section}}}))
     with pytest.raises(ConfigError) as refusal:
-        bus_driver(file, "one")
+        driver_to_probe(file, "one")
     lines = str(refusal.value).splitlines()
     assert len(lines) == 1
     assert re.match(rf"{re.escape(str(file))}:\d+: drivers\.one", lines[0])
@@ -159,7 +159,7 @@ def test_the_line_is_that_of_the_key(tmp_path):
     with pytest.raises(
         ConfigError, match=rf"cell\.yaml:{number}: drivers\.one\.binary\.send\.voltages\.cyclic_safe: 1000"
     ):
-        bus_driver(file, "one")
+        driver_to_probe(file, "one")
 
 
 @pytest.mark.parametrize(

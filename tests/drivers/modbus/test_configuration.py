@@ -13,7 +13,7 @@ from micromanip_drivers.modbus.driver import Modbus
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 from micromanip.settings.wiring.buses import bus_findings
-from micromanip.settings.wiring.single_driver import bus_driver
+from micromanip.settings.wiring.single_driver import driver_to_probe
 
 from ..changed_options import DELETE, put
 
@@ -39,7 +39,7 @@ def told(tmp_path, keys):
     file = tmp_path / "cell.yaml"
     file.write_text(yaml.safe_dump({"drivers": {"modbus": keys}}, sort_keys=False), encoding="utf-8")
     with pytest.raises(ConfigError) as problem:
-        bus_driver(file, "modbus")
+        driver_to_probe(file, "modbus")
     assert problem.value.exit_code == 78
     text = str(problem.value)
     assert text.startswith(f"{file}:")

@@ -1,0 +1,158 @@
+"""The driver ``udp``: a datagram out and one in, in every cycle, from compiled code; see docs/udp.md."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from micromanip.driver import Answer, Channel, ConfigError, CyclicDriver, Functions, Load, SafeOutput, Wire
+from micromanip.driver.wire import MOST_BITS, OUTPUTS_FOLLOW, OUTPUTS_REST, OUTPUTS_UNKNOWN, hand_over
+
+from .opening import Opening
+from .options import UdpOptions
+from .plan import Datagrams
+from .records import ANSWERS, CONTEXT, COUNTERS, FOLLOWING, MAX_OUTPUTS, QUIET, RECENT, RESTING
+
+_OVERHEAD_BYTES = 66
+"""Ethernet with its gap, IP and UDP."""
+_WATCHDOG_SHARE = 0.9
+"""A loop that was away for this part of the watchdog's time can't know that the device still follows."""
+_UNSAFE = 1
+
+
+class Udp(CyclicDriver):
+    """A device that gets a datagram in every cycle of the loop and answers with one."""
+
+    Options: ClassVar[type[BaseModel]] = UdpOptions
+
+    def __init__(self, options: UdpOptions, period_ns: int) -> None:
+        self.options, self.period_ns = options, period_ns
+        self.simulated = options.simulated  # type: ignore[misc]
+        self.watchdog = None if options.watchdog is None else options.watchdog.does  # type: ignore[misc]
+        self._datagrams = Datagrams(options)
+        if options.send.fields and not options.send.cyclic_safe:
+            raise ConfigError(
+                f"send.cyclic_safe: {1e9 / period_ns:g} writes a second wear out a device that keeps them in flash "
+                "memory; say cyclic_safe: true if its manual allows them for ever"
+            )
+        if len(options.send.fields) > MAX_OUTPUTS:
+            raise ConfigError(f"send.fields: {len(options.send.fields)} outputs, at most {MAX_OUTPUTS} are possible")
+        self._counts, silent = 1 << 8 * options.send.counter.size, math.ceil(options.silence_ms * 1e6 / period_ns)
+        if options.send.fields and self._counts <= silent + RECENT:
+            raise ConfigError(
+                f"send.counter.type: {options.send.counter.type} begins anew after {self._counts} datagrams, {silent} "
+                "of which may go unanswered (silence_ms): take a longer type, or an old answer may count as a new one"
+            )
+        self._opening = Opening(options, self._datagrams, self.device)
+        self._tables = self._datagrams.received_plan.record(), self._datagrams.sent_plan.record()
+
+    @property
+    def virtual(self) -> bool:
+        return False
+
+    @property
+    def device(self) -> str:
+        return f"udp {self.options.host}:{self.options.port}"
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return tuple(self._datagrams.inputs)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return tuple(self.options.send.fields)
+
+    @property
+    def slow_inputs(self) -> tuple[Channel, ...]:
+        """The answer to what was sent in one cycle is taken in the next."""
+        received, period_s = self.options.receive, self.period_ns * 1e-9
+        age_s = period_s + received.latency_us * 1e-6
+        channels = [Channel(name, 1 / period_s, age_s) for name in received.fields]
+        for slow in received.slow.values():
+            channels += [Channel(name, slow.rate_hz, age_s + slow.latency_us * 1e-6) for name in slow.fields]
+        return tuple(channels)
+
+    @property
+    def slow_outputs(self) -> tuple[Channel, ...]:
+        fields = self.options.send.fields.items()
+        return tuple(Channel(name, 1e9 / self.period_ns, 0.0, field.safe) for name, field in fields)
+
+    def loads(self) -> Sequence[Load]:
+        """Both directions at the same time, as Ethernet is."""
+        rate_hz, bits_per_s = 1e9 / self.period_ns, self.options.link_Mbit_per_s * 1e6
+        loads = []
+        for name, length in (("out", self._datagrams.sent_bytes), ("in", self._datagrams.received_bytes)):
+            wire_s = 8 * (max(length, 18) + _OVERHEAD_BYTES) / bits_per_s
+            loads.append(Load(name, rate_hz * wire_s, f"{rate_hz:g} x {1e6 * wire_s:.3g} us, {length} bytes"))
+        return loads
+
+    def context(self) -> NDArray[np.uint8]:
+        context = np.zeros(1, CONTEXT)
+        c, options = context[0], self.options
+        c["receive"], c["send"] = self._tables[0][0], self._tables[1][0]
+        c["state"], c["socket"]["descriptor"] = RESTING, -1
+        c["outputs"] = len(self.outputs)
+        c["silent_cycles"] = math.ceil(options.silence_ms * 1e6 / self.period_ns)
+        watchdog = options.watchdog
+        c["watchdog_ns"] = round(_WATCHDOG_SHARE * 1e6 * watchdog.ms) if watchdog else np.iinfo(np.int64).max
+        c["still_ns"] = round(1e6 * (watchdog.ms + watchdog.rest_ms)) if watchdog else 0
+        c["counts"] = self._counts
+        c["counted"]["counts"] = 1 << 8 * options.receive.counter.size
+        if clock := options.receive.clock:
+            c["clock"]["unit_ns"], c["clock"]["bits"] = clock.unit_us * 1e3, min(8 * clock.size, MOST_BITS)
+        for i, field in enumerate(options.send.fields.values()):
+            c["rest"][i], c["switch"][i], c["given"][i] = field.safe, field.switch, field.safe
+            c["step"][i] = math.inf if field.switch else 0.0  # until `adopt` has told
+        return context.view(np.uint8)
+
+    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:
+        c = context.view(CONTEXT)[0]
+        for i, (field, output) in enumerate(zip(self.options.send.fields.values(), outputs, strict=True)):
+            if not field.switch:
+                c["step"][i] = output.slew_V_per_s * self.period_ns * 1e-9
+
+    def begin(self, context: NDArray[np.uint8]) -> None:
+        hand_over(self._opening.rest_then_ask(), context.view(CONTEXT)[0]["socket"])
+
+    def functions(self) -> Functions:
+        from . import exchange  # compiled: loaded only where it is going to be called
+
+        return Functions(
+            exchange.open_c.address, exchange.exchange_c.address, exchange.safe_c.address, exchange.close_c.address
+        )
+
+    def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
+        return self._made_safe
+
+    def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
+        c = context.view(CONTEXT)[0]
+        counted = {name: int(c["counted"][name]) for name in ("lost", "doubled", "late", "restarts")}
+        counts = {name: int(c[name]) for name in COUNTERS}
+        bad = sum(counts[name] for name in ("wrong_length", "wrong_checksum", "not_this_datagram", "not_sent"))
+        totals = {"performed": int(c["sent_count"]), "errors": bad}
+        return {**counts, **counted, "clock_steps": int(c["clock"]["steps"]), **totals}
+
+    def wire(self, context: NDArray[np.uint8]) -> Wire:
+        c = context.view(CONTEXT)[0]
+        sent_ns, following = int(c["sent_ns"]), int(c["state"]) == FOLLOWING
+        quiet = int(c["state"]) == QUIET or time.monotonic_ns() - sent_ns > int(c["watchdog_ns"])  # or the loop is dead
+        given = tuple(float(value) for value in c["given"][: len(self.outputs)])
+        up = not quiet and int(c["answers"]) >= ANSWERS
+        outputs = OUTPUTS_UNKNOWN if quiet else OUTPUTS_FOLLOW if following else OUTPUTS_REST
+        return Wire(up, outputs, given, sent_ns, int(c["begun"]))
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        return self._opening.found(seconds)
+
+    def _made_safe(self, context: NDArray[np.uint8]) -> int:
+        """Its watchdog has brought it to rest by then; whether it is there, and takes that."""
+        c = context.view(CONTEXT)[0]
+        until_ns = int(c["sent_ns"]) + int(c["still_ns"])
+        time.sleep(max(0, until_ns - time.monotonic_ns()) * 1e-9)
+        return 0 if self._opening.confirms_rest() else _UNSAFE

@@ -1,0 +1,175 @@
+"""Keys of the driver ``udp``: a device that gets a datagram in every cycle of the loop, and answers with one.
+
+    drivers:
+      cell:
+        driver: udp
+        host: 192.168.0.30
+        port: 4840
+        listen: 4841
+        silence_ms: 20
+        watchdog: {ms: 100, rest_ms: 250, does: the amplifiers ramp to 0 V in 0.2 s}
+        crc: {name: crc32.iso_hdlc}                       # the last four of every datagram
+        identity:
+          request: a5 01                                  # whole but for its CRC
+          head: a5 81
+          numbers: {serial_number: {at: 2, type: uint32, byte_order: little, value: 20417}}
+        receive:
+          head: a5 10
+          counter: {at: 2, type: uint16, byte_order: little}
+          acknowledges: {at: 4, type: uint16, byte_order: little}
+          clock: {at: 6, type: uint32, byte_order: little, unit_us: 1}
+          status: {at: 10, type: uint8, good: [0]}
+          fields:
+            strain_x: {at: 11, type: int32, byte_order: little, scale: 1.0e-4}
+          slow:
+            tracker:
+              rate_hz: 1000
+              counter: {at: 15, type: uint8}
+              latency_us: 1050
+              fields:
+                deviation_x: {at: 16, type: int32, byte_order: little, scale: 1.0e-3}
+        send:
+          head: a5 20
+          counter: {at: 2, type: uint16, byte_order: little}
+          cyclic_safe: true
+          fields:
+            voltage_x: {at: 4, type: int32, byte_order: little, scale: 1.0e-4, range: [-20, 150]}
+            feed_hold: {at: 8, type: uint8, switch: true, safe: 1}
+
+Channels have the fields' names. A datagram is as long as its last part, and its CRC, unless `bytes` says that it is
+longer; bytes that nothing covers are sent as 0.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from micromanip.driver.quantities import Latency, SampleRate
+from micromanip_drivers.line.frame_options import Counter, Crc, InputField, Known, OutputField, Status, WholeNumber
+from micromanip_drivers.line.port_options import UdpPort
+from micromanip_drivers.line.section import Count, HexBytes, Name, Section
+
+Milliseconds = Annotated[float, Field(strict=True, gt=0, le=10_000)]
+
+
+class Watchdog(Section):
+    """What the device does by itself when nothing comes: it is what brings the outputs to rest, whoever has died."""
+
+    ms: Milliseconds = Field(description="After so long without a datagram it begins.")
+    rest_ms: Milliseconds = Field(description="So long it takes then until all outputs are at their `safe` values.")
+    does: str = Field(min_length=1, description="What it does, in a few words.")
+
+
+class Clock(WholeNumber):
+    """The device's time at which it took its samples; it wraps at the end of its type."""
+
+    unit_us: Annotated[float, Field(strict=True, gt=0, le=1e6)] = Field(description="Length of one count.")
+
+
+class Slow(Section):
+    """Values that a datagram carries along, and that are sampled more rarely than it is sent."""
+
+    rate_hz: SampleRate = Field(description="How often they are sampled.")
+    counter: Counter = Field(description="Changes with each sample of them.")
+    latency_us: Latency = Field(description="From being sampled to the first datagram with them, on the average.")
+    fields: dict[Name, InputField] = Field(min_length=1, description="The inputs by name.")
+
+
+class Received(Section):
+    """The datagram that answers."""
+
+    head: HexBytes = Field(default="", description="First bytes of it, hexadecimal; another one is not this datagram.")
+    bytes: Count | None = Field(
+        default=None, description="Length of all of it, with its CRC; null: to the end of its last part and CRC."
+    )
+    counter: Counter = Field(description="Incremented with each: what comes twice or is overtaken is not fresh.")
+    acknowledges: Counter | None = Field(
+        default=None,
+        description="Counter of the datagram that the device has acted on last; must be given where there are outputs.",
+    )
+    clock: Clock | None = Field(default=None, description="null: a sample is as old as the kernel's time of reception.")
+    status: Status | None = Field(default=None, description="How the device says that its values are bad.")
+    latency_us: Latency = Field(default=0.0, description="From being sampled to being stamped, or sent.")
+    fields: dict[Name, InputField] = Field(min_length=1, description="The inputs that are fresh each time, by name.")
+    slow: dict[Name, Slow] = Field(default={}, description="Groups of inputs that are not, by any name.")
+
+
+class Output(OutputField):
+    """A value that the device is given."""
+
+    switch: bool = Field(
+        default=False,
+        strict=True,
+        description="A line that is on or off: need not be at rest before the outputs follow the loop again.",
+    )
+
+
+class Sent(Section):
+    """The datagram that is sent in every cycle."""
+
+    head: HexBytes = Field(default="", description="First bytes of it, hexadecimal.")
+    bytes: Count | None = Field(
+        default=None, description="Length of all of it, with its CRC; null: to the end of its last part and CRC."
+    )
+    counter: Counter = Field(description="Incremented with each.")
+    fields: dict[Name, Output] = Field(default={}, description="The outputs by name; none: it only asks.")
+    cyclic_safe: bool = Field(
+        default=False,
+        strict=True,
+        description="Its manual says that it may be written for ever: no flash memory is written, nothing wears out.",
+    )
+
+
+class Identity(Section):
+    """Which device must answer, asked before the loop begins."""
+
+    request: HexBytes = Field(min_length=2, description="Datagram that asks, whole but for its CRC, hexadecimal.")
+    head: HexBytes = Field(default="", description="First bytes of the one that answers, hexadecimal.")
+    bytes: Count | None = Field(default=None, description="Its length, as for `receive`.")
+    numbers: dict[Name, Known] = Field(min_length=1, description="What it must hold: serial number, version.")
+
+
+class UdpOptions(UdpPort):
+    """A device that answers each datagram with one."""
+
+    simulated: bool = Field(
+        default=False,
+        strict=True,
+        description="What answers is `micromanip simulate-device`: nothing real moves. Refused for another machine.",
+    )
+    silence_ms: Milliseconds = Field(
+        default=5.0, description="No answer to all that was sent for so long: the link is lost."
+    )
+    watchdog: Watchdog | None = Field(default=None, description="Must be given where there are outputs.")
+    crc: Crc | None = Field(
+        description="The last of each datagram; null, said outright, for a device that relies on UDP's own checksum."
+    )
+    identity: Identity | None = Field(default=None, description="null: whatever answers is taken.")
+    receive: Received = Field(description="What it answers.")
+    send: Sent = Field(description="What it is sent.")
+
+    @model_validator(mode="after")
+    def _outputs_are_watched(self) -> UdpOptions:
+        if self.send.fields and self.watchdog is None:
+            raise ValueError(
+                "watchdog must be given: it brings the outputs to rest when the loop has died; this driver can't move "
+                "a device that has none"
+            )
+        if self.send.fields and self.receive.acknowledges is None:
+            raise ValueError(
+                "receive.acknowledges must be given: where in its answer the device says which datagram it has acted "
+                "on last; without it nobody knows what it has after some were lost, and it might be made to step"
+            )
+        if self.receive.acknowledges is not None and self.receive.acknowledges.size != self.send.counter.size:
+            raise ValueError(
+                f"receive.acknowledges.type: {self.receive.acknowledges.type}, but it gives back send.counter, which "
+                f"is {self.send.counter.type}: both must be as long"
+            )
+        if self.watchdog is not None and self.silence_ms > 0.5 * self.watchdog.ms:
+            raise ValueError(
+                f"silence_ms: {self.silence_ms:g} ms must be at most half of the watchdog's {self.watchdog.ms:g} ms: "
+                "the loop must know that the link is lost before the device moves by itself"
+            )
+        return self

@@ -1,0 +1,172 @@
+"""What a configuration says of a frame, as the table that compiled code walks (``rt/wire/records.py``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import ConfigError
+from micromanip.rt.records import MAX_SIGNALS
+from micromanip.rt.wire.codec import checksum
+from micromanip.rt.wire.records import FLOATING, FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, SIGNED, UNSIGNED
+
+_GREATEST = {4: float(np.finfo(np.float32).max), 8: float(np.finfo(np.float64).max)}
+
+
+class NumberKeys(Protocol):
+    """A number in a frame."""
+
+    @property
+    def at(self) -> int:
+        """Its first byte."""
+
+    @property
+    def size(self) -> int:
+        """How many bytes it has."""
+
+    @property
+    def type(self) -> str:
+        """uint8 to uint64, int8 to int64, float32, float64."""
+
+    @property
+    def byte_order(self) -> str | None:
+        """Little or big; None for a single byte."""
+
+
+class ChecksumKeys(Protocol):
+    """A checksum, the last of its frame."""
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+
+    @property
+    def size(self) -> int:
+        """How many bytes it has."""
+
+    @property
+    def first(self) -> int:
+        """First byte that it covers."""
+
+    @property
+    def byte_order(self) -> str:
+        """Little or big."""
+
+    @property
+    def function(self) -> Callable[[bytes], int]:
+        """From the bytes that it covers to the checksum."""
+
+
+class StatusKeys(NumberKeys, Protocol):
+    """A number by which the device says whether its values are to be trusted."""
+
+    @property
+    def mask(self) -> int | None:
+        """Bits of it that matter; None for all."""
+
+    @property
+    def good(self) -> tuple[int, ...]:
+        """What is left of it when all is well."""
+
+
+@dataclass(frozen=True)
+class GroupPlan:
+    """Numbers that are sampled together; `fields` are numbers with scale and offset, outputs with a range too."""
+
+    fields: Mapping[str, Any]
+    counter: NumberKeys | None = None
+    latency_ns: int = 0
+
+
+@dataclass(frozen=True)
+class FramePlan:
+    """One kind of frame. Group 0 comes with each; `head` are its first bytes."""
+
+    length: int
+    groups: Sequence[GroupPlan]
+    head: bytes = b""
+    checksum: ChecksumKeys | None = None
+    counter: NumberKeys | None = None
+    clock: NumberKeys | None = None
+    status: StatusKeys | None = None
+    acknowledged: NumberKeys | None = None
+
+    def record(self) -> NDArray[np.void]:
+        """The table, an array of one FRAME. Raises ConfigError for what it has no room for."""
+        frames = np.zeros(1, FRAME)
+        frame = frames[0]
+        fields = [(k, field) for k, group in enumerate(self.groups) for field in group.fields.values()]
+        for what, count, most in (
+            ("bytes", self.length, MAX_BYTES),
+            ("fields", len(fields), MAX_SIGNALS),
+            ("groups", len(self.groups), MAX_GROUPS),
+            ("good values of its status", len(self.status.good) if self.status else 0, MAX_GOOD),
+        ):
+            if count > most:
+                raise ConfigError(f"{count} {what} in a datagram, at most {most} are possible")
+        frame["length"] = self.length
+        frame["template"][: len(self.head)] = np.frombuffer(self.head, np.uint8)
+        frame["fixed"][: len(self.head)] = 1
+        for place in ("counter", "acknowledged", "clock", "status"):
+            _fill_number(frame[place], getattr(self, place))
+        if self.status is not None:
+            frame["mask"] = (1 << (8 * self.status.size)) - 1 if self.status.mask is None else self.status.mask
+            frame["goods"] = len(self.status.good)
+            frame["good"][: len(self.status.good)] = self.status.good
+        frame["groups"], frame["numbers"] = len(self.groups), len(fields)
+        for group, plan in zip(frame["group"], self.groups, strict=False):
+            _fill_number(group["counter"], plan.counter)
+            group["latency_ns"] = plan.latency_ns
+        for i, (k, field) in enumerate(fields):
+            _fill_number(frame["number"][i], field)
+            frame["group_of"][i] = k
+        if self.checksum is not None:
+            _fill_checksum(frame, self.checksum)
+        return frames
+
+
+def _fill_number(number: Any, keys: Any) -> None:
+    if keys is None:
+        return
+    kind = {"f": FLOATING, "i": SIGNED, "u": UNSIGNED}[keys.type[0]]
+    number["present"], number["at"], number["size"], number["kind"] = 1, keys.at, keys.size, kind
+    number["big"] = keys.byte_order == "big"
+    scale, offset = float(getattr(keys, "scale", 1.0)), float(getattr(keys, "offset", 0.0))
+    number["scale"], number["offset"] = scale, offset
+    number["lowest_code"], number["highest_code"] = codes = _codes(kind, keys.size)
+    ends = sorted(end * scale + offset for end in codes)
+    number["low"], number["high"] = getattr(keys, "range", None) or ends
+
+
+def _codes(kind: int, size: int) -> tuple[float, float]:
+    """Lowest and highest number that the type holds; of 64 bits the highest that is a double as well."""
+    if kind == FLOATING:
+        return -_GREATEST[size], _GREATEST[size]
+    bits = 8 * size
+    lowest, highest = (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if kind == SIGNED else (0.0, 2.0**bits - 1)
+    return lowest, math.nextafter(highest, 0.0) if size == 8 else highest
+
+
+def _fill_checksum(frame: Any, keys: ChecksumKeys) -> None:
+    """Make the table by what the function does with single bytes, and see that both agree.
+
+    Raises ConfigError for a checksum that no such table can compute.
+    """
+    c, function = frame["checksum"], keys.function
+    c["size"], c["first"], c["big"] = keys.size, keys.first, keys.byte_order == "big"
+    nothing = function(b"\0")
+    c["table"] = [function(bytes([byte])) ^ nothing for byte in range(256)]
+    covered = int(frame["length"]) - keys.size - keys.first
+    c["constant"] = function(bytes(covered))
+    trial = np.random.default_rng(1).integers(0, 256, int(frame["length"]), np.uint8)
+    expected = function(trial[keys.first : keys.first + covered].tobytes())
+    for reflected in (0, 1):
+        c["reflected"] = reflected
+        if int(checksum(frame, trial)) == expected:
+            return
+    raise ConfigError(f"{keys.name} takes its bits in one order and gives them in another, which is not supported")

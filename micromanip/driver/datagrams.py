@@ -1,0 +1,47 @@
+"""Compiled functions for a cyclic driver on a wire: send and receive without Python, frames to values and back."""
+
+from micromanip.rt.wire.codec import (
+    BAD_STATUS,
+    GOOD,
+    NOT_THIS_FRAME,
+    WRONG_CHECKSUM,
+    WRONG_LENGTH,
+    begin_frame,
+    code_of,
+    judged,
+    put_value,
+    seal,
+    status_of,
+    value_of,
+)
+from micromanip.rt.wire.counting import OLD, RESTARTED, missing_before
+from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive, received_ns, send
+from micromanip.rt.wire.device_clock import forget_clock, taken_ns
+from micromanip.rt.wire.records import BATCH
+
+__all__ = [
+    "BAD_STATUS",
+    "BATCH",
+    "GOOD",
+    "NOT_THIS_FRAME",
+    "OLD",
+    "RESTARTED",
+    "WRONG_CHECKSUM",
+    "WRONG_LENGTH",
+    "begin_frame",
+    "close",
+    "code_of",
+    "forget_clock",
+    "is_from_peer",
+    "judged",
+    "length_of",
+    "missing_before",
+    "put_value",
+    "receive",
+    "received_ns",
+    "seal",
+    "send",
+    "status_of",
+    "taken_ns",
+    "value_of",
+]

@@ -1,0 +1,153 @@
+"""Values to a frame and back, as a table says (``records.py``): bytes, byte order, scale, offset, range, checksum."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from micromanip.rt.jit import compiled
+
+from .records import FLOATING, SIGNED
+
+GOOD, WRONG_LENGTH, WRONG_CHECKSUM, NOT_THIS_FRAME = range(4)
+"""What ``judged`` says of bytes that came."""
+BAD_STATUS = -1
+"""Status of samples whose device says 0, and 0 is not good; and of a sample that is no number."""
+
+_U0, _U8, _BYTE = np.uint64(0), np.uint64(8), np.uint64(255)
+
+
+@compiled
+def checksum(f: Any, data: Any) -> Any:
+    """The checksum (uint64) that belongs to a frame; what stands in its own place doesn't matter."""
+    c = f["checksum"]
+    register = _U0
+    end = f["length"] - c["size"]
+    if c["reflected"] != 0:
+        for i in range(c["first"], end):
+            register = (register >> _U8) ^ c["table"][np.int64((register ^ np.uint64(data[i])) & _BYTE)]
+    else:
+        top = np.uint64(8 * c["size"] - 8)
+        mask = (_BYTE << top) | ((np.uint64(1) << top) - np.uint64(1))
+        for i in range(c["first"], end):
+            index = np.int64(((register >> top) ^ np.uint64(data[i])) & _BYTE)
+            register = ((register << _U8) & mask) ^ c["table"][index]
+    return register ^ c["constant"]
+
+
+@compiled
+def bits_at(data: Any, at: int, size: int, big: int) -> Any:
+    """An unsigned number of `size` bytes."""
+    bits = _U0
+    for i in range(size):
+        place = at + i if big != 0 else at + size - 1 - i
+        bits = (bits << _U8) | np.uint64(data[place])
+    return bits
+
+
+@compiled
+def put_bits(data: Any, at: int, size: int, big: int, bits: Any) -> None:
+    """Write the lowest `size` bytes of `bits`."""
+    for i in range(size):
+        place = at + size - 1 - i if big != 0 else at + i
+        data[place] = np.uint8((bits >> np.uint64(8 * i)) & _BYTE)
+
+
+@compiled
+def code_of(n: Any, data: Any) -> Any:
+    """The bits of a number of a frame: of a counter, a status, a time stamp."""
+    return bits_at(data, n["at"], n["size"], n["big"])
+
+
+@compiled
+def judged(f: Any, data: Any, length: int) -> int:
+    """Whether `length` bytes that came are such a frame: GOOD, or why not. Nothing else of them is looked at."""
+    if length != f["length"]:
+        return WRONG_LENGTH
+    c = f["checksum"]
+    if c["size"] > 0 and checksum(f, data) != bits_at(data, f["length"] - c["size"], c["size"], c["big"]):
+        return WRONG_CHECKSUM
+    for i in range(f["length"]):
+        if f["fixed"][i] != 0 and data[i] != f["template"][i]:
+            return NOT_THIS_FRAME
+    return GOOD
+
+
+@compiled
+def value_of(f: Any, n: Any, data: Any) -> float:
+    """The value of a number of a frame; not finite where a floating-point number is not."""
+    bits, scratch = code_of(n, data), f["bits"]
+    if n["kind"] == FLOATING:
+        if n["size"] == 4:
+            scratch.view(np.uint32)[0] = np.uint32(bits)
+            code = float(scratch.view(np.float32)[0])
+        else:
+            scratch[0] = bits
+            code = float(scratch.view(np.float64)[0])
+    elif n["kind"] == SIGNED:
+        unused = 64 - 8 * n["size"]
+        scratch[0] = bits << np.uint64(unused)
+        code = float(scratch.view(np.int64)[0] >> unused)
+    else:
+        code = float(bits)
+    return code * n["scale"] + n["offset"]
+
+
+@compiled
+def status_of(f: Any, data: Any) -> int:
+    """0, or the device's word for what is wrong."""
+    if f["status"]["present"] == 0:
+        return 0
+    word = code_of(f["status"], data) & f["mask"]
+    for i in range(f["goods"]):
+        if word == f["good"][i]:
+            return 0
+    f["bits"][0] = word
+    found = int(f["bits"].view(np.int64)[0])
+    return found if found != 0 else BAD_STATUS
+
+
+@compiled
+def put_value(f: Any, n: Any, data: Any, value: float) -> bool:
+    """Write `value`, rounded to the nearest code; False, with nothing written, where range or type forbid it."""
+    if not math.isfinite(value):
+        return False
+    code, scratch = (value - n["offset"]) / n["scale"], f["bits"]
+    if n["kind"] != FLOATING:
+        code = np.rint(code)
+    if not (n["low"] <= value <= n["high"] and n["lowest_code"] <= code <= n["highest_code"]):
+        return False
+    if n["kind"] == FLOATING:
+        if n["size"] == 4:
+            scratch.view(np.float32)[0] = np.float32(code)
+            bits = np.uint64(scratch.view(np.uint32)[0])
+        else:
+            scratch.view(np.float64)[0] = code
+            bits = scratch[0]
+    elif n["kind"] == SIGNED:
+        scratch.view(np.int64)[0] = np.int64(code)
+        bits = scratch[0]
+    else:
+        bits = np.uint64(code)
+    put_bits(data, n["at"], n["size"], n["big"], bits)
+    return True
+
+
+@compiled
+def begin_frame(f: Any, data: Any, count: int) -> None:
+    """The template, with its counter."""
+    for i in range(f["length"]):
+        data[i] = f["template"][i]
+    n = f["counter"]
+    if n["present"] != 0:
+        put_bits(data, n["at"], n["size"], n["big"], np.uint64(count))
+
+
+@compiled
+def seal(f: Any, data: Any) -> None:
+    """Put the checksum in its place."""
+    c = f["checksum"]
+    if c["size"] > 0:
+        put_bits(data, f["length"] - c["size"], c["size"], c["big"], checksum(f, data))

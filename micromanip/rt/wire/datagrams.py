@@ -1,0 +1,153 @@
+"""Datagrams without Python: the system calls of a non-blocking socket, as compiled code makes them.
+
+The socket is opened and connected by Python (``bus/datagram_socket.py``). A call costs some 1 us where nothing has
+come, and never waits. The kernel says when a datagram came: by the wall clock, which may be stepped, so that counts
+within what is known for sure: after the one before it and after the queue was last seen empty, and before now.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import time
+from typing import Any
+
+import numba
+from numba import types
+
+from micromanip.rt.clock import now_ns
+from micromanip.rt.jit import compiled
+
+from .records import ADDRESS_BYTES, BATCH, CONTROL
+
+WOULD_BLOCK, REFUSED = 11, 111
+"""Nothing is there, or no room is left; nobody listens at the other end, which the system said in answer to a datagram
+before."""
+
+_DONT_WAIT, _NO_SIGNAL, _TRUNCATED = 0x40, 0x4000, 0x20
+_REALTIME, _SECOND_NS = 0, 1_000_000_000
+_SO_TIMESTAMPNS, _SOL_SOCKET = 35, 1
+_CONTROL_BYTES = CONTROL.itemsize
+
+if numba.config.DISABLE_JIT:
+    _libc = ctypes.CDLL(None, use_errno=True)
+
+    def _recvmmsg(descriptor: int, messages: int, count: int, flags: int, timeout: int) -> int:
+        return int(_libc.recvmmsg(int(descriptor), ctypes.c_void_p(messages), count, flags, None))
+
+    def _send(descriptor: int, data: int, length: int, flags: int) -> int:
+        return int(_libc.send(int(descriptor), ctypes.c_void_p(data), ctypes.c_size_t(int(length)), flags))
+
+    def _sendto(descriptor: int, data: int, length: int, flags: int, name: int, name_bytes: int) -> int:
+        size, to = ctypes.c_size_t(int(length)), ctypes.c_void_p(int(name))
+        return int(_libc.sendto(int(descriptor), ctypes.c_void_p(data), size, flags, to, int(name_bytes)))
+
+    def _close(descriptor: int) -> int:
+        os.close(int(descriptor))
+        return 0
+
+    def _errno() -> int:
+        return ctypes.get_errno()
+
+    def _wall_ns(timespec: Any) -> int:
+        return time.time_ns()
+
+else:
+    from micromanip.rt.intrinsics import last_error as _errno
+
+    _recvmmsg = types.ExternalFunction(
+        "recvmmsg", types.int32(types.int32, types.intp, types.uint32, types.int32, types.intp)
+    )
+    _send = types.ExternalFunction("send", types.int64(types.int32, types.intp, types.uint64, types.int32))
+    _sendto = types.ExternalFunction(
+        "sendto", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.uint32)
+    )
+    _close = types.ExternalFunction("close", types.int32(types.int32))
+    _clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
+
+    @compiled
+    def _wall_ns(timespec: Any) -> int:
+        _clock_gettime(_REALTIME, timespec.ctypes.data)
+        return timespec[0] * _SECOND_NS + timespec[1]
+
+
+@compiled
+def receive(s: Any) -> int:
+    """Take what has come, at most BATCH datagrams; how many, or minus an error number."""
+    for k in range(BATCH):
+        message = s["message"][k]
+        message["name_bytes"], message["control_bytes"], message["flags"] = ADDRESS_BYTES, _CONTROL_BYTES, 0
+    count = _recvmmsg(s["descriptor"], s["message"].ctypes.data, BATCH, _DONT_WAIT, 0)
+    # the monotonic clock first: if this process is stalled in between, a datagram looks older, never newer than it is
+    s["now_ns"] = now_ns(s["timespec"])
+    s["wall_ns"] = _wall_ns(s["timespec"])
+    if count >= 0:
+        return count
+    error = _errno()
+    if error == WOULD_BLOCK:
+        s["earliest_ns"] = s["now_ns"]
+        return 0
+    return -error
+
+
+@compiled
+def length_of(s: Any, k: int) -> int:
+    """How many bytes datagram `k` has; -1 where it has more than there is room for."""
+    message = s["message"][k]
+    return -1 if message["flags"] & _TRUNCATED != 0 else int(message["length"])
+
+
+@compiled
+def is_from_peer(s: Any, k: int) -> bool:
+    """Whether datagram `k` comes from the address and port that the socket is connected to."""
+    differs = 0
+    for i in range(ADDRESS_BYTES):
+        differs |= (s["name"][k][i] ^ s["peer"][i]) & s["peer_mask"][i]
+    return differs == 0
+
+
+@compiled
+def received_ns(s: Any, k: int) -> int:
+    """When datagram `k` came, CLOCK_MONOTONIC; now, where the kernel doesn't say."""
+    control = s["control"][k]
+    if s["message"][k]["control_bytes"] < _CONTROL_BYTES or control["level"] != _SOL_SOCKET:
+        return s["now_ns"]
+    if control["kind"] != _SO_TIMESTAMPNS:
+        return s["now_ns"]
+    ago_ns = s["wall_ns"] - (control["seconds"] * _SECOND_NS + control["nanoseconds"])
+    s["earliest_ns"] = min(s["now_ns"], max(s["earliest_ns"], s["now_ns"] - ago_ns))
+    return s["earliest_ns"]
+
+
+@compiled
+def send(s: Any, length: int) -> int:
+    """Send so many bytes of `sent` as one datagram: 0, or an error number.
+
+    That nobody has listened to one before is told once, in place of sending this one: it is tried again.
+    """
+    for _ in range(2):
+        if _send(s["descriptor"], s["sent"].ctypes.data, length, _DONT_WAIT | _NO_SIGNAL) >= 0:
+            return 0
+        error = _errno()
+        if error != REFUSED:
+            break
+    return error
+
+
+@compiled
+def send_back(s: Any, k: int, length: int) -> int:
+    """Send so many bytes of `sent` to who has sent datagram `k`, from a socket that is not connected: 0, or an error
+    number.
+    """
+    name = s["message"][k]
+    flags = _DONT_WAIT | _NO_SIGNAL
+    sent = _sendto(s["descriptor"], s["sent"].ctypes.data, length, flags, name["name"], name["name_bytes"])
+    return 0 if sent >= 0 else _errno()
+
+
+@compiled
+def close(s: Any) -> None:
+    """Let go of the socket; does no harm twice."""
+    if s["descriptor"] >= 0:
+        _close(s["descriptor"])
+        s["descriptor"] = -1

@@ -1,0 +1,205 @@
+"""The device of config/udp.yaml and its driver: whatever befalls the wire, no false value is taken."""
+
+import ctypes
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from micromanip.bus.cyclic import call_context
+from micromanip.bus.errors import IdentityMismatch
+from micromanip.bus.safe_state import VOLTAGE, SafeOutput
+from micromanip.emulation.devices import Devices
+from micromanip.rt.records import SIGNAL
+from micromanip.settings.check import validate
+from micromanip.settings.text.source import Source
+from micromanip.settings.wiring.places import build_driver
+
+from .emulated import CONFIG
+from .lines import free_port
+
+pytestmark = [pytest.mark.compiled_only, pytest.mark.realtime]  # a device that stands still is a lost link
+
+PERIOD_NS = 1_000_000
+"""Slow: this is about what happens, not how fast."""
+_EXCHANGE = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
+)
+SILENT_S, REST_S = 0.05, 0.35
+STEP_V, RESOLVED_V = 0.6, 2e-4
+
+
+class Cell:
+    """Devices that run in a thread, and the driver, called as a loop calls it."""
+
+    def __init__(self, folder):
+        text = (CONFIG / "udp.yaml").read_text(encoding="utf-8").replace("port: 4840", f"port: {free_port()}")
+        file = folder / "cell.yaml"
+        file.write_text(text, encoding="utf-8")
+        self.devices = Devices(file)
+        self.device = self.devices.emulated["cell"]
+        source = Source.read(file)
+        self.driver = build_driver(source, "cell", validate(source).drivers["cell"], PERIOD_NS, 0)[0]
+        self.names, self.signals = list(self.driver.inputs), np.zeros(48, SIGNAL)
+        self.outputs, self.context = np.zeros(8), self.driver.context()
+        limits = SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, STEP_V * 1e9 / PERIOD_NS)
+        self.driver.adopt(self.context, [limits] * len(self.driver.outputs))
+        self._functions = self.driver.functions()
+        self._exchange = _EXCHANGE(self._functions.exchange)
+        self._orders, self._done = [], threading.Event()
+        self.devices.start()
+        self._thread = threading.Thread(target=self._play)
+        self._thread.start()
+        self.at_ns = 0
+
+    def _play(self):
+        while not self._done.is_set():
+            while self._orders:
+                answer = self.devices.command(json.dumps(self._orders[0]))
+                assert "error" not in answer, answer
+                del self._orders[0]
+            self.devices.loop.run(self.devices.loop.now_ns() + 2_000_000)
+
+    def order(self, **command):
+        self._orders.append(command)
+        while self._orders:
+            time.sleep(0.0005)
+
+    def begin(self):
+        self.driver.begin(self.context)
+        assert call_context(self._functions.open, self.context.ctypes.data) == 0
+        self.at_ns = time.monotonic_ns()
+        return self
+
+    def run(self, seconds, voltage=0.0):
+        """Exchange with a voltage on all axes; the codes, and the strains of axis x that were fresh."""
+        codes, strains = [], []
+        self.outputs[:6] = (voltage, voltage, voltage, 1.0, 0.0, 0.0)
+        for _ in range(round(seconds * 1e9 / PERIOD_NS)):
+            self.at_ns += PERIOD_NS
+            time.sleep(max(0, self.at_ns - time.monotonic_ns()) * 1e-9)
+            before = int(self.signals[0]["sequence"])
+            at = self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data
+            codes.append(self._exchange(*at, self.at_ns, 1))
+            if self.signals[0]["sequence"] != before and self.signals[0]["status"] == 0:
+                strains.append(float(self.signals[0]["value"]))
+        return codes, strains
+
+    def lift(self, voltage):
+        for volts in np.linspace(0, voltage, 60):
+            self.run(PERIOD_NS * 1e-9, volts)
+        return self
+
+    def largest_step_V(self):
+        return max(figures["largest_step_V"] for name, figures in self.outputs_report().items() if figures["samples"])
+
+    def outputs_report(self):
+        return self.devices.report()["outputs"]
+
+    def close(self):
+        self._done.set()
+        self._thread.join()
+        call_context(self._functions.close, self.context.ctypes.data)
+        self.devices.close()
+
+
+@pytest.fixture
+def cell(tmp_path):
+    found = Cell(tmp_path)
+    yield found
+    found.close()
+
+
+def test_a_voltage_moves_the_stage_and_the_sensors_say_so(cell):
+    cell.begin().run(0.05)
+    codes, before = cell.run(0.05)
+    codes, after = cell.lift(30.0).run(0.2, 30.0)
+    assert codes[-1] == 0
+    assert np.mean(after[-20:]) - np.mean(before) > 10.0
+    assert cell.outputs_report()["voltage_x"]["max"] == pytest.approx(30.0, abs=1e-4)
+    assert cell.driver.statistics(cell.context)["losses"] == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "counter"),
+    [
+        ("drop", {"share": 0.3}, "lost"),
+        ("duplicate", {"share": 0.3}, "doubled"),
+        ("reorder", {"share": 0.3}, "late"),
+        ("delay", {"share": 0.1, "ms": 3}, "unanswered"),
+        ("flip", {"share": 0.3}, "wrong_checksum"),
+        ("short", {"share": 0.3}, "wrong_length"),
+        ("garbage", {"share": 0.3}, "wrong_length"),
+    ],
+)
+def test_a_bad_wire_is_counted_and_spoils_no_sample(cell, kind, keys, counter):
+    cell.begin().run(0.05)
+    cell.lift(20.0).run(0.3, 20.0)
+    _, calm = cell.run(0.1, 20.0)
+    before = cell.driver.statistics(cell.context)[counter]
+    cell.order(inject=kind, for_s=0.3, **keys)
+    _, strains = cell.run(0.3, 20.0)
+    assert cell.driver.statistics(cell.context)[counter] > before
+    assert strains
+    assert np.abs(np.array(strains) - np.mean(calm)).max() < 1.0
+    assert cell.run(0.1, 20.0)[0][-1] == 0
+    assert cell.largest_step_V() <= STEP_V + RESOLVED_V
+
+
+@pytest.mark.parametrize("command", [{"inject": "unplug"}, {"device": "silence"}, {"inject": "drop", "share": 1.0}])
+def test_a_break_too_short_to_be_one_makes_no_step(cell, command):
+    """The loop moves on meanwhile: afterwards the device is led to where the loop is."""
+    cell.begin().run(0.05)
+    cell.order(**command, for_s=0.7 * SILENT_S)
+    codes = cell.lift(30.0).run(0.2, 30.0)[0]
+    assert codes[-1] == 0
+    assert cell.devices.cell.voltages()["voltage_x"] == pytest.approx(30.0, abs=1e-3)
+    assert cell.driver.statistics(cell.context)["held_back"] > 0
+    assert cell.largest_step_V() <= STEP_V + RESOLVED_V
+
+
+AWAY = [{"device": "silence"}, {"inject": "hang"}, {"device": "reboot"}, {"inject": "unplug"}]
+
+
+@pytest.mark.parametrize("command", AWAY)
+def test_a_device_that_was_away_comes_back_at_rest(cell, command):
+    """Silent, or without power: down; then its safe values, also while the loop wants others; nothing steps."""
+    cell.begin().run(0.05)
+    cell.lift(20.0).run(0.1, 20.0)
+    cell.order(**command, for_s=0.2)
+    codes, _ = cell.run(0.2, 20.0)
+    assert codes[-1] == -1
+    codes, _ = cell.run(REST_S + 0.2, 20.0)
+    assert codes[-1] == -2
+    codes, _ = cell.run(0.05, 0.0)
+    assert codes[-1] == 0
+    assert cell.devices.cell.voltages()["voltage_x"] == pytest.approx(0.0, abs=1e-4)
+    codes, _ = cell.lift(10.0).run(0.05, 10.0)
+    assert codes[-1] == 0
+    assert cell.devices.cell.amplifiers[0].ok
+    commanded = [name for name in cell.outputs_report() if name.startswith("voltage")]
+    assert commanded
+
+
+def test_a_controller_that_dies_leaves_the_device_to_its_watchdog(cell):
+    cell.begin().run(0.05)
+    cell.lift(20.0).run(0.05, 20.0)
+    cell.order(report=True)
+    time.sleep(0.45)
+    assert cell.devices.cell.amplifiers[0].trips == 1
+    assert cell.devices.cell.voltages()["voltage_x"] == 0.0
+    assert cell.driver.safe_in_host()(cell.context) == 0
+
+
+def test_another_device_is_refused(cell):
+    cell.order(inject="identity")
+    with pytest.raises(IdentityMismatch, match=r"serial_number \d+, the configuration says 20417"):
+        cell.driver.begin(cell.context)
+
+
+def test_probe_shows_who_answers(cell):
+    (answer,) = {found.name: found for found in cell.driver.probe(0.3)}.values()
+    assert answer.values == {"serial_number": 20417, "version": 3}
+    assert cell.outputs_report()["voltage_x"]["samples"] == 0

@@ -25,9 +25,9 @@ def _default_tokens() -> Path:
     "gateway",
     cls=StrictCommand,
     epilog="""\b
-Examples: micromanip gateway config/simulated.yaml
-          micromanip gateway cell.yaml --listen 0.0.0.0:8443 --tls-certificate cell.pem --tls-key cell.key
-          micromanip gateway cell.yaml --behind-proxy https://cell.example""",
+Example: micromanip gateway config/simulated.yaml
+         micromanip gateway cell.yaml --listen 0.0.0.0:8443 --tls-certificate cell.pem --tls-key cell.key
+         micromanip gateway cell.yaml --behind-proxy https://cell.example""",
 )
 @config_argument
 @click.option(

@@ -33,8 +33,8 @@ _LOOK_S = 0.25
 _TAIL_S = 0.025
 _AGAIN_S = 0.5
 _MOST_ROWS, _MOST_READS = 4096, 16
-_SPARE_ROWS = 4096
-"""How far behind the oldest row the reading of a new ring begins: the loop goes on meanwhile."""
+_SPARE_ROWS = 1 << 15
+"""How far behind the oldest row the reading of a new ring begins: the loop goes on meanwhile, 3 s at 10 kHz."""
 
 Rows = NDArray[Any]
 

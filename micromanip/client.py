@@ -15,13 +15,13 @@ import os
 import select
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from .errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
-from .replies import Audit, Differences, Jogged, Parameter, Saved, Shadow, Status, Swap, Telemetry
+from .replies import Audit, Differences, Jogged, Marked, Parameter, Recorded, Saved, Shadow, Status, Swap, Telemetry
 
 _TIMEOUT_S = 10.0
 _TRIAL_LOOK_S = 0.1
@@ -222,3 +222,33 @@ class Client:
         """The newest entries of the audit trail, oldest first."""
         audit: Audit = self.request("audit", last=last)
         return audit
+
+    def record_start(
+        self,
+        file: str | None = None,
+        *,
+        triggers: Sequence[str] = (),
+        before_s: float = 0.0,
+        after_s: float | None = None,
+        segment_s: float | None = None,
+        quota_bytes: int | None = None,
+    ) -> Recorded:
+        """Record to a new file of that name in the controller's folder, one named for the time without.
+
+        `before_s` (s) of what has been is in it, too; with `triggers` (fault, overrun, mark) it waits for the first of
+        them, and ends `after_s` later. With `segment_s` it goes on in numbered files of that length, of which
+        the oldest are removed beyond `quota_bytes`.
+        """
+        extent = {"before_s": before_s, "after_s": after_s, "segment_s": segment_s, "quota_bytes": quota_bytes}
+        begun: Recorded = self.request("record_start", file=file, triggers=list(triggers), **extent)
+        return begun
+
+    def record_stop(self) -> Recorded:
+        """End the recording; raises CheckFailed where there is none, or it failed."""
+        ended: Recorded = self.request("record_stop")
+        return ended
+
+    def record_mark(self, text: str) -> Marked:
+        """Put a remark into the recording."""
+        marked: Marked = self.request("record_mark", text=text)
+        return marked

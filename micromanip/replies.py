@@ -201,7 +201,8 @@ class Trip(TypedDict):
 class Recorded(TypedDict):
     """The recording of a run: `state` is starting, recording, complete or failed.
 
-    `rows` are in the file, `dropped` were overwritten before they could be; `message` says why it failed.
+    `rows` are in the file, which has so many `bytes`; `dropped` were overwritten before they could be; `message` says
+    why it failed; `waits_for` are the triggers of which none has come yet.
     """
 
     file: str
@@ -209,6 +210,17 @@ class Recorded(TypedDict):
     rows: int
     dropped: int
     message: str | None
+    bytes: int
+    marks: int
+    waits_for: list[str]
+
+
+class Marked(TypedDict):
+    """Outcome of `record_mark`: the cycle (newest when it was asked for) and the recording that has it."""
+
+    file: str
+    cycle: int
+    text: str
 
 
 class Link(TypedDict):

@@ -48,14 +48,14 @@ class Source:
         self.fields = fields(told["axes"])
         self.history = History(self.fields)
         self.reader = RingReader(ring)
-        self._past = len(ring["rows"]) - _SPARE_ROWS
+        self._is_new = True
         self.latest: Any | None = None
 
     def read(self) -> Rows | None:
         """New rows, which are in the history then; None where there are none."""
-        if self._past:  # what is still in the ring from before we came
-            self.reader.seek(self._past)
-            self._past = 0
+        if self._is_new:  # what is still in the ring from before we came
+            self.reader.go_back(0, _SPARE_ROWS)
+            self._is_new = False
         rows = self.reader.read(_MOST_ROWS)
         if not len(rows):
             return None

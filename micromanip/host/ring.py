@@ -43,9 +43,9 @@ class RingReader:
         kept: NDArray[Any] = rows[torn:]
         return kept
 
-    def seek(self, rows: int) -> None:
-        """Go on with so many `rows` before the newest, where there are as many; nothing counts as lost by it."""
-        self.position = max(0, int(self._words[RING_HEAD]) - rows)
+    def go_back(self, position: int, spare: int) -> None:
+        """Begin with the row at `position`, or the oldest there is; `spare` of the oldest are left to the loop."""
+        self.position = max(min(position, self.position), int(self._words[RING_HEAD]) - len(self._rows) + spare, 0)
 
     def latest(self) -> Any | None:
         """The newest row, without moving on; None before the first."""

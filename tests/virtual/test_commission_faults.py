@@ -11,6 +11,8 @@ from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
+pytestmark = pytest.mark.long
+
 FACTORY = (Path(__file__).parents[2] / "config" / "factory.yaml").read_text(encoding="utf-8")
 STRAIN = "  strain_{0}: {{driver: cell, max_age_us: 300}}\n"
 
@@ -100,7 +102,6 @@ def test_a_fault_on_the_way_ends_it(tmp_path):
     assert said.startswith("axis x: polarity and scale: ")
 
 
-@pytest.mark.long
 def test_a_resonance_that_has_moved_is_followed(tmp_path):
     """Half as much mass again on the stage: another mode, another outer loop, the same margins."""
     heavy = cell(tmp_path, plant("stage_kg: 18.0"))

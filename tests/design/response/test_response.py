@@ -11,6 +11,8 @@ from micromanip.design.paper import ANCHOR_PID
 from micromanip.design.response import Wanted, identify, measure, multisine
 from micromanip.design.sensitivity import judge_loop
 
+pytestmark = pytest.mark.long
+
 RATE_HZ, T = 10_000.0, 1e-4
 WANTED = Wanted(tuple(range(2, 11)), tuple(range(5)))
 

@@ -34,10 +34,12 @@ from .replies import (
     Shadow,
     Status,
     Swap,
+    Telemetry,
 )
 
 _TIMEOUT_S = 10.0
 _TRIAL_LOOK_S, _INJECTED_LOOK_S = 0.1, 0.2
+_MEMORIES = 2
 
 
 def default_socket() -> Path:
@@ -51,9 +53,13 @@ def default_socket() -> Path:
 class Client:
     """A connection to the control socket of a running controller."""
 
-    def __init__(self, path: Path | None = None) -> None:
-        """Raises DeviceUnavailable where no controller runs, PermissionDenied where it may not be reached."""
+    def __init__(self, path: Path | None = None, on_behalf_of: str | None = None) -> None:
+        """Raises DeviceUnavailable where no controller runs, PermissionDenied where it may not be reached.
+
+        `on_behalf_of` is noted in the audit trail beside the user that asks; it gives no rights.
+        """
         self.path = path or default_socket()
+        self._named = {} if on_behalf_of is None else {"on_behalf_of": on_behalf_of}
         self._connect()
 
     def _connect(self) -> None:
@@ -89,7 +95,7 @@ class Client:
     def request(self, verb: str, **fields: Any) -> Any:
         """Result of `verb`; raises what the controller answered where it refused."""
         try:
-            asked = json.dumps({"version": 1, "verb": verb, **fields}, allow_nan=False).encode() + b"\n"
+            asked = json.dumps({"version": 1, "verb": verb, **self._named, **fields}, allow_nan=False).encode() + b"\n"
         except ValueError:
             raise UsageError(
                 f"{verb}: expected finite numbers, not NaN or infinity; where no limit is meant, null says so"
@@ -101,6 +107,9 @@ class Client:
         with contextlib.suppress(ConnectionError):
             self._socket.sendall(asked)
             line = self._lines.readline()
+        return self._result(line)
+
+    def _result(self, line: bytes) -> Any:
         if not line:
             raise DeviceUnavailable(f"the controller on {self.path} went away")
         answer = json.loads(line)
@@ -118,6 +127,28 @@ class Client:
         with contextlib.suppress(ConnectionError):
             return bool(poll.poll(0)) and self._socket.recv(1, socket.MSG_PEEK) != b""
         return False
+
+    def telemetry(self) -> tuple[Telemetry, list[int]]:
+        """What the telemetry's memory holds, and read-only descriptors of it: the loop's status, then the ring.
+
+        They are the caller's to close, and stay good for reading when the controller has ended.
+        """
+        self.close()  # descriptors come with the first bytes of the answer: nothing may be read ahead
+        self._connect()
+        line = b""
+        descriptors: list[int] = []
+        try:
+            with contextlib.suppress(ConnectionError):
+                self._socket.sendall(json.dumps({"version": 1, "verb": "telemetry", **self._named}).encode() + b"\n")
+                line, descriptors, _, _ = socket.recv_fds(self._socket, 1 << 16, _MEMORIES)
+                while line and not line.endswith(b"\n"):
+                    line += self._socket.recv(1 << 16)
+            told: Telemetry = self._result(line)
+        except BaseException:
+            for descriptor in descriptors:
+                os.close(descriptor)
+            raise
+        return told, descriptors
 
     def status(self) -> Status:
         """The report of the run so far, as ``run --json`` ends with."""

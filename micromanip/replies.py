@@ -295,6 +295,21 @@ class Status(TypedDict):
     recording: Recorded | None
 
 
+class Telemetry(TypedDict):
+    """Outcome of `telemetry`: what is in the memory whose descriptors come with it, the loop's status, then the ring.
+
+    `range_V` is the lowest and highest voltage of each axis; the sizes and `columns` say how it is laid out.
+    """
+
+    axes: list[str]
+    drivers: list[str]
+    range_V: dict[str, list[float]]
+    period_ns: int
+    status_bytes: int
+    row_bytes: int
+    columns: list[str]
+
+
 class TuningFigures(TypedDict):
     """How well a tuning does, rms over about the last second.
 

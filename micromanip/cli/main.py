@@ -25,6 +25,7 @@ GROUPS = {
         "run": "run a configuration: the daemon",
         "status": "what the running controller does, and each axis",
         "top": "the same over the whole screen, live, with keys",
+        "gateway": "scope, cell page and metrics for browsers",
         "arm": "start tracking, softly",
         "disarm": "stop tracking, softly",
         "hold": "freeze the correction",

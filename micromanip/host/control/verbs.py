@@ -24,6 +24,7 @@ from ..controller import Controller
 from .audit import AuditTrail
 from .authority import Peer, Right
 from .candidate import Outcome
+from .handover import Handed, telemetry
 from .server import Act, Nothing, Request, Verb, observing, operating
 from .transaction import Tuning
 
@@ -208,6 +209,7 @@ class Verbs:
         stops = ("disarm", "hold")
         return {
             "status": observing(self._answer_status),
+            "telemetry": observing(self._telemetry),
             "get": observing(self._get),
             "diff": observing(self._diff),
             "audit": observing(self._audit),
@@ -241,6 +243,10 @@ class Verbs:
         request.read(Nothing)
         self._tuning.notice()
         return self._status()
+
+    async def _telemetry(self, request: Request) -> Handed:
+        request.read(Nothing)
+        return telemetry(self._controller)
 
     async def _get(self, request: Request) -> Any:
         return await self._tuning.get(request.read(Get).keys)

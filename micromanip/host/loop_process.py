@@ -110,7 +110,7 @@ def _warm(control: Any, status: Any, samples: Any, spin_ns: int) -> None:
 def without_blas() -> Iterator[None]:
     """Numba asks scipy for BLAS when it is first used: a third of what loading the loop takes, and the loop calls none.
 
-    A driver's functions can't call it either, then: compiled for this process, `np.dot` and `@` are refused.
+    What is compiled for this process then can't call it either: `np.dot` and `@` are refused.
     """
     if "scipy.linalg" in sys.modules:
         yield
@@ -122,11 +122,19 @@ def without_blas() -> Iterator[None]:
         del sys.modules["scipy.linalg"]
 
 
+def _may_call_blas(orders: dict[str, Any]) -> bool:
+    """Whether a driver of somebody else is called in the loop: what it compiles is not known."""
+    own = "micromanip_drivers."
+    return any(
+        not each["bus"] and not driver_class(each["driver"]).__module__.startswith(own) for each in orders["drivers"]
+    )
+
+
 def _compile(orders: dict[str, Any]) -> None:
     """The loop, and on another CPU at the same time what the drivers have; both are in the cache from then on."""
     child = None if compiled.keeps(run_loop) else os.fork()
     if child != 0:
-        with without_blas():
+        with contextlib.nullcontext() if _may_call_blas(orders) else without_blas():
             prepare(run_loop)
         if child is not None:
             os.waitpid(child, 0)

@@ -123,7 +123,8 @@ class Answer:
             return ""
         return (
             f"; after a step of {STEP_V:g} V the gauge needs {self.rise_ms:.0f} ms for 63 % of its way, too slow for "
-            f"the {path_Hz:g} Hz of accept.frequencies_Hz: an amplifier with too little current or bandwidth, or a filter"
+            f"the {path_Hz:g} Hz of accept.frequencies_Hz: an amplifier with too little current or bandwidth, or a "
+            "filter"
         )
 
 

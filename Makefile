@@ -3,12 +3,14 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
-# twice as many as cores: while some tests wait for processes and links, others compute
+# more than cores: while some tests wait for processes and links, others compute
 JOBS   ?= 3
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
+# Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill surprise fault-campaign fuzz-socket fuzz-udp robustness docs tune clean
+.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -30,7 +32,7 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-	$(BIN)/pytest -n 2 --dist loadgroup -m 'not live and not long' tests
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not live and not long' tests
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target lint compiled test-laws-plain test-laws-checked
@@ -77,13 +79,17 @@ fault-campaign: $(READY) ## faults of a bus on the whole daemon and a simulated 
 soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at random moments
 	$(BIN)/python -m tools.kills
 
+soak-recording: $(READY) ## a recorder killed a hundred times, its file read each time; 5 million values a second recorded
+	$(BIN)/pytest -n0 --kills 100 tests/host/test_mcap_recording.py
+	$(BIN)/python -m tools.record_soak
+
 surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts and bad files on one device: does it ever jump?
 	$(BIN)/python -m tools.surprise
 
 robustness: $(READY) ## commission 100 cells with drawn plants, and hold their true margins against the claimed ones
 	$(BIN)/python -m tools.robustness
 
-tune: $(READY)    ## fit the models of config/simulated.yaml anew
+tune: $(READY)    ## commission config/factory.yaml, and put the result into config/simulated.yaml
 	$(BIN)/python -m tools.tune_simulated
 
 docs: $(READY)    ## generated pages and pictures

@@ -15,16 +15,31 @@ import os
 import select
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from .errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
-from .replies import Audit, Differences, Injected, Jogged, Parameter, Response, Saved, Shadow, Status, Swap
+from .replies import (
+    Audit,
+    Differences,
+    Injected,
+    Jogged,
+    Marked,
+    Parameter,
+    Recorded,
+    Response,
+    Saved,
+    Shadow,
+    Status,
+    Swap,
+    Telemetry,
+)
 
 _TIMEOUT_S = 10.0
 _TRIAL_LOOK_S, _INJECTED_LOOK_S = 0.1, 0.2
+_MEMORIES = 2
 
 
 def default_socket() -> Path:
@@ -38,9 +53,13 @@ def default_socket() -> Path:
 class Client:
     """A connection to the control socket of a running controller."""
 
-    def __init__(self, path: Path | None = None) -> None:
-        """Raises DeviceUnavailable where no controller runs, PermissionDenied where it may not be reached."""
+    def __init__(self, path: Path | None = None, on_behalf_of: str | None = None) -> None:
+        """Raises DeviceUnavailable where no controller runs, PermissionDenied where it may not be reached.
+
+        `on_behalf_of` is noted in the audit trail beside the user that asks; it gives no rights.
+        """
         self.path = path or default_socket()
+        self._named = {} if on_behalf_of is None else {"on_behalf_of": on_behalf_of}
         self._connect()
 
     def _connect(self) -> None:
@@ -76,7 +95,7 @@ class Client:
     def request(self, verb: str, **fields: Any) -> Any:
         """Result of `verb`; raises what the controller answered where it refused."""
         try:
-            asked = json.dumps({"version": 1, "verb": verb, **fields}, allow_nan=False).encode() + b"\n"
+            asked = json.dumps({"version": 1, "verb": verb, **self._named, **fields}, allow_nan=False).encode() + b"\n"
         except ValueError:
             raise UsageError(
                 f"{verb}: expected finite numbers, not NaN or infinity; where no limit is meant, null says so"
@@ -88,6 +107,9 @@ class Client:
         with contextlib.suppress(ConnectionError):
             self._socket.sendall(asked)
             line = self._lines.readline()
+        return self._result(line)
+
+    def _result(self, line: bytes) -> Any:
         if not line:
             raise DeviceUnavailable(f"the controller on {self.path} went away")
         answer = json.loads(line)
@@ -105,6 +127,28 @@ class Client:
         with contextlib.suppress(ConnectionError):
             return bool(poll.poll(0)) and self._socket.recv(1, socket.MSG_PEEK) != b""
         return False
+
+    def telemetry(self) -> tuple[Telemetry, list[int]]:
+        """What the telemetry's memory holds, and read-only descriptors of it: the loop's status, then the ring.
+
+        They are the caller's to close, and stay good for reading when the controller has ended.
+        """
+        self.close()  # descriptors come with the first bytes of the answer: nothing may be read ahead
+        self._connect()
+        line = b""
+        descriptors: list[int] = []
+        try:
+            with contextlib.suppress(ConnectionError):
+                self._socket.sendall(json.dumps({"version": 1, "verb": "telemetry", **self._named}).encode() + b"\n")
+                line, descriptors, _, _ = socket.recv_fds(self._socket, 1 << 16, _MEMORIES)
+                while line and not line.endswith(b"\n"):
+                    line += self._socket.recv(1 << 16)
+            told: Telemetry = self._result(line)
+        except BaseException:
+            for descriptor in descriptors:
+                os.close(descriptor)
+            raise
+        return told, descriptors
 
     def status(self) -> Status:
         """The report of the run so far, as ``run --json`` ends with."""
@@ -213,3 +257,33 @@ class Client:
         """The newest entries of the audit trail, oldest first."""
         audit: Audit = self.request("audit", last=last)
         return audit
+
+    def record_start(
+        self,
+        file: str | None = None,
+        *,
+        triggers: Sequence[str] = (),
+        before_s: float = 0.0,
+        after_s: float | None = None,
+        segment_s: float | None = None,
+        quota_bytes: int | None = None,
+    ) -> Recorded:
+        """Record to a new file of that name in the controller's folder, one named for the time without.
+
+        `before_s` (s) of what has been is in it, too; with `triggers` (fault, overrun, mark) it waits for the first of
+        them, and ends `after_s` later. With `segment_s` it goes on in numbered files of that length, of which
+        the oldest are removed beyond `quota_bytes`.
+        """
+        extent = {"before_s": before_s, "after_s": after_s, "segment_s": segment_s, "quota_bytes": quota_bytes}
+        begun: Recorded = self.request("record_start", file=file, triggers=list(triggers), **extent)
+        return begun
+
+    def record_stop(self) -> Recorded:
+        """End the recording; raises CheckFailed where there is none, or it failed."""
+        ended: Recorded = self.request("record_stop")
+        return ended
+
+    def record_mark(self, text: str) -> Marked:
+        """Put a remark into the recording."""
+        marked: Marked = self.request("record_mark", text=text)
+        return marked

@@ -226,7 +226,8 @@ class Trip(TypedDict):
 class Recorded(TypedDict):
     """The recording of a run: `state` is starting, recording, complete or failed.
 
-    `rows` are in the file, `dropped` were overwritten before they could be; `message` says why it failed.
+    `rows` are in the file, which has so many `bytes`; `dropped` were overwritten before they could be; `message` says
+    why it failed; `waits_for` are the triggers of which none has come yet.
     """
 
     file: str
@@ -234,6 +235,17 @@ class Recorded(TypedDict):
     rows: int
     dropped: int
     message: str | None
+    bytes: int
+    marks: int
+    waits_for: list[str]
+
+
+class Marked(TypedDict):
+    """Outcome of `record_mark`: the cycle (newest when it was asked for) and the recording that has it."""
+
+    file: str
+    cycle: int
+    text: str
 
 
 class Link(TypedDict):
@@ -281,6 +293,21 @@ class Status(TypedDict):
     trips: list[Trip]
     links: dict[str, Link]
     recording: Recorded | None
+
+
+class Telemetry(TypedDict):
+    """Outcome of `telemetry`: what is in the memory whose descriptors come with it, the loop's status, then the ring.
+
+    `range_V` is the lowest and highest voltage of each axis; the sizes and `columns` say how it is laid out.
+    """
+
+    axes: list[str]
+    drivers: list[str]
+    range_V: dict[str, list[float]]
+    period_ns: int
+    status_bytes: int
+    row_bytes: int
+    columns: list[str]
 
 
 class TuningFigures(TypedDict):

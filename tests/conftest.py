@@ -45,6 +45,7 @@ def closing():
 
 
 def pytest_addoption(parser):
+    parser.addoption("--kills", type=int, default=3, help="how often a recorder is killed")
     parser.addoption("--garbage", type=int, default=5_000, help="how many inputs the control socket is tried with")
 
 
@@ -68,11 +69,22 @@ def pytest_unconfigure(config):
         stalls.end()
 
 
+def _shares(item):
+    """Where the widest fixture stands that `item` has in common with other tests; None where it has all for itself."""
+    found = item._fixtureinfo.name2fixturedefs.values() if hasattr(item, "_fixtureinfo") else ()
+    shared = [each[-1] for each in found if each[-1].scope != "function" and each[-1].baseid not in ("", "tests")]
+    return min((each.baseid for each in shared), key=len, default=None)
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for the groups
 def pytest_collection_modifyitems(config, items):
     stalls = config.stash[STALLS] = Stalls()
     for item in items:
         if "realtime" in item.keywords:
             item.add_marker("live")
+        # what tests share, a daemon or a commissioned cell, is made by one worker, not by each
+        if "xdist_group" not in item.keywords and (shares := _shares(item)):
+            item.add_marker(pytest.mark.xdist_group(shares))
         if "live" in item.keywords:
             item.add_marker(pytest.mark.flaky(reruns=2, condition=lambda: stalls.longest_ms >= STALL_MS))
         if "compiled_only" in item.keywords and not JIT:

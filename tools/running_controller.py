@@ -21,7 +21,7 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.states import STATE_NAMES
 
 MICROMANIP = Path(sys.executable).with_name("micromanip")
-SIMULATED = Path(__file__).parents[1] / "config" / "simulated.yaml"
+SIMULATED = Path(__file__).parents[1] / "config" / "paper.yaml"
 TAG = "MICROMANIP_TEST_TAG"
 PATIENCE_S = 150.0  # compiling anew, on a busy machine, takes a minute
 

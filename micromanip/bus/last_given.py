@@ -51,7 +51,12 @@ class LastGiven:
 
         Raises PermissionDenied where it can't be made, or belongs to somebody else and can't be replaced.
         """
-        path, device = path_of(device, folder), identity(device)
+        return cls._of(identity(device), names, folder)
+
+    @classmethod
+    def _of(cls, device: str, names: Sequence[str], folder: Path | None) -> Self:
+        """As `open`, of an identity: a link that leads elsewhere meanwhile doesn't matter any more."""
+        path = _file(device, folder)
         known = _known(path, device)
         if known is None or list(known) != list(names):
             _make(path, device, names, known or {})
@@ -70,9 +75,12 @@ class LastGiven:
 
         Raises PermissionDenied as `open`; then this one stays as it is.
         """
-        if self._path is None or path_of(device, self._path.parent) == self._path:
+        if self._path is None:
             return self
-        there = self.open(device, names, self._path.parent)
+        device, folder = identity(device), self._path.parent
+        if _file(device, folder) == self._path:
+            return self
+        there = self._of(device, names, folder)
         there.write(values)
         self.close()
         return there
@@ -113,9 +121,12 @@ class LastGiven:
 
 def path_of(device: str, folder: Path | None = None) -> Path:
     """Where the file of `device` lies: beside its lock."""
-    return (device_lock.FOLDER if folder is None else folder) / (
-        re.sub(r"[^A-Za-z0-9.-]", "_", identity(device)) + ".given"
-    )
+    return _file(identity(device), folder)
+
+
+def _file(device: str, folder: Path | None) -> Path:
+    """The same for an identity."""
+    return (device_lock.FOLDER if folder is None else folder) / (re.sub(r"[^A-Za-z0-9.-]", "_", device) + ".given")
 
 
 def _size(count: int) -> int:

@@ -40,7 +40,7 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     """
     root = source_tree()
     runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))
-    settings = plan.Plan(root / "config" / "simulated.yaml", pairs, lateness_s, lambda line: click.echo(line, err=True))
+    settings = plan.Plan(root / "config" / "paper.yaml", pairs, lateness_s, lambda line: click.echo(line, err=True))
     document = runner.run(settings, only).document()
     print_answer(document, _table, as_json)
 

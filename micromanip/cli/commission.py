@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import datetime
+import getpass
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
     from micromanip.design.experiment import Experiment
     from micromanip.settings.check import Prepared
     from micromanip.settings.schema.axis import Axis
+    from micromanip.settings.schema.model import Configuration
 
 REPORT, TUNED, PREVIOUS, REJECTED = "report.html", "tuned.yaml", "previous.yaml", "rejected.yaml"
 
@@ -44,17 +49,23 @@ REPORT, TUNED, PREVIOUS, REJECTED = "report.html", "tuned.yaml", "previous.yaml"
     "--noise", "noise_um", type=Quantity("Distance", least=1e-4), metavar="UM",
     help="Noise of the capacitive sensor, rms: more makes the outer loop calmer  [default: as measured]",
 )  # fmt: skip
+@click.option(
+    "--tooth-frequency", "tooth_Hz", type=Quantity("Hertz", least=1.0), metavar="HZ",
+    help="Teeth that pass in a second, which the outer loop cancels  [default: as the axis has it, or as seen at rest]",
+)  # fmt: skip
 @click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Of the excitations.")
+@click.option("--operator", help="Who stands behind it, for the report  [default: the one logged in]")
 @click.option("--live", is_flag=True, help="Through the running loop also on a simulation, in real time.")
 @click.option("--yes", is_flag=True, help="Don't ask before a real stage moves.")
 @socket_option
 @json_option
 def command(
-    config: Path, only: str, folder: Path, bandwidth_Hz: float | None, noise_um: float | None, seed: int, live: bool,
-    yes: bool, socket_path: Path, as_json: bool,
+    config: Path, only: str, folder: Path, bandwidth_Hz: float | None, noise_um: float | None, tooth_Hz: float | None,
+    seed: int, operator: str | None, live: bool, yes: bool, socket_path: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Identify an axis, design its controllers, try them on a fresh experiment, and report.
 
+    A cell with a tracker, all of whose axes are tuned by then, ends in a file that tracks, and is tried as it will run.
     CONFIG is not changed and nothing is applied: the new tuning is DIR/tuned.yaml, complete, for `check` and `run`;
     the one before is kept beside it. Each run also has a folder of its own in DIR, which nothing replaces; `latest`
     is the last. Exit code 1 where a step or a criterion says no: then the report says what was found by then, and a
@@ -83,19 +94,24 @@ def command(
         ):
             copyfile(config, run / PREVIOUS)
             task = bar.add_task("commission", total=None)
-            experiment = (
-                _experiment(prepared, socket_path) if live or not prepared.wiring.virtual else _virtual(prepared)
+            played = (
+                partial(_live, prepared, socket_path)
+                if live or not prepared.wiring.virtual
+                else partial(_virtual, prepared)
             )
             found = commission_cell(
                 prepared.configuration,
-                experiment,
+                played(process=False),
                 chosen,
                 lambda what: bar.update(task, description=what),
-                Knobs(bandwidth_Hz, noise_um),
+                Knobs(bandwidth_Hz, noise_um, tooth_Hz),
                 seed,
+                played(process=True),
+                partial(_as_written, prepared),
             )
             bar.update(task, description="report")
-            axes, missing = write_results(prepared, found, config, folder, run)
+            facts = _provenance(prepared, config, chosen, operator, seed)
+            axes, missing = write_results(prepared, found, facts, folder, run)
     seconds = time.monotonic() - began
     if as_json:
         print_json(_document(found, axes, folder, run, seconds))
@@ -130,46 +146,94 @@ def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:
     click.confirm("Is the spindle free and nobody near it?", abort=True, err=True)
 
 
-def _virtual(prepared: Prepared) -> Experiment:
+def _virtual(prepared: Prepared, *, process: bool) -> Experiment:
     from micromanip.virtual.experiment import VirtualExperiment
 
-    return VirtualExperiment(prepared)
+    return VirtualExperiment(prepared, process=process)
 
 
-def _experiment(prepared: Prepared, socket_path: Path) -> Experiment:
+def _live(prepared: Prepared, socket_path: Path, *, process: bool) -> Experiment:
     from .played import LiveExperiment
 
-    return LiveExperiment(prepared, socket_path)
+    return LiveExperiment(prepared, socket_path, process=process)
+
+
+def _as_written(prepared: Prepared, configuration: Configuration) -> Configuration:
+    """What a file of `configuration` holds once it is read again; raises ConfigError where `check` would."""
+    from micromanip.settings.check import wired
+    from micromanip.settings.text.source import Source
+
+    read, _ = wired(Source.parse(prepared.source.path, _text(prepared, configuration, configuration.axes)))
+    return read
+
+
+def _text(prepared: Prepared, configuration: Configuration, axes: Mapping[str, Axis]) -> str:
+    from micromanip.settings.write import with_production, with_tuning
+
+    return with_production(with_tuning(prepared.source.text, axes), configuration)
+
+
+def _provenance(prepared: Prepared, config: Path, chosen: list[str], operator: str | None, seed: int) -> dict[str, str]:
+    """Where a report comes from: simulated or hardware, which version, when, by whom, with which sensors."""
+    drivers = {name: prepared.wiring.drivers[name] for name in prepared.configuration.drivers}
+    devices = {name: driver.device or prepared.configuration.drivers[name].driver for name, driver in drivers.items()}
+    real = [name for name, driver in drivers.items() if not driver.simulated]
+    sensors = {
+        f"sensors of {axis}": ", ".join(
+            f"{name} at {devices[entry.driver]}" + (f" ({entry.channel})" if entry.channel else "")
+            for name in (f"strain_{axis}", f"stage_{axis}", f"deviation_{axis}")
+            if (entry := prepared.configuration.signals.get(name)) is not None
+        )
+        for axis in chosen
+    }
+    return {
+        "cell": f"hardware: {', '.join(devices[name] for name in real)}" if real else "simulated, nothing real moved",
+        "configuration": f"{config} ({prepared.source.hash[:8]})",
+        "time": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%dT%H:%M:%SZ}",
+        "operator": operator or _logged_in(),
+        "version": f"micromanip {version('micromanip')}",
+        "rate": f"{prepared.configuration.loop.rate_hz:g} Hz",
+        "seed": str(seed),
+        **sensors,
+    }
+
+
+def _logged_in() -> str:
+    try:
+        return os.environ.get("SUDO_USER") or getpass.getuser()
+    except (KeyError, OSError):  # a user without an entry, as in a container
+        return f"user {os.getuid()}"
 
 
 def write_results(
-    prepared: Prepared, found: CommissionedCell, config: Path, folder: Path, run: Path
+    prepared: Prepared, found: CommissionedCell, facts: dict[str, str], folder: Path, run: Path
 ) -> tuple[dict[str, Axis], MicromanipError | None]:
     """Write tuning and report into `run`, and copies into `folder`; the axes with their notes, and what is missing.
 
     The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room. One that
     does not pass is not called tuned.
     """
+    from micromanip.design.commission.history import earlier_reports
     from micromanip.design.commission.report import write_report
     from micromanip.settings.commissioned import tuning_hash
     from micromanip.settings.schema.axis import Commissioned
-    from micromanip.settings.write import with_tuning, write_atomically
+    from micromanip.settings.write import write_atomically
 
-    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    today = facts["time"][:10]
     axes = {each.axis: found.configuration.axes[each.axis] for each in found.axes}
     hashes = {name: tuning_hash(axis) for name, axis in axes.items()}
     noted = {
         name: axis.model_copy(update={"commissioned": Commissioned(hash=hashes[name], report=REPORT, date=today)})
         for name, axis in axes.items()
     }
-    facts = {"configuration": str(config), "date": today, "rate": f"{prepared.configuration.loop.rate_hz:g} Hz"}
-    tuned = with_tuning(prepared.source.text, noted)
+    earlier = earlier_reports(folder, REPORT, [each.axis for each in found.evidence])
+    tuned = _text(prepared, found.configuration, noted)
     named = TUNED if found.passed else REJECTED
     if found.axes:
         keep(lambda file: write_atomically(file, tuned), run / named)
     missing = None
     steps: tuple[Callable[[], None], ...] = (
-        lambda: write_report(run / REPORT, "Commissioning report", facts, found.evidence, hashes),
+        lambda: write_report(run / REPORT, "Commissioning report", facts, found.evidence, hashes, earlier),
         lambda: publish(folder, run, (PREVIOUS, REPORT, TUNED, REJECTED)),
     )
     for step in steps:
@@ -193,6 +257,7 @@ def _document(
         "stopped": None if found.stopped is None else str(found.stopped),
         "report": str(folder / REPORT),
         "run": str(run),
+        "production": _production(found),
         "axes": {
             story.axis: {
                 "passed": story.passed,
@@ -200,6 +265,25 @@ def _document(
                 "criteria": [asdict(criterion) for criterion in story.criteria],
             }
             for story in found.evidence
+        },
+    }
+
+
+def _production(found: CommissionedCell) -> dict[str, Any] | None:
+    production, rest = found.production, found.rest
+    if production is None or rest is None:
+        return None
+    reference = production.configuration.reference
+    return {
+        "tracks": production.tracks,
+        "obstacle": production.obstacle,
+        "decided": list(production.decided),
+        "reference": reference.model_dump(mode="json", exclude_defaults=True) if production.tracks else None,
+        "tooth_hz": {n: axis.outer and axis.outer.oscillation_Hz for n, axis in found.configuration.axes.items()},
+        "tooth_seen_hz": rest.tooth_Hz,
+        "path_error_um": {
+            name: {"uncompensated_rms": seen.uncompensated_rms, "rms": seen.rms, "max": seen.max}
+            for name, seen in production.seen.items()
         },
     }
 
@@ -230,4 +314,16 @@ def _print(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> 
         click.echo(f"{seconds:.0f} s; no tuning to run, report in {folder / REPORT}; nothing was applied")
     click.echo(f"this run's files stay in {run}")
     if found.passed:
+        for line in _how_it_runs(found):
+            click.echo(line)
         click.echo(f"next: micromanip check {folder / TUNED}")
+
+
+def _how_it_runs(found: CommissionedCell) -> list[str]:
+    production = found.production
+    if production is None:
+        return []
+    if production.obstacle is not None:
+        return [f"it does not track yet: {production.obstacle}"]
+    errors = ", ".join(f"{name} {seen.rms:.2f}" for name, seen in production.seen.items())
+    return [*production.decided, f"it tracks, tried as it will run: path error {errors} um rms"]

@@ -30,9 +30,12 @@ def play(
     duration_s: float,
     socket_path: Path,
     line: LiveLine,
+    *,
+    process: bool = False,
 ) -> NDArray[Any]:
     """Rows, one per cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
 
+    `process` keeps the machining force of a simulation.
     Raises CheckFailed where a fault ended it, or cycles are missing from the recording.
     """
     import h5py
@@ -40,9 +43,9 @@ def play(
     from micromanip.host.daemon import Options, serve
 
     armed = variant.model_copy(update={"arm_on_start": True})
-    wiring = replace(
-        prepared.wiring, drivers={name: driver.without_process() for name, driver in prepared.wiring.drivers.items()}
-    )
+    drivers = prepared.wiring.drivers
+    kept = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
+    wiring = replace(prepared.wiring, drivers=kept)
     experiment = replace(
         prepared, configuration=armed, wiring=wiring, samples=samples, parameters=compile_cell(armed, wiring)
     )
@@ -69,8 +72,9 @@ def play(
 class LiveExperiment:
     """Experiments through the running loop, one start of the controller each; see `micromanip.design.experiment`."""
 
-    def __init__(self, prepared: Prepared, socket_path: Path) -> None:
-        self._prepared, self._socket_path = prepared, socket_path
+    def __init__(self, prepared: Prepared, socket_path: Path, *, process: bool = False) -> None:
+        """`process` keeps the machining force, which an experiment is normally free of."""
+        self._prepared, self._socket_path, self._process = prepared, socket_path, process
 
     def __call__(
         self,
@@ -82,7 +86,8 @@ class LiveExperiment:
         """Rows, one in `every` cycles, of the `seconds` after tracking began."""
         played = np.zeros((1, MAX_AXES)) if samples is None else samples
         with LiveLine() as line:
-            rows = play(self._prepared, configuration, played, seconds, self._socket_path, line)[::every]
+            kept, path = self._process, self._socket_path
+            rows = play(self._prepared, configuration, played, seconds, path, line, process=kept)[::every]
         return at_own_time(rows, configuration, self._prepared.wiring)
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:

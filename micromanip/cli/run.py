@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import click
@@ -15,7 +16,12 @@ from .options import Quantity, StrictCommand, config_argument, json_option, prin
 @click.command("run", cls=StrictCommand, epilog="Example: micromanip run config/simulated.yaml --duration 10")
 @config_argument
 @click.option("--duration", "duration_s", type=Quantity("Duration"), help="Stop cleanly after so many seconds.")
-@click.option("--record", type=click.Path(path_type=Path), help="Record every cycle to this HDF5 file, a new one.")
+@click.option("--record", type=click.Path(path_type=Path), help="Record every cycle to this new file: .mcap, or .h5.")
+@click.option(
+    "--recordings",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for what `record start` records.  [default: $STATE_DIRECTORY/recordings, or the user's own]",
+)
 @click.option(
     "--trips",
     type=click.Path(path_type=Path, file_okay=False),
@@ -30,6 +36,7 @@ def command(
     config: Path,
     duration_s: float | None,
     record: Path | None,
+    recordings: Path | None,
     trips: Path | None,
     keep_trips: int,
     socket_path: Path,
@@ -39,17 +46,23 @@ def command(
 
     Ctrl-C ramps the outputs to park and stops cleanly.
     """
-    from micromanip.host.daemon import Options, serve
-    from micromanip.host.recording.recording import require_new_file
-    from micromanip.settings.check import prepare
+    gc.disable()  # of all that is imported nothing is garbage: looking for it takes a tenth of the start
+    try:
+        from micromanip.host.daemon import Options, serve
+        from micromanip.host.recording.recording import require_new_file
+        from micromanip.settings.check import prepare
 
-    from .live import LiveLine, summary
+        from .live import LiveLine, summary
 
-    prepared = prepare(config)
+        prepared = prepare(config)
+    finally:
+        gc.enable()
     if record is not None:
         require_new_file(record)
     with LiveLine() as live:
-        report = serve(prepared, Options(socket_path, duration_s, record, trips, keep_trips), live.say, live.show)
+        report = serve(
+            prepared, Options(socket_path, duration_s, record, recordings, trips, keep_trips), live.say, live.show
+        )
     try:
         print_answer(report, summary, as_json)
     finally:  # also where nobody reads it

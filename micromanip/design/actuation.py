@@ -20,7 +20,7 @@ from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 from .experiment import EXCITED, Experiment, alone, parked, path_bandwidth, resting, with_reference
 from .identification import variant
-from .response import Identified, Multisine, Wanted, identify, measure, multisine
+from .response import PERIOD_S, Identified, Multisine, Recorded, Wanted, identify_again, multisine
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,8 @@ _WIDEST_SHARE = 0.4
 ORDERS, DELAYS = tuple(range(4, 17)), tuple(range(7))
 NARROW_HZ, NARROW_ORDERS = 1000.0, (3, 4, 5, 6)
 """Behind a slow bus less of the actuator is seen: its first mode, the antiresonance beside it, one lag."""
-ATTEMPTS, _LONGER, _MORE = 3, 2.0, 1.4
-"""How often it is measured, and what each time is longer and larger by."""
+_MORE = 1.4
+"""What each attempt is larger by."""
 _SETTLE_S = 0.5
 
 
@@ -91,32 +91,31 @@ def identify_actuator(
     wide_hz = min(WIDE_HZ, _WIDEST_SHARE * rate_hz, path_bandwidth(path, rate_hz))
     narrow = wide_hz <= NARROW_HZ
     wanted = Wanted(NARROW_ORDERS if narrow else ORDERS, (0,) if narrow else DELAYS)
-    output = configuration.outputs[f"voltage_{axis}"]
-    found = None
-    for attempt in range(ATTEMPTS):
-        size = _MORE**attempt
+    range_V = configuration.outputs[f"voltage_{axis}"].range_V
+
+    def record(attempt: int, longer: int) -> Recorded:
         wave = multisine(
-            tuple((min(upper, wide_hz), size * rms) for upper, rms in _RMS_V),
+            tuple((min(upper, wide_hz), _MORE**attempt * rms) for upper, rms in _RMS_V),
             LOW_HZ,
             wide_hz,
             rate_hz,
             seed=seed + attempt,
-            period_s=3.2 * _LONGER**attempt,
+            period_s=PERIOD_S * longer,
         )
-        found = _recorded(configuration, experiment, axis, index, centre_V, wave, output.range_V, wanted)
-        if found.problem is None:
-            break
-    assert found is not None
-    if found.problem is not None:
-        raise CheckFailed(
-            f"axis {axis}: the actuator can't be identified well enough to close a loop, in {ATTEMPTS} attempts: "
-            f"{found.problem}. Look for a loose gauge, a disturbance meanwhile, or more modes than a model of order "
-            f"{max(wanted.orders)} holds. Nothing was closed"
-        )
+        return _recorded(configuration, experiment, axis, index, centre_V, wave, range_V)
+
+    tried = identify_again(
+        record,
+        wanted,
+        f"axis {axis}: the actuator can't be identified well enough to close a loop",
+        "Look for a loose gauge, a disturbance meanwhile, or more modes than a model of order "
+        f"{max(wanted.orders)} holds. Nothing was closed",
+    )
+    found = tried.found
     swing_um = float(
         np.sqrt(2.0) * np.sqrt(sum(rms**2 for _, rms in _RMS_V)) * np.median(np.abs(found.measured.response))
     )
-    return Actuator(found, swing_um, centre_V, path, attempt + 1)
+    return Actuator(found, swing_um, centre_V, path, tried.attempts)
 
 
 def _recorded(
@@ -127,8 +126,7 @@ def _recorded(
     centre_V: float,
     wave: Multisine,
     range_V: tuple[float, float],
-    wanted: Wanted,
-) -> Identified:
+) -> Recorded:
     samples = parked(configuration, len(wave.samples))
     samples[:, index] = centre_V + wave.samples
     reach = float(np.abs(wave.samples).max())
@@ -143,7 +141,7 @@ def _recorded(
         raise CheckFailed(f"axis {axis}: the strain gauge has gaps in its record; look at its cable and its status")
     if float(np.ptp(y)) == 0.0:
         raise CheckFailed(f"axis {axis}: the strain gauge stands still under {reach:.1f} V; is it connected?")
-    return identify(measure(wave, u, y), 1.0 / wave.rate_hz, wanted)
+    return wave, u, y
 
 
 __all__ = ["Actuator", "identify_actuator", "working_voltage"]

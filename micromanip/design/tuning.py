@@ -18,7 +18,7 @@ from micromanip.settings.wiring.timing import AT_ONCE
 from .experiment import EXCITED, Experiment, alone, path_bandwidth, resting, with_axis, with_reference
 from .hysteresis import HysteresisFit, structure_of
 from .identification import design, recording, samples_for, variant
-from .response import Identified, Measured, Wanted, identify, measure, multisine
+from .response import PERIOD_S, Identified, Measured, Recorded, Wanted, identify, identify_again, multisine
 
 Progress = Callable[[str], None]
 Array = NDArray[np.float64]
@@ -30,8 +30,7 @@ OUTER_DELAY = 2
 _DELAYS, _ORDERS = tuple(range(1, 8)), tuple(range(4, 17))
 _RMS_UM = ((150.0, 0.7), (600.0, 1.2), (1500.0, 0.5), (4000.0, 0.2))
 """Upper frequency and rms of each part of the set-point's excitation; up to where the stack's own mode may be seen."""
-_LOW_HZ, _SLEW_SHARE = 8.0, 0.7
-_ATTEMPTS, _JUDGED_HZ = 3, 1500.0
+_LOW_HZ, _LEAD_S, _SLEW_SHARE, _JUDGED_HZ = 8.0, 1.5, 0.7, 1500.0
 _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS = 0.12, 0.15, 0.05
 
 
@@ -109,16 +108,16 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
     delays = _DELAYS if path == AT_ONCE else (OUTER_DELAY + path.output_late,)
     wanted = Wanted(_ORDERS, delays, _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS, _JUDGED_HZ)
     slew = _SLEW_SHARE * 1e3 * configuration.axes[axis].setpoint.slew_um_per_ms
-    found, noise_um = None, 0.0
-    for attempt in range(_ATTEMPTS):
+
+    def record(attempt: int, longer: int) -> Recorded:
         wave = multisine(
             tuple((min(upper, cutoff_hz), rms) for upper, rms in _RMS_UM),
             _LOW_HZ,
             cutoff_hz,
             rate_hz,
             seed=seed + attempt,
-            period_s=3.2 * 2**attempt,
-            lead_s=1.5 * 2**attempt,
+            period_s=PERIOD_S * longer,
+            lead_s=_LEAD_S * longer,
         )
         fastest = float(np.abs(np.diff(wave.samples)).max()) * rate_hz
         samples = resting(configuration, axis, len(wave.samples))
@@ -130,17 +129,16 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
             raise CheckFailed(f"axis {axis}: the stage sensor has gaps in its record; look at its cable and its range")
         if float(np.ptp(y)) == 0.0:
             raise CheckFailed(f"axis {axis}: the stage sensor stands still while the actuator moves; is it connected?")
-        found, noise_um = identify(measure(wave, u, y), 1.0 / rate_hz, wanted), white_noise(y)
-        if found.problem is None:
-            break
-    assert found is not None
-    if found.problem is not None:
-        raise CheckFailed(
-            f"axis {axis}: the stage can't be identified well enough for an outer loop, in {_ATTEMPTS} attempts: "
-            f"{found.problem}. Look for a disturbance meanwhile, a loose flexure, or a mode that a calmer strain loop "
-            "would leave its damping"
-        )
-    return StageModel(_linear(found), found, noise_um)
+        return wave, u, y
+
+    tried = identify_again(
+        record,
+        wanted,
+        f"axis {axis}: the stage can't be identified well enough for an outer loop",
+        "Look for a disturbance meanwhile, a loose flexure, or a mode that a calmer strain loop would leave its "
+        "damping",
+    )
+    return StageModel(_linear(tried.found), tried.found, white_noise(tried.output))
 
 
 def with_response(stage: StageModel, measured: Measured, period_s: float) -> StageModel:

@@ -41,7 +41,7 @@ class Child:
         """Start a process and give it its orders."""
         self._process = await asyncio.create_subprocess_exec(
             sys.executable,
-            *("-m", self._module),
+            *("-P", "-m", self._module),  # -P: the folder where we were started is no place for our modules
             stdin=PIPE,
             stdout=self._output,
             stderr=self._error,

@@ -17,7 +17,7 @@ from micromanip.bus.device_lock import DeviceLocks
 from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memory
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.faults import LOOP_DIED, LOOP_STUCK, FaultReport
-from micromanip.host.recording.recording import RecorderProcess
+from micromanip.host.recording.recordings import Recordings
 from micromanip.host.safe.snapshot import SnapshotKeeper
 from micromanip.host.trips.store import KEPT, default_folder
 from micromanip.host.trips.supervisor import BlackBox
@@ -62,6 +62,7 @@ class Options:
     socket: Path
     duration_s: float | None = None
     record: Path | None = None
+    recordings: Path | None = None
     trips: Path | None = None
     kept_trips: int = KEPT
 
@@ -87,9 +88,10 @@ class Daemon:
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         self._trail = AuditTrail(state_directory(), say)
         self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
-        self._verbs = Verbs(self._controller, self._trail, self._report, self._boxes.settle, self._in_force, say)
-        self._recorder = None if options.record is None else RecorderProcess(self._controller, options.record, say)
-        self._recording_ended = False
+        self._recordings = Recordings(self._controller, options.recordings, say)
+        self._verbs = Verbs(
+            self._controller, self._trail, self._report, self._boxes.settle, self._in_force, say, self._recordings
+        )
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
@@ -137,8 +139,8 @@ class Daemon:
         stopped = asyncio.create_task(self._stop.wait())
         try:
             self._boxes.start()
-            if self._recorder is not None:
-                await self._recorder.start()
+            if self._options.record is not None:
+                await self._recordings.begin(self._options.record)
             if await self._workers.in_hand(lambda: ended.done() or stopped.done()):
                 self._tell_ready()
                 if self._prepared.configuration.arm_on_start:
@@ -171,10 +173,8 @@ class Daemon:
         self._service.ready()
 
     async def _end_recording(self) -> None:
-        """Once, after the last cycle; the control does not end for it."""
-        recorder, self._recording_ended = None if self._recording_ended else self._recorder, True
-        outcome = None if recorder is None else await recorder.stop()
-        if outcome is not None:
+        """After the last cycle; the control does not end for it."""
+        if (outcome := await self._recordings.end()) is not None:
             self._say(outcome)
 
     async def _end(self, ended: asyncio.Task[None]) -> None:
@@ -235,13 +235,12 @@ class Daemon:
             await asyncio.sleep(_LOOK_S)
 
     def _report(self) -> Report:
-        recording = None if self._recorder is None else self._recorder.report()
         links = {**self._workers.report(), **self._controller.wires()}
-        return report(self._controller, self._gathered, self._boxes.report(), links, recording)
+        return report(self._controller, self._gathered, self._boxes.report(), links, self._recordings.report())
 
     def _unrecorded(self) -> str:
-        failed = self._recorder is not None and self._recorder.report()["state"] == "failed"
-        return "; nothing is recorded any more" if failed else ""
+        recording = self._recordings.report()
+        return "; nothing is recorded any more" if recording is not None and recording["state"] == "failed" else ""
 
     def _hang_up(self) -> None:
         """SIGHUP: of a service it means reload; of a terminal that was closed it means the end."""

@@ -4,7 +4,12 @@ Started by the host as ``python -m micromanip.host.loop_process`` in a session o
 reaches the host only. It takes its orders as one JSON document on standard input.
 """
 
+# ruff: noqa: E402
 from __future__ import annotations
+
+import gc
+
+gc.disable()  # of all that is imported here nothing is garbage, and the loop makes none: a fifth of the start
 
 import contextlib
 import json
@@ -12,6 +17,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -100,11 +106,28 @@ def _warm(control: Any, status: Any, samples: Any, spin_ns: int) -> None:
     run_loop(*arguments)
 
 
+@contextlib.contextmanager
+def without_blas() -> Iterator[None]:
+    """Numba asks scipy for BLAS when it is first used: a third of what loading the loop takes, and the loop calls none.
+
+    A driver's functions can't call it either, then: compiled for this process, `np.dot` and `@` are refused.
+    """
+    if "scipy.linalg" in sys.modules:
+        yield
+        return
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # as Python has it: there is no such module
+    try:
+        yield
+    finally:
+        del sys.modules["scipy.linalg"]
+
+
 def _compile(orders: dict[str, Any]) -> None:
     """The loop, and on another CPU at the same time what the drivers have; both are in the cache from then on."""
     child = None if compiled.keeps(run_loop) else os.fork()
     if child != 0:
-        prepare(run_loop)
+        with without_blas():
+            prepare(run_loop)
         if child is not None:
             os.waitpid(child, 0)
         return

@@ -43,6 +43,10 @@ class RingReader:
         kept: NDArray[Any] = rows[torn:]
         return kept
 
+    def go_back(self, position: int, spare: int) -> None:
+        """Begin with the row at `position`, or the oldest there is; `spare` of the oldest are left to the loop."""
+        self.position = max(min(position, self.position), int(self._words[RING_HEAD]) - len(self._rows) + spare, 0)
+
     def latest(self) -> Any | None:
         """The newest row, without moving on; None before the first."""
         head = int(self._words[RING_HEAD])

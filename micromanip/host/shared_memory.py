@@ -56,6 +56,7 @@ class Segment:
     def create(cls, name: str, size: int) -> Segment:
         """New zeroed memory of `size` bytes; `name` shows in /proc only."""
         descriptor = os.memfd_create(name)
+        os.fchmod(descriptor, 0o600)  # or whoever is handed a read-only one could open it again, for writing
         os.ftruncate(descriptor, max(size, 1))
         return cls(descriptor, mmap.mmap(descriptor, max(size, 1)))
 
@@ -64,6 +65,13 @@ class Segment:
         """Map inherited memory."""
         access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
         return cls(descriptor, mmap.mmap(descriptor, os.fstat(descriptor).st_size, access=access))
+
+    def read_only(self) -> int:
+        """A new descriptor on the same memory through which it can only be read; the caller closes it.
+
+        The memory belongs to the controller's user, with mode 0600: whoever runs as another one can't reopen it.
+        """
+        return os.open(f"/proc/self/fd/{self.descriptor}", os.O_RDONLY | os.O_CLOEXEC)
 
     def record(self, dtype: np.dtype[Any]) -> Any:
         """The memory as one record of `dtype`."""
@@ -110,6 +118,13 @@ class Segments:
     def sample_table(self) -> NDArray[np.float64]:
         """Samples (n, MAX_AXES) of the reference source `file`."""
         return np.frombuffer(self.samples.memory, np.float64).reshape(-1, MAX_AXES)
+
+
+def columns() -> list[str]:
+    """How a row of the ring is laid out, a text for each field: two versions that agree in it read the same."""
+    assert ROW.names is not None
+    assert ROW.fields is not None
+    return [f"{name} {ROW[name]} at {ROW.fields[name][1]}" for name in ROW.names]
 
 
 def context_layout(sizes: list[int]) -> tuple[list[int], int]:

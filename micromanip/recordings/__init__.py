@@ -1,7 +1,8 @@
-"""Recordings as people have them: text, MATLAB, NumPy, HDF5 and Parquet, read into columns with units and a clock."""
+"""Recordings as people have them: text, MATLAB, NumPy, MCAP, HDF5, Parquet: columns with units and a clock."""
 
-from .reading import read_table
+from .reading import open_telemetry, read_table
 from .table import Array, Table
 from .taking import Recording, Wanted, take
+from .telemetry import Telemetry
 
-__all__ = ["Array", "Recording", "Table", "Wanted", "read_table", "take"]
+__all__ = ["Array", "Recording", "Table", "Telemetry", "Wanted", "open_telemetry", "read_table", "take"]

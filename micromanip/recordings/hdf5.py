@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from micromanip.errors import CheckFailed
 
 from .arrays import WIDE, columns_of
 from .table import Array, Table
+from .telemetry import Telemetry
 
 _PART_ROWS = 50_000
 _MOST_VALUES = 250_000_000
@@ -50,42 +52,61 @@ def opened(file: Path) -> Iterator[Any]:
 def read_hdf5(file: Path) -> Table:
     """A recording of `run --record`, or the numbers in any other HDF5 file, each column read when it is used."""
     with opened(file) as contents:
-        return _ours(file, contents) if _is_ours(contents) else _others(file, contents)
+        return _ours(file, contents).table() if _is_ours(contents) else _others(file, contents)
 
 
 def _is_ours(contents: Any) -> bool:
     return "rows" in contents and "period_ns" in contents.attrs and "cycle" in (contents["rows"].dtype.names or ())
 
 
-def _ours(file: Path, contents: Any) -> Table:
-    """Columns ``t_s``, by the counter of cycles so that a skipped one shows, and ``field_axis``."""
-    axes, step_s = list(contents.attrs["axes"]), float(contents.attrs["period_ns"]) * 1e-9
-
-    def column(field: str, place: int) -> Callable[[], Array]:
-        return lambda: _parts(file, "rows", lambda rows: rows["axis"][field][:, place])
-
-    def time() -> Array:
-        cycles = _parts(file, "rows", lambda rows: rows["cycle"])
-        return (cycles - cycles[:1]) * step_s
-
-    columns: dict[str, Array | Callable[[], Array]] = {"t_s": time}
-    for place, axis in enumerate(axes):
-        for field in contents["rows"].dtype["axis"].base.names or ():
-            columns[f"{field}_{axis}"] = column(field, place)
-    return Table(file, columns)
-
-
-def _parts(file: Path, path: str, pick: Callable[[Any], Any]) -> Array:
-    """One column of a long dataset, without ever holding all of it."""
+def is_telemetry(file: Path) -> bool:
+    """Whether it is an HDF5 file of ours. CheckFailed where it can't be read."""
     with opened(file) as contents:
-        rows = contents[path]
-        if len(rows) > _MOST_VALUES:
-            raise CheckFailed(f"{file}: {len(rows)} rows are more than can be read ({_MOST_VALUES}); export a part")
-        whole = np.empty(len(rows))
+        return _is_ours(contents)
+
+
+def open_hdf5(file: Path) -> Telemetry:
+    """What a recording of ours is of; its rows are read later. CheckFailed where it is damaged."""
+    with opened(file) as contents:
+        return _ours(file, contents)
+
+
+def _ours(file: Path, contents: Any) -> Telemetry:
+    attributes = contents.attrs
+    problem = attributes.get("problem", b"")
+    end = {"lost": int(attributes.get("lost", 0)), "complete": bool(attributes.get("complete", False))}
+    return Telemetry(
+        file,
+        axes=list(attributes["axes"]),
+        period_ns=int(attributes["period_ns"]),
+        dtype=contents["rows"].dtype,
+        configuration=str(attributes.get("configuration", "")),
+        sha256=str(attributes.get("sha256", "")),
+        end={**end, "rows": len(contents["rows"]), "problem": problem.decode() if isinstance(problem, bytes) else ""},
+        parts=partial(_parts, file),
+        rows=partial(_rows, file),
+        state=contents["state"][()] if "state" in contents else None,
+        parameters=[one[None] for one in contents["parameters"][()]] if "parameters" in contents else (),
+    )
+
+
+def _rows(file: Path) -> Iterator[Any]:
+    with opened(file) as contents:
+        rows = contents["rows"]
         for first in range(0, len(rows), _PART_ROWS):
-            part = slice(first, first + _PART_ROWS)
-            whole[part] = pick(rows[part])
-        return whole
+            yield rows[first : first + _PART_ROWS]
+
+
+def _parts(file: Path, paths: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Columns of a long dataset, without ever holding all of it."""
+    for rows in _rows(file):
+        yield {path: _at(rows, path) for path in paths}
+
+
+def _at(rows: Any, path: str) -> Any:
+    name, _, rest = path.partition(".")
+    place, _, field = rest.partition(".")
+    return np.ascontiguousarray(rows[name][field][:, int(place)] if rest else rows[name])
 
 
 def _others(file: Path, contents: Any) -> Table:

@@ -9,13 +9,15 @@ from micromanip.errors import CheckFailed
 from micromanip.files.regular_file import open_regular
 
 from .arrays import read_npy, read_npz
-from .hdf5 import read_hdf5
+from .hdf5 import is_telemetry, open_hdf5, read_hdf5
 from .matlab import read_matlab
+from .mcap_reading import MAGIC, open_mcap, read_mcap
 from .parquet import read_parquet
 from .table import Table
+from .telemetry import Telemetry
 from .text import read_text
 
-KINDS = "CSV or other text, .mat, .npy, .npz, HDF5 or Parquet"
+KINDS = "CSV or other text, .mat, .npy, .npz, MCAP, HDF5 or Parquet"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _PARTS = 1_000_000_000_000
 """Bytes of a file whose columns are read on their own, in parts: only what is used has to fit into the memory."""
@@ -37,13 +39,26 @@ _FOREIGN = {
 
 def read_table(file: Path) -> Table:
     """The columns of `file`. CheckFailed where it is not there, or no recording, with what would be right."""
+    return _reader(file, _head(file))(file)
+
+
+def open_telemetry(file: Path) -> Telemetry:
+    """A recording of ours, MCAP or HDF5. CheckFailed where it is not there, or something else."""
+    head = _head(file)
+    if head.startswith(MAGIC):
+        return open_mcap(file)
+    if head.startswith(_HDF5) and is_telemetry(file):
+        return open_hdf5(file)
+    raise CheckFailed(f"{file}: no recording of ours: MCAP or HDF5 of `run --record` or `record start`")
+
+
+def _head(file: Path) -> bytes:
     try:
         with open_regular(file, _PARTS) as opened:
-            head = opened.read(1024)
+            return opened.read(1024)
     except OSError as problem:
         why = "no such file" if isinstance(problem, FileNotFoundError) else f"can't be read: {problem.strerror}"
         raise CheckFailed(f"{file}: {why}") from problem
-    return _reader(file, head)(file)
 
 
 def _reader(file: Path, head: bytes) -> Callable[[Path], Table]:
@@ -54,6 +69,8 @@ def _reader(file: Path, head: bytes) -> Callable[[Path], Table]:
             raise CheckFailed(f"{file}: this is {what}; a recording is {KINDS}")
     if head.startswith(_HDF5):
         return read_hdf5
+    if head.startswith(MAGIC):
+        return read_mcap
     if head.startswith((b"MATLAB ", b"\0\0\0\0\0\0\0\0")) or _HDF5 == head[512:520] or _level_4(file, head):
         return read_matlab
     if head.startswith(b"\x93NUMPY"):

@@ -7,8 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
-from scipy.signal import firwin
 
 from .clock import Clock
 from .spikes import bridged
@@ -62,6 +60,8 @@ def _pieces(at: Array, gap: float) -> Iterator[slice]:
 
 
 def _between(at: Array, values: Array, spikes: Flags, grid: Index, where: Array) -> Samples:
+    from scipy.interpolate import PchipInterpolator
+
     inside = (where >= at[0] - 1e-9) & (where <= at[-1] + 1e-9)
     grid, where = grid[inside], np.clip(where[inside], at[0], at[-1])
     nearest = np.clip(np.searchsorted(at, where), 1, len(at) - 1)
@@ -76,6 +76,8 @@ def _joined(found: list[Samples]) -> Samples:
 
 def _low_passed(values: Array, ratio: float) -> Array:
     """Without delay; what lies before and behind is continued through the ends."""
+    from scipy.signal import firwin
+
     half = min(int(np.ceil(_TAPS * ratio)), len(values) - 1)
     taps = firwin(2 * half + 1, _PASSED / ratio)
     ahead, behind = 2 * values[:1] - values[half:0:-1], 2 * values[-1:] - values[-2 : -half - 2 : -1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from .table import Array
 
@@ -23,7 +22,7 @@ _AROUND, _JUMP = 8, 6.0
 
 def off_median(x: Array) -> Array:
     """How far each sample (n,) is from the median of those around it."""
-    return np.asarray(np.abs(x - median_filter(x, _WINDOW, mode="nearest")))
+    return np.asarray(np.abs(x - _median(x)))
 
 
 def find_spikes(x: Array) -> Flags:
@@ -40,7 +39,7 @@ def find_spikes(x: Array) -> Flags:
     limit = max(_DEVIATIONS * max(scale, finest), _OTHERS * usual, _SPAN * float(high - low))
     found = away > limit
     # those beside a spike have it in their median: once more without it
-    around = median_filter(bridged(x, np.asarray(found)), _WINDOW, mode="nearest")
+    around = _median(bridged(x, np.asarray(found)))
     found &= np.abs(x - around) > limit
     if finest == 0.0 or scale == 0.0 == usual or np.mean(found) > _MOST:
         return np.zeros(len(x), dtype=bool)
@@ -68,3 +67,10 @@ def find_jumps(columns: list[Array]) -> list[int]:
         beside = np.maximum(windows[:, :_AROUND].max(axis=1), windows[:, _AROUND + 1 :].max(axis=1))
         leaping &= steps > _JUMP * np.maximum(beside, float(np.median(steps)))
     return [int(k) for k in np.flatnonzero(leaping)]
+
+
+def _median(x: Array) -> Array:
+    """The running median; scipy is loaded with the first: who only writes recordings does without."""
+    from scipy.ndimage import median_filter
+
+    return np.asarray(median_filter(x, _WINDOW, mode="nearest"), float)

@@ -25,13 +25,20 @@ def tuning_hash(axis: Axis) -> str:
 
 
 def changes_since(axes: Mapping[str, Axis]) -> list[str]:
-    """A sentence for each axis whose tuning is not the one that its report is about."""
+    """A sentence for each axis whose tuning is not the one that its report is about.
+
+    A report is about both loops, so it stays that of its axis in any mode.
+    """
     return [
         f"axis {name} was changed after it was commissioned (report {axis.commissioned.report}, "
         f"{axis.commissioned.date}): commission it again, or remove the section commissioned"
         for name, axis in axes.items()
-        if axis.commissioned is not None and axis.commissioned.hash != tuning_hash(axis)
+        if axis.commissioned is not None and axis.commissioned.hash not in _hashes(axis)
     ]
+
+
+def _hashes(axis: Axis) -> set[str]:
+    return {tuning_hash(axis.model_copy(update={"mode": mode})) for mode in ("strain", "stage", axis.mode)}
 
 
 def _canonical(value: Any) -> Any:

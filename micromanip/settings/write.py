@@ -15,6 +15,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from micromanip.files.held_folder import held, linked_file
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.digits import rounded
 
 _WIDTH = 110
@@ -84,6 +85,23 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
             _put_models(section, axis)
             if axis.commissioned is not None:
                 section["commissioned"] = _plain(axis.commissioned.model_dump())
+
+    return edited(text, edit)
+
+
+def with_production(text: str, configuration: Configuration) -> str:
+    """Configuration file `text` with the mode of every axis of `configuration`, following the tracker as it does.
+
+    A tracker that the file describes itself stays as it is.
+    """
+
+    def edit(document: Any) -> None:
+        for name, axis in configuration.axes.items():
+            if document["axes"][name].get("mode", Axis.model_fields["mode"].default) != axis.mode:
+                _own_section(document["axes"], name)["mode"] = axis.mode
+        followed = document.get("reference", {}).get("source") == "signal"
+        if isinstance(configuration.reference, Tracker) and not followed:
+            document["reference"] = _plain(configuration.reference.model_dump(exclude_defaults=True))
 
     return edited(text, edit)
 

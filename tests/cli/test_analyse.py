@@ -12,9 +12,10 @@ from micromanip.cli.main import main
 
 from .command import code_of
 
-pytestmark = [pytest.mark.long, pytest.mark.xdist_group("analyse")]  # what is shared is made once
+pytestmark = pytest.mark.long
 
 CONFIG = Path(__file__).parents[2] / "config"
+PAPER_CELL = CONFIG / "paper.yaml"
 SIMULATED, FACTORY = str(CONFIG / "simulated.yaml"), str(CONFIG / "factory.yaml")
 
 
@@ -122,7 +123,7 @@ def test_an_untuned_cell_is_told_what_it_lacks(capsys, tmp_path):
 
 
 def test_too_much_gain_fails(capsys, tmp_path):
-    text = (CONFIG / "simulated.yaml").read_text(encoding="utf-8")
+    text = PAPER_CELL.read_text(encoding="utf-8")
     file = tmp_path / "hot.yaml"
     file.write_text(text.replace("control_weight: 10.0", "control_weight: 0.01"), encoding="utf-8")
     options = ("--axis", "y", "--out", str(tmp_path), "--no-figures", "--samples", "0")
@@ -152,7 +153,7 @@ def test_bad_input_is_one_clear_sentence(capsys, arguments, code, text):
 
 def test_a_broken_configuration_is_78(capsys, tmp_path):
     file = tmp_path / "broken.yaml"
-    text = (CONFIG / "simulated.yaml").read_text(encoding="utf-8")
+    text = PAPER_CELL.read_text(encoding="utf-8")
     file.write_text(text.replace("K_V_per_um: 0.6", "K_V_per_um: -0.6", 1), encoding="utf-8")
     code, _, err = run(capsys, str(file), "--out", str(tmp_path))
     assert code == 78

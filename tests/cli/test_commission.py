@@ -12,7 +12,7 @@ from micromanip.settings.load import load_with_source
 
 from .command import code_of
 
-pytestmark = [pytest.mark.long, pytest.mark.xdist_group("commission")]  # what is shared is made once
+pytestmark = pytest.mark.long
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 

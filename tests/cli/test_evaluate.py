@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from micromanip.cli.main import cli, main
 from micromanip.design import paper
 
-pytestmark = [pytest.mark.long, pytest.mark.xdist_group("evaluate")]  # what is shared is made once
+pytestmark = pytest.mark.long
 
 CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
 KEYS = {
@@ -37,9 +37,9 @@ def report():
 
 def test_every_row_is_there(report):
     rows = report["rows"]
-    expected = {(axis, hz, config) for axis in "xyz" for hz in (1.0, 5.0, 10.0) for config in "ABC"}
+    expected = {(axis, hz, config) for axis in "xyz" for hz in (1.0, 5.0, 10.0) for config in "ABCD"}
     assert {(row["axis"], row["frequency_hz"], row["config"]) for row in rows} == expected
-    assert len(rows) == 27
+    assert len(rows) == 36
     assert all(set(row) == KEYS for row in rows)
     assert {row["config"] for row in report["feedforward_alone"]} == {"FF"}
 
@@ -68,7 +68,7 @@ def test_figures_of_one_run_hang_together(report):
 def test_the_same_seed_gives_the_same_numbers_and_another_one_does_not(report):
     assert evaluated("--no-figures")["rows"] == report["rows"]
     other = evaluated("--no-figures", "--seed", "7", "--axis", "x")["rows"]
-    assert [row["axis"] for row in other] == ["x"] * 9
+    assert [row["axis"] for row in other] == ["x"] * 12
     same = [row for row in report["rows"] if row["axis"] == "x"]
     assert all(a["std_error_um"] != b["std_error_um"] for a, b in zip(other, same, strict=True))
 

@@ -83,6 +83,7 @@ def test_validation_is_predicted_with_its_offset_refitted(csv, tmp_path, capsys)
     assert figures[1] == pytest.approx(figures[0])
 
 
+@pytest.mark.long
 def test_best_tells_what_it_tried(csv, capsys):
     assert code_of(csv, *COLUMNS, "--plays", "4", "--json") == 0
     report = json.loads(capsys.readouterr().out)
@@ -101,6 +102,7 @@ def test_creep_is_added_when_asked_for(csv, capsys):
     assert report["parameters"]["creep_s"] == [0.1, 1.0]  # up to a quarter of 6 s
 
 
+@pytest.mark.long
 def test_text_and_figures(csv, tmp_path, capsys):
     other, out = record(tmp_path / "other.csv", 2), tmp_path / "out"
     assert code_of(csv, *QUICK, "--validate", other, "--out", out) == 0

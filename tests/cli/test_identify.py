@@ -67,6 +67,7 @@ def test_json_and_seed(tmp_path, capsys):
     assert np.abs(recordings[0] - recordings[2]).max() > 1.0
 
 
+@pytest.mark.long
 def test_the_next_step_is_a_command_that_works(tmp_path, capsys):
     assert code_of(FACTORY, "--axis", "x", "--out", tmp_path) == 0
     following = capsys.readouterr().out.splitlines()[1].removeprefix("next: micromanip ").split()

@@ -15,7 +15,7 @@ from micromanip.errors import CheckFailed
 
 from .command import code_of
 
-CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
+CONFIG = str(Path(__file__).parents[2] / "config" / "paper.yaml")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -177,7 +177,15 @@ def test_what_fails_after_its_document_adds_none(monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out) == {"good": False}
 
 
-@pytest.mark.parametrize("arguments", [("check", CONFIG), ("check", CONFIG, "--json"), ("--help",), ("get", "--help")])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        pytest.param(("check", CONFIG), marks=pytest.mark.long),
+        pytest.param(("check", CONFIG, "--json"), marks=pytest.mark.long),
+        ("--help",),
+        ("get", "--help"),
+    ],
+)
 @pytest.mark.parametrize(
     ("redirected", "code", "said"),
     [("| head -c 1", 0, ""), (">&-", 0, ""), ("> /dev/full", 69, "standard output: No space left on device")],

@@ -85,6 +85,7 @@ def test_what_is_not_known_is_said_and_is_no_number(played):
     played_on(played, script)
 
 
+@pytest.mark.long  # draws some thirty screens
 @pytest.mark.parametrize(("key", "verb"), [("a", "arm"), ("h", "hold"), ("d", "disarm"), ("r", "reset")])
 def test_a_key_asks_and_only_yes_sends(played, key, verb):
     async def script(pilot, see):

@@ -59,7 +59,11 @@ def test_the_working_voltage_holds_the_working_point(prepared, actuator):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda strain: np.random.default_rng(0).normal(size=len(strain)), "in 3 attempts: .* is only known to"),
+        pytest.param(
+            lambda strain: np.random.default_rng(0).normal(size=len(strain)),
+            "in 3 attempts: .* is only known to",
+            marks=pytest.mark.long,
+        ),
         (lambda strain: np.zeros(len(strain)), "stands still"),
         (lambda strain: np.where(np.arange(len(strain)) == 5, np.nan, strain), "has gaps"),
     ],

@@ -15,7 +15,7 @@ from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.axis import Inner
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)
 
 

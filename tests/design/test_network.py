@@ -20,7 +20,7 @@ from micromanip.rt.laws.network import start_network
 from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
-pytestmark = [pytest.mark.long, pytest.mark.xdist_group("network")]  # what is shared is made once
+pytestmark = pytest.mark.long
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "yan9a_piezo"
 RATE_HZ = 500.0

@@ -12,6 +12,8 @@ from micromanip.design.synthesis import tune_outer, tune_pid
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import LinearModel
 
+pytestmark = pytest.mark.long
+
 T = 1e-4
 SLOPES = (0.75, 1.0, 1.3)
 

@@ -41,7 +41,6 @@ def installed(tmp_path, monkeypatch):
         (info / "entry_points.txt").write_text("\n".join(lines))
         monkeypatch.syspath_prepend(str(info.parent))
         monkeypatch.syspath_prepend(str(EXAMPLES / name))
-        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
         return EXAMPLES / name / "cell.yaml"
 
     yield install

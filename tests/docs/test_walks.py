@@ -56,6 +56,7 @@ def difference(shown, printed):
     return None if skipping or place == len(printed) else ("(nothing more)", printed[place])
 
 
+@pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(("page", "outputs"), [("quickstart.md", 3), ("linear.md", 4), ("identification.md", 2)])
 def test_what_a_page_shows_is_printed(page, outputs, tmp_path):

@@ -15,6 +15,8 @@ from micromanip.virtual.experiment import VirtualExperiment
 
 from .simulated_bench import PERIOD_NS, quiet, tuned_cell
 
+pytestmark = pytest.mark.long
+
 SECONDS, EVERY = 26.0, 200
 
 

@@ -324,6 +324,7 @@ def test_machining_force():
     assert smooth[175] == pytest.approx(80.0 * (1 - np.exp(-1.0)), abs=12.0)
 
 
+@pytest.mark.long
 def test_path_deviation():
     bench = Bench(quiet(deviation={}, tracker={**QUIET_TRACKER, "latency_ms": 0.0, "rate_Hz": 100.0}))
     path = bench.record(100_000, "deviation")[::100, 0]

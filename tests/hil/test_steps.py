@@ -15,6 +15,8 @@ from tools.running_controller import until
 
 from .step_cells import BUSES, CUTS, HELD_V, PARK_V, RAMP_S, RANGE_V, SERIAL_LINE, step_cell, step_V
 
+pytestmark = pytest.mark.live  # processes, and links that are cut
+
 NEVER_MS = 3.6e6
 RESOLVED_V = 0.01
 BREAK_S = 5 * RAMP_S

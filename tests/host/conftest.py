@@ -51,6 +51,12 @@ def run(tmp_path):
 
 
 @pytest.fixture
+def kills(request):
+    """How often a recorder is killed: three times, or as `make soak-recording` says."""
+    return request.config.getoption("--kills")
+
+
+@pytest.fixture
 def manager(tmp_path):
     """A service manager's socket; ``heard()`` is every message so far."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:

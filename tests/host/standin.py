@@ -12,12 +12,13 @@ from micromanip.host.control.audit import AuditTrail
 from micromanip.host.control.authority import Peer
 from micromanip.host.control.server import Request
 from micromanip.host.control.verbs import Verbs
+from micromanip.host.recording.recordings import Recordings
 from micromanip.host.shared_memory import STATUS
 from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import prepare
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = Path(__file__).parents[2] / "config" / "paper.yaml"
 ALICE = Peer("alice", 1000, 42)
 
 
@@ -88,6 +89,7 @@ class Cell:
             self._settle,
             self.told.append,
             lambda told: self.said.append(str(told)),
+            Recordings(self.controller, folder / "recordings", self.said.append),
         )
         self.table = self.verbs.table()
 

@@ -21,6 +21,7 @@ def bench(*arguments):
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.long
 def test_json_is_one_document():
     done = bench("--json", "--only", "offline")
     assert done.returncode == 0

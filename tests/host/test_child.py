@@ -34,7 +34,7 @@ for line in sys.stdin:
 @pytest.fixture
 def module(tmp_path, monkeypatch):
     (tmp_path / "talkative.py").write_text(TALKATIVE)
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     return "talkative"
 
 
@@ -105,7 +105,7 @@ def test_one_that_does_not_obey_is_killed(module):
 @pytest.mark.parametrize("module", ["host.trips.process", "host.recording.recorder"])
 def test_a_child_begins_wherever_its_host_did(tmp_path, module):
     """A folder of the name of the package, a state directory, say, stands in its way no more."""
-    (tmp_path / "micromanip").mkdir()
-    command = [sys.executable, "-m", f"micromanip.{module}"]
+    (tmp_path / "micromanip" / "recordings").mkdir(parents=True)
+    command = [sys.executable, "-P", "-m", f"micromanip.{module}"]
     ended = subprocess.run(command, cwd=tmp_path, input="", capture_output=True, text=True, check=False, timeout=60)
     assert (ended.returncode, ended.stderr) == (0, "")

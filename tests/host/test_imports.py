@@ -48,6 +48,20 @@ assert controller.make_safe() == {"cell": 0}
     assert loaded(program, COMPILER) == []
 
 
+def test_the_loop_loads_no_linear_algebra():
+    """Which numba would look for as it loads the loop's code; afterwards a driver may import it."""
+    program = """
+from micromanip.host.loop_process import run_loop, without_blas
+from micromanip.rt.jit import prepare
+with without_blas():
+    prepare(run_loop)
+before = "scipy.linalg" in sys.modules
+import scipy.linalg
+assert not before
+"""
+    assert loaded(program, ["numba", "scipy.linalg"]) == ["numba", "scipy.linalg"]
+
+
 def test_a_worker_ramps_its_outputs_to_rest_without_one():
     program = """
 from micromanip.bus.safe_state import VOLTAGE, SafeOutput, SafeState

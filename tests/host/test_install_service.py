@@ -72,6 +72,7 @@ def test_dry_run_shows_everything_and_does_nothing(typed, root, config):
     assert any(line.startswith("    +ExecStart=/opt/micromanip/bin/micromanip run /etc/") for line in shown)
     assert [line for line in out.splitlines() if not line.startswith("    ")] == [
         f"create {root}/etc/systemd/system/micromanip.service",
+        f"create {root}/etc/systemd/system/micromanip-gateway.service",
         f"create {root}/etc/sysusers.d/micromanip.conf",
         f"create {root}/etc/tmpfiles.d/micromanip.conf",
         f"create {root}/etc/udev/rules.d/90-micromanip.rules",
@@ -86,7 +87,7 @@ def test_dry_run_shows_everything_and_does_nothing(typed, root, config):
 def test_it_is_done_once_and_a_change_is_shown_as_a_difference(typed, root, config):
     assert typed(config, "--yes")[0] == 0
     assert (root / "etc/micromanip/cell.yaml").read_text() == SLOW
-    assert len(files(root)) == 6  # and the link that enables it
+    assert len(files(root)) == 7  # and the link that enables it
     assert typed(config, "--yes")[1] == "nothing to do: all is as it should be\n"
     assert typed()[1] == "nothing to do: all is as it should be\n"
 

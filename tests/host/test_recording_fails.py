@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from micromanip.client import Client
-from micromanip.host.recording.recorder import Recording
+from micromanip.host.recording.hdf5_file import Hdf5Recording
 from micromanip.host.recording.unclosed import checksum, close_unclosed
 from micromanip.recordings import read_table
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
@@ -158,7 +158,7 @@ def test_full_disk(run, tmp_path, size):
 
 def begun(file, index=0):
     orders = {"file": str(file), "configuration": "", "sha256": "", "axes": ["x"], "period_ns": 100_000}
-    recording = Recording(orders)
+    recording = Hdf5Recording(orders)
     recording.begin(np.zeros(1, CELL_STATE)[0])
     return recording
 
@@ -186,6 +186,7 @@ while True:
 """
 
 
+@pytest.mark.live  # a process that is killed
 @pytest.mark.parametrize("after_ms", [20, 150, 333, 800])
 def test_killed_in_the_middle_of_a_write(tmp_path, after_ms):
     """It writes without a pause: wherever the kill comes, the file is one row after the other."""

@@ -156,3 +156,19 @@ def test_latest():
     ring.write_rows(11)
     assert reader.latest()["cycle"] == 10
     assert list(reader.read()["cycle"]) == list(range(4, 11))  # it has not moved on
+
+
+def test_going_back():
+    """As far as is asked, or as there is; what the loop may overwrite next is left, and nothing is skipped ahead."""
+    ring = Ring()
+    ring.write_rows(11)
+    for position, first in ((9, 9), (6, 6), (0, 5), (-3, 5), (20, 11)):
+        reader = RingReader(ring)
+        reader.go_back(position, 2)
+        assert list(reader.read()["cycle"]) == list(range(first, 11))
+        assert reader.lost == 0
+    early = Ring()
+    early.write_rows(3)
+    reader = RingReader(early)
+    reader.go_back(-5, 2)
+    assert list(reader.read()["cycle"]) == [0, 1, 2]

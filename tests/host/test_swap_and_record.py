@@ -12,8 +12,8 @@ import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
-from micromanip.host.recording.recorder import Recording
-from micromanip.host.recording.recording import PARAMETERS, ROWS, STATE, RecorderProcess
+from micromanip.host.recording.hdf5_file import PARAMETERS, ROWS, STATE, Hdf5Recording
+from micromanip.host.recording.recording import RecorderProcess
 from micromanip.host.ring import RingReader
 from micromanip.rt import mailbox as w
 from micromanip.rt.records import CELL_PARAMETERS
@@ -250,7 +250,7 @@ def test_recording_of_a_tuning_that_was_taken_back(prepared, tmp_path):
     rows = np.zeros(6, ROW)
     rows["version"] = 2, 2, 1, 1, 2, 1
     orders = {"file": str(tmp_path / "run.h5"), "configuration": "", "sha256": "", "axes": ["x"], "period_ns": 100_000}
-    recording = Recording(orders)
+    recording = Hdf5Recording(orders)
     for part in np.split(rows, 3):
         recording.append(part, slots)
     assert list(recording.parameters["version"]) == [2, 1]

@@ -27,7 +27,7 @@ _OMEGA, _DAMPING, _GAIN = 2 * math.pi * 66.0, 0.05, 5.0
 
 @functools.cache
 def prepared():
-    return prepare(CONFIG / "simulated.yaml")
+    return prepare(CONFIG / "paper.yaml")
 
 
 def parameters(lift=40, settle=10, authority=40, ramp=60):

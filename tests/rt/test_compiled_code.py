@@ -42,6 +42,7 @@ ENTRIES = {
 
 
 @pytest.mark.long
+@pytest.mark.xdist_group("what is reached")  # the laws are compiled once for all three
 @pytest.mark.parametrize("name", ENTRIES)
 def test_it_reaches_nothing_but_arithmetic(name):
     function, signature, by_address = ENTRIES[name]

@@ -13,6 +13,7 @@ from micromanip.settings.text.shape import Shape
 from micromanip.settings.text.source import Source, key_text
 
 CONFIG = Path(__file__).parents[2] / "config"
+PAPER_CELL = Path(__file__).parents[2] / "config" / "paper.yaml"
 
 
 def _read(name):
@@ -28,7 +29,7 @@ def _one_axis(document):
 
 
 def _simulated(**sections):
-    document = _one_axis(_read("simulated"))
+    document = _one_axis(Source.read(PAPER_CELL).data)
     document["arm_on_start"] = False
     document.update(copy.deepcopy(sections))
     return document

@@ -12,7 +12,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.shape import Shape
 from micromanip.settings.text.source import Source
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = Path(__file__).parents[2] / "config" / "paper.yaml"
 
 
 def leaves(shape, path=()):

@@ -19,7 +19,7 @@ from micromanip.settings.check import prepare, refuse_real
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, attainable_um
 from micromanip.settings.wiring import places as wiring
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 TEXT = CONFIG.read_text(encoding="utf-8")
 
 

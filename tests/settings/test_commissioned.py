@@ -14,7 +14,7 @@ from micromanip.settings.load import load
 from micromanip.settings.schema.axis import Axis, Commissioned, Inner, SetPoint
 from micromanip.settings.write import with_models
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 TEXT = CONFIG.read_text(encoding="utf-8")
 AXIS = load(CONFIG).axes["x"]
 STRANGE = "0123456789abcdef"

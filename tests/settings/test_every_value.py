@@ -119,6 +119,7 @@ def places():
     return [(name, path) for name in every_key.NAMES for path in every_key.places(name)]
 
 
+@pytest.mark.long
 @hypothesis.settings(max_examples=max(300, hypothesis.settings().max_examples))
 @given(st.data())
 def test_whatever_stands_at_a_key(data):

@@ -17,7 +17,7 @@ from micromanip.settings.text.source import Source
 from micromanip.settings.write import with_hysteresis
 from micromanip.settings.write_values import with_values
 
-FILE = Path(__file__).parents[2] / "config" / "simulated.yaml"
+FILE = Path(__file__).parents[2] / "config" / "paper.yaml"
 NEW = FILE.read_text()
 OLD = NEW.replace("schema_version: 2", "schema_version: 1").replace("control_weight:", "effort:  # of the LQR\n       ")
 LINE = OLD.splitlines().index("      effort:  # of the LQR") + 1

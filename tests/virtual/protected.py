@@ -10,7 +10,7 @@ from micromanip.rt.states import ARM, ARMING, HOLDING, RAMPING, READY, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 AT_S = 2.0
 """When the fault comes: the cell tracks by then."""
 SWITCHES = """\

@@ -1,5 +1,7 @@
 """Loops that swing from end to end are stopped by X-216, whatever the limits; what only works hard is not."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -16,10 +18,10 @@ from micromanip.settings.compile.limits import NEVER
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
 
-from .protected import CONFIG, Protected
+from .protected import Protected
 
 X = 0
-FOLDER = CONFIG.parent
+FOLDER = Path(__file__).parents[2] / "config"
 
 
 def cell(name, change):

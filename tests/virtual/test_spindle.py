@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from micromanip.design.commission.axis import Watched, commission_axis
+from micromanip.design.commission.axis import Knobs, Watched, commission_axis
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.reference import File, Hold
@@ -101,7 +101,6 @@ def test_the_outer_loop_damps_the_resonance(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("commissioned cell")  # commissioned once, not by each worker
 @pytest.mark.parametrize(("predict", "times"), [(False, 30.0), (True, 100.0)], ids=["held", "predicted"])
 def test_a_cell_that_was_commissioned_from_factory_values(commissioned, predict, times):
     """The same figures with nothing but what `commission` has found about the untuned cell."""
@@ -123,7 +122,9 @@ def commissioned():
     configuration = factory.configuration
     for name in configuration.axes:
         experiment = Watched(VirtualExperiment(factory))
-        configuration = commission_axis(configuration, experiment, name, lambda _: None).configuration
+        configuration = commission_axis(
+            configuration, experiment, name, lambda _: None, Knobs(tooth_Hz=200.0)
+        ).configuration
     kept = ("hysteresis", "inner", "outer")
     return {name: {key: getattr(axis, key) for key in kept} for name, axis in configuration.axes.items()}
 

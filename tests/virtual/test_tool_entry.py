@@ -2,20 +2,19 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import Plant
 
-from micromanip.design.commission.axis import commission_axis
+from micromanip.design.commission.axis import Knobs, commission_axis
 from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.virtual.experiment import VirtualExperiment
 
-from .protected import CONFIG
-
-FOLDER = CONFIG.parent
+FOLDER = Path(__file__).parents[2] / "config"
 AT_S = 4.0
 CONTACT = "{start_s: 4.0, static_N: 60.0, rise_ms: 7.0, tooth_N: 40.0, noise_N: 5.0}"
 """60 N, 95 % of them there within 20 ms."""
@@ -49,12 +48,16 @@ def on_hardware(folder, make, force=CONTACT, fault=""):
     return made(prepare(file), make)
 
 
-@pytest.fixture(scope="module", params=MAKES)
+GROUPED = [pytest.param(make, marks=pytest.mark.xdist_group(f"tool entry {make}")) for make in MAKES]
+"""Each is commissioned once, not by each worker."""
+
+
+@pytest.fixture(scope="module", params=GROUPED)
 def commissioned(request):
     """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
     prepared = made(prepare(FOLDER / "factory.yaml"), request.param)
     configuration = prepared.configuration
-    found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None)
+    found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None, Knobs(tooth_Hz=200.0))
     return request.param, found.configuration.axes["x"].model_copy(update={"mode": "stage"})
 
 
@@ -85,6 +88,7 @@ def test_the_tool_comes_into_contact(commissioned, tmp_path):
     assert error_um[3000:].std() < 0.025 * bent_um, "what the force does without control, a fortieth of it"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("offset_um", [3.0, -3.0])
 def test_a_sensor_that_is_off_is_found(commissioned, tmp_path, offset_um):
     """Within a millisecond, with the tool in the cut."""

@@ -19,5 +19,5 @@ def analysis_drawings(prepared: Prepared) -> Iterator[tuple[str, Figure]]:
     analysis = analyse_axis(prepared.configuration, "x", VirtualExperiment(prepared), _PLANTS, jobs=-1)
     assert analysis.inverse is not None
     yield "describing_function", describing_function(analysis.inverse)
-    yield "nyquist", nyquist(loops_of(analysis))
-    yield "drawn_plants", drawn_plants(analysis.samples)
+    yield "nyquist", nyquist(loops_of(analysis), analysis.settings.accept)
+    yield "drawn_plants", drawn_plants(analysis.samples, analysis.settings.accept)

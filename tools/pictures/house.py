@@ -13,7 +13,7 @@ import micromanip
 
 ROOMS = (
     *("cli", "driver", "client", "host", "design", "virtual", "emulation", "conformance"),
-    *("settings", "control", "testbus", "bus", "faults", "rt"),
+    *("settings", "control", "recordings", "testbus", "bus", "faults", "rt"),
 )
 """From above to below: a room imports from those below it only."""
 ANYWHERE = ("errors", "files", "quantities", "replies", "moved", "io", "sim")

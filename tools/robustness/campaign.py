@@ -9,6 +9,7 @@ from pathlib import Path
 from micromanip_drivers.simulated.options import Plant
 
 from micromanip.control.margins import Margins
+from micromanip.design.commission.axis import Knobs
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.describing import harmonics, inverse_operator
 from micromanip.settings.check import Prepared
@@ -21,6 +22,7 @@ from .truth import outer_margins, strain_margins
 CONFIG = Path(__file__).with_name("cell.yaml")
 AXIS, MARGIN_UM, HELD = "x", 3.0, 0.8
 _SWING_UM = 1.5
+_KNOBS = Knobs(tooth_Hz=200.0)
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ def narrowed(configuration: Configuration, reach_um: float) -> Configuration:
 def commission_drawn(prepared: Prepared, seed: int) -> Outcome:
     """Draw, commission, and compare with the truth."""
     drawn, plant, reach = drawn_cell(prepared, AXIS, seed)
-    found = commission_cell(narrowed(prepared.configuration, reach), VirtualExperiment(drawn), [AXIS], lambda _: None)
+    narrow = narrowed(prepared.configuration, reach)
+    found = commission_cell(narrow, VirtualExperiment(drawn), [AXIS], lambda _: None, _KNOBS)
     if found.stopped is not None:
         return Outcome(seed, described(plant), str(found.stopped), False, (), {}, {})
     kept, claimed = held(found, plant)

@@ -14,15 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.margins import sensitivity
-from micromanip.control.outer_gains import OuterGains, outer_gains
+from micromanip.control.outer_gains import outer_gains
 from micromanip.errors import CheckFailed
-from micromanip.faults import KINDS
-from micromanip.settings.schema.accept import Accept
-from micromanip.settings.schema.axis import Outer
+from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
+from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..actuation import DELAYS, ORDERS, Actuator, identify_actuator
 from ..closed import measure_outer_loop, measure_strain_loop
@@ -30,19 +27,20 @@ from ..experiment import Experiment, with_axis
 from ..hysteresis import HysteresisFit
 from ..identification import design, recording, samples_for, variant
 from ..judged import analyse_inverse, analyse_strain, slopes_of
-from ..loops import StageSide, StrainSide, draw, over_path, stage_loop, strain_loop
-from ..loops.monte_carlo import drawn_loop
+from ..loops import over_path, stage_loop, strain_loop
 from ..record import Record, judge_record
 from ..response import Wanted, identify
 from ..sensitivity import Sensitivity, judge_loop
 from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
+from .borne import DRAWN, Borne, calmest_needed
 from .partial import Steps
 from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
 from .rest import check_rest
 from .travel import check_answer, check_travel
 from .validation import Validation, validate
+from .watched import Watched
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -50,12 +48,6 @@ Say = Callable[[str], None]
 BUS_SLOPE = 1.45
 """The PID holds its margins up to this multiple of the actuator's slope where the samples of a bus show less of it."""
 TRIANGLE_S = 12.0
-DRAWN = range(1, 21)
-"""Seeds of the plants on which the tuning is tried on paper."""
-
-
-_NOISES = (1.0, 4.0, 16.0)
-"""What the sensor's noise is taken for, in terms of what was measured, one after the other."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +56,10 @@ class Knobs:
 
     bandwidth_Hz: float | None = None
     noise_um: float | None = None
+    tooth_Hz: float | None = None
+    """Tooth-passing frequency that the outer loop cancels; None leaves it to the axis' own section `outer`."""
+    tooth_seen_Hz: float | None = None
+    """The one that was seen at rest, for an axis without that section; None: nothing is cancelled."""
 
 
 @dataclass(frozen=True)
@@ -248,15 +244,15 @@ def _close_outer(
             stage.linear,
             period_s,
             unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
-            bears=_Bears(strain, actuator, period_s, settings.accept),
+            bears=Borne(strain, actuator, period_s, settings.accept),
             gain_dB=settings.accept.gain_margin_dB,
             phase_deg=settings.accept.phase_margin_deg,
             bandwidth_Hz=knobs.bandwidth_Hz,
-            oscillation_Hz=settings.outer.oscillation_Hz if settings.outer else 200.0,
+            oscillation_Hz=_tooth_Hz(knobs, settings),
             sample_cycles=actuator.path.stage_cycles,
             late_cycles=actuator.path.stage_late,
         )
-        outer = _calmest_needed(design, knobs, stage.noise_um, learned)
+        outer = calmest_needed(design, knobs.noise_um, stage.noise_um, learned)
         say("sensitivity of the outer loop")
         closed = with_axis(configuration, axis, outer=outer.outer)
         measured = measure_outer_loop(closed, experiment, axis, seed + 20 + again)
@@ -275,44 +271,14 @@ def _close_outer(
     )
 
 
-def _calmest_needed(
-    design: Callable[..., OuterDesign], knobs: Knobs, noise_um: float, learned: list[str]
-) -> OuterDesign:
-    """The design for the sensor's noise; for more of it where that one trusts the sensor further than its model."""
-    if knobs.noise_um is not None:
-        return design(noise_um=knobs.noise_um)
-    for factor in _NOISES[:-1]:
-        try:
-            return design(noise_um=factor * noise_um)
-        except CheckFailed as problem:
-            learned.append(f"with {factor:g} times the sensor's noise: {problem}")
-    return design(noise_um=_NOISES[-1] * noise_um)
+def _tooth_Hz(knobs: Knobs, settings: Axis) -> float | None:
+    if knobs.tooth_Hz is not None:
+        return knobs.tooth_Hz
+    return settings.outer.oscillation_Hz if settings.outer else knobs.tooth_seen_Hz
 
 
 def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
     return np.asarray(np.interp(omega, 2 * np.pi * hertz, values))
-
-
-class _Bears:
-    """Whether an outer loop keeps Ms as accepted for enough of the drawn plants; the hardest are tried first."""
-
-    def __init__(self, strain: StrainSide, actuator: Actuator, period_s: float, accept: Accept) -> None:
-        self._strain, self._path, self._period_s, self._accept = strain, actuator.path, period_s, accept
-        self._seeds = list(DRAWN)
-
-    def __call__(self, outer: Outer, gains: OuterGains) -> bool:
-        side = StageSide(gains, outer.model, outer.sample_cycles, self._path.stage_late)
-        too_many = int((1.0 - 0.01 * self._accept.robust_percent) * len(self._seeds) + 1e-9) + 1
-        hard = 0
-        for seed in tuple(self._seeds):
-            loop = drawn_loop(draw(seed), self._strain, side, self._period_s)
-            if loop is None or sensitivity(loop) > self._accept.robust_sensitivity:
-                hard += 1
-                self._seeds.remove(seed)
-                self._seeds.insert(0, seed)
-            if hard >= too_many:
-                return False
-        return True
 
 
 def _holding_voltage(record: dict[str, Array], centre_um: float) -> float:
@@ -336,31 +302,6 @@ def _triangle(
 def _as_record(axis: str, columns: dict[str, Array]) -> Record:
     voltage, strain = columns["voltage_V"], columns["strain_um"]
     return Record(Path(f"axis {axis}"), "voltage_V", "strain_um", voltage, strain, float(columns["t_s"][1]))
-
-
-class Watched:
-    """An experiment that raises CheckFailed where a fault ended it."""
-
-    def __init__(self, experiment: Experiment) -> None:
-        self._experiment = experiment
-
-    def __call__(
-        self, configuration: Configuration, seconds: float, samples: Array | None = None, every: int = 1
-    ) -> NDArray[np.void]:
-        """The rows of the experiment."""
-        rows = self._experiment(configuration, seconds, samples, every)
-        faults = rows["fault"][rows["fault"] != 0]
-        if len(faults):
-            kind = KINDS[int(faults[0])]
-            causes = "; or ".join(kind.likely_causes)
-            raise CheckFailed(
-                f"the experiment was ended by fault {kind.code}; nothing was tuned. Likely: {causes}. {kind.next_step}"
-            )
-        return rows
-
-    def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
-        """What the sensors and the output of `axis` take."""
-        return self._experiment.path(configuration, axis)
 
 
 __all__ = ["DRAWN", "Commissioned", "Knobs", "Watched", "commission_axis"]

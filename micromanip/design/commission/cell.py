@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
+from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
 
 from ..analysis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment
+from .at_rest import AtRest, look_at_rest
 from .axis import DRAWN, Commissioned, Knobs, Watched, commission_axis
 from .evidence import Evidence
 from .partial import Stopped
+from .production import Production, in_production, tried
 from .story import evidence
 from .tracking import follow
 
 
 def _say(say: Callable[[str], None], axis: str, what: str) -> None:
     say(f"axis {axis}: {what}")
+
+
+def _as_it_is(configuration: Configuration) -> Configuration:
+    return configuration
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,9 @@ class CommissionedCell:
     analyses: tuple[AxisAnalysis, ...]
     evidence: tuple[Evidence, ...]
     stopped: Stopped | None = None
+    rest: AtRest | None = None
+    production: Production | None = None
+    """How it goes to production; None where that was not asked for, or an axis was stopped."""
 
     @property
     def passed(self) -> bool:
@@ -48,9 +58,19 @@ def commission_cell(
     say: Callable[[str], None],
     knobs: Knobs | None = None,
     seed: int = 1,
+    running: Experiment | None = None,
+    written: Callable[[Configuration], Configuration] = _as_it_is,
 ) -> CommissionedCell:
-    """Commission `axes` of `configuration`; the other axes keep what they have, and rest meanwhile."""
-    watched, stopped = Watched(experiment), None
+    """Commission `axes` of `configuration`; the other axes keep what they have, and rest meanwhile.
+
+    With `running`, an experiment in which the process goes on, the cell is looked at while it rests, and what was found
+    is tried as it will run: `written` gives what a file of a configuration holds.
+    """
+    watched, stopped, rest = Watched(experiment), None, None
+    if running is not None:
+        say("the cell at rest")
+        rest = _at_rest(configuration, Watched(running))
+        knobs = replace(knobs or Knobs(), tooth_seen_Hz=rest.tooth_Hz)
     found: list[Commissioned] = []
     for name in axes:
         try:
@@ -67,6 +87,29 @@ def commission_cell(
         analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1, actuator=each.actuator)
         analyses.append(analysis)
         stories.append(evidence(each, analysis, runs, names.index(each.axis)))
+    production = None
     if stopped is not None:
         stories.append(stopped.evidence)
-    return CommissionedCell(configuration, tuple(found), tuple(analyses), tuple(stories), stopped)
+    elif running is not None and rest is not None:
+        missed = sum(not each.passed for story in stories for each in story.criteria)
+        production = in_production(configuration, rest, missed)
+        if production.tracks:
+            say("as it will run")
+            production = tried(production, written, running)
+            configuration = production.configuration
+        stories = [_with_production(story, production, rest) for story in stories]
+    return CommissionedCell(configuration, tuple(found), tuple(analyses), tuple(stories), stopped, rest, production)
+
+
+def _at_rest(configuration: Configuration, experiment: Experiment) -> AtRest:
+    """What is seen at rest; nothing, where a fault ends it: the axis' first step says which, and keeps a report."""
+    try:
+        return look_at_rest(configuration, experiment)
+    except CheckFailed:
+        return AtRest(None, 0.0, None, None)
+
+
+def _with_production(story: Evidence, production: Production, rest: AtRest) -> Evidence:
+    judged = (production.criterion(story.axis, rest.tracker_noise_um),) if production.tracks else ()
+    sections = (production.section(story.axis), *story.sections)
+    return replace(story, criteria=(*story.criteria, *judged), sections=sections)

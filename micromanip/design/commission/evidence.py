@@ -17,12 +17,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Curve:
-    """One curve: `x` (n,), `y` (n,); `marks` draws points instead of a line."""
+    """One curve: `x` (n,), `y` (n,); `marks` draws points instead of a line, with a text each where there are `texts`.
+
+    `faint` is what should not be relied on.
+    """
 
     label: str
     x: Array
     y: Array
     marks: bool = False
+    faint: bool = False
+    texts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from ..criteria import Criterion
 from . import verdict
 from .drawing import figure_json, style
 from .evidence import Evidence, Plot, Section
+from .history import Earlier, before, compared
 from .verdict import Verdict
 
 _SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
-_STROKES = {"solid": "", "dash": "6 3", "dot": "2 3"}
 
 
 def badge(found: Verdict) -> str:
@@ -51,6 +51,46 @@ def criteria_table(evidence: Evidence) -> str:
     return _table(f"Criteria of axis {evidence.axis}", ("Criterion", "Verdict", "Found", "Limit"), rows)
 
 
+def earlier(axes: Sequence[Evidence], reports: Sequence[Earlier]) -> str:
+    """What is other than in the report before of each axis, and all earlier reports; nothing where there is none."""
+    if not reports:
+        return ""
+    tables = []
+    for evidence in axes:
+        then = before(evidence.axis, reports)
+        if then is None:
+            continue
+        rows = [
+            (
+                escape(each.name),
+                badge(_verdict(each.now)) if each.now else "not judged",
+                _found(each.now),
+                _found(each.before),
+            )
+            for each in compared(evidence, then)
+        ]
+        caption = f"Axis {evidence.axis}, beside the report of {then.when}"
+        tables.append(_table(caption, ("Criterion", "Verdict", "Now", "Before"), rows))
+    history = [
+        (
+            f"{escape(report.when)}, axis {escape(axis)}",
+            badge(Verdict.PASS if criteria and all(c.passed for c in criteria) else Verdict.FAIL),
+            f"{sum(c.passed for c in criteria)} of {len(criteria)}",
+            f"<code>{escape(report.hashes.get(axis, 'none'))}</code>",
+        )
+        for report in reports
+        for axis, criteria in report.criteria.items()
+    ]
+    tables.append(
+        _table("Earlier reports in this folder", ("Report", "Verdict", "Criteria met", "Tuning hash"), history)
+    )
+    return f"<details><summary>Compared with the report before, and history</summary>{''.join(tables)}</details>\n"
+
+
+def _found(criterion: Criterion | None) -> str:
+    return "not judged" if criterion is None else escape(criterion.value)
+
+
 def axis_part(evidence: Evidence, of_hash: str | None, ids: Iterator[int]) -> str:
     """Everything about one axis: a heading, then its sections; `ids` numbers the plots of the page."""
     tuning = f"Tuning hash: <code>{escape(of_hash)}</code>. " if of_hash else ""
@@ -84,7 +124,7 @@ def _plot(plot: Plot, axis: str, number: int) -> str:
         f'<p class="label" aria-hidden="true">↑ {escape(plot.y_label)}</p>'
         f'<div class="plot{" equal" if plot.equal else ""}" id="plot-{number}" role="img" '
         f'aria-label="{escape(said)}"></div>'
-        f'<p class="label along" aria-hidden="true">{escape(plot.x_label)} →</p>{note}'
+        f'<p class="label along" aria-hidden="true"><span class="readout"></span>{escape(plot.x_label)} →</p>{note}'
         f'<script type="application/json" data-plot="plot-{number}">{figure_json(plot)}</script></figure>\n'
     )
 
@@ -96,10 +136,11 @@ def _legend(plot: Plot) -> str:
     entries = []
     for i, curve in enumerate(plot.curves):
         colour, dash = style(i)
-        sample = f'<line x1="0" x2="26" y1="6" y2="6" stroke-dasharray="{_STROKES[dash]}"/>'
+        sample = f'<line x1="0" x2="26" y1="6" y2="6" stroke-dasharray="{dash}"/>'
         if curve.marks:
-            sample = '<circle cx="13" cy="6" r="4" fill="none"/>'
-        drawn = f'<svg width="26" height="12" aria-hidden="true" stroke="{colour}" stroke-width="2">{sample}</svg>'
+            sample = '<circle cx="13" cy="6" r="4"/>'
+        faint = " faint" if curve.faint else ""
+        drawn = f'<svg width="26" height="12" aria-hidden="true"><g class="{colour}{faint}">{sample}</g></svg>'
         entries.append(f"<li>{drawn} {escape(curve.label)}</li>")
     return f'<ul class="legend">{"".join(entries)}</ul>'
 

@@ -13,8 +13,10 @@ from .evidence import Curve, Plot
 
 Array = NDArray[np.float64]
 
-_SHOWN_S, _ERROR_S = 5.0, 0.5
+_BINS, _SHOWN_BINS = 60, 585
 _FAR, _HIGHEST = 3.0, 1e4
+_COHERENT = 0.8
+_MARKED_HZ = (5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 
 
 def figure_2(found: Commissioned) -> Plot:
@@ -24,27 +26,25 @@ def figure_2(found: Commissioned) -> Plot:
 
 
 def figure_5(found: Commissioned) -> tuple[Plot, Plot]:
-    """Model beside data over time and as a loop, on the record that was not fitted to."""
+    """Model less data over time, and over the voltage, on the record that was not fitted to."""
     record = found.held_out
     t_s, voltage, strain = record["t_s"], record["voltage_V"], record["strain_um"]
-    predicted = found.tanh.predict(voltage)
-    error = predicted - strain
-    error = error - error[len(error) // 10 :].mean()
-    shown = t_s > t_s[-1] - _SHOWN_S
+    error = found.tanh.predict(voltage) - strain
+    late = slice(len(error) // 10, None)
+    error = error - error[late].mean()
+    about_s, mean_um = folded(t_s[late], error[late], _SHOWN_BINS)
     time = Plot(
         "Figure 5: model on data it was not fitted to",
         "time, s",
-        "strain gauge, um",
-        (Curve("measured", t_s[shown], strain[shown]), Curve("tanh model", t_s[shown], (strain + error)[shown])),
-    )
-    rest = Plot(
-        "Residual over the voltage",
-        "voltage, V",
         "model - measured, um",
-        (Curve("residual", voltage[len(error) // 10 :], error[len(error) // 10 :]),),
-        note="It should have no shape.",
+        (Curve("mean of 20 ms", about_s, mean_um),),
+        f"Of a stroke of {found.tanh.stroke_um:.0f} um; slow movement is creep.",
     )
-    return time, rest
+    rising = np.gradient(voltage) >= 0.0
+    ways = (("voltage rising", rising), ("voltage falling", ~rising))
+    curves = tuple(Curve(name, *folded(voltage[late][way[late]], error[late][way[late]], _BINS)) for name, way in ways)
+    note = "The mean at each voltage, either way. It should have no shape."
+    return time, Plot("Residual over the voltage", "voltage, V", "model - measured, um", curves, note)
 
 
 def figure_7(analysis: AxisAnalysis) -> tuple[Plot, ...]:
@@ -71,33 +71,51 @@ def figure_7(analysis: AxisAnalysis) -> tuple[Plot, ...]:
 
 
 def figure_8(runs: list[Run], index: int) -> tuple[Plot, ...]:
-    """Reference and position on the faster sines."""
+    """What is left between set-point and gauge on the faster sines, over the set-point."""
     plots = []
     for run in runs:
         if run.config == "C" and run.frequency_hz > 1.0:
-            rows, t_s = _piece(run, index)
-            curves = (Curve("reference", t_s, rows["reference_um"]), Curve("strain gauge", t_s, rows["strain_um"]))
-            plots.append(Plot(f"Figure 8: {run.frequency_hz:g} Hz", "time, s", "position, um", curves))
+            rows = run.rows["axis"][run.settled :, index]
+            reference = np.asarray(rows["reference_um"], dtype=float)
+            error, up = reference - rows["strain_um"], np.gradient(reference) >= 0.0
+            ways = (("rising", up), ("falling", ~up))
+            curves = tuple(Curve(name, *folded(reference[way], error[way], _BINS)) for name, way in ways)
+            title = f"Figure 8: error over the set-point, C at {run.frequency_hz:g} Hz"
+            plots.append(Plot(title, "set-point, um", "set-point - gauge, um", curves, "The mean of all periods."))
     return tuple(plots)
 
 
 def figure_9(runs: list[Run], index: int) -> tuple[Plot, ...]:
-    """Control error of all configurations."""
+    """Control error over the phase of the sine: A by itself, which is tens of times as large, B and C together."""
     plots = []
-    for hertz in sorted({run.frequency_hz for run in runs}):
-        curves = []
-        for run in runs:
-            if run.frequency_hz == hertz and run.config in ("A", "B", "C"):
-                rows, t_s = _piece(run, index)
-                curves.append(Curve(run.config, t_s, rows["reference_um"] - rows["strain_um"]))
-        plots.append(Plot(f"Figure 9: control error at {hertz:g} Hz", "time, s", "error, um", tuple(curves)))
+    for shown, name in ((("A",), "A"), (("B", "C"), "B and C")):
+        for hertz in sorted({run.frequency_hz for run in runs}):
+            curves = tuple(
+                Curve(run.config, *_over_phase(run, index))
+                for run in runs
+                if run.frequency_hz == hertz and run.config in shown
+            )
+            note = "The mean of all periods; the noise of the gauge is averaged out."
+            title = f"Figure 9: control error of {name} at {hertz:g} Hz"
+            plots.append(Plot(title, "phase, degrees", "error, um", curves, note))
     return tuple(plots)
 
 
-def _piece(run: Run, index: int) -> tuple[NDArray[np.void], Array]:
+def _over_phase(run: Run, index: int) -> tuple[Array, Array]:
     rows = run.rows["axis"][run.settled :, index]
-    count = min(len(rows), round(max(_ERROR_S, 1.0 / run.frequency_hz) * 1e4))
-    return rows[:count], np.asarray(np.arange(count) * 1e-4, dtype=np.float64)
+    turns = np.arange(len(rows)) * 1e-4 * run.frequency_hz
+    whole = turns < max(np.floor(turns[-1] + 1e-6), 1.0)
+    return folded((360.0 * turns[whole]) % 360.0, (rows["reference_um"] - rows["strain_um"])[whole], 2 * _BINS)
+
+
+def folded(x: Array, y: Array, bins: int) -> tuple[Array, Array]:
+    """Mean of `y` (n,) in each of `bins` equal pieces of the range of `x` (n,), at their middles."""
+    low, high = float(x.min()), float(x.max())
+    piece = np.minimum(((x - low) / max(high - low, 1e-300) * bins).astype(int), bins - 1)
+    count = np.bincount(piece, minlength=bins)
+    kept = count > 0
+    mean = np.bincount(piece, weights=y, minlength=bins)[kept] / count[kept]
+    return low + (np.flatnonzero(kept) + 0.5) * (high - low) / bins, mean
 
 
 def tried_orders(found: Commissioned) -> Plot:
@@ -115,8 +133,21 @@ def measured_response(found: Commissioned) -> tuple[Plot, ...]:
     hertz, seen = measured.frequency_Hz, measured.response
     pairs = (("measured", seen), ("model", found.stage.found.at(hertz)))
     gain = tuple(Curve(name, hertz, np.abs(values)) for name, values in pairs)
-    phase = tuple(Curve(name, hertz, np.degrees(np.unwrap(np.angle(values)))) for name, values in pairs)
+    model = np.unwrap(np.angle(pairs[1][1]))
+    # measured beside the model: its own unwrapping is lost where there is noise only
+    angle = np.degrees(model + np.angle(seen / pairs[1][1]))
+    told = measured.coherence >= _COHERENT
+    phase = (
+        Curve("measured", hertz, np.where(told, angle, np.nan)),
+        Curve("model", hertz, np.degrees(model)),
+        Curve(f"coherence below {_COHERENT:g}", hertz, np.where(told, np.nan, angle), faint=True),
+    )
     coherence = (Curve("coherence", hertz, measured.coherence),)
+    beside = 100.0 * np.abs(pairs[1][1] / seen - 1.0)
+    error = (
+        Curve("error", hertz, np.where(told, beside, np.nan)),
+        Curve(f"coherence below {_COHERENT:g}", hertz, np.where(told, np.nan, beside), faint=True),
+    )
     return (
         Plot("Set-point to stage: gain", "frequency, Hz", "um/um", gain, log_x=True, log_y=True),
         Plot("Set-point to stage: phase", "frequency, Hz", "degrees", phase, log_x=True),
@@ -128,6 +159,7 @@ def measured_response(found: Commissioned) -> tuple[Plot, ...]:
             "Where it is low, the measured curve means nothing.",
             log_x=True,
         ),
+        Plot("Model beside the measured response", "frequency, Hz", "%", error, log_x=True, log_y=True),
     )
 
 
@@ -138,24 +170,31 @@ def loop_plots(name: str, loop: System, found: Margins) -> tuple[Plot, ...]:
     kept = (omega > 2 * np.pi) & (np.abs(L) < _HIGHEST)
     hertz, L = omega[kept] / (2 * np.pi), L[kept]
     near = np.abs(L) < _FAR
-    angle = np.linspace(0.0, 2 * np.pi, 181)
-    circle = found.modulus * np.exp(1j * angle) - 1.0
+    turn = np.exp(1j * np.linspace(0.0, 2 * np.pi, 181))
+    circle = found.modulus * turn - 1.0
     note = f"Gain margin {found.gain_dB:.1f} dB, phase margin {found.phase_deg:.0f} deg, Ms {found.sensitivity:.2f}."
+    marked = [(each, int(np.argmin(np.abs(hertz - each)))) for each in _MARKED_HZ if hertz[0] < each < hertz[-1]]
+    marked = [(each, k) for each, k in marked if near[k]]
+    at = L[[k for _, k in marked]]
     nyquist = (
-        Curve("L", L[near].real, L[near].imag, marks=True),
-        Curve("distance to -1", circle.real, circle.imag),
+        Curve("L", np.where(near, L.real, np.nan), np.where(near, L.imag, np.nan)),
+        Curve(f"Ms {found.sensitivity:.2f}: distance to -1", circle.real, circle.imag),
+        Curve("Hz", at.real, at.imag, marks=True, texts=tuple(str(each) for each, _ in marked)),
         Curve("-1", np.array([-1.0]), np.array([0.0]), marks=True),
+        Curve("unit circle", turn.real, turn.imag, faint=True),
     )
+    phase = np.degrees(np.angle(L))
+    phase[1:][np.abs(np.diff(phase)) > 180.0] = np.nan
     return (
         Plot(f"{name}: gain", "frequency, Hz", "|L|", (Curve("|L|", hertz, np.abs(L)),), note, log_x=True, log_y=True),
         Plot(
             f"{name}: phase",
             "frequency, Hz",
             "degrees",
-            (Curve("L", hertz, np.degrees(np.angle(L)), marks=True),),
+            (Curve("L", hertz, phase),),
             log_x=True,
         ),
-        Plot(f"{name}: Nyquist", "real part", "imaginary part", nyquist, equal=True),
+        Plot(f"{name}: Nyquist", "real part", "imaginary part", nyquist, note, equal=True),
     )
 
 

@@ -9,27 +9,38 @@ from itertools import count
 from pathlib import Path
 from string import Template
 
-from plotly.offline import get_plotlyjs
-
 from micromanip.settings.write import write_atomically
 
 from . import page, verdict
 from .evidence import Evidence
+from .history import Earlier, findings_json
 
 
 def write_report(
-    file: Path, title: str, facts: Mapping[str, str], axes: Sequence[Evidence], hashes: Mapping[str, str]
+    file: Path,
+    title: str,
+    facts: Mapping[str, str],
+    axes: Sequence[Evidence],
+    hashes: Mapping[str, str],
+    earlier: Sequence[Earlier] = (),
 ) -> None:
     """Write `file`, whole or not at all: the verdict, then the evidence of each of `axes`.
 
-    `facts` are names and values that stand below the verdict (date, configuration, versions), `hashes` the
-    :func:`~micromanip.settings.commissioned.tuning_hash` of each axis by name. The same arguments make the same
-    bytes. Raises OSError where the file can't be written, ValueError where a curve's x and y differ in length.
+    `facts` are names and values that stand below the verdict (time, configuration, version), `hashes` the
+    :func:`~micromanip.settings.commissioned.tuning_hash` of each axis by name, `earlier` the reports before this one,
+    the newest first. The same arguments make the same bytes. Raises OSError where the file can't be written,
+    ValueError where a curve's x and y differ in length.
     """
-    write_atomically(file, _rendered(title, facts, axes, hashes))
+    write_atomically(file, _rendered(title, facts, axes, hashes, earlier))
 
 
-def _rendered(title: str, facts: Mapping[str, str], axes: Sequence[Evidence], hashes: Mapping[str, str]) -> str:
+def _rendered(
+    title: str,
+    facts: Mapping[str, str],
+    axes: Sequence[Evidence],
+    hashes: Mapping[str, str],
+    earlier: Sequence[Earlier],
+) -> str:
     found, numbers = verdict.overall(axes), count(1)
     return Template(_template("report.html")).substitute(
         title=escape(title),
@@ -40,8 +51,9 @@ def _rendered(title: str, facts: Mapping[str, str], axes: Sequence[Evidence], ha
         facts=page.facts(facts),
         axes_table=page.axes_table(axes, hashes),
         criteria="".join(page.criteria_table(evidence) for evidence in axes if evidence.criteria),
+        earlier=page.earlier(axes, earlier),
+        findings=findings_json(facts.get("time", ""), axes, hashes),
         parts="".join(page.axis_part(evidence, hashes.get(evidence.axis), numbers) for evidence in axes),
-        plotly=get_plotlyjs(),
         script=_template("report.js"),
     )
 

@@ -1,7 +1,20 @@
 """Frequency responses measured with periodic multisines, with their confidence, and rational models of them."""
 
+from .attempts import Recorded, identify_again
 from .choice import Identified, Wanted, identify
-from .excitation import Multisine, multisine
+from .excitation import PERIOD_S, Multisine, multisine
 from .measured import Measured, measure, of_spectra
 
-__all__ = ["Identified", "Measured", "Multisine", "Wanted", "identify", "measure", "multisine", "of_spectra"]
+__all__ = [
+    "PERIOD_S",
+    "Identified",
+    "Measured",
+    "Multisine",
+    "Recorded",
+    "Wanted",
+    "identify",
+    "identify_again",
+    "measure",
+    "multisine",
+    "of_spectra",
+]

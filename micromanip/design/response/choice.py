@@ -150,20 +150,14 @@ def _problem(found: Identified, wanted: Wanted) -> str | None:
     matters = (size >= wanted.matters * np.median(size)) & (measured.frequency_Hz <= wanted.upper_Hz)
     if not matters.any():
         return "nothing of the response stands out of its noise"
-    unsure = np.where(matters, measured.relative, 0.0)
-    k = int(np.argmax(unsure))
-    if unsure[k] > wanted.confidence:
-        return (
-            f"at {measured.frequency_Hz[k]:.3g} Hz the response is only known to +-{100 * _SURE * unsure[k]:.0f} %, "
-            f"+-{100 * _SURE * wanted.confidence:.0f} % are needed"
-        )
-    wrong = np.where(matters, found.error, 0.0)
-    k = int(np.argmax(wrong))
-    if wrong[k] > wanted.error:
-        return (
-            f"at {measured.frequency_Hz[k]:.3g} Hz the model of order {found.order} is {100 * wrong[k]:.0f} % beside "
-            f"the measured response, {100 * wanted.error:.0f} % are allowed"
-        )
+    sure = "the response is only known to +-{:.0f} %, +-{:.0f} % are needed"
+    near = f"the model of order {found.order} is {{:.0f}} % beside the measured response, {{:.0f}} % are allowed"
+    judged = ((measured.relative, wanted.confidence, _SURE, sure), (found.error, wanted.error, 1.0, near))
+    for share, allowed, times, said in judged:
+        at = int(np.argmax(np.where(matters, share, 0.0)))
+        if matters[at] and share[at] > allowed:
+            worse = said.format(100 * times * share[at], 100 * times * allowed)
+            return f"at {measured.frequency_Hz[at]:.3g} Hz {worse}"
     return None
 
 

@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import math
+import re
 import traceback
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -29,11 +31,14 @@ from micromanip.settings.text.source import Source
 
 from .admission import Bounds, Client, Slots, Turns
 from .authority import Authority, Peer, Right
+from .handover import Handed, send
 from .socket_file import Access, bound, claim
 
 VERSION = 1
 LINE_BYTES = 65536
 _DEPTH = 32
+_NAME = re.compile(r"[\w.@ -]{1,60}", re.ASCII)
+"""In whose name somebody asks, who has let them in by other means: it is noted, and gives no right."""
 
 Fields = TypeVar("Fields", bound=BaseModel)
 
@@ -101,6 +106,11 @@ def parsed(line: bytes, peer: Peer) -> Request:
     verb = document.pop("verb", None)
     if not isinstance(verb, str):
         raise UsageError(f"a verb is a text, not {verb!r:.40}")
+    behalf = document.pop("on_behalf_of", None)
+    if behalf is not None:
+        if not isinstance(behalf, str) or not _NAME.fullmatch(behalf):
+            raise UsageError(f"on_behalf_of is a name of 1 to 60 letters, digits, spaces and _.@-, not {behalf!r:.80}")
+        peer = dataclasses.replace(peer, user=f"{peer.user} for {behalf}")
     return Request(verb, document, peer)
 
 
@@ -244,7 +254,10 @@ class ControlSocket:
     async def _answer_in(self, turns: Turns, line: bytes, client: Client) -> None:
         async with turns.one():
             answer = await self._answer(line, client.peer)
-        await self._say(client, answer)
+        if isinstance(answer, Handed):
+            await self._hand(client, answer)
+        else:
+            await self._say(client, answer)
 
     async def _turn_away(self, client: Client, lack: DeviceUnavailable) -> None:
         await self._refused(client.peer, "connect", str(lack))
@@ -261,6 +274,15 @@ class ControlSocket:
         async with asyncio.timeout(self._bounds.unread_s):
             await client.writer.drain()
 
+    async def _hand(self, client: Client, handed: Handed) -> None:
+        with handed.held() as descriptors:
+            if client.writer.transport.get_write_buffer_size() > 0:
+                raise TimeoutError
+            try:
+                send(client.writer.get_extra_info("socket"), success(handed.result), descriptors)
+            except DeviceUnavailable as problem:
+                raise TimeoutError from problem
+
     def _stop_in(self, line: bytes, peer: Peer) -> bool:
         """Whether `line` is a short request to stop."""
         if len(line) > _URGENT_BYTES:
@@ -270,18 +292,20 @@ class ControlSocket:
         except UsageError:
             return False
 
-    async def _answer(self, line: bytes, peer: Peer) -> bytes:
+    async def _answer(self, line: bytes, peer: Peer) -> bytes | Handed:
         name = _NO_VERB
         try:
             request = parsed(line, peer)
             name = request.verb
             verb = self._verb(request)
+            peer = request.peer
             self._authority.demand(peer, verb.right(request), name)
         except MicromanipError as problem:
             await self._refused(peer, name, str(problem))
             return failure(problem)
         try:
-            return success(await verb(request))
+            result = await verb(request)
+            return result if isinstance(result, Handed) else success(result)
         except MicromanipError as problem:
             return failure(problem)
         except OSError as problem:

@@ -11,8 +11,10 @@ from pydantic import Field, model_validator
 
 from micromanip.errors import MicromanipError
 from micromanip.faults import FaultReport
+from micromanip.host.recording.recording import Extent
+from micromanip.host.recording.recordings import Recordings
 from micromanip.quantities import Micrometres, Seed
-from micromanip.replies import Audit, Change, Injected, Jogged, Response, Saved, Shadow, Status, Swap
+from micromanip.replies import Audit, Change, Injected, Jogged, Marked, Recorded, Response, Saved, Shadow, Status, Swap
 from micromanip.rt import states
 from micromanip.settings.injected import AMPLITUDE_UM
 from micromanip.settings.schema.base import Flag, Settings
@@ -22,6 +24,7 @@ from ..controller import Controller
 from .audit import AuditTrail
 from .authority import Peer, Right
 from .candidate import Outcome
+from .handover import Handed, telemetry
 from .server import Act, Nothing, Request, Verb, observing, operating
 from .transaction import Tuning
 
@@ -97,6 +100,43 @@ class Offer(Settings):
     )
 
 
+class RecordStart(Settings):
+    """Fields of `record_start`."""
+
+    file: str | None = Field(default=None, description="Name in the folder of recordings; without one, the time.")
+    triggers: tuple[Literal["fault", "overrun", "mark"], ...] = Field(
+        default=(), max_length=3, description="Wait for the first of these."
+    )
+    before_s: Annotated[float, Field(strict=True, ge=0, le=5, allow_inf_nan=False)] = Field(
+        default=0.0, description="Begin so much earlier, s: than now, or than the trigger."
+    )
+    after_s: Annotated[float, Field(strict=True, ge=0, le=3600, allow_inf_nan=False)] | None = Field(
+        default=None, description="End so much later than the trigger, s."
+    )
+    segment_s: Annotated[float, Field(strict=True, ge=1, le=86_400, allow_inf_nan=False)] | None = Field(
+        default=None, description="Begin another file so often, s."
+    )
+    quota_bytes: Annotated[int, Field(strict=True, ge=1_000_000, le=10**16)] | None = Field(
+        default=None, description="Remove the oldest of these files beyond that."
+    )
+
+    @model_validator(mode="after")
+    def _after_a_trigger(self) -> Self:
+        if (self.after_s is None) != (not self.triggers):
+            raise ValueError("triggers and after_s go together: how long to record after the first of them")
+        if (self.segment_s is None) != (self.quota_bytes is None):
+            raise ValueError("segment_s and quota_bytes go together: how long a file is, and how much all may take")
+        if self.segment_s is not None and self.triggers:
+            raise ValueError("segment_s is for a recording without an end, not for one around triggers")
+        return self
+
+
+class RecordMark(Settings):
+    """Fields of `record_mark`."""
+
+    text: str = Field(min_length=1, max_length=500, description="The remark.")
+
+
 def noted(trail: AuditTrail, operation: Operation) -> Act:
     """The result of `operation`; the trail gets what it changed, or what was asked for and why it was not done."""
 
@@ -138,12 +178,13 @@ class Verbs:
         before_reset: Callable[[], Awaitable[None]],
         tell: Callable[[Source], None],
         say: Callable[[str | FaultReport], None],
+        recordings: Recordings,
     ) -> None:
         """`before_reset` returns when what is known of a fault is kept, or raises CheckFailed: not yet.
 
         `tell` hears of each configuration that has come into force; `say` gets messages for people.
         """
-        self._before_reset, self._say = before_reset, say
+        self._before_reset, self._say, self._recordings = before_reset, say, recordings
         self._controller, self._trail, self._status = controller, trail, status
         self._outcomes: deque[Outcome] = deque()
         self._tuning = Tuning(controller, tell, self._happened)
@@ -157,6 +198,9 @@ class Verbs:
             "jog": self._jog,
             "promote": self._promote,
             "withdraw": self._withdraw,
+            "record_start": self._record_start,
+            "record_stop": self._record_stop,
+            "record_mark": self._record_mark,
             "arm": self._commanded(states.ARM),
             "disarm": self._commanded(states.DISARM),
             "hold": self._commanded(states.HOLD),
@@ -165,6 +209,7 @@ class Verbs:
         stops = ("disarm", "hold")
         return {
             "status": observing(self._answer_status),
+            "telemetry": observing(self._telemetry),
             "get": observing(self._get),
             "diff": observing(self._diff),
             "audit": observing(self._audit),
@@ -198,6 +243,10 @@ class Verbs:
         request.read(Nothing)
         self._tuning.notice()
         return self._status()
+
+    async def _telemetry(self, request: Request) -> Handed:
+        request.read(Nothing)
+        return telemetry(self._controller)
 
     async def _get(self, request: Request) -> Any:
         return await self._tuning.get(request.read(Get).keys)
@@ -258,6 +307,22 @@ class Verbs:
     async def _withdraw(self, request: Request) -> tuple[Shadow, Sequence[Change]]:
         request.read(Nothing)
         return await self._tuning.withdraw()
+
+    async def _record_start(self, request: Request) -> tuple[Recorded, Sequence[Change]]:
+        fields = request.read(RecordStart)
+        ends = fields.triggers, fields.after_s or 0.0
+        extent = Extent(fields.before_s, *ends, fields.segment_s, fields.quota_bytes)
+        begun = await self._recordings.start(fields.file, extent)
+        return begun, [Change(key="recording", old=None, new=begun["file"])]
+
+    async def _record_stop(self, request: Request) -> tuple[Recorded, Sequence[Change]]:
+        request.read(Nothing)
+        ended = await self._recordings.stop()
+        return ended, [Change(key="recording", old=ended["file"], new=None)]
+
+    async def _record_mark(self, request: Request) -> tuple[Marked, Sequence[Change]]:
+        marked = self._recordings.mark(request.read(RecordMark).text, request.peer.user)
+        return marked, [Change(key="mark", old=None, new=marked["text"])]
 
     def _commanded(self, command: int) -> Operation:
         async def operation(request: Request) -> tuple[None, Sequence[Change]]:

@@ -1,43 +1,53 @@
-"""Recording the telemetry to a file: the host's side, and the layout of the file.
-
-One HDF5 file a recording:
-
-- ``/rows``: every cycle, one compound row each (``micromanip.rt.records.ROW``)
-- ``/state``: the loop's whole state at the end of the cycle before the first row
-- ``/parameters``: each set of parameters that was in force, in order; a row's ``version`` names one
-- attributes: ``configuration`` (its text), ``sha256``, ``axes``, ``period_ns``, ``lost`` (rows the recorder missed so
-  far), ``complete`` (the recording was ended, not broken off) and ``problem`` (why it was broken off, where the
-  recorder could still say so)
-"""
+"""Recording the telemetry to a file: the host's side of one recorder process."""
 
 from __future__ import annotations
 
 import asyncio
 import importlib.util
 import tempfile
+import time
 from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
 from micromanip.host.child import Child
 from micromanip.replies import Recorded
+from micromanip.rt import mailbox as w
 
 from .unclosed import close_unclosed
 
 if TYPE_CHECKING:  # the recorder's process needs the layout only
     from micromanip.host.controller import Controller
 
-ROWS, STATE, PARAMETERS = "rows", "state", "parameters"
-LOST, COMPLETE, PROBLEM = "lost", "complete", "problem"
+MCAP, HDF5 = ".mcap", (".h5", ".hdf5")
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What a recording takes: `before_s` of what the ring still holds, and all from then on.
+
+    With `triggers` (their names as in ``window.TRIGGERS``) what was `before_s` before the first of them to `after_s`
+    after it. With `segment_s` it goes into numbered files of that length; beyond `quota_bytes` the oldest are removed.
+    """
+
+    before_s: float = 0.0
+    triggers: tuple[str, ...] = ()
+    after_s: float = 0.0
+    segment_s: float | None = None
+    quota_bytes: int | None = None
+
+
+_FROM_NOW = Extent()
 _PATIENCE_S, _END_S = 30.0, 1.0
 """A disk may take so long to open or to end a file; a killed process so long to go."""
 
 
-def require_new_file(file: Path) -> None:
+def require_new_file(file: Path, told: str = "--record") -> None:
     """Raise where no recording can be begun at `file`: UsageError, PermissionDenied, DeviceUnavailable.
 
-    A recording never replaces anything; the folder is tried with a file that is removed again.
+    A recording never replaces anything; the folder is tried with a file that is removed again. `told` begins a message.
     """
     try:
         is_there, is_file, has_folder = file.is_symlink() or file.exists(), file.is_file(), file.parent.is_dir()
@@ -45,27 +55,39 @@ def require_new_file(file: Path) -> None:
             with tempfile.TemporaryFile(dir=file.parent) as probe:
                 probe.write(b"\0")
     except OSError as problem:
-        raise system_error(problem, f"--record {file}") from problem
+        raise system_error(problem, f"{told} {file}") from problem
     if is_there:
         kind = "is there already" if is_file else "is there, and is not a file that can be recorded to"
-        raise UsageError(f"--record {file} {kind}: a recording replaces nothing; name another file")
+        raise UsageError(f"{told} {file} {kind}: a recording replaces nothing; name another file")
     if not has_folder:
-        raise UsageError(f"--record {file}: there is no folder {file.parent}; make it first: mkdir -p {file.parent}")
-    if importlib.util.find_spec("h5py") is None:
-        raise DeviceUnavailable("--record needs h5py: pip install micromanip[recording]")
+        raise UsageError(f"{told} {file}: there is no folder {file.parent}; make it first: mkdir -p {file.parent}")
+    require_library(file)
+
+
+def require_library(file: Path) -> None:
+    """Raise where `file` can't be written here: UsageError for its kind, DeviceUnavailable without the library."""
+    library = "mcap" if file.suffix == MCAP else "h5py" if file.suffix in HDF5 else None
+    if library is None:
+        raise UsageError(f"{file}: a recording is an MCAP file, {MCAP}, or an HDF5 file, {HDF5[0]}: name it so")
+    if importlib.util.find_spec(library) is None:
+        raise DeviceUnavailable(f"recording to {file} needs {library}: pip install micromanip[recording]")
 
 
 class RecorderProcess:
     """The recorder: a process of its own, so that a slow disk holds up nothing, and a full one ends nothing."""
 
-    def __init__(self, controller: Controller, file: Path, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, controller: Controller, file: Path, say: Callable[[str], None], extent: Extent = _FROM_NOW
+    ) -> None:
         """`say` gets a warning where something is missing in the file, at once."""
-        self._controller, self._file, self._say = controller, file, say
+        self._controller, self._file, self._say, self._extent = controller, file, say, extent
         self._child = Child("micromanip.host.recording.recorder", controller.segments.descriptors)
         self._answers: AsyncIterator[dict[str, Any]]
         self._following: asyncio.Task[None] | None = None
         self._stopping = False
-        self._report = Recorded(file=str(file), state="starting", rows=0, dropped=0, message=None)
+        self._report = Recorded(
+            file=str(file), state="starting", rows=0, dropped=0, message=None, bytes=0, marks=0, waits_for=[]
+        )
 
     def report(self) -> Recorded:
         """How far it is."""
@@ -84,6 +106,12 @@ class RecorderProcess:
             "sha256": prepared.source.hash,
             "axes": list(prepared.configuration.axes),
             "period_ns": prepared.configuration.loop.period_ns,
+            "head": int(self._controller.ring["words"][w.RING_HEAD]),  # before what starting takes
+            "triggers": self._extent.triggers,
+            "before_s": self._extent.before_s,
+            "after_s": self._extent.after_s,
+            "segment_s": self._extent.segment_s,
+            "quota_bytes": self._extent.quota_bytes,
         }
         await self._child.start(orders)
         self._answers = self._child.answers()
@@ -93,7 +121,20 @@ class RecorderProcess:
             raise CheckFailed(f"nothing is recorded: {answer.get('problem', 'the recorder ended at once')}")
         self._child.tell(await self._controller.snapshot())
         self._report["state"] = "recording"
+        self._report["waits_for"] = list(self._extent.triggers)
         self._following = asyncio.create_task(self._follow())
+
+    @property
+    def runs(self) -> bool:
+        """Whether it still records, or waits for its trigger."""
+        return self._report["state"] in ("starting", "recording")
+
+    def mark(self, text: str, cycle: int, by: str) -> None:
+        """Put a remark on the present `cycle` into the file. Raises UsageError where it takes none."""
+        if self._file.suffix != MCAP:
+            raise UsageError(f"{self._file} is HDF5 and takes no marks; record to an MCAP file, {MCAP}")
+        self._child.tell({"text": text, "cycle": cycle, "by": by, "time_ns": time.monotonic_ns()})
+        self._report["marks"] += 1
 
     async def stop(self) -> str | None:
         """End the recording; what came of it, in a line; None where it had not begun. Never raises."""
@@ -110,6 +151,9 @@ class RecorderProcess:
             self._report["message"] = f"the recorder of {self._file} did not end: does its disk hang?"
         if self._report["message"] is not None:
             return f"WARNING: {self._report['message']}"
+        return self._told()
+
+    def _told(self) -> str:
         return f"recorded {self._report['rows']} cycles to {self._file}, {self._report['dropped']} lost"
 
     async def _opened(self) -> Mapping[str, Any]:
@@ -136,6 +180,8 @@ class RecorderProcess:
         await self._child.wait()
         if "complete" in last:
             self._report["state"] = "complete"
+            if not self._stopping:
+                self._say(self._told())
             return
         if "problem" in last:
             why = f"{self._file}: {last['problem']}"
@@ -153,7 +199,12 @@ class RecorderProcess:
             self._say(f"WARNING: {self._report['message']}")
 
     def _note(self, said: Mapping[str, Any]) -> None:
-        rows, lost = said.get("rows"), said.get("lost")
+        rows, lost, size = said.get("rows"), said.get("lost"), said.get("bytes")
+        self._report["file"] = said.get("file", self._report["file"])
+        if said.get("armed") is False:
+            self._report["waits_for"] = []
+        if isinstance(size, int):
+            self._report["bytes"] = size
         if isinstance(rows, int):
             self._report["rows"] = max(rows, self._report["rows"])
         if isinstance(lost, int):
@@ -162,6 +213,8 @@ class RecorderProcess:
             self._report["dropped"] = lost
 
     def _mend(self) -> bool:
+        if self._file.suffix == MCAP:
+            return True  # it is read as it is
         try:
             return close_unclosed(self._file.absolute())
         except OSError:

@@ -11,13 +11,14 @@ from pathlib import Path
 import micromanip
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError
 
-UNIT = "micromanip.service"
+UNIT, GATEWAY = "micromanip.service", "micromanip-gateway.service"
 CONFIG = Path("/etc/micromanip/cell.yaml")
 STATE = (Path("/var/lib/micromanip"), Path("/var/cache/micromanip"))
 USER = "micromanip"
 
 _TARGETS = {
     "micromanip.service.in": Path("/etc/systemd/system") / UNIT,
+    "micromanip-gateway.service.in": Path("/etc/systemd/system") / GATEWAY,
     "micromanip.sysusers.conf": Path("/etc/sysusers.d/micromanip.conf"),
     "micromanip.tmpfiles.conf": Path("/etc/tmpfiles.d/micromanip.conf"),
     "90-micromanip.rules": Path("/etc/udev/rules.d/90-micromanip.rules"),

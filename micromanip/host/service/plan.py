@@ -11,7 +11,7 @@ from micromanip.settings.check import prepare
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File
 
-from .layout import CONFIG, STATE, UNIT, USER, Machine
+from .layout import CONFIG, GATEWAY, STATE, UNIT, USER, Machine
 from .steps import Remove, Run, Step, WriteFile
 
 _UDEV = Path("/run/udev/control")
@@ -26,7 +26,7 @@ def install(machine: Machine, config: Path | None, root: Path, warn: Callable[[s
     """
     files = [WriteFile(_below(root, path), text, root) for path, text in machine.files().items()]
     files += _configuration(config, _below(root, CONFIG), root, warn)
-    enabled = _below(root, Path("/etc/systemd/system/multi-user.target.wants") / UNIT)
+    enabled = _enabled(root, UNIT)
     steps: list[Step] = [
         *files,
         Run(("systemd-sysusers", *_at(root), "micromanip.conf")),
@@ -44,8 +44,10 @@ def uninstall(machine: Machine, root: Path, *, purge: bool) -> list[Step]:
     if purge:
         removals += [Remove(_below(root, path), root) for path in (CONFIG.parent, *STATE)]
     steps: list[Step] = []
-    if _below(root, Path("/etc/systemd/system") / UNIT).exists():
-        steps.append(Run(("systemctl", *_at(root), "disable", *(["--now"] if root == Path("/") else []), UNIT)))
+    here = _below(root, Path("/etc/systemd/system") / UNIT).exists()
+    units = [*([GATEWAY] if _enabled(root, GATEWAY).is_symlink() else []), *([UNIT] if here else [])]
+    now = ["--now"] if root == Path("/") else []
+    steps += [Run(("systemctl", *_at(root), "disable", *now, unit)) for unit in units]
     steps += removals
     steps += _told_systemd(root)
     if purge and _has_user(root):
@@ -105,6 +107,11 @@ def _told_systemd(root: Path) -> list[Step]:
         return []
     rules: list[Step] = [Run(("udevadm", "control", "--reload"))] if _UDEV.exists() else []
     return [*rules, Run(("systemctl", "daemon-reload"))]
+
+
+def _enabled(root: Path, unit: str) -> Path:
+    """The link that starts it with the machine."""
+    return _below(root, Path("/etc/systemd/system/multi-user.target.wants") / unit)
 
 
 def _has_user(root: Path) -> bool:

@@ -31,6 +31,11 @@ class Accept(Settings):
         description="Rms of reference minus stage on a path, a sine of the lowest of these frequencies; null: 1 % of "
         "its amplitude and 3 times the stage's noise at rest, likewise.",
     )
+    tracking_error_um: Distance | None = Field(
+        default=None,
+        description="Rms of the path error of the tuned file as it will run, following the tracker; null: 5 % of the "
+        "uncompensated error and twice the tracker's noise, likewise.",
+    )
     gain_margin_dB: Annotated[float, Field(strict=True, ge=1, le=40)] = Field(
         default=6.0, description="Of both loops, up and down, at every slope."
     )

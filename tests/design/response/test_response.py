@@ -13,6 +13,8 @@ from micromanip.design.response import Measured, Wanted, identify, measure, mult
 from micromanip.design.sensitivity import judge_loop
 from micromanip.settings.wiring.timing import FeedbackPath
 
+pytestmark = pytest.mark.long
+
 RATE_HZ, T = 10_000.0, 1e-4
 WANTED = Wanted(tuple(range(2, 11)), tuple(range(5)))
 

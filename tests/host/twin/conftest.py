@@ -10,7 +10,7 @@ from .scene import TRACKING_CYCLES, Scene
 
 @pytest.fixture(scope="package")
 def prepared():
-    return prepare(source_tree() / "config" / "simulated.yaml")
+    return prepare(source_tree() / "config" / "paper.yaml")
 
 
 @pytest.fixture(scope="package")

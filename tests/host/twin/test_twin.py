@@ -12,7 +12,7 @@ from micromanip.settings.compile.limits import NEVER
 
 from .scene import TRACKING_CYCLES
 
-pytestmark = pytest.mark.compiled_only
+pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
 
 
 def test_tracking(tracking, agreed):

@@ -1,0 +1,75 @@
+"""``micromanip compare A B``: two recorded runs side by side, and whether they differ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .options import StrictCommand, json_option, print_answer
+
+
+@click.command("compare", cls=StrictCommand, epilog="Example: micromanip compare monday.mcap tuesday.mcap")
+@click.argument("first", type=click.Path(path_type=Path), metavar="A")
+@click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@json_option
+def command(first: Path, second: Path, as_json: bool) -> None:
+    """Two recordings of ours: error, its spectrum, headroom, timing, and what differs in their configurations.
+
+    Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
+    """
+    from micromanip.design.run_figures import BANDS_Hz, configuration_changes, difference, run_figures
+    from micromanip.recordings import open_telemetry
+
+    recordings = [open_telemetry(file) for file in (first, second)]
+    a, b = (run_figures(recording) for recording in recordings)
+    axes = {}
+    for axis in (name for name in a.axes if name in b.axes):
+        found = difference(a.squares[axis], b.squares[axis])
+        batches = [a.squares[axis].batches, b.squares[axis].batches]
+        axes[axis] = {"ratio": found.ratio, "ratio_95": [found.low, found.high], "verdict": found.verdict}
+        axes[axis] |= {"independent": batches}
+    document = {
+        "a": a.document(),
+        "b": b.document(),
+        "bands_Hz": BANDS_Hz,
+        "axes": axes,
+        "configuration": configuration_changes(*(recording.configuration for recording in recordings)),
+    }
+    print_answer(document, _show, as_json)
+
+
+def _show(document: dict[str, Any]) -> None:
+    from rich.text import Text
+
+    from .tables import Figures, out_console
+
+    console, a, b = out_console(), document["a"], document["b"]
+    console.print(Text(f"A {a['file']}, {a['tracking_s']:.1f} s of tracking"))
+    console.print(Text(f"B {b['file']}, {b['tracking_s']:.1f} s of tracking"))
+    errors = Figures("axis", "A rms", "B rms", "B to A", "95 %", "B is", "A max", "B max", title="Path error, um")
+    bands = [f"{low:g}-{high:g} Hz" for low, high in document["bands_Hz"]]
+    spectra = Figures("axis", "", *bands, "most at, Hz", "headroom, V", title="Path error by band, um rms")
+    for axis, found in document["axes"].items():
+        one, two = a["axes"][axis], b["axes"][axis]
+        low, high = found["ratio_95"]
+        errors.add_row(
+            axis, f"{one['rms_um']:.4f}", f"{two['rms_um']:.4f}", f"{found['ratio']:.3f}", f"{low:.3f} to {high:.3f}",
+            found["verdict"], f"{one['max_um']:.2f}", f"{two['max_um']:.2f}",
+        )  # fmt: skip
+        for name, figures in (("A", one), ("B", two)):
+            headroom = "-" if figures["headroom_V"] is None else f"{figures['headroom_V']:.1f}"
+            in_bands = (f"{value:.4f}" for value in figures["bands_um"])
+            spectra.add_row(axis, name, *in_bands, f"{figures['peak_Hz']:.1f}", headroom)
+    timing = Figures("", "p50", "p99.9", "max", "skipped", "lost", "faults", title="Timing, us")
+    for name, run in (("A", a), ("B", b)):
+        codes = ", ".join(run["faults"]) or "-"
+        for kind in ("lateness", "compute"):
+            values = (f"{value / 1e3:.2f}" for value in run[f"{kind}_ns"])
+            timing.add_row(f"{name} {kind}", *values, str(run["skipped"]), str(run["lost"]), codes)
+    console.print(errors, spectra, timing)
+    for change in document["configuration"]:
+        console.print(Text(f"{change['key']}: {change['old']} -> {change['new']}"))
+    if not document["configuration"]:
+        console.print(Text("the configurations are the same"))

@@ -1,0 +1,37 @@
+"""``micromanip export``: a recording in the formats of other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .options import StrictCommand, json_option, print_answer
+from .recording_options import Cut
+
+
+@click.command(
+    "export",
+    cls=StrictCommand,
+    epilog="Example: micromanip export run.mcap --to part.csv --cut 2:3 --signals strain_um,voltage_V_x",
+)
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@click.option("--to", required=True, type=click.Path(path_type=Path), help="New file: .h5, .parquet, .csv or .mat.")
+@click.option("--cut", type=Cut(), help="This part only, FROM:TO in seconds from the first cycle.")
+@click.option("--signals", help="These columns only, between commas; without the axis, those of all axes.")
+@json_option
+def command(file: Path, to: Path, cut: tuple[float, float] | None, signals: str | None, as_json: bool) -> None:
+    """Write a recording of ours, MCAP or HDF5, to another format; every number keeps its bits.
+
+    To .h5 without --signals it becomes what `run --record FILE.h5` would have written.
+    """
+    from micromanip.recordings import open_telemetry
+    from micromanip.recordings.export import export
+
+    chosen = [name.strip() for name in (signals or "").split(",") if name.strip() not in ("", "t_s")]
+    done = export(open_telemetry(file), to, cut, chosen)
+    print_answer(
+        {"file": str(done.file), "rows": done.rows, "columns": done.columns, "bytes": done.bytes},
+        lambda _: click.echo(f"{done.rows} cycles to {done.file}, {done.bytes / 1e6:.1f} MB"),
+        as_json,
+    )

@@ -1,0 +1,73 @@
+"""``micromanip gateway``: the web scope, the cell page and the metrics, as a process of their own."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from micromanip.errors import UsageError
+
+from .options import StrictCommand, config_argument, socket_option
+
+_TOKENS = "gateway-tokens"
+
+
+def _default_tokens() -> Path:
+    """In the state directory of the service, else the user's own."""
+    from micromanip.host.state_directory import state_directory
+
+    return state_directory() / _TOKENS
+
+
+@click.command(
+    "gateway",
+    cls=StrictCommand,
+    epilog="""\b
+Example: micromanip gateway config/simulated.yaml
+         micromanip gateway cell.yaml --listen 0.0.0.0:8443 --tls-certificate cell.pem --tls-key cell.key
+         micromanip gateway cell.yaml --behind-proxy https://cell.example""",
+)
+@config_argument
+@click.option(
+    "--listen", default="127.0.0.1:8090", show_default=True, metavar="HOST:PORT", help="Where browsers find it."
+)
+@socket_option
+@click.option(
+    "--tokens",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=None,
+    help=f"File of tokens, made at the first start.  [default: {_TOKENS} in the state directory]",
+)
+@click.option("--tls-certificate", type=click.Path(path_type=Path), help="Certificate chain, PEM.")
+@click.option("--tls-key", type=click.Path(path_type=Path), help="Its private key, PEM, without a password.")
+@click.option(
+    "--behind-proxy", metavar="ADDRESS", help="A proxy does TLS; ADDRESS is what people open: https://cell.example."
+)
+def command(
+    config: Path,
+    listen: str,
+    socket_path: Path,
+    tokens: Path | None,
+    tls_certificate: Path | None,
+    tls_key: Path | None,
+    behind_proxy: str | None,
+) -> None:
+    """Show the running cell in browsers: a page of the cell, a scope, and metrics for Prometheus.
+
+    CONFIG is what the controller is expected to run; the pages say so where it does not. The gateway reads the
+    telemetry and asks the control socket for everything else: the loop does not notice whether it runs. It needs the
+    extra `gateway`.
+    """
+    try:
+        from micromanip.gateway.serving import Options, serve
+    except ModuleNotFoundError as missing:
+        if (missing.name or "").startswith("micromanip"):
+            raise
+        raise UsageError(
+            f"gateway needs {missing.name}, which comes with the extra: pip install 'micromanip[gateway]'"
+        ) from missing
+    os.umask(0o077)
+    options = Options(config, socket_path, listen, tokens or _default_tokens(), tls_certificate, tls_key, behind_proxy)
+    serve(options, lambda line: click.echo(line, err=True))

@@ -1,0 +1,110 @@
+"""What acts on the cell while nobody moves it: the tracker's rate and noise, and the line that a turning tool leaves.
+
+Recorded in open loop at the park voltages, before anything is closed; best while the spindle cuts air.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Tracker
+
+from ..experiment import EXCITED, Experiment, parked, with_axes, with_reference
+from ..tuning import white_noise
+
+Array = NDArray[np.float64]
+
+REST_S = 10.0
+_LEAST = 300
+_WINDOW_S, _JOINTS_WINDOW_S = 1.0, 2.5
+_TOOTH_HZ, _BESIDE_HZ, _HUM_HZ = (70.0, 1000.0), (2.0, 12.0), (50.0, 60.0, 100.0, 120.0)
+"""Where a tooth is looked for, where its neighbours are, and what is taken for the mains."""
+_STANDS_OUT = 10.0
+"""A line's amplitude in terms of its neighbours'."""
+_JOINTS_HZ, _JOINTS_STAND_OUT = (3.0, 30.0), 5.0
+_STAGE_FRESH, _DEVIATION_FRESH = 2, 4
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """The tracker (rate, noise, the robot's own oscillation), and the tooth's line (Hz, um); None: not found."""
+
+    tracker_Hz: float | None
+    tracker_noise_um: float
+    joints_Hz: float | None
+    tooth_Hz: float | None
+    tooth_um: float = 0.0
+
+    def reference(self) -> Tracker:
+        """The tracker as it was seen; what was not seen keeps its default."""
+        seen = {
+            "sample_rate_Hz": self.tracker_Hz,
+            "oscillation_Hz": self.joints_Hz,
+            "noise_um": float(f"{max(self.tracker_noise_um, 1e-3):.3g}"),
+        }
+        return Tracker(source="signal").model_copy(update={n: value for n, value in seen.items() if value is not None})
+
+
+def look_at_rest(configuration: Configuration, experiment: Experiment) -> AtRest:
+    """Record `REST_S` of every axis in open loop and find what is told above."""
+    rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
+    still = with_reference(with_axes(configuration, mode="voltage"), EXCITED)
+    rows = experiment(still, REST_S, parked(configuration, round(REST_S * rate_hz)))["axis"][:, :count]
+    tooth_Hz, tooth_um, clearest = None, 0.0, _STANDS_OUT
+    tracker_Hz, noises, joints_Hz, heard = None, [], None, _JOINTS_STAND_OUT
+    for i in range(count):
+        stage, stage_Hz = _samples(rows[len(rows) // 2 :, i], "stage_um", _STAGE_FRESH, rate_hz)
+        if len(stage) >= _LEAST:
+            found, size_um, ratio = strongest_line(stage, stage_Hz, _TOOTH_HZ)
+            if ratio > clearest:
+                tooth_Hz, tooth_um, clearest = found, size_um, ratio
+        deviation, deviation_Hz = _samples(rows[:, i], "deviation_um", _DEVIATION_FRESH, rate_hz)
+        if len(deviation) >= _LEAST:
+            tracker_Hz = float(f"{deviation_Hz:.3g}")
+            noises.append(white_noise(deviation))
+            found, _, ratio = strongest_line(deviation, deviation_Hz, _JOINTS_HZ, _JOINTS_WINDOW_S)
+            if ratio > heard:
+                joints_Hz, heard = found, ratio
+    return AtRest(tracker_Hz, max(noises, default=0.0), joints_Hz, tooth_Hz, tooth_um)
+
+
+def _samples(rows: NDArray[Any], column: str, fresh: int, rate_hz: float) -> tuple[Array, float]:
+    """A sensor's samples, evenly spaced, and their rate (Hz); none where there is no sensor."""
+    moments = np.flatnonzero((rows["fresh"] & fresh) != 0)
+    if len(moments) < _LEAST:
+        return np.zeros(0), rate_hz
+    spacing = int(np.median(np.diff(moments)))
+    values = np.asarray(rows[column][moments[0] :: spacing], dtype=float)
+    return values if np.isfinite(values).all() else values[:0], rate_hz / spacing
+
+
+def strongest_line(
+    y: Array, rate_hz: float, band_Hz: tuple[float, float], window_s: float = _WINDOW_S
+) -> tuple[float, float, float]:
+    """The line in `y` (n,) that stands out most within `band_Hz`: frequency (Hz), amplitude, how far it stands out.
+
+    By Welch's averaged periodogram; the frequency is between the bins, by the parabola through three of them. A
+    resonance is as wide as its neighbours and does not stand out.
+    """
+    hertz, power = welch(y, rate_hz, "hann", round(window_s * rate_hz), scaling="spectrum")
+    size = np.sqrt(2.0 * power)
+    near, far = (round(each * window_s) for each in _BESIDE_HZ)
+    best = (0.0, 0.0, 0.0)
+    inside = np.flatnonzero((hertz >= band_Hz[0]) & (hertz <= min(band_Hz[1], 0.4 * rate_hz)))
+    for k in inside[1:-1]:
+        if size[k] < size[k - 1] or size[k] < size[k + 1] or any(abs(hertz[k] - hum) < 1.5 for hum in _HUM_HZ):
+            continue
+        beside = np.concatenate([size[max(k - far, 1) : max(k - near, 2)], size[k + near + 1 : k + far + 1]])
+        ratio = float(size[k] / max(float(np.median(beside)), 1e-12))
+        if ratio > best[2]:
+            low, middle, high = np.log(np.maximum(size[k - 1 : k + 2], 1e-12))
+            bend = low - 2.0 * middle + high
+            moved = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+            best = float(f"{hertz[k] + moved / window_s:.4g}"), float(size[k]), ratio
+    return best

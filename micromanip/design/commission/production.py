@@ -1,0 +1,184 @@
+"""The end of commissioning: a configuration that tracks, tried as it will run, or a sentence why there is none.
+
+Every axis follows the tracker with its stage; the process goes on meanwhile, where the simulation has one, and on a
+real cell as it does at that time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.control.outer_gains import dc_gain
+from micromanip.errors import MicromanipError
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Tracker
+
+from ..criteria import Criterion, told
+from ..experiment import Experiment, with_axes, with_reference
+from .at_rest import AtRest
+from .evidence import Curve, Plot, Section
+
+Array = NDArray[np.float64]
+
+TRACKED_S = 9.0
+_FADED_IN_S = 1.0
+_SHARE, _NOISES = 0.05, 2.0
+"""Of the uncompensated error, and of the tracker's noise: the path error that is asked for by default."""
+
+
+@dataclass(frozen=True)
+class PathErrorSeen:
+    """Figures of one axis in um over the time tracked, and what is `left` (n,) over the time (s)."""
+
+    uncompensated_rms: float
+    rms: float
+    max: float
+    t_s: Array
+    left: Array
+
+
+@dataclass(frozen=True)
+class Production:
+    """`configuration` as it goes to production; `obstacle` says why it does not track, None where it does.
+
+    `decided` are sentences on what was chosen, `seen` the path errors by axis, `problem` what ended the trial.
+    """
+
+    configuration: Configuration
+    obstacle: str | None = None
+    decided: tuple[str, ...] = ()
+    seen: dict[str, PathErrorSeen] = field(default_factory=dict)
+    problem: str | None = None
+    known: bool = True
+
+    @property
+    def tracks(self) -> bool:
+        """Whether the configuration follows the tracker."""
+        return self.obstacle is None
+
+    def criterion(self, axis: str, noise_um: float) -> Criterion:
+        """The trial of one axis; `noise_um` is that of the tracker."""
+        name = "path error as it will run"
+        if self.problem is not None or axis not in self.seen:
+            return Criterion(
+                axis, name, False, self.problem or "not seen", "the cell comes to TRACKING and stays there"
+            )
+        seen, accept = self.seen[axis], self.configuration.axes[axis].accept
+        limit = accept.tracking_error_um or float(np.hypot(_SHARE * seen.uncompensated_rms, _NOISES * noise_um))
+        value = f"{told(seen.rms, limit, 3)} um rms, {seen.max:.1f} um at most"
+        wanted = (
+            f"<= {limit:.3g} um rms, following the tracker for {TRACKED_S - _FADED_IN_S:g} s; "
+            f"uncompensated {seen.uncompensated_rms:.0f} um"
+        )
+        return Criterion(axis, name, seen.rms <= limit, value, wanted)
+
+    def section(self, axis: str) -> Section:
+        """What is told of it in the report."""
+        if self.obstacle is not None:
+            return Section("In production", f"The tuned file does not track: {self.obstacle}.")
+        text = "The tuned file, as it is written, armed and tracking, all axes together. " + " ".join(self.decided)
+        if axis not in self.seen:
+            return Section("In production", f"{text} It was ended: {self.problem}")
+        seen = self.seen[axis]
+        figures = {
+            "path error": f"{seen.rms:.3f} um rms, {seen.max:.2f} um at most",
+            "uncompensated": f"{seen.uncompensated_rms:.1f} um rms",
+            "told by": "the simulation's truth"
+            if self.known
+            else "the tracker's samples less the stage, their noise included",
+        }
+        plot = Plot("Path error as it will run", "time, s", "um", (Curve("left", seen.t_s, seen.left),))
+        return Section("In production", text, figures, (plot,))
+
+
+def obstacle(configuration: Configuration) -> str | None:
+    """Why this cell can't track; None where it can."""
+    names = list(configuration.axes)
+    if configuration.frame is None:
+        missing = [f"deviation_{name}" for name in names if f"deviation_{name}" not in configuration.signals]
+        if missing:
+            return f"it has no signal {', '.join(missing)}: name the tracker's channels in signals"
+    untuned = [name for name, axis in configuration.axes.items() if axis.outer is None]
+    if untuned:
+        return f"axis {', '.join(untuned)} has no outer loop yet: commission it from the tuned file, or all at once"
+    return None
+
+
+def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -> Production:
+    """`configuration` in mode stage on all axes, following the tracker; one that the user described stays as it is.
+
+    With `missed` criteria it is not, and so is not tried: nobody wants such loops to follow a robot.
+    """
+    reason = obstacle(configuration) or (f"{missed} criteria are not met" if missed else None)
+    if reason is not None:
+        return Production(configuration, reason)
+    decided, reference = [_tooth(configuration, rest)], configuration.reference
+    if isinstance(reference, Tracker):
+        decided.append("The reference is the one of the configuration.")
+    else:
+        reference = rest.reference()
+        low, high = _reach(configuration)
+        reference = reference.model_copy(
+            update={"range_um": (max(reference.range_um[0], low), min(reference.range_um[1], high))}
+        )
+        joints = (
+            "its joints were not seen to oscillate"
+            if rest.joints_Hz is None
+            else f"its joints oscillate at {reference.oscillation_Hz:g} Hz"
+        )
+        decided.append(
+            f"The reference is the tracker as it was seen at rest: {reference.sample_rate_Hz:g} samples a second, "
+            f"noise {reference.noise_um:g} um; of the robot, {joints}."
+        )
+    return Production(with_reference(with_axes(configuration, mode="stage"), reference), decided=tuple(decided))
+
+
+def _tooth(configuration: Configuration, rest: AtRest) -> str:
+    cancelled = sorted({axis.outer.oscillation_Hz or 0.0 for axis in configuration.axes.values() if axis.outer})
+    if cancelled == [0.0]:
+        return (
+            "No tooth frequency is cancelled: none was given (--tooth-frequency), and the stage shows no line at rest; "
+            "with the spindle cutting air it may."
+        )
+    seen = f", at rest {rest.tooth_um:.2f} um at {rest.tooth_Hz:g} Hz were seen" if rest.tooth_Hz else ""
+    return f"Cancelled is the tooth's frequency, {' and '.join(f'{hertz:g}' for hertz in cancelled)} Hz{seen}."
+
+
+def _reach(configuration: Configuration) -> tuple[float, float]:
+    """Stage positions (um) that every axis reaches, to whole micrometres inwards."""
+    low, high = -np.inf, np.inf
+    for axis in configuration.axes.values():
+        gain = dc_gain(axis.outer)
+        ends = sorted((end - axis.centre_um) * gain for end in axis.setpoint.range_um)
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return float(np.ceil(low)), float(np.floor(high))
+
+
+def tried(
+    production: Production, written: Callable[[Configuration], Configuration], experiment: Experiment
+) -> Production:
+    """The path errors of what `written` gives back of the configuration: what a file of it holds."""
+    try:
+        configuration = written(production.configuration)
+        rows = experiment(configuration, TRACKED_S)
+    except MicromanipError as problem:
+        return replace(production, problem=str(problem))
+    every = configuration.loop.rate_hz
+    settled = rows["axis"][round(_FADED_IN_S * every) :]
+    seen = {}
+    for i, name in enumerate(configuration.axes):
+        error, moved = (np.asarray(settled[f][:, i], dtype=float) for f in ("path_error_um", "uncompensated_um"))
+        if not np.isfinite(error).all():
+            return replace(production, problem=f"axis {name}: its path error is not known at all times")
+        t_s = np.arange(len(error)) / every
+        seen[name] = PathErrorSeen(_rms(moved), _rms(error), float(np.abs(error).max()), t_s, error)
+    known = all(f"path_error_{name}" in configuration.signals for name in configuration.axes)
+    return replace(production, configuration=configuration, seen=seen, known=known)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,178 @@
+"""The web application: pages for everybody; with a token live connection, status, orders, traces and metrics."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from micromanip.errors import MicromanipError, PermissionDenied, UsageError
+
+from .cell import Cell
+from .guard import Guard, Origins
+from .metrics import Metrics
+from .saving import lines
+from .session import MESSAGE_BYTES, Session
+from .tokens import Token, Tokens
+
+PAGES = Path(__file__).with_name("pages")
+ORDERS = ("arm", "hold", "disarm", "reset")
+_HELLO_S = 10.0
+_BODY_BYTES = 4096
+_STATUS = {1: 409, 64: 400, 69: 503, 77: 403, 78: 409}
+"""HTTP status by the exit code of an error."""
+_POLICY, _PROBLEM = 1008, 1003
+
+
+class Gateway:
+    """Serves one cell."""
+
+    def __init__(self, cell: Cell, tokens: Tokens, origins: Origins, differs: Callable[[], str | None]) -> None:
+        """`differs` says so where the controller runs another configuration than was expected, else None."""
+        self._cell, self._tokens, self._differs = cell, tokens, differs
+        routes = [
+            Route("/", _page("cell.html")),
+            Route("/scope", _page("scope.html")),
+            Route("/api/status", self._status),
+            Route("/api/order", self._order, methods=["POST"]),
+            Route("/api/csv", self._csv, methods=["POST"]),
+            Route("/metrics", self._metrics),
+            WebSocketRoute("/live", self._live),
+            Mount("/static", StaticFiles(directory=PAGES)),
+        ]
+        handlers: Any = {MicromanipError: _refused}
+        self.guard = Guard(Starlette(routes=routes, lifespan=self._alive, exception_handlers=handlers), origins)
+        self._collected = Metrics(cell, lambda: self.guard.connections, lambda: self.guard.refused)
+
+    @contextlib.asynccontextmanager
+    async def _alive(self, _: Starlette) -> AsyncIterator[None]:
+        following = asyncio.create_task(self._cell.follow())
+        yield
+        following.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await following
+
+    def _known(self, connection: HTTPConnection, *, operates: bool = False) -> Token:
+        """The token of a request, out of its header; PermissionDenied without."""
+        scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
+        token = self._tokens.find(secret.strip()) if scheme.lower() == "bearer" else None
+        if token is None:
+            raise PermissionDenied("this takes a token: Authorization: Bearer TOKEN")
+        if operates and not token.operates:
+            raise PermissionDenied(f"{token.name} may only observe; this takes a token whose scope is operate")
+        return token
+
+    async def _status(self, request: Request) -> Response:
+        self._known(request)
+        return JSONResponse({"status": self._cell.status, "problem": self._cell.problem})
+
+    async def _order(self, request: Request) -> Response:
+        token = self._known(request, operates=True)
+        order = (await _body(request)).get("order")
+        if order not in ORDERS:
+            raise UsageError(f"an order is one of {', '.join(ORDERS)}, not {order!r:.40}")
+        await self._cell.order(order, token.name)
+        return JSONResponse({"accepted": True})
+
+    async def _csv(self, request: Request) -> Response:
+        self._known(request)
+        told = await _body(request)
+        if self._cell.source is None:
+            raise UsageError("there is nothing to save: no controller has been seen yet")
+        name = 'attachment; filename="scope.csv"'
+        text = lines(self._cell.source, told)
+        return StreamingResponse(text, media_type="text/csv", headers={"content-disposition": name})
+
+    async def _metrics(self, request: Request) -> Response:
+        self._known(request)
+        return Response(self._collected.text(), media_type=self._collected.media_type)
+
+    async def _live(self, websocket: WebSocket) -> None:
+        await websocket.accept()
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # RuntimeError: it was closed while we sent
+            token = await self._greeted(websocket)
+            if token is None:
+                await websocket.close(_POLICY, "wrong token")
+                return
+            session = Session(self._cell, token, lambda message: _sent(websocket, message), self._differs)
+            sending = asyncio.create_task(session.run())
+            try:
+                await self._listen(websocket, session, sending)
+            finally:
+                sending.cancel()
+                with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                    await sending
+
+    async def _greeted(self, websocket: WebSocket) -> Token | None:
+        """The token of the first message, which has to come soon."""
+        try:
+            async with asyncio.timeout(_HELLO_S):
+                hello = json.loads(await websocket.receive_text())
+        except (TimeoutError, ValueError, KeyError):
+            return None
+        secret = hello.get("token") if isinstance(hello, dict) else None
+        return self._tokens.find(secret) if isinstance(secret, str) else None
+
+    @staticmethod
+    async def _listen(websocket: WebSocket, session: Session, sending: asyncio.Task[None]) -> None:
+        while not sending.done():
+            text = await websocket.receive_text()
+            if len(text) > MESSAGE_BYTES:
+                await websocket.close(_PROBLEM, "the message is too long")
+                return
+            try:
+                session.hear(text)
+            except MicromanipError as problem:
+                await websocket.send_text(json.dumps({"type": "problem", "problem": str(problem)}))
+
+
+async def _sent(websocket: WebSocket, message: str | bytes) -> None:
+    if isinstance(message, bytes):
+        await websocket.send_bytes(message)
+    else:
+        await websocket.send_text(message)
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    """A document of JSON. A form of a foreign page can't send one: its type would have to be asked for first."""
+    if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
+        raise UsageError("this takes a body of application/json")
+    text = b""
+    async for chunk in request.stream():
+        text += chunk
+        if len(text) > _BODY_BYTES:
+            raise UsageError(f"a body is at most {_BODY_BYTES} bytes long")
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict):
+        raise UsageError("this takes an object of JSON")
+    return document
+
+
+async def _refused(request: Request, problem: Exception) -> Response:
+    assert isinstance(problem, MicromanipError)
+    unknown = isinstance(problem, PermissionDenied) and "authorization" not in request.headers
+    status = 401 if unknown else _STATUS.get(problem.exit_code, 500)
+    headers = {"www-authenticate": "Bearer"} if status == 401 else None
+    if request.url.path == "/metrics":
+        return PlainTextResponse(f"{problem}\n", status, headers)
+    return JSONResponse({"error": str(problem)}, status, headers)
+
+
+def _page(name: str) -> Callable[[Request], Any]:
+    async def page(_: Request) -> Response:
+        return FileResponse(PAGES / name)
+
+    return page

@@ -1,0 +1,171 @@
+"""The controller as the gateway sees it: its telemetry mapped for reading, its status, asked for; orders, passed on.
+
+The gateway outlives controllers: where one goes away its last figures are not shown any longer, and the next one begins
+a history of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import mmap
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.client import Client
+from micromanip.errors import CheckFailed, MicromanipError
+from micromanip.host.ring import RingReader
+from micromanip.host.shared_memory import RING, STATUS, columns
+from micromanip.replies import Status, Telemetry
+from micromanip.rt.telemetry import ROW
+
+from .fields import fields
+from .history import History
+
+_LOOK_S = 0.25
+_TAIL_S = 0.025
+_AGAIN_S = 0.5
+_MOST_ROWS, _MOST_READS = 4096, 16
+_SPARE_ROWS = 1 << 15
+"""How far behind the oldest row the reading of a new ring begins: the loop goes on meanwhile, 3 s at 10 kHz."""
+
+Rows = NDArray[Any]
+
+
+class Source:
+    """The telemetry of one controller: its history, and its ring."""
+
+    def __init__(self, told: Telemetry, status: Any, ring: Any, inode: int) -> None:
+        """`status` and `ring` are records of `STATUS` and `RING`; `inode` tells their memory from another's."""
+        self.told, self.status, self.inode = told, status, inode
+        self.fields = fields(told["axes"])
+        self.history = History(self.fields)
+        self.reader = RingReader(ring)
+        self._is_new = True
+        self.latest: Any | None = None
+
+    def read(self) -> Rows | None:
+        """New rows, which are in the history then; None where there are none."""
+        if self._is_new:  # what is still in the ring from before we came
+            self.reader.go_back(0, _SPARE_ROWS)
+            self._is_new = False
+        rows = self.reader.read(_MOST_ROWS)
+        if not len(rows):
+            return None
+        self.history.add(rows)
+        self.latest = rows[-1]
+        return rows
+
+
+class Cell:
+    """Follows the controller on one control socket, as long as `follow` runs."""
+
+    def __init__(self, socket: Path) -> None:
+        self.socket = socket
+        self.source: Source | None = None
+        self.status: Status | None = None
+        self.problem: str | None = "not asked yet"
+        """Why there is no status."""
+        self.heard_s = 0.0
+        """When the last status came, CLOCK_MONOTONIC."""
+        self.listeners: set[Callable[[Rows | None], None]] = set()
+        """Each hears of new rows, and with None of a new status."""
+        self._client: Client | None = None
+        self._wake = asyncio.Event()
+        self._threads = ThreadPoolExecutor(4, "control")
+
+    async def follow(self) -> None:
+        """As long as it runs: read the ring, and ask for the status."""
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._tail())
+                tasks.create_task(self._look())
+        finally:
+            self._threads.shutdown(wait=False, cancel_futures=True)
+            if self._client is not None:
+                self._client.close()
+
+    async def order(self, verb: str, name: str) -> None:
+        """Ask for `verb` in the name of a token; raises what the controller answers."""
+
+        def send() -> None:
+            with Client(self.socket, on_behalf_of=name) as client:
+                client.request(verb)
+
+        await self._in_thread(send)
+        self._wake.set()
+
+    async def _in_thread(self, work: Callable[[], Any]) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._threads, work)
+
+    async def _tail(self) -> None:
+        while True:
+            if self.source is not None:
+                for _ in range(_MOST_READS):
+                    before, rows = self.source.latest, self.source.read()
+                    if rows is None:
+                        break
+                    self._tell(rows)
+                    if before is None or any(before[name] != rows[-1][name] for name in ("state", "fault")):
+                        self._wake.set()
+                    await asyncio.sleep(0)
+            await asyncio.sleep(_TAIL_S)
+
+    async def _look(self) -> None:
+        while True:
+            try:
+                self.status = await self._in_thread(self._ask)
+                self.problem, self.heard_s = None, time.monotonic()
+                rest_s = _LOOK_S
+            except (MicromanipError, OSError, ValueError) as problem:
+                self.status, self.problem = None, str(problem)
+                if self._client is not None:
+                    self._client.close()
+                    self._client = None
+                rest_s = _AGAIN_S
+            self._tell(None)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._wake.wait(), rest_s)
+            self._wake.clear()
+
+    def _ask(self) -> Status:
+        if self._client is None:
+            client = Client(self.socket)
+            try:
+                told, descriptors = client.telemetry()
+                self._attach(told, *descriptors)
+            except BaseException:
+                client.close()
+                raise
+            self._client = client
+        return self._client.status()
+
+    def _attach(self, told: Telemetry, status: int, ring: int) -> None:
+        try:
+            if (told["status_bytes"], told["row_bytes"], told["columns"]) != (
+                STATUS.itemsize,
+                ROW.itemsize,
+                columns(),
+            ):
+                raise CheckFailed("the controller is of another version than the gateway; restart the gateway")
+            inode = os.fstat(ring).st_ino
+            if self.source is None or self.source.inode != inode:
+                self.source = Source(told, _mapped(status, STATUS), _mapped(ring, RING), inode)
+        finally:
+            os.close(status)
+            os.close(ring)
+
+    def _tell(self, rows: Rows | None) -> None:
+        for listener in list(self.listeners):
+            listener(rows)
+
+
+def _mapped(descriptor: int, dtype: np.dtype[Any]) -> Any:
+    return np.frombuffer(mmap.mmap(descriptor, 0, prot=mmap.PROT_READ), dtype, 1)[0]

@@ -1,0 +1,163 @@
+// The cell page: state, faults, axes, timing, links; orders, each after a question.
+import { Connection, post } from "./connection.js";
+import { by, cell, count, element, figure, head, rows, themeButton } from "./page.js";
+
+const QUESTIONS = {
+  arm: ["Arm the cell?", "It begins to move."],
+  hold: ["Hold?", "The correction is frozen where it is, the loops stay closed. ARM goes on."],
+  disarm: ["Disarm?", "Every output ramps to its park voltage."],
+  reset: ["Clear the latched fault?", "Nothing moves."],
+};
+const STOPS = ["hold", "disarm"];
+const MEANING = {
+  OFF: "ended", STARTING: "starting", READY: "at rest, waits for ARM", ARMING: "lifting, closing the loops",
+  TRACKING: "correcting", HOLDING: "frozen, loops closed", RAMPING: "on its way to park",
+  FAULT: "stopped by a fault", "NO CONTROLLER": "nothing below is known",
+};
+const QUANTITIES = [
+  ["position", "position_um", "µm", 2], ["set-point", "setpoint_um", "µm", 2], ["strain", "strain_um", "µm", 2],
+  ["voltage", "voltage_V", "V", 2], ["headroom", "headroom_V", "V", 2],
+];
+const TIGHT_V = 5;
+let operates = false;
+let range = {};
+
+function show(message) {
+  const status = message.status;
+  const state = status ? status.state : "NO CONTROLLER";
+  const banner = by("state");
+  if (banner.dataset.state !== state) {
+    banner.dataset.state = state;
+    banner.firstChild.textContent = state;
+    document.title = `${state} - micromanip`;
+  }
+  const silent = message.silent_s > 0 ? `, last heard of ${message.silent_s.toFixed(0)} s ago` : "";
+  banner.lastChild.textContent = (MEANING[state] ?? "") + silent;
+  notice(message.problem ?? message.differs ?? "", Boolean(message.problem));
+  for (const id of ["axes", "faults"]) by(id).hidden = !status;
+  document.querySelector(".more").hidden = !status;
+  for (const button of by("orders").querySelectorAll("button")) button.disabled = !status || !operates;
+  if (!status) return;
+  by("where").textContent = status.configuration;
+  showFaults(status);
+  showAxes(status.axes);
+  showTiming(status);
+  showLinks(status.links);
+  showSignals(status.signals);
+  showRun(status);
+}
+
+function notice(text, bad) {
+  by("notice").textContent = text;
+  by("notice").hidden = !text;
+  by("notice").classList.toggle("bad", bad);
+}
+
+function showFaults(status) {
+  by("faults").hidden = status.fault_reports.length === 0;
+  const trips = Object.fromEntries(status.trips.map((trip) => [trip.code, trip.file]));
+  by("faults").replaceChildren(...status.fault_reports.map((fault) => element("article", { className: "card fault" },
+    element("h2", {}, fault.seen),
+    fault.next_step ? element("p", { className: "next" }, element("b", {}, "Next step: "), fault.next_step) : null,
+    fault.likely_causes.length ? element("div", {}, "Likely:", element("ul", {}, ...fault.likely_causes.map((cause) => element("li", {}, cause)))) : null,
+    element("p", { className: "faint" }, [fault.cycle === null ? "" : `cycle ${fault.cycle}`, trips[fault.code] ? `black box ${trips[fault.code]}` : ""].filter(Boolean).join(", ")))));
+}
+
+function showAxes(axes) {
+  by("axes").replaceChildren(...Object.entries(axes).map(([name, axis]) => {
+    const second = axis.error_um.second;
+    const known = axis.error_um.latest !== null && second;
+    const [low, high] = range[name] ?? [0, 1];
+    const headroom = axis.headroom_V.latest;
+    return element("article", { className: "card axis" },
+      element("h2", {}, element("b", {}, name), axis.error_of ? `${axis.error_of} error` : "open loop"),
+      element("div", { className: "error" }, known ? figure(second.rms) : "–", element("small", {}, " µm rms, 1 s")),
+      element("div", { className: known ? "faint" : "unknown" }, known ? `peak ${figure(second.peak)} µm in 1 s, ${figure(axis.error_um.minute?.rms)} µm rms in 1 min` : axis.error_um.unknown ?? ""),
+      element("table", {}, ...QUANTITIES.map(([said, key, unit, digits]) => {
+        const value = axis[key];
+        const tight = key === "headroom_V" && value.latest !== null && value.latest < TIGHT_V;
+        return element("tr", { title: value.unknown ?? "" },
+          cell(said), cell(value.latest === null ? "unknown" : figure(value.latest, digits), `number${value.latest === null || tight ? " unknown" : ""}`), cell(unit));
+      })),
+      element("meter", { min: 0, max: (high - low) / 2, low: TIGHT_V, optimum: (high - low) / 2, value: headroom ?? 0, title: `voltage headroom, ${low} to ${high} V`, ariaLabel: `headroom of ${name}` }));
+  }));
+}
+
+const us = (ns) => (ns < 1e6 ? figure(ns * 1e-3, 1) : count(Math.round(ns * 1e-3)));
+
+function showTiming(status) {
+  const line = (said, d) => [cell(said), ...["p50", "p99_9", "max"].map((key) => cell(us(d[key]), "number"))];
+  rows(by("timing"), [
+    [head("µs"), head("p50", "number"), head("p99.9", "number"), head("max", "number")],
+    line("lateness", status.lateness_ns), line("compute", status.compute_ns),
+    [cell("overruns"), cell(count(status.overruns), "number"), element("td", { colSpan: 2, className: "number" }, `of ${count(status.cycles)} cycles`)],
+  ]);
+}
+
+function showLinks(links) {
+  const entries = Object.entries(links);
+  by("links-card").hidden = entries.length === 0;
+  rows(by("links"), entries.map(([name, link]) => [
+    head(name), cell(link.link, link.link === "up" ? "" : "unknown"), cell(`outputs ${link.outputs}`), cell(link.message ?? ""),
+  ]));
+}
+
+function showSignals(signals) {
+  rows(by("signals"), [
+    [head(""), head("Hz", "number"), head("age p99.9, µs", "number"), head("lost", "number"), head("stale", "number")],
+    ...Object.entries(signals).map(([name, signal]) => [
+      cell(name), cell(figure(signal.rate_hz, 0), "number"), cell(figure(signal.age_p99_9_us, 0), "number"),
+      cell(String(signal.lost), "number"), cell(String(signal.stale_cycles), "number"),
+    ]),
+  ]);
+}
+
+function showRun(status) {
+  const recording = status.recording;
+  rows(by("run"), [
+    [cell("running for"), cell(`${figure(status.cycles * status.period_ns * 1e-9, 1)} s`)],
+    [cell("period"), cell(`${status.period_ns / 1000} µs`)],
+    [cell("parameter version"), cell(String(status.parameter_version))],
+    [cell("candidate tuning"), cell(status.shadow)],
+    [cell("recording"), cell(recording ? `${recording.state}, ${count(recording.rows)} rows, ${count(recording.dropped)} dropped` : "none")],
+  ]);
+}
+
+async function order(name) {
+  const dialog = by("question");
+  if (dialog.open || !operates || by("orders").querySelector(`[data-order="${name}"]`).disabled) return;
+  const [title, what] = QUESTIONS[name];
+  dialog.querySelector("h1").textContent = title;
+  dialog.querySelector("p").textContent = what;
+  dialog.returnValue = "no";
+  dialog.showModal();
+  dialog.querySelector(`[value="${STOPS.includes(name) ? "yes" : "no"}"]`).focus();
+  await new Promise((resolve) => dialog.addEventListener("close", resolve, { once: true }));
+  if (dialog.returnValue !== "yes") return;
+  by("said").textContent = `${name} ...`;
+  try {
+    await post("/api/order", { order: name });
+    by("said").textContent = `${name}: done`;
+  } catch (problem) {
+    by("said").textContent = problem.message;
+  }
+}
+
+const connection = new Connection((message) => {
+  if (message.type === "hello") {
+    operates = message.scope === "operate";
+    range = message.cell?.range_V ?? {};
+    by("orders").hidden = !operates;
+  } else if (message.type === "status") {
+    show(message);
+    connection.drawn();
+  }
+}, (why) => show({ status: null, problem: why, silent_s: 0 }));
+
+for (const button of by("orders").querySelectorAll("button")) button.addEventListener("click", () => order(button.dataset.order));
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("input, select")) return;
+  const name = { a: "arm", h: "hold", d: "disarm", r: "reset" }[event.key];
+  if (name) order(name);
+});
+themeButton();

@@ -1,0 +1,59 @@
+// What both pages share: building elements, the theme's button, figures as text.
+
+export const by = (id) => document.getElementById(id);
+
+/** A new element with properties and children; text is only ever text. */
+export function element(tag, properties = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name === "data") Object.assign(made.dataset, value);
+    else made[name] = value;
+  }
+  made.append(...children.filter((child) => child !== null));
+  return made;
+}
+
+export function themeButton(changed = () => {}) {
+  by("theme").addEventListener("click", () => {
+    const root = document.documentElement.dataset;
+    root.theme = root.theme === "dark" ? "light" : "dark";
+    localStorage.setItem("theme", root.theme);
+    changed();
+  });
+}
+
+export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+/** A number of fixed digits behind the point, with a real minus; a dash where there is none. */
+export function figure(value, digits = 2) {
+  return value === null || value === undefined || Number.isNaN(value) ? "–" : value.toFixed(digits).replace("-", "−");
+}
+
+/** A whole number in groups of three digits. */
+export const count = (number) => String(number).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+
+/** A number with four significant digits. */
+export function short(value) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  const text = size >= 1e6 || size < 1e-3 ? value.toExponential(3) : size >= 1000 ? value.toFixed(0) : value.toPrecision(4);
+  return text.replaceAll("-", "−");
+}
+
+/** Seconds with the unit that fits. */
+export function seconds(value, digits = 3) {
+  const size = Math.abs(value);
+  const [unit, scale] = size >= 1 || size === 0 ? ["s", 1] : size >= 1e-3 ? ["ms", 1e3] : ["µs", 1e6];
+  if (size >= 120) return `${figure(value / 60, 1)} min`;
+  return `${Number((value * scale).toPrecision(digits)).toString().replace("-", "−")} ${unit}`;
+}
+
+export const unitText = (unit) => (unit === "um" ? "µm" : unit);
+
+export function rows(table, lines) {
+  table.replaceChildren(...lines.map((line) => element("tr", {}, ...line)));
+}
+
+export const cell = (text, name = "") => element("td", { className: name }, text);
+export const head = (text, name = "") => element("th", { className: name }, text);

@@ -1,0 +1,258 @@
+// The traces over time: a panel for each unit, one below the other, with one time axis, cursors, states and limits.
+import uPlot from "./third_party/uplot/uPlot.esm.js";
+import { colour, element, seconds, short, unitText } from "./page.js";
+
+const STATE_TINT = {
+  READY: "#1f4e9922", ARMING: "#f0bd2120", TRACKING: "#0a8a3a1c", HOLDING: "#f0bd2120", RAMPING: "#f0bd2120", FAULT: "#d0202038",
+};
+const KEY = "scope";
+
+export class Panels {
+  /** `zoomed(from, to)` hears of a drag and `wheel(at, factor)` of the wheel, in s; `pointed` of the pointer. */
+  constructor(place, { zoomed, wheel, whole, pointed }) {
+    this.place = place;
+    this.told = { zoomed, wheel, whole, pointed };
+    this.plots = [];
+    this.key = "";
+    this.cursors = { A: null, B: null };
+    this.pointer = null;
+    this.shown = null;
+    new ResizeObserver(() => this.resize()).observe(place);
+  }
+
+  get points() {
+    return Math.max(100, Math.min(2000, Math.round(this.place.clientWidth - 80)));
+  }
+
+  clear() {
+    for (const plot of this.plots) plot.plot.destroy();
+    this.plots = [];
+    this.key = "";
+    this.place.replaceChildren();
+  }
+
+  /** `fields` are {name, unit, colour}; made anew only where they have changed. */
+  arrange(fields) {
+    const key = fields.map((field) => field.name).join();
+    if (key === this.key && this.plots.length) return;
+    this.clear();
+    this.key = key;
+    if (!fields.length) {
+      this.place.append(element("div", { className: "empty" }, "No field is chosen: choose some beside or below."));
+      return;
+    }
+    const units = [...new Set(fields.map((field) => field.unit))];
+    units.forEach((unit, i) => {
+      const own = fields.filter((field) => field.unit === unit);
+      const plot = new uPlot(this.options(own, unit, i === units.length - 1, units.length), [[], ...own.map(() => [])], this.place);
+      this.listen(plot);
+      this.plots.push({ plot, own, unit, xs: [], ys: own.map(() => []) });
+    });
+  }
+
+  height(panels) {
+    const all = Math.max(260, Math.min(720, window.innerHeight - 330));
+    return Math.max(120, Math.round(all / panels));
+  }
+
+  options(own, unit, isLast, panels) {
+    const axis = { stroke: () => colour("--faint"), grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--grid") }, font: "13px system-ui, sans-serif" };
+    return {
+      width: Math.max(200, this.place.clientWidth - 10),
+      height: this.height(panels) + (isLast ? 24 : 0),
+      padding: [12, 18, isLast ? 0 : 10, 0],
+      legend: { show: false },
+      cursor: { sync: { key: KEY, scales: ["x", null] }, drag: { x: true, y: false, setScale: false }, points: { size: 6 }, focus: { prox: 16 } },
+      scales: { x: { time: false, range: () => this.shown ?? [0, 1] }, y: { range: (plot, low, high) => padded(low, high) } },
+      axes: [
+        { ...axis, show: isLast, size: 38, values: (plot, ticks) => ticks.map((tick) => seconds(tick, 6)), space: 90 },
+        { ...axis, size: 70, label: unitText(unit) || "number", labelSize: 18, labelFont: "13px system-ui, sans-serif", values: (plot, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(10))).replace("-", "−")) },
+      ],
+      series: [{}, ...own.map((field) => ({ label: field.name, stroke: () => colour(field.colour), width: 1.25, points: { show: false }, spanGaps: false }))],
+      hooks: {
+        drawClear: [(plot) => this.drawBands(plot, unit)],
+        draw: [(plot) => this.drawCursors(plot)],
+        setSelect: [(plot) => this.selected(plot)],
+        setCursor: [(plot) => this.moved(plot)],
+      },
+    };
+  }
+
+  listen(plot) {
+    plot.over.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.told.wheel(plot.posToVal(event.offsetX, "x"), event.deltaY < 0 ? 0.5 : 2);
+    }, { passive: false });
+    plot.over.addEventListener("dblclick", () => this.told.whole());
+  }
+
+  selected(plot) {
+    if (plot.select.width < 4) return;
+    this.told.zoomed(plot.posToVal(plot.select.left, "x"), plot.posToVal(plot.select.left + plot.select.width, "x"));
+    plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+  }
+
+  moved(plot) {
+    const at = plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null;
+    if (at === null && plot !== this.plots[0]?.plot) return;
+    this.pointer = at;
+    this.told.pointed(at);
+  }
+
+  /** Traces: `shown` is [from, to] in s, `times` (n) in s, `traces` {name: [low, high]}, `bands` [[from, to, state]]. */
+  draw(shown, times, traces, bands, limits, trigger) {
+    this.shown = shown;
+    this.bands = bands;
+    this.limits = limits;
+    this.trigger = trigger;
+    for (const panel of this.plots) {
+      const isWhole = panel.own.every((field) => traces[field.name]?.[1] === undefined);
+      doubled(panel.xs, times, times, isWhole);
+      panel.own.forEach((field, i) => {
+        const [low, high] = traces[field.name] ?? [[], undefined];
+        doubled(panel.ys[i], low, high ?? low, isWhole);
+      });
+      panel.plot.setData([panel.xs, ...panel.ys]);
+    }
+  }
+
+  redraw() {
+    for (const { plot } of this.plots) plot.redraw(false, true);
+  }
+
+  drawBands(plot, unit) {
+    const { ctx, bbox } = plot;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    for (const [from, to, state] of this.bands ?? []) {
+      const left = Math.max(bbox.left, plot.valToPos(from, "x", true)), right = Math.min(bbox.left + bbox.width, plot.valToPos(to, "x", true));
+      ctx.fillStyle = STATE_TINT[state] ?? "#80808018";
+      ctx.fillRect(left, bbox.top, right - left, bbox.height);
+    }
+    if (unit === "V") {
+      ctx.strokeStyle = colour("--bad");
+      ctx.setLineDash([6, 5]);
+      for (const limit of this.limits ?? []) {
+        const y = plot.valToPos(limit, "y", true);
+        ctx.beginPath();
+        ctx.moveTo(bbox.left, y);
+        ctx.lineTo(bbox.left + bbox.width, y);
+        ctx.stroke();
+      }
+    }
+    ctx.restore();
+  }
+
+  drawCursors(plot) {
+    const { ctx, bbox } = plot;
+    const lines = [...Object.entries(this.cursors), ["T", this.trigger]];
+    ctx.save();
+    ctx.font = `700 ${12 * devicePixelRatio}px system-ui, sans-serif`;
+    ctx.textAlign = "left";
+    ctx.textBaseline = "alphabetic";
+    if (plot === this.plots[0]?.plot) this.nameBands(plot);
+    for (const [name, at] of lines) {
+      if (at === null || at === undefined || !this.shown || at < this.shown[0] || at > this.shown[1]) continue;
+      const x = plot.valToPos(at, "x", true);
+      ctx.strokeStyle = ctx.fillStyle = colour(name === "T" ? "--bad" : "--text");
+      ctx.setLineDash(name === "T" ? [2, 3] : [7, 4]);
+      ctx.lineWidth = devicePixelRatio;
+      ctx.beginPath();
+      ctx.moveTo(x, bbox.top);
+      ctx.lineTo(x, bbox.top + bbox.height);
+      ctx.stroke();
+      ctx.fillText(name, x + 4 * devicePixelRatio, bbox.top + bbox.height - 6 * devicePixelRatio);
+    }
+    ctx.restore();
+  }
+
+  nameBands(plot) {
+    const { ctx, bbox } = plot;
+    for (const [from, to, state] of this.bands ?? []) {
+      const left = Math.max(bbox.left, plot.valToPos(from, "x", true)), right = Math.min(bbox.left + bbox.width, plot.valToPos(to, "x", true));
+      const width = ctx.measureText(state).width;
+      if (right - left < width + 10) continue;
+      ctx.fillStyle = colour("--plot");
+      ctx.fillRect(left + 3, bbox.top + 2, width + 6, 17 * devicePixelRatio);
+      ctx.fillStyle = colour("--faint");
+      ctx.fillText(state, left + 6, bbox.top + 14 * devicePixelRatio);
+    }
+  }
+
+  resize() {
+    const width = Math.max(200, this.place.clientWidth - 10);
+    this.plots.forEach(({ plot }, i) => {
+      const height = this.height(this.plots.length) + (i === this.plots.length - 1 ? 24 : 0);
+      if (plot.width !== width || plot.height !== height) plot.setSize({ width, height });
+    });
+  }
+}
+
+/** Into `target`, in place: every value, or least and greatest in turn; what is not known becomes a gap. */
+function doubled(target, low, high, isWhole) {
+  const n = low.length;
+  target.length = isWhole ? n : 2 * n;
+  for (let i = 0; i < n; i++) {
+    if (isWhole) target[i] = Number.isNaN(low[i]) ? null : low[i];
+    else {
+      target[2 * i] = Number.isNaN(low[i]) ? null : low[i];
+      target[2 * i + 1] = Number.isNaN(high[i]) ? null : high[i];
+    }
+  }
+}
+
+function padded(low, high) {
+  if (low === null || high === null) return [0, 1];
+  const edge = (high - low) * 0.06 || Math.abs(high) * 0.01 || 0.5;
+  return [low - edge, high + edge];
+}
+
+/** Figures of the traces under the pointer and the cursors. */
+export function readout(table, fields, times, traces, pointer, cursors, make) {
+  const at = (time) => (time === null ? -1 : nearest(times, time));
+  const [now, a, b] = [at(pointer), at(cursors.A), at(cursors.B)];
+  const value = (name, i) => (i < 0 ? null : middle(traces[name], i));
+  const both = a >= 0 && b >= 0;
+  const delta = both ? cursors.B - cursors.A : null;
+  const of = (time) => (time === null ? "" : seconds(time, 6));
+  make.rows(table, [
+    [make.head("trace"), make.head("unit"), make.head("least", "number"), make.head("greatest", "number"), make.head(pointer === null ? "pointer" : of(pointer), "number"),
+      make.head(`A ${of(cursors.A)}`, "number"), make.head(`B ${of(cursors.B)}`, "number"), make.head(both ? `B − A ${seconds(delta, 6)}, ${short(1 / Math.abs(delta))} Hz` : "B − A", "number")],
+    ...fields.map((field) => {
+      const [low, high] = extremes(traces[field.name]);
+      const swatch = element("span", { className: "swatch" });
+      swatch.style.background = colour(field.colour);
+      const [va, vb] = [value(field.name, a), value(field.name, b)];
+      const name = make.cell("");
+      name.append(swatch, field.name);
+      return [name, make.cell(unitText(field.unit)), make.cell(short(low), "number"), make.cell(short(high), "number"), make.cell(short(value(field.name, now)), "number"),
+        make.cell(short(va), "number"), make.cell(short(vb), "number"), make.cell(both ? short(vb - va) : "–", "number")];
+    }),
+  ]);
+}
+
+function nearest(times, time) {
+  let low = 0, high = times.length - 1;
+  if (high < 0) return -1;
+  while (low < high) {
+    const mid = (low + high) >> 1;
+    if (times[mid] < time) low = mid + 1;
+    else high = mid;
+  }
+  return low > 0 && time - times[low - 1] < times[low] - time ? low - 1 : low;
+}
+
+const middle = (trace, i) => (trace ? (trace[1] ? (trace[0][i] + trace[1][i]) / 2 : trace[0][i]) : null);
+
+function extremes(trace) {
+  let low = null, high = null;
+  if (!trace) return [low, high];
+  const [lows, highs] = [trace[0], trace[1] ?? trace[0]];
+  for (let i = 0; i < lows.length; i++) {
+    if (lows[i] < low || (low === null && !Number.isNaN(lows[i]))) low = lows[i];
+    if (highs[i] > high || (high === null && !Number.isNaN(highs[i]))) high = highs[i];
+  }
+  return [low, high];
+}

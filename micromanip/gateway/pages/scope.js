@@ -1,0 +1,296 @@
+// The scope: what is shown, and who is asked for it. Time is counted in cycles; s are made only to be shown.
+import { Connection, post } from "./connection.js";
+import { parsed } from "./frames.js";
+import { by, cell as td, count, element, head, rows, seconds, themeButton, unitText } from "./page.js";
+import { Panels, readout } from "./panels.js";
+import { SpectrumView, lines } from "./spectrum.js";
+import { TriggerForm } from "./trigger.js";
+import { XyView } from "./xy.js";
+
+const SPANS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600, 1800, 3600];
+const COLOURS = 8;
+const LOOK_MS = 500;
+const READOUT_MS = 200;
+const make = { rows, cell: td, head };
+
+let controller = null;
+let chosen = JSON.parse(localStorage.getItem("fields") ?? "null");
+let tab = "time";
+let view = { span_s: 1, last: null };
+let reference = null;
+let frame = null;
+let askedMs = 0, readMs = 0, zoomMs = 0;
+window.scopeFrames = [];
+
+const panels = new Panels(by("plots"), {
+  zoomed: (from, to) => look(reference + Math.round(to / period()), to - from),
+  wheel: (at, factor) => zoom(factor, at),
+  whole: () => follow(),
+  pointed: () => showReadout(),
+});
+const spectrum = new SpectrumView(by("plots"));
+const xy = new XyView(by("plots"));
+const trigger = new TriggerForm(by("trigger"), () => {
+  view.last = null;
+  askView();
+});
+
+const period = () => controller.period_ns * 1e-9;
+const known = () => (chosen ?? []).filter((name) => controller.fields.some((field) => field.name === name));
+const fields = () => known().map((name, i) => ({ ...controller.fields.find((field) => field.name === name), colour: `--trace-${(i % COLOURS) + 1}` }));
+
+function askView() {
+  if (!controller) return;
+  localStorage.setItem("fields", JSON.stringify(chosen));
+  connection.send({ type: "view", fields: known(), span_s: view.span_s, points: panels.points, last: view.last });
+  connection.send({ type: "trigger", trigger: view.last === null ? trigger.told : null });
+  zoomMs = performance.now();
+  by("freeze").setAttribute("aria-pressed", String(view.last !== null));
+  by("freeze").textContent = view.last === null ? "Freeze" : "Live";
+  const value = SPANS.find((span) => Math.abs(span / view.span_s - 1) < 1e-6);
+  by("span").querySelector("[data-other]")?.remove();
+  if (value === undefined) by("span").prepend(element("option", { value: "other", data: { other: "1" } }, seconds(view.span_s)));
+  by("span").value = value === undefined ? "other" : String(value);
+  if (tab === "time") panels.arrange(fields());
+}
+
+/** Show `span_s` up to the cycle `last`, frozen. */
+function look(last, span_s) {
+  view = { span_s: Math.min(3600, Math.max(0.001, span_s)), last: Math.max(1, last) };
+  askView();
+}
+
+function follow() {
+  view.last = null;
+  if (frame && view.span_s < 0.001) view.span_s = 1;
+  askView();
+}
+
+/** Around the time `at` (s), None: the middle; a live scope only changes its length. */
+function zoom(factor, at = null) {
+  const span = Math.min(3600, Math.max(0.001, view.span_s * factor));
+  if (view.last === null) {
+    view.span_s = SPANS.reduce((best, each) => (Math.abs(Math.log(each / span)) < Math.abs(Math.log(best / span)) ? each : best));
+    askView();
+    return;
+  }
+  const end = (view.last - reference) * period(), middle = at ?? end - view.span_s / 2;
+  look(reference + Math.round((middle + (end - middle) * (span / view.span_s)) / period()), span);
+}
+
+function move(share) {
+  if (!frame) return;
+  look((view.last ?? frame.header.last) + Math.round((share * view.span_s) / period()), view.span_s);
+}
+
+function freeze() {
+  if (view.last === null && frame) look(frame.header.last, view.span_s);
+  else follow();
+}
+
+function show(header, arrays) {
+  if (view.last === null) reference = header.trigger_cycle ?? header.last;
+  else if (header.trigger_cycle === null && header.last !== view.last) return;
+  reference ??= header.last;
+  const step = period(), offset = header.origin - reference;
+  const times = Float64Array.from(arrays.cycles, (cycle) => (cycle + offset) * step);
+  const traces = {};
+  for (const name of [...header.fields, "state"]) traces[name] = [arrays[`${name} low`], arrays[`${name} high`]];
+  const shown = [(header.first - reference) * step, (header.last - reference) * step];
+  frame = { header, times, traces, shown };
+  if (tab === "time") draw();
+  window.scopeFrames.push({ ...header, ms: performance.now() - zoomMs });
+  if (window.scopeFrames.length > 50) window.scopeFrames.shift();
+  tell(header);
+  const now = performance.now();
+  if (tab !== "time" && now - askedMs > LOOK_MS) {
+    askedMs = now;
+    askMore();
+  }
+  if (now - readMs > READOUT_MS) showReadout();
+}
+
+function draw() {
+  const { header, times, traces, shown } = frame;
+  panels.arrange(fields());
+  const volts = fields().filter((field) => field.unit === "V").map((field) => field.name.split(".")[0]);
+  const limits = [...new Set(volts.flatMap((axis) => controller.range_V[axis] ?? []))];
+  const at = header.trigger_cycle === null ? null : (header.trigger_cycle - reference) * period();
+  panels.draw(shown, times, traces, bands(times, traces.state, shown[1]), limits, at);
+}
+
+/** Where the cell was in which state. */
+function bands(times, [low, high], end) {
+  const found = [], states = high ?? low;
+  for (let i = 0; i < times.length; i++) {
+    const name = controller.states[states[i]];
+    if (found.length && found.at(-1)[2] === name) continue;
+    if (found.length) found.at(-1)[1] = times[i];
+    found.push([times[i], end, name]);
+  }
+  return found;
+}
+
+function tell(header) {
+  const part = (name, value, bad = false) => element("span", { className: bad ? "bad" : "" }, `${name} `, element("b", {}, value));
+  by("told").replaceChildren(
+    part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
+    part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
+    part("skipped by the loop", `${count(header.missing)} cycles`),
+    part("lost", String(header.lost), header.lost > 0),
+    part("history", seconds((header.newest - header.oldest) * period())),
+  );
+  by("armed").textContent = { off: "", auto: "auto", normal: "waits", single: "waits" }[trigger.mode];
+  if (header.trigger_cycle !== null && trigger.mode === "single") by("armed").textContent = "stopped";
+}
+
+function askMore() {
+  if (!frame) return;
+  const { first, last } = frame.header;
+  if (tab === "spectrum" && known().length) connection.send({ type: "spectrum", fields: known(), first, last });
+  if (tab === "xy" && by("x").value) connection.send({ type: "xy", fields: [by("x").value, by("y").value], first, last });
+}
+
+function showMore(header, arrays) {
+  if (header.type === "spectrum" && tab === "spectrum") {
+    spectrum.draw(header, arrays, fields());
+    lines(by("readout"), header, fields(), make);
+    by("told").replaceChildren(element("span", {}, `Welch, Hann, ${header.averages} averages over ${seconds(header.seconds)}; lines by a flat-top window; ${(header.missing * 100).toPrecision(2)} % of the cycles interpolated`));
+  } else if (header.type === "xy" && tab === "xy") {
+    const of = (name) => controller.fields.find((field) => field.name === name);
+    xy.draw(arrays.x, arrays.y, of(header.fields[0]), of(header.fields[1]));
+  }
+}
+
+function showReadout() {
+  if (!frame || tab !== "time") return;
+  readMs = performance.now();
+  readout(by("readout"), fields(), frame.times, frame.traces, panels.pointer, panels.cursors, make);
+}
+
+function choose(name) {
+  tab = name;
+  for (const button of document.querySelectorAll("[data-tab]")) button.setAttribute("aria-pressed", String(button.dataset.tab === name));
+  by("axes-xy").hidden = name !== "xy";
+  for (const each of [panels, spectrum, xy]) each.clear();
+  by("readout").replaceChildren();
+  askedMs = 0;
+  if (name === "time" && frame) draw();
+  askMore();
+}
+
+function offer() {
+  const groups = new Map();
+  for (const field of controller.fields) {
+    const [axis, name] = field.name.includes(".") ? field.name.split(".") : ["", field.name];
+    groups.set(axis, [...(groups.get(axis) ?? []), { ...field, shown: name }]);
+  }
+  by("fields").replaceChildren(...[...groups].map(([axis, own]) => element("details", { open: axis === controller.axes[0] },
+    element("summary", {}, axis ? `axis ${axis}` : "cell"),
+    ...own.map((field) => {
+      const box = element("input", { type: "checkbox", checked: known().includes(field.name), value: field.name });
+      box.addEventListener("change", () => {
+        chosen = box.checked ? [...known(), field.name] : known().filter((name) => name !== field.name);
+        askView();
+        askedMs = 0;
+        if (tab !== "time") askMore();
+      });
+      return element("label", { data: { name: field.name } }, box, element("span", {}, field.shown), element("i", {}, unitText(field.unit)));
+    }))));
+  trigger.offer(controller.fields, controller.states, known()[0]);
+  const axis = controller.axes[0];
+  for (const [id, wanted] of [["x", `${axis}.voltage_V`], ["y", `${axis}.strain_um`]]) {
+    const select = by(id), kept = select.value || wanted;
+    select.replaceChildren(...controller.fields.map(({ name }) => new Option(name)));
+    select.value = kept;
+  }
+}
+
+function notice(text, bad = false) {
+  by("notice").textContent = text;
+  by("notice").hidden = !text;
+  by("notice").classList.toggle("bad", bad);
+}
+
+async function save() {
+  if (!frame) return;
+  const { first, last } = frame.header;
+  try {
+    const text = await (await post("/api/csv", { fields: known(), first, last })).blob();
+    const link = element("a", { href: URL.createObjectURL(text), download: `scope-${last}.csv` });
+    link.click();
+    URL.revokeObjectURL(link.href);
+  } catch (problem) {
+    notice(problem.message, true);
+  }
+}
+
+const connection = new Connection((message) => {
+  if (message instanceof ArrayBuffer) {
+    const [header, arrays] = parsed(message);
+    if (header.type === "frame") show(header, arrays);
+    else showMore(header, arrays);
+    connection.drawn();
+  } else if (message.type === "hello" && message.cell) {
+    controller = message.cell;
+    view.last = null;
+    frame = null;
+    chosen ??= [`${controller.axes[0]}.setpoint_um`, `${controller.axes[0]}.strain_um`, `${controller.axes[0]}.voltage_V`];
+    offer();
+    askView();
+  } else if (message.type === "status") {
+    by("state").textContent = message.status?.state ?? "NO CONTROLLER";
+    by("where").textContent = message.status?.configuration ?? "";
+    const fault = message.status?.fault_reports.at(-1);
+    notice(message.problem ?? (fault ? `${fault.seen}. ${fault.next_step}` : message.differs ?? ""), Boolean(message.problem ?? fault));
+    connection.drawn();
+  } else if (message.type === "problem") {
+    notice(message.problem, true);
+    connection.drawn();
+  }
+}, (why) => notice(why, true));
+
+for (const span of SPANS) by("span").append(element("option", { value: String(span) }, seconds(span)));
+by("span").addEventListener("change", () => {
+  view.span_s = Number(by("span").value);
+  askView();
+});
+by("shorter").addEventListener("click", () => zoom(0.5));
+by("longer").addEventListener("click", () => zoom(2));
+by("earlier").addEventListener("click", () => move(-0.25));
+by("later").addEventListener("click", () => move(0.25));
+by("freeze").addEventListener("click", freeze);
+by("save").addEventListener("click", save);
+by("arm").addEventListener("click", () => connection.send({ type: "arm" }));
+for (const button of document.querySelectorAll("[data-tab]")) button.addEventListener("click", () => choose(button.dataset.tab));
+for (const id of ["x", "y"]) by(id).addEventListener("change", askMore);
+by("find").addEventListener("input", () => {
+  const wanted = by("find").value.toLowerCase();
+  for (const label of by("fields").querySelectorAll("label")) label.hidden = !label.dataset.name.toLowerCase().includes(wanted);
+  for (const group of by("fields").children) if (wanted) group.open = true;
+});
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("input:not([type=checkbox]), select, button, summary")) return;
+  const act = {
+    " ": freeze, "+": () => zoom(0.5), "=": () => zoom(0.5), "-": () => zoom(2), ArrowLeft: () => move(-0.25), ArrowRight: () => move(0.25),
+    t: () => connection.send({ type: "arm" }),
+    a: () => put("A"), b: () => put("B"), c: () => { panels.cursors = { A: null, B: null }; panels.redraw(); showReadout(); },
+  }[event.key];
+  if (!act) return;
+  event.preventDefault();
+  act();
+});
+function put(name) {
+  panels.cursors[name] = panels.pointer;
+  panels.redraw();
+  showReadout();
+}
+new ResizeObserver(() => {
+  spectrum.resize();
+  xy.resize();
+}).observe(by("plots"));
+themeButton(() => {
+  panels.redraw();
+  spectrum.plot?.redraw(false, true);
+  xy.resize();
+});

@@ -1,0 +1,52 @@
+// The trigger's form: what it says as the message to the gateway.
+
+export class TriggerForm {
+  constructor(form, changed) {
+    this.form = form;
+    form.addEventListener("input", () => {
+      this.arrange();
+      clearTimeout(this.waiting);
+      this.waiting = setTimeout(changed, 250);
+    });
+    form.addEventListener("submit", (event) => event.preventDefault());
+    this.arrange();
+  }
+
+  /** The fields and states of the cell; `first` is chosen where nothing was before. */
+  offer(fields, states, first) {
+    const field = this.form.elements.field, kept = field.value;
+    field.replaceChildren(...fields.map(({ name }) => new Option(name)));
+    field.value = fields.some(({ name }) => name === kept) ? kept : first ?? fields[0].name;
+    const state = this.form.elements.state;
+    if (!state.options.length) {
+      state.replaceChildren(...states.map((name) => new Option(name)));
+      state.value = "FAULT";
+    }
+  }
+
+  arrange() {
+    const { kind, mode } = this.form.elements;
+    for (const label of this.form.querySelectorAll("[data-for]")) {
+      const fits = label.dataset.for.split(" ").includes(kind.value);
+      for (const part of [label, ...label.children]) part.hidden = !fits;
+      label.style.display = fits ? "" : "none";
+    }
+    this.form.querySelector("button").disabled = mode.value === "off";
+  }
+
+  get mode() {
+    return this.form.elements.mode.value;
+  }
+
+  /** As the gateway wants it; null where it is off. */
+  get told() {
+    const e = this.form.elements;
+    if (this.mode === "off") return null;
+    const told = { mode: this.mode, kind: e.kind.value, before: Math.min(100, Math.max(0, e.before.valueAsNumber || 0)) / 100 };
+    if (["edge", "window"].includes(told.kind)) told.field = e.field.value;
+    if (told.kind === "edge") Object.assign(told, { slope: e.slope.value, level: e.level.valueAsNumber });
+    if (told.kind === "window") Object.assign(told, { low: e.low.valueAsNumber, high: e.high.valueAsNumber });
+    if (told.kind === "state") told.state = e.state.value;
+    return told;
+  }
+}

@@ -1,0 +1,162 @@
+"""The gateway's server: where it listens, with what certificate, and its life."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import ipaddress
+import socket
+import ssl
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import uvicorn
+
+from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied, UsageError, system_error
+
+from .app import Gateway
+from .cell import Cell
+from .guard import Origins
+from .session import MESSAGE_BYTES
+from .tokens import of_file
+
+_STOP_S = 2
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says; `listen` is HOST:PORT, `behind_proxy` the address that the proxy shows."""
+
+    config: Path
+    control: Path
+    listen: str
+    tokens: Path
+    certificate: Path | None = None
+    key: Path | None = None
+    behind_proxy: str | None = None
+
+
+def serve(options: Options, say: Callable[[str], None]) -> None:
+    """Serve until SIGINT or SIGTERM.
+
+    Raises ConfigError, UsageError, PermissionDenied or DeviceUnavailable where it can't begin.
+    """
+    expected = _digest(options.config)
+    host, port = _address(options.listen)
+    origins = _origins(options, host)
+    tokens, is_new = of_file(options.tokens)
+    _check_certificate(options)
+    cell = Cell(options.control)
+
+    def differs() -> str | None:
+        status = cell.status
+        if status is None or status["configuration_sha256"] == expected:
+            return None
+        return (
+            f"The controller runs {status['configuration']}, which is not what {options.config} says now: another "
+            "configuration, or values that were changed (`micromanip diff`)."
+        )
+
+    gateway = Gateway(cell, tokens, origins, differs)
+    with _listening(host, port) as listening:
+        address = options.behind_proxy or f"{origins.scheme}://{_shown(*listening.getsockname()[:2])}"
+        if is_new:
+            say(f"made new tokens in {options.tokens}: one to observe, one to operate")
+        say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
+        config = uvicorn.Config(
+            gateway.guard,
+            ws="websockets-sansio",
+            ws_max_size=MESSAGE_BYTES,
+            ws_per_message_deflate=False,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            timeout_graceful_shutdown=_STOP_S,
+            ssl_certfile=options.certificate,
+            ssl_keyfile=options.key,
+        )
+        with contextlib.suppress(KeyboardInterrupt):
+            uvicorn.Server(config).run([listening])
+
+
+def _digest(config: Path) -> str:
+    try:
+        return hashlib.sha256(config.read_text(encoding="utf-8").encode()).hexdigest()
+    except UnicodeDecodeError as problem:
+        raise ConfigError(f"{config}: not a text of UTF-8: {problem}") from problem
+    except OSError as problem:
+        raise system_error(problem, config) from problem
+
+
+def _address(listen: str) -> tuple[str, int]:
+    host, separator, port = listen.rpartition(":")
+    if not separator or not port.isdigit() or int(port) > 65535 or not host:
+        raise UsageError(f"--listen {listen}: expected HOST:PORT, such as 127.0.0.1:8090 or [::1]:8090")
+    return host.strip("[]"), int(port)
+
+
+def _shown(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def _origins(options: Options, host: str) -> Origins:
+    if (options.certificate is None) != (options.key is None):
+        raise UsageError("--tls-certificate and --tls-key go together")
+    if options.behind_proxy is not None:
+        split = urlsplit(options.behind_proxy)
+        if split.scheme not in ("http", "https") or not split.netloc or split.path not in ("", "/"):
+            raise UsageError("--behind-proxy is the address that people open, such as https://cell.example")
+        return Origins(public=f"{split.scheme}://{split.netloc}")
+    if options.certificate is not None:
+        return Origins("https")
+    if not _is_local(host):
+        raise UsageError(
+            f"--listen {options.listen}: whoever can read along on the network would have the tokens; give "
+            "--tls-certificate and --tls-key, or --behind-proxy ADDRESS with a proxy that does TLS, or listen "
+            "on 127.0.0.1"
+        )
+    return Origins()
+
+
+def _is_local(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _check_certificate(options: Options) -> None:
+    """Raise ConfigError where certificate and key can't be used."""
+    if options.certificate is None:
+        return
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(options.certificate, options.key, password="")
+    except ssl.SSLError as problem:
+        raise ConfigError(
+            f"{options.certificate}, {options.key}: not a certificate with its key, in PEM and without a password: "
+            f"{problem.reason or problem}"
+        ) from problem
+    except OSError as problem:
+        where = next((p for p in (options.certificate, options.key) if p is not None and not p.is_file()), None)
+        raise system_error(problem, where or options.certificate) from problem
+
+
+@contextlib.contextmanager
+def _listening(host: str, port: int) -> Iterator[socket.socket]:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as listening:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((host, port))
+        except PermissionError as problem:
+            raise PermissionDenied(f"--listen {host}:{port}: {problem.strerror}; take a port from 1024 on") from problem
+        except OSError as problem:
+            raise DeviceUnavailable(
+                f"--listen {host}:{port}: {problem.strerror or problem}; choose another address or port"
+            ) from problem
+        yield listening

@@ -1,0 +1,41 @@
+"""What the host tells the recorder on its standard input: a JSON document a line; the end of it is the end."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+from collections import deque
+from typing import Any
+
+_BYTES = 65_536
+
+
+class Orders:
+    """Lines of a descriptor, as they come."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._partial = b""
+        self._ready: deque[Any] = deque()
+        self.ended = False
+
+    def next(self) -> Any:
+        """The next order, however long it takes; None at the end."""
+        while not self._ready and not self.ended:
+            self._read()
+        return self._ready.popleft() if self._ready else None
+
+    def within(self, seconds: float) -> list[Any]:
+        """What is ordered now; where there is nothing, what comes first within `seconds`."""
+        if not self._ready and not self.ended and select.select([self._descriptor], [], [], seconds)[0]:
+            self._read()
+        found = list(self._ready)
+        self._ready.clear()
+        return found
+
+    def _read(self) -> None:
+        some = os.read(self._descriptor, _BYTES)
+        self.ended = not some
+        *lines, self._partial = (self._partial + some).split(b"\n")
+        self._ready.extend(json.loads(line) for line in lines if line)

@@ -1,0 +1,21 @@
+"""Topics, metadata and attachments of a recording that is an MCAP file. Described: docs/recording-format.md."""
+
+from __future__ import annotations
+
+BLOCKS_TOPIC, CELL_TOPIC, MARKS_TOPIC = "/rows", "/cell", "/marks"
+BLOCKS_SCHEMA, BLOCKS_ENCODING = "micromanip.Block", "micromanip.block"
+ABOUT, END = "micromanip", "micromanip.end"
+"""Metadata: what is recorded, written first; how it ended, written last and only where it was ended in order."""
+BEGAN = "recording began"
+"""The first mark."""
+CONFIGURATION, STATE = "configuration.yaml", "state.npy"
+
+
+def axis_topic(axis: str) -> str:
+    """Its scalars, fifty a second."""
+    return f"/axis/{axis}"
+
+
+def parameters_file(version: int) -> str:
+    """Attachment with the set of parameters that rows of `version` ran with."""
+    return f"parameters-{version}.npy"

@@ -1,0 +1,77 @@
+"""A recording of ours, whatever its format: what it is of, and its rows in parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+
+from .table import Array, Table
+
+_MOST_VALUES = 250_000_000
+
+Rows = Iterator[Mapping[str, NDArray[Any]]]
+Parts = Callable[[Sequence[str]], Rows]
+"""Columns by path, as ``cycle`` or ``axis.0.strain_um``, part by part from the first row on."""
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """One run, or a piece of it.
+
+    `dtype` is the row of the program that wrote it; `configuration` its text, of the hash `sha256`; `end` how it was
+    ended (``rows``, ``lost``, ``complete``, ``problem``), empty where nobody could say so. `state` and `parameters` are
+    records as the loop had them, `marks` the remarks.
+    """
+
+    file: Path
+    axes: list[str]
+    period_ns: int
+    dtype: np.dtype[Any]
+    configuration: str
+    sha256: str
+    end: Mapping[str, Any]
+    parts: Parts = field(repr=False)
+    rows: Callable[[], Iterator[NDArray[Any]]] = field(repr=False)
+    state: NDArray[Any] | None = field(default=None, repr=False)
+    parameters: Sequence[NDArray[Any]] = field(default=(), repr=False)
+    marks: Sequence[Mapping[str, Any]] = ()
+
+    def names(self) -> dict[str, str]:
+        """Paths by the names that their columns have: ``cycle``, ``strain_um_x``."""
+        found = {name: name for name in self.dtype.names or () if self.dtype[name].subdtype is None}
+        fields = self.dtype["axis"].base.names or ()
+        return found | {f"{name}_{axis}": f"axis.{k}.{name}" for k, axis in enumerate(self.axes) for name in fields}
+
+    def table(self) -> Table:
+        """Columns ``t_s``, by the counter of cycles so that a skipped one shows, and those of `names`."""
+        columns: dict[str, Array | Callable[[], Array]] = {"t_s": self._time}
+        for name, path in self.names().items():
+            columns[name] = self._reading(path)
+        return Table(self.file, columns)
+
+    def column(self, path: str) -> NDArray[Any]:
+        """One column, whole, in its own type. CheckFailed where that is too much, or the file is damaged."""
+        found: list[NDArray[Any]] = []
+        total = 0
+        for part in self.parts([path]):
+            found.append(part[path])
+            total += len(found[-1])
+            if total > _MOST_VALUES:
+                raise CheckFailed(
+                    f"{self.file}: {total} rows are more than can be read; cut it: micromanip export --cut"
+                )
+        return np.concatenate(found) if found else np.empty(0)
+
+    def _reading(self, path: str) -> Callable[[], Array]:
+        return lambda: np.asarray(self.column(path), dtype=float)
+
+    def _time(self) -> Array:
+        cycles = self.column("cycle")
+        return np.asarray((cycles - cycles[:1]) * (self.period_ns * 1e-9), dtype=float)

@@ -1,0 +1,39 @@
+"""Lines told from noise, hum and resonances; the reference that is made of what the tracker said at rest."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from micromanip.design.commission.at_rest import AtRest, strongest_line
+
+RATE_HZ, BAND_HZ = 10_000.0, (70.0, 1000.0)
+T_S = np.arange(50_000) / RATE_HZ
+NOISE = np.random.default_rng(7).normal(0.0, 0.02, len(T_S))
+
+
+@pytest.mark.parametrize("hertz", [83.3, 200.0, 417.62, 900.0])
+def test_a_line_is_found_with_its_frequency_and_size(hertz):
+    found, size_um, ratio = strongest_line(NOISE + 0.5 * np.sin(2 * np.pi * hertz * T_S), RATE_HZ, BAND_HZ)
+    assert found == pytest.approx(hertz, abs=0.1)
+    assert size_um == pytest.approx(0.5, rel=0.2), "between two bins of a Hann window 15 % are lost"
+    assert ratio > 50.0
+
+
+def test_noise_and_a_resonance_do_not_stand_out():
+    pole = np.exp((-0.03 + 1j) * 2 * np.pi * 130.0 / RATE_HZ)
+    swinging = lfilter([1.0], np.poly([pole, pole.conj()]).real, NOISE)
+    for y in (NOISE, swinging):
+        assert strongest_line(y, RATE_HZ, BAND_HZ)[2] < 10.0
+
+
+def test_the_mains_are_no_tooth():
+    hum = NOISE + np.sin(2 * np.pi * 100.0 * T_S) + 0.1 * np.sin(2 * np.pi * 333.0 * T_S)
+    assert strongest_line(hum, RATE_HZ, BAND_HZ)[0] == pytest.approx(333.0, abs=0.1)
+
+
+def test_what_was_not_seen_keeps_its_default():
+    seen = AtRest(500.0, 0.3, 6.5, None).reference()
+    assert (seen.sample_rate_Hz, seen.noise_um, seen.oscillation_Hz) == (500.0, 0.3, 6.5)
+    unseen = AtRest(None, 0.0, None, None).reference()
+    assert (unseen.sample_rate_Hz, unseen.oscillation_Hz) == (1000.0, 8.0)
+    assert unseen.noise_um > 0.0

@@ -1,0 +1,176 @@
+"""Figures of recorded runs against closed forms; confidence that is what it says, with correlated samples too."""
+
+import json
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from cli.command import code_of
+from host.test_mcap_recording import CONFIGURATION as CONFIGURATION_IN_FILE
+from host.test_mcap_recording import begun, slots, some_rows
+from scipy.signal import lfilter
+
+from micromanip.design.run_figures import (
+    configuration_changes,
+    difference,
+    mean_square,
+    run_figures,
+)
+from micromanip.errors import CheckFailed
+from micromanip.faults import KINDS
+from micromanip.recordings import open_telemetry
+from micromanip.rt.states import TRACKING
+
+
+def correlated(count, memory, seed):
+    """A first-order process with unit variance; `memory` is the correlation of neighbours."""
+    noise = np.random.default_rng(seed).standard_normal(count + 5000)
+    return lfilter([np.sqrt(1 - memory**2)], [1, -memory], noise)[5000:]
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.99, 0.998])
+def test_the_true_mean_square_is_in_the_interval(memory):
+    """Nine times in ten or more, of the 95 % that are meant; counted as independent it would be two times in ten."""
+    found = [mean_square(correlated(20_000, memory, seed)) for seed in range(200)]
+    inside = [abs(one.value - 1.0) < 2.1 * one.standard_error for one in found]
+    assert np.mean(inside) > 0.88
+    naive = [np.std(correlated(20_000, memory, seed) ** 2) / np.sqrt(20_000) for seed in range(20)]
+    if memory > 0.9:
+        assert np.mean([one.standard_error for one in found]) > 3 * np.mean(naive)
+
+
+def test_no_difference_is_found_where_there_is_none():
+    verdicts = [
+        difference(mean_square(correlated(20_000, 0.99, k)), mean_square(correlated(20_000, 0.99, 1000 + k))).verdict
+        for k in range(200)
+    ]
+    assert verdicts.count("no difference shown") > 176
+
+
+def test_a_difference_is_found_and_its_size():
+    found = [
+        difference(mean_square(correlated(20_000, 0.9, k)), mean_square(0.8 * correlated(20_000, 0.9, 1000 + k)))
+        for k in range(50)
+    ]
+    assert {one.verdict for one in found} == {"lower"}
+    assert np.mean([one.ratio for one in found]) == pytest.approx(0.8, rel=0.01)
+    assert np.mean([one.low < 0.8 < one.high for one in found]) > 0.85
+    back = difference(mean_square(0.8 * correlated(20_000, 0.9, 1)), mean_square(correlated(20_000, 0.9, 2)))
+    assert back.verdict == "higher"
+
+
+def test_too_few_cycles():
+    with pytest.raises(CheckFailed, match="100 cycles of tracking are too few"):
+        mean_square(np.ones(100))
+
+
+CONFIGURATION = "loop: {rate_hz: 10000}\naxes: {x: {inner: {K: 0.6}}, y: {}}\n"
+
+
+def recording(file, amplitude=1.0, tracking=slice(None), fault=0, marks=()):
+    """A sine of 66 Hz, and noise, as the path error of axis x; 60 V with 5 V of swing."""
+    rows = some_rows(42, 20_000)
+    t = np.arange(len(rows)) * 1e-4
+    rows["state"][tracking] = TRACKING
+    rows["lateness_ns"], rows["lateness_ns"][100] = 100, 9000
+    rows["fault"][-5:] = fault
+    rows["axis"]["path_error_um"] = 0.01 * rows["axis"]["innovation_um"]
+    rows["axis"]["path_error_um"][:, 0] += amplitude * np.sqrt(2) * np.sin(2 * np.pi * 66 * t)
+    rows["axis"]["voltage_V"] = 60 + 5 * np.sin(2 * np.pi * 2 * t)[:, None]
+    sets = slots(1)
+    sets["axis"]["limiter"]["low_V"], sets["axis"]["limiter"]["high_V"] = -20, 100
+    written = begun(file)
+    written.append(rows, sets)
+    for mark in marks:
+        written.mark(mark, 5000, "alice", 5000 * 100_000)
+    written.close()
+    return file
+
+
+def test_a_known_sine(tmp_path):
+    found = run_figures(open_telemetry(recording(tmp_path / "run.mcap", tracking=slice(10_000, None), fault=3)))
+    x = found.axes["x"]
+    assert x.rms_um == pytest.approx(1.0, rel=1e-3)
+    assert x.peak_Hz == pytest.approx(66.0, rel=0.01)
+    assert x.peak_um == pytest.approx(1.0, rel=0.01)
+    assert x.bands_um[1] == pytest.approx(1.0, rel=0.01)
+    assert np.sqrt(np.sum(np.square(found.axes["y"].bands_um))) == pytest.approx(0.01, rel=0.05)
+    assert x.headroom_V == pytest.approx(35.0, rel=1e-3)
+    assert found.tracking_s == pytest.approx(1.0)
+    assert found.lateness_ns == (100, 100, 9000)
+    assert (found.skipped, found.lost, found.faults) == (0, 0, (KINDS[3].code,))
+
+
+def test_a_run_that_never_tracks(tmp_path):
+    file = recording(tmp_path / "run.mcap", tracking=slice(0))
+    with pytest.raises(CheckFailed, match=r"run\.mcap: axis x: 0 cycles of tracking are too few"):
+        run_figures(open_telemetry(file))
+
+
+def test_configurations_key_by_key():
+    other = CONFIGURATION.replace("0.6", "0.5").replace("y: {}", "y: {}, z: {inner: {K: 1}}")
+    assert configuration_changes(CONFIGURATION, other) == [
+        {"key": "axes.x.inner.K", "old": 0.6, "new": 0.5},
+        {"key": "axes.z.inner.K", "old": None, "new": 1},
+    ]
+    assert configuration_changes(CONFIGURATION, CONFIGURATION) == []
+
+
+def test_the_command(tmp_path, capsys):
+    a, b = recording(tmp_path / "a.mcap"), recording(tmp_path / "b.mcap", amplitude=0.5)
+    assert code_of("compare", a, b, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["axes"]["x"]["verdict"] == "lower"
+    assert told["axes"]["x"]["ratio"] == pytest.approx(0.5, rel=1e-3)
+    assert told["axes"]["y"]["verdict"] == "no difference shown"
+    assert told["configuration"] == []
+    assert code_of("compare", a, b) == 0
+    shown = capsys.readouterr().out
+    assert "lower" in shown
+    assert "the configurations are the same" in shown
+
+
+class Page(HTMLParser):
+    """Tags and texts of a page; each tag is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.texts, self.open = [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+        if tag not in ("meta", "!doctype"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+@pytest.mark.long
+def test_a_report(tmp_path, capsys):
+    """One file: small, without anything from elsewhere, with what the figures say and what people wrote."""
+    file = recording(tmp_path / "run.mcap", marks=("<script>alert(1)</script>",))
+    assert code_of("report", file, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["run"]["axes"]["x"]["peak_Hz"] == pytest.approx(66.0, rel=0.01)
+    text = (tmp_path / "run.html").read_text()
+    assert told["report"] == str(tmp_path / "run.html")
+    assert len(text) < 1_000_000
+    page = Page(text)
+    assert [tag for tag, _ in page.tags].count("svg") == 5
+    assert not [tag for tag, _ in page.tags if tag in ("script", "img", "link", "iframe")]
+    links = [value for _, given in page.tags for name, value in given.items() if name.endswith(("href", "src"))]
+    assert all(link.startswith("#") for link in links)
+    assert "<script>alert(1)</script>" in page.texts
+    assert "1.0000" in page.texts
+    assert CONFIGURATION_IN_FILE in page.texts
+    assert code_of("report", file) == 64
+    assert "nothing is replaced" in capsys.readouterr().err

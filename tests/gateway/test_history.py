@@ -1,0 +1,133 @@
+"""The past of the scope against numpy on all rows: no peak is lost, memory is fixed, gaps are told."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from micromanip.gateway.fields import fields
+from micromanip.gateway.history import History
+from micromanip.rt import states
+
+from .rings import AXES, Played, rows
+
+FIELDS = fields(AXES)
+STRAIN = ["x.strain_um"]
+FULL, BLOCKS = 512, ((4, 128), (16, 256))
+
+
+def filled(values, cycles, sizes):
+    history = History(FIELDS, FULL, BLOCKS)
+    at = 0
+    for size in sizes:
+        history.add(rows(cycles[at : at + size], x_strain_um=values[at : at + size]))
+        at += size
+    history.add(rows(cycles[at : at + FULL], x_strain_um=values[at : at + FULL]))
+    return history
+
+
+@st.composite
+def pasts(draw):
+    n = draw(st.integers(1, 1500))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    values = rng.normal(size=n).astype(np.float32)
+    values[rng.random(n) < draw(st.sampled_from([0.0, 0.1]))] = np.nan
+    steps = np.ones(n, np.int64)
+    steps[rng.random(n) < draw(st.sampled_from([0.0, 0.05]))] += rng.integers(1, 40)
+    sizes = []
+    while sum(sizes) < max(0, n - FULL):
+        sizes.append(draw(st.integers(1, 300)))
+    return values, np.cumsum(steps) + draw(st.integers(0, 1000)), sizes
+
+
+@given(pasts(), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.integers(1, 200))
+def test_no_peak_of_a_window_is_lost_and_none_is_made_up(past, begin, end, points):
+    values, cycles, sizes = past
+    history = filled(values, cycles, sizes)
+    begin, end = sorted((begin, end))
+    first, last = (int(cycles[0] + share * (cycles[-1] - cycles[0])) for share in (begin, end))
+    found = history.window(history.index(STRAIN), first, last, points)
+    assert len(found.cycles) <= points + 2
+    assert (np.diff(found.cycles) > 0).all()
+    assert found.cycles[-1] <= last if len(found.cycles) else True
+    edges = [*np.searchsorted(cycles, found.cycles), None]
+    for k, (low, high) in enumerate(zip(found.low[0], found.high[0], strict=True)):
+        stop = edges[k + 1] if edges[k + 1] is not None else min(edges[k] + found.rows, len(values))
+        held = values[edges[k] : stop]
+        if edges[k + 1] is None:  # the newest block may not be whole yet
+            assert np.isnan(low) or np.nanmin(held) <= low <= high <= np.nanmax(held)
+        elif np.isnan(held).all():
+            assert np.isnan(low)
+            assert np.isnan(high)
+        else:
+            assert (low, high) == (np.nanmin(held), np.nanmax(held))
+
+
+def test_a_window_of_few_cycles_is_whole_and_one_of_the_far_past_is_blocks():
+    cycles = np.arange(3000)
+    history = filled(np.sin(cycles), cycles, [100] * 25)
+    near = history.window(history.index(STRAIN), 2900, 2950, 100)
+    assert near.rows == 1
+    assert near.cycles.tolist() == list(range(2900, 2951))
+    np.testing.assert_array_equal(near.low[0], np.sin(near.cycles).astype(np.float32))
+    far = history.window(history.index(STRAIN), 200, 400, 1000)
+    assert far.rows == 16, "only the coarsest level reaches back so far"
+    assert far.cycles[0] <= 200 < far.cycles[1]
+    assert history.oldest_full == 3000 - FULL
+
+
+def test_memory_is_fixed():
+    history = filled(np.zeros(FULL), np.arange(FULL), [])
+    before = sum(level.low.nbytes + level.high.nbytes for level in history._levels)
+    for k in range(1, 40):
+        history.add(rows(np.arange(k * FULL, (k + 1) * FULL)))
+    assert sum(level.low.nbytes + level.high.nbytes for level in history._levels) == before
+    assert history.newest - history.oldest < 16 * 256 + FULL
+
+
+def test_cycles_that_were_skipped_are_told_as_missing():
+    cycles = np.r_[np.arange(100), np.arange(150, 250)]
+    history = filled(np.zeros(200), cycles, [])
+    assert history.window(history.index(STRAIN), 0, 249, 50).missing == 50
+    assert history.window(history.index(STRAIN), 150, 249, 50).missing == 0
+
+
+def test_every_column_of_the_telemetry_is_a_field():
+    assert len(FIELDS) == 8 + 2 * 20
+    raised = rows([0, 1, 2])
+    raised["axis"]["conditions"][:, 1] = [0, 1 << states.SATURATED, 1 << states.ROLLED_BACK | 1 << states.SATURATED]
+    (field,) = [field for field in FIELDS if field.name == "y.conditions"]
+    assert field.of(raised).tolist() == [0, states.SATURATED, states.ROLLED_BACK]
+
+
+def test_a_ring_is_read_without_gaps_and_what_was_overwritten_is_counted(tmp_path):
+    played = Played(tmp_path)
+    played.play(rows(np.arange(50_000)))
+    played.read()
+    source = played.cell.source
+    before = source.history.count
+    assert before == 1 << 15, "what was there before is seen as well, as far as it will not be overwritten soon"
+    for begin in range(50_000, 99_000, 7_000):
+        played.play(rows(np.arange(begin, begin + 7_000)))
+        played.read()
+    end = source.history.newest
+    cycles, _ = source.history.whole([0], 0, end)
+    assert (np.diff(cycles) == 1).all()
+    assert source.reader.lost == 0
+    size = len(played.ring["rows"])
+    played.play(rows(np.arange(end + 1, end + 1 + 60_000)))
+    played.play(rows(np.arange(end + 60_001, end + 80_001)))
+    played.read()
+    assert source.reader.lost == 80_000 - size + 1
+    assert source.history.newest == end + 80_000
+    assert source.history.count + source.reader.lost == end + 80_001 - (50_000 - before)
+
+
+@pytest.mark.parametrize("points", [10, 500])
+def test_points_stay_in_place_as_the_newest_moves_on(points):
+    history = History(FIELDS, FULL, BLOCKS)
+    history.add(rows(np.arange(400), x_strain_um=np.sin(np.arange(400.0))))
+    before = history.window(history.index(STRAIN), 100, 399, points)
+    history.add(rows(np.arange(400, 403), x_strain_um=0.0))
+    after = history.window(history.index(STRAIN), 103, 402, points)
+    assert len(set(before.cycles) & set(after.cycles)) >= len(before.cycles) - 3

@@ -1,0 +1,188 @@
+"""A real controller and a real gateway beside it: memory that can't be written, orders that are noted, deaths."""
+
+import json
+import mmap
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import suppress
+
+import pytest
+from websockets.sync.client import connect
+
+from micromanip.client import Client
+from micromanip.gateway.frames import parsed
+from tools.running_controller import MICROMANIP, WAITING, Running, calm, until
+
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("loop")]
+OPEN_TO_WRITE = "import os, sys; os.close(os.open(f'/proc/self/fd/{sys.argv[1]}', os.O_RDWR))"
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    running = Running(tmp_path_factory.mktemp("cell"), calm(*WAITING))
+    running.reach("READY")
+    yield running
+    with suppress(Exception):
+        running.end()
+    running.kill()
+    running.release()
+
+
+class Beside:
+    """The command, and what a client needs of it."""
+
+    def __init__(self, cell):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.host = f"127.0.0.1:{free.getsockname()[1]}"
+        self.tokens = cell.folder / "tokens"
+        self.log = (cell.folder / "gateway.log").open("w+")
+        command = [str(MICROMANIP), "gateway", str(cell.config), "--socket", str(cell.socket), "--listen", self.host]
+        self.process = subprocess.Popen([*command, "--tokens", str(self.tokens)], stderr=self.log, cwd=cell.folder)
+        until(self._listens, lambda: (cell.folder / "gateway.log").read_text())
+        lines = [line.split() for line in self.tokens.read_text().splitlines() if not line.startswith("#")]
+        self.secret = {scope: secret for _, scope, secret in lines}
+
+    def _listens(self):
+        assert self.process.poll() is None
+        try:
+            self.get("/")
+        except OSError:
+            return False
+        return True
+
+    def get(self, path, scope=None, body=None):
+        request = urllib.request.Request(
+            f"http://{self.host}{path}", None if body is None else json.dumps(body).encode()
+        )
+        request.add_header("content-type", "application/json")
+        if scope is not None:
+            request.add_header("authorization", f"Bearer {self.secret[scope]}")
+        with urllib.request.urlopen(request, timeout=30) as answer:
+            return answer.read().decode()
+
+    def state(self):
+        told = json.loads(self.get("/api/status", "observe"))
+        return told["status"] and told["status"]["state"]
+
+    def close(self):
+        self.process.terminate()
+        assert self.process.wait(20) in (0, -signal.SIGTERM, -signal.SIGKILL)
+        self.log.close()
+
+
+@pytest.fixture(scope="module")
+def gateway(cell):
+    made = Beside(cell)
+    yield made
+    made.close()
+
+
+def test_the_memory_that_is_handed_out_can_only_be_read(cell):
+    with Client(cell.socket) as client:
+        told, descriptors = client.telemetry()
+        assert told["axes"] == ["x", "y", "z"]
+        assert client.status()["state"] == "READY", "the connection goes on"
+    try:
+        for descriptor in descriptors:
+            mmap.mmap(descriptor, 0, prot=mmap.PROT_READ).close()
+            with pytest.raises(PermissionError):
+                mmap.mmap(descriptor, 0, prot=mmap.PROT_READ | mmap.PROT_WRITE)
+            with pytest.raises(OSError, match=r"Bad file descriptor|Invalid argument"):
+                os.ftruncate(descriptor, 1)
+            if os.geteuid() == 0:  # what another user can do with it
+                python = [
+                    "setpriv",
+                    "--reuid=65534",
+                    "--regid=65534",
+                    "--clear-groups",
+                    sys.executable,
+                    "-c",
+                    OPEN_TO_WRITE,
+                ]
+                done = subprocess.run(
+                    [*python, str(descriptor)], pass_fds=[descriptor], capture_output=True, text=True, check=False
+                )
+                assert "PermissionError" in done.stderr
+    finally:
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+
+def test_it_is_handed_out_again_and_again_without_a_leak(cell):
+    with Client(cell.socket) as client:
+        client.status()
+        before = cell.descriptors
+        for _ in range(50):
+            for descriptor in client.telemetry()[1]:
+                os.close(descriptor)
+        until(lambda: cell.descriptors <= before + 1, "descriptors of the host are left open")
+
+
+def test_an_order_goes_through_the_socket_and_is_noted_with_the_token(cell, gateway):
+    until(lambda: gateway.state() == "READY", "the gateway sees the controller")
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        gateway.get("/api/order", "observe", {"order": "arm"})
+    gateway.get("/api/order", "operate", {"order": "arm"})
+    until(lambda: gateway.state() == "TRACKING", "armed")
+    with Client(cell.socket) as client:
+        entry = client.audit()["entries"][-1]
+    assert (entry["verb"], entry["accepted"]) == ("arm", True)
+    assert entry["user"].endswith(" for operator")
+    assert entry["pid"] == gateway.process.pid
+
+
+def test_the_ring_is_followed_without_gaps_over_a_websocket(gateway):
+    seen, lost = [], None
+    with connect(f"ws://{gateway.host}/live", max_size=None) as browser:
+        browser.send(json.dumps({"type": "hello", "token": gateway.secret["observe"]}))
+        view = {"type": "view", "fields": ["x.strain_um", "x.voltage_V"], "span_s": 2.0, "points": 800, "last": None}
+        end = time.monotonic() + 20.0
+        while len(seen) < 20 and time.monotonic() < end:
+            message = browser.recv(20)
+            if isinstance(message, str):
+                if json.loads(message)["type"] == "hello":
+                    browser.send(json.dumps(view))
+                else:
+                    browser.send('{"type": "drawn"}')
+                continue
+            header, arrays = parsed(message)
+            seen.append(header["newest"])
+            lost = header["lost"]
+            assert len(arrays["x.strain_um low"]) == len(arrays["cycles"])
+            browser.send('{"type": "drawn"}')
+    assert len(seen) == 20
+    assert seen == sorted(set(seen))
+    assert lost == 0
+    assert "micromanip_up 1.0" in gateway.get("/metrics", "observe")
+
+
+def test_neither_misses_the_other(cell, gateway):
+    with Client(cell.socket) as client:
+        gateway.process.send_signal(signal.SIGSTOP)
+        before = client.status()
+        time.sleep(0.5)
+        after = client.status()
+        gateway.process.send_signal(signal.SIGCONT)
+        assert (after["state"], after["cycles"] > before["cycles"]) == ("TRACKING", True)
+    cell.end()
+    until(lambda: gateway.state() is None, "the gateway notices")
+    until(lambda: "no controller answers" in gateway.get("/api/status", "observe"), "and says why")
+    again = Running(cell.folder, cell.config.read_text(), "--socket", str(cell.socket))
+    try:
+        until(lambda: gateway.state() == "READY", "the gateway sees the next one")
+        gateway.process.kill()
+        gateway.process.wait()
+        with Client(cell.socket) as client:
+            assert client.status()["state"] == "READY"
+    finally:
+        again.process.send_signal(signal.SIGTERM)
+        again.process.wait(60)
+        again.kill()
+        again.release()

@@ -1,0 +1,147 @@
+"""The pages in a real browser, before a made-up ring: nothing from elsewhere, no complaint, exact triggers."""
+
+import asyncio
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+import uvicorn
+
+from micromanip.gateway.app import Gateway
+from micromanip.gateway.guard import Origins
+from micromanip.gateway.tokens import Token, Tokens
+from micromanip.rt import states
+from tests.cli.played import FAULT
+
+from .chromium import PROGRAM, chromium
+from .rings import Played, rows, status
+
+pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
+DO = "d" * 24
+SINE_HZ, SINE_UM, EDGE_CYCLE = 66.0, 3.0, 77_777
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    made = Played(tmp_path_factory.mktemp("gateway") / "control.sock")
+    made.cell.status, made.cell.problem = status(), None
+
+    async def follow():
+        while True:
+            made.read()
+            made.cell._tell(None)
+            await asyncio.sleep(0.05)
+
+    made.cell.follow = follow
+    return made
+
+
+@pytest.fixture(scope="module")
+def address(played):
+    gateway = Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        config = uvicorn.Config(gateway.guard, ws="websockets-sansio", log_level="error", timeout_graceful_shutdown=1)
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, args=([listening],))
+        thread.start()
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+        server.should_exit = True
+        thread.join()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("chromium")) as made:
+        yield made
+
+
+def opened(browser, address, path):
+    browser.errors.clear()
+    browser.asked.clear()
+    browser("Page.navigate", url=address + path)
+    browser.until("document.readyState === 'complete'")
+
+
+def in_order(browser, address):
+    assert browser.errors == []
+    assert len(browser.asked) > 5
+    assert {
+        url for url in browser.asked if not url.startswith((address, address.replace("http", "ws"), "blob:", "data:"))
+    } == set()
+    assert not any(DO in url for url in browser.asked), "a token is in no address"
+
+
+def test_a_wrong_token_is_told_and_the_right_one_opens(browser, address):
+    opened(browser, address, "/")
+    for token, then in (("w" * 24, "document.querySelector('dialog[open] .notice')?.hidden === false"),
+                        (DO, "document.getElementById('who').textContent.includes('ana')")):  # fmt: skip
+        browser.until("document.querySelector('dialog[open] input[type=password]') !== null")
+        browser.value(
+            f"document.getElementById('token').value = '{token}'; document.querySelector('dialog[open] button').click()"
+        )
+        browser.until(then)
+    browser.until("document.querySelector('#state b').textContent === 'TRACKING'")
+    in_order(browser, address)
+
+
+def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, address, played):
+    opened(browser, address, "/")
+    browser.until("document.querySelectorAll('.axis').length === 2")
+    assert "51.25" in browser.value("document.querySelector('.axis').textContent")
+    asked = "document.getElementById('question').open"
+    browser.value("document.querySelector('[data-order=arm]').click()")
+    assert browser.until(asked)
+    assert browser.value("document.activeElement.value") == "no"
+    browser.value("document.activeElement.click()")
+    browser.until(f"!{asked}")
+    played.cell.status = status("FAULT", [FAULT])
+    browser.until("document.querySelector('#state b').textContent === 'FAULT'")
+    assert FAULT["next_step"] in browser.value("document.querySelector('.fault').textContent")
+    for width in (390, 1280):
+        browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"it fits at {width}"
+    played.cell.status = status()
+    in_order(browser, address)
+
+
+def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, played):
+    opened(browser, address, "/scope")
+    browser.until("document.querySelectorAll('#fields input').length === 48")
+    form = "const f = document.getElementById('trigger').elements"
+    browser.value(
+        f"{{ {form}; f.mode.value = 'single'; f.field.value = 'x.stage_um'; f.level.value = '0.5'; "
+        "f.before.value = '25'; "
+        "f.mode.dispatchEvent(new Event('input', {bubbles: true})) }"
+    )
+    browser.until("document.getElementById('armed').textContent === 'waits' || scopeFrames.length === 0")
+    time.sleep(1.0)
+    cycles = np.arange(100_000)
+    made = rows(
+        cycles, x_strain_um=SINE_UM * np.sin(2 * np.pi * SINE_HZ * cycles * 1e-4), x_stage_um=cycles >= EDGE_CYCLE
+    )
+    made["state"][90_000:] = states.HOLDING
+    for part in np.split(made, 50):
+        played.play(part)
+        time.sleep(0.02)
+    hit = browser.until("scopeFrames.find((frame) => frame.trigger_cycle !== null)")
+    assert hit["trigger_cycle"] == EDGE_CYCLE
+    assert (hit["first"], hit["last"]) == (EDGE_CYCLE - 2_500, EDGE_CYCLE + 7_500)
+    browser.until("document.getElementById('told').textContent.includes('77')")
+    browser.value(f"{{ {form}; f.mode.value = 'off'; f.mode.dispatchEvent(new Event('input', {{bubbles: true}})) }}")
+    browser.value("{ const s = document.getElementById('span'); s.value = '5'; s.dispatchEvent(new Event('change')) }")
+    browser.until("scopeFrames.at(-1).last === 99999 && scopeFrames.at(-1).first === 49999")
+    assert browser.value("scopeFrames.every((frame) => frame.lost === 0 && frame.missing === 0)")
+    browser.value("document.querySelector('[data-tab=spectrum]').click()")
+    line = browser.until("document.getElementById('readout').textContent.match(/x.strain_um([\\d.]+) Hz: ([\\d.]+)/)")
+    assert float(line[1]) == pytest.approx(SINE_HZ, rel=0.01)
+    assert float(line[2]) == pytest.approx(SINE_UM, rel=0.01)
+    browser.value("document.querySelector('[data-tab=xy]').click()")
+    browser.until("document.querySelector('canvas.xy') !== null")
+    browser.value("document.querySelector('[data-tab=time]').click()")
+    for width in (390, 1280):
+        browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
+    in_order(browser, address)

@@ -1,0 +1,201 @@
+"""`record start`, `stop`, `mark` on a running controller, and which rows a trigger takes."""
+
+import errno
+import os
+import resource
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from micromanip.client import Client
+from micromanip.errors import CheckFailed, UsageError
+from micromanip.host.recording.window import FAULT, MARK, OVERRUN, Window
+from micromanip.recordings import open_telemetry
+from micromanip.rt.telemetry import ROW
+from tools.running_controller import calm, until
+
+from .standin import Cell
+
+
+def all_rows(file):
+    return np.concatenate(list(open_telemetry(file).rows()))
+
+
+def missing(rows):
+    """Cycles that the recorder was too late for: none but on a machine that stands still for seconds."""
+    gaps = np.diff(rows["cycle"]) - rows["periods"][1:]
+    assert (gaps >= 0).all()
+    return gaps.sum()
+
+
+def test_start_mark_stop(run, tmp_path):
+    """A recording that reaches back, one that waits for a mark, one that the end of the run ends."""
+    cell = run(calm(), "--recordings", str(tmp_path / "kept")).reach("TRACKING")
+    cell.go_on(12_000)
+    with Client(cell.socket) as client:
+        assert client.status()["recording"] is None
+        with pytest.raises(CheckFailed, match=r"^nothing is being recorded; "):
+            client.record_stop()
+
+        began = client.record_start("part17", before_s=1.0)
+        file = tmp_path / "kept" / "part17.mcap"
+        assert (began["file"], began["state"]) == (str(file), "recording")
+        with pytest.raises(CheckFailed, match=r"part17\.mcap is being recorded; stop that first"):
+            client.record_start("other")
+        marked = client.record_mark("coolant on")
+        until(lambda: client.status()["recording"]["rows"] > 12_000, cell.last_words)
+        ended = client.record_stop()
+        assert (ended["state"], ended["marks"]) == ("complete", 1)
+        assert ended["bytes"] == pytest.approx(file.stat().st_size, rel=0.2)
+        rows, telemetry = all_rows(file), open_telemetry(file)
+        assert len(rows) == ended["rows"]
+        assert missing(rows) <= ended["dropped"]
+        first = rows["cycle"][0] - ended["dropped"]
+        assert first <= telemetry.state["cycle"] - 10_000  # a second before it was asked for
+        assert [(mark["text"], mark["by"]) for mark in telemetry.marks[1:]] == [("coolant on", "root")]
+        assert marked["cycle"] == telemetry.marks[1]["cycle"]
+        assert telemetry.configuration == cell.config.read_text()
+        with pytest.raises(UsageError, match=r"part17\.mcap is there already"):
+            client.record_start("part17")
+
+        client.record_start("waits.mcap", triggers=["mark", "fault"], before_s=0.3, after_s=0.2)
+        assert client.status()["recording"]["waits_for"] == ["mark", "fault"]
+        cell.go_on(5_000)
+        client.record_mark("now")
+        until(lambda: client.status()["recording"]["state"] == "complete", cell.last_words)
+        rows, telemetry = all_rows(tmp_path / "kept" / "waits.mcap"), open_telemetry(tmp_path / "kept" / "waits.mcap")
+        at = telemetry.marks[-1]["cycle"]
+        dropped = client.status()["recording"]["dropped"]
+        assert missing(rows) <= dropped
+        assert at - 3000 <= rows["cycle"][0] <= at - 3000 + rows["periods"][0] + dropped
+        assert at + 2000 - 1000 <= rows["cycle"][-1] <= at + 2000  # an overrun may skip the last of them
+
+        client.record_start("plain.h5")
+        with pytest.raises(UsageError, match="takes no marks"):
+            client.record_mark("none")
+        assert [e["verb"] for e in client.audit()["entries"] if e["accepted"] and "record" in e["verb"]] == [
+            "record_start", "record_mark", "record_stop", "record_start", "record_mark", "record_start",
+        ]  # fmt: skip
+    assert cell.end() == 0
+    assert missing(all_rows(tmp_path / "kept" / "plain.h5")) <= cell.report["recording"]["dropped"]
+    assert open_telemetry(tmp_path / "kept" / "plain.h5").end["complete"]
+
+
+def test_a_disk_that_takes_no_more(run):
+    """The recording ends and is told, the control goes on; another recording may begin."""
+    cell = run(calm(), "--record", "run.mcap").reach("TRACKING")
+    with Client(cell.socket) as client:
+        until(lambda: client.status()["recording"]["rows"] > 3000, cell.last_words)
+        size = (cell.folder / "run.mcap").stat().st_size + 300_000
+        resource.prlimit(cell.child("recording.recorder"), resource.RLIMIT_FSIZE, (size, size))
+        until(lambda: client.status()["recording"]["state"] == "failed", cell.last_words)
+        found = client.status()["recording"]
+        assert f"run.mcap: {os.strerror(errno.EFBIG)}, nothing more is recorded" in found["message"]
+        assert f"WARNING: {found['message']}" in cell.said
+        rows = all_rows(cell.folder / "run.mcap")
+        assert len(rows) == found["rows"]
+        assert missing(rows) <= found["dropped"]
+        cell.go_on(10_000)
+        assert cell.state == "TRACKING"
+        client.record_start("again")
+        until(lambda: client.status()["recording"]["rows"] > 1000, cell.last_words)
+    assert cell.end() == 0
+    assert cell.report["recording"]["state"] == "complete"
+    assert "Traceback" not in cell.said
+
+
+PLACES = ("../run", "/tmp/run.mcap", "folder/run.mcap", ".hidden.mcap", "..", "run\n.mcap", "x" * 100 + ".mcap")
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_a_client_names_no_place(tmp_path, name):
+    """The controller may run with other rights than who asks."""
+    cell = Cell(tmp_path)
+    with pytest.raises(UsageError, match="is no name of a recording"):
+        cell("record_start", file=name)
+    assert not (tmp_path / "recordings").exists()
+    assert cell.entries[-1][:2] == ("record_start", False)
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"file": "run.csv"}, "a recording is an MCAP file"),
+        ({"triggers": ["fault"]}, "triggers and after_s go together"),
+        ({"after_s": 1.0}, "triggers and after_s go together"),
+        ({"before_s": 6.0}, "before_s"),
+        ({"triggers": ["sunrise"], "after_s": 1.0}, "triggers"),
+    ],
+)
+def test_a_wrong_request_is_refused(tmp_path, fields, said):
+    with pytest.raises(UsageError, match=said):
+        Cell(tmp_path)("record_start", **fields)
+
+
+def test_a_folder_that_can_t_be_made(tmp_path):
+    (tmp_path / "recordings").write_text("a file")
+    with pytest.raises(UsageError, match="recordings"):
+        Cell(tmp_path)("record_start", file="run")
+
+
+def rows_with(count, fault=None, overrun=None):
+    rows = np.zeros(count, ROW)
+    rows["cycle"], rows["periods"] = np.arange(100, 100 + count), 1
+    if fault is not None:
+        rows["fault"][fault:] = 7
+    if overrun is not None:
+        rows["periods"][overrun] = 3
+    return rows
+
+
+@given(st.integers(1, 400), st.integers(0, 300), st.integers(0, 300), st.lists(st.integers(0, 1000), max_size=8))
+def test_a_trigger_is_exact_to_the_cycle(at, before, after, cuts):
+    """However the rows come in."""
+    window = Window([FAULT], before, after)
+    taken = []
+    for part in np.split(rows_with(1000, fault=at), sorted(cuts)):
+        taken += window.take(part)
+    found = np.concatenate(taken)["cycle"]
+    assert (found == np.arange(100 + max(0, at - before), 100 + at + after + 1)).all()
+    assert (window.cause, window.trigger_cycle) == (FAULT, 100 + at)
+    assert window.is_over(100 + at + after)
+    assert not window.is_over(100 + at + after - 1)
+
+
+def test_the_first_of_several_triggers():
+    window = Window([FAULT, OVERRUN], 2, 3)
+    (found,) = window.take(rows_with(50, fault=30, overrun=20))
+    assert list(found["cycle"]) == list(range(118, 124))
+    assert window.cause == OVERRUN
+
+
+def test_a_fault_that_was_there_before_triggers_nothing():
+    window = Window([FAULT], 2, 3)
+    assert window.take(rows_with(50, fault=0)) == []
+    assert window.is_armed
+    cleared = rows_with(50, fault=40)
+    cleared["cycle"] += 50
+    (first, second) = window.take(cleared)
+    assert list(np.concatenate([first, second])["cycle"]) == list(range(188, 194))
+
+
+def test_a_mark_that_comes_late():
+    """The rows behind it are there already."""
+    window = Window([MARK], 20, 10)
+    for first in range(0, 3000, 100):
+        part = rows_with(100)
+        part["cycle"] += first
+        assert window.take(part) == []
+    window.marked(2000)
+    assert list(np.concatenate(window.take(rows_with(0)))["cycle"]) == list(range(1980, 2011))
+
+
+def test_what_is_held_back_is_bounded():
+    window = Window([MARK], 100, 10)
+    for first in range(0, 100_000, 50):
+        part = rows_with(50)
+        part["cycle"] += first
+        window.take(part)
+    assert sum(map(len, window._held)) <= 10_200

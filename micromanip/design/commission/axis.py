@@ -133,6 +133,7 @@ def _commission(
         raise CheckFailed(
             f"axis {axis}: no hysteresis model predicts the second record better than to {min(percent.values()):.1f} % "
             f"of the stroke, {HELD_OUT_PERCENT:g} % are needed: look for slip, a loose gauge or a disturbance meanwhile"
+            f"{answer.slow(max(settings.accept.frequencies_Hz))}"
         )
     tuned = with_axis(configuration, axis, hysteresis=tanh.model, hysteresis_affine=affine.model)
     say("actuator")

@@ -57,7 +57,7 @@ def test_reload_as_the_version_has_it(version, kind):
 
 def test_nothing_is_left_to_fill_in():
     files = Machine(252, Path("/opt/micromanip/bin/micromanip")).files()
-    assert len(files) == 4
+    assert len(files) == 5
     for path, text in files.items():
         assert path.is_relative_to("/etc")
         assert not re.search(r"@[A-Z_]+@", text), path

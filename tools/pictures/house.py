@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 import micromanip
 
 ROOMS = (
-    *("cli", "driver", "client", "host", "design", "virtual", "emulation", "conformance"),
+    *("cli", "gateway", "driver", "client", "host", "design", "virtual", "emulation", "conformance"),
     *("settings", "control", "recordings", "testbus", "bus", "faults", "rt"),
 )
 """From above to below: a room imports from those below it only."""

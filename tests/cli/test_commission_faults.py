@@ -116,6 +116,7 @@ def refusal(config, tmp_path, monkeypatch, capsys):
     return document["stopped"]
 
 
+@pytest.mark.long  # half a second each
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_cell_is_named_before_a_loop_is_closed(name, tmp_path, monkeypatch, capsys):
     changes, wanted = BROKEN[name]

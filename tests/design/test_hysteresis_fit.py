@@ -151,6 +151,7 @@ def real():
     return [load_record(DATA / name, Wanted(("u_V", "y_um"))) for name in ("model_1hz.csv", "test_amplitudes.csv")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "fitted_percent", "held_out_percent"), [("pi-tanh", 0.87, 1.35), ("best", 0.62, 1.2)])
 def test_real_recordings(real, kind, fitted_percent, held_out_percent):
     result = fit_record(*real, Request(kind, burn_in_s=1.0))

@@ -68,6 +68,7 @@ def test_hysteresis_figures(name, kind, tmp_path, capsys):
         np.testing.assert_allclose(shifted, found[0], rtol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["daisy/robot_arm.dat", "daisy/dryer.dat", "yan9a_piezo/model_1hz.csv"])
 def test_linear_figures(name, tmp_path, capsys):
     columns = table(name)

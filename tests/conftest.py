@@ -6,6 +6,10 @@ Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the s
 state machine; ``mutation`` does not ask for the smallest example.
 """
 
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the Makefile: small matrices, and twice the CPU without
+
 import contextlib
 import gc
 

@@ -43,11 +43,13 @@ class Udp(CyclicDriver):
             )
         if len(options.send.fields) > MAX_OUTPUTS:
             raise ConfigError(f"send.fields: {len(options.send.fields)} outputs, at most {MAX_OUTPUTS} are possible")
-        self._counts, silent = 1 << 8 * options.send.counter.size, math.ceil(options.silence_ms * 1e6 / period_ns)
-        if options.send.fields and self._counts <= silent + RECENT:
+        self._counts = 1 << 8 * options.send.counter.size
+        self._silent_cycles = math.ceil(options.silence_ms * 1e6 / period_ns)
+        if options.send.fields and self._counts <= self._silent_cycles + RECENT:
             raise ConfigError(
-                f"send.counter.type: {options.send.counter.type} begins anew after {self._counts} datagrams, {silent} "
-                "of which may go unanswered (silence_ms): take a longer type, or an old answer may count as a new one"
+                f"send.counter.type: {options.send.counter.type} begins anew after {self._counts} datagrams, "
+                f"{self._silent_cycles} of which may go unanswered (silence_ms): take a longer type, or an old answer "
+                "may count as a new one"
             )
         self._opening = Opening(options, self._datagrams, self.device)
         self._tables = self._datagrams.received_plan.record(), self._datagrams.sent_plan.record()
@@ -98,7 +100,7 @@ class Udp(CyclicDriver):
         c["receive"], c["send"] = self._tables[0][0], self._tables[1][0]
         c["state"], c["socket"]["descriptor"] = RESTING, -1
         c["outputs"] = len(self.outputs)
-        c["silent_cycles"] = math.ceil(options.silence_ms * 1e6 / self.period_ns)
+        c["silent_cycles"] = self._silent_cycles
         watchdog = options.watchdog
         c["watchdog_ns"] = round(_WATCHDOG_SHARE * 1e6 * watchdog.ms) if watchdog else np.iinfo(np.int64).max
         c["still_ns"] = round(1e6 * (watchdog.ms + watchdog.rest_ms)) if watchdog else 0

@@ -68,6 +68,21 @@ def go_before_ordinary_work(nice: int) -> bool:
     return True
 
 
+@contextlib.contextmanager
+def precedence_restored() -> Iterator[None]:
+    """Takes back what is asked for meanwhile: nice value, CPUs and locked memory are as before.
+
+    For a process that is the host of a loop for a while and then goes on with work that is in no hurry.
+    """
+    nice, cpus = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0)
+    try:
+        yield
+    finally:
+        ctypes.CDLL(None).munlockall()
+        os.sched_setaffinity(0, cpus)
+        go_before_ordinary_work(nice)
+
+
 def _has_capability(number: int) -> bool:
     """Whether it is in force for this process (capabilities(7))."""
     status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")

@@ -39,3 +39,24 @@ def test_with_a_limit_nothing_is_locked_and_nothing_fails_later():
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (1 << 16, most))
 
     assert locked("touched", "limited", before=limit) == (False, 0)
+
+
+RESTORED = """
+import os
+from micromanip.bus import rights
+before = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0)
+with rights.precedence_restored():
+    went = rights.go_before_ordinary_work(-10)
+    rights.leave_cpu(min(before[1]))
+    locked = rights.lock_memory(once_touched=True)
+    meanwhile = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0)
+assert not went or meanwhile[0] == -10
+assert len(before[1]) == 1 or meanwhile[1] < before[1]
+assert (os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0)) == before
+more = bytearray(8 << 20)
+assert next(line for line in open("/proc/self/status") if line.startswith("VmLck")).split()[1] == "0"
+"""
+
+
+def test_a_process_that_was_the_host_for_a_while_is_an_ordinary_one_again():
+    subprocess.run([sys.executable, "-c", RESTORED], check=True, timeout=60)

@@ -30,6 +30,7 @@ from .replies import (
     Parameter,
     Recorded,
     Response,
+    RunningConfiguration,
     Saved,
     Shadow,
     Status,
@@ -39,7 +40,7 @@ from .replies import (
 
 _TIMEOUT_S = 10.0
 _TRIAL_LOOK_S, _INJECTED_LOOK_S = 0.1, 0.2
-_MEMORIES = 2
+_MEMORIES = 3
 
 
 def default_socket() -> Path:
@@ -129,7 +130,8 @@ class Client:
         return False
 
     def telemetry(self) -> tuple[Telemetry, list[int]]:
-        """What the telemetry's memory holds, and read-only descriptors of it: the loop's status, then the ring.
+        """What the telemetry's memory holds, and read-only descriptors: of the loop's status, of
+        its ring, and of the parameters.
 
         They are the caller's to close, and stay good for reading when the controller has ended.
         """
@@ -149,6 +151,11 @@ class Client:
                 os.close(descriptor)
             raise
         return told, descriptors
+
+    def configuration(self) -> RunningConfiguration:
+        """What runs, as a text of YAML, with its hash."""
+        found: RunningConfiguration = self.request("configuration")
+        return found
 
     def status(self) -> Status:
         """The report of the run so far, as ``run --json`` ends with."""

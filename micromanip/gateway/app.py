@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import tempfile
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
@@ -18,12 +20,14 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from micromanip.errors import MicromanipError, PermissionDenied, UsageError
 
-from .cell import Cell
+from .cell import Cell, Source
 from .guard import Guard, Origins
 from .metrics import Metrics
+from .recording import save
 from .saving import lines
 from .session import MESSAGE_BYTES, Session
 from .tokens import Token, Tokens
+from .views import number
 
 PAGES = Path(__file__).with_name("pages")
 ORDERS = ("arm", "hold", "disarm", "reset")
@@ -46,6 +50,7 @@ class Gateway:
             Route("/api/status", self._status),
             Route("/api/order", self._order, methods=["POST"]),
             Route("/api/csv", self._csv, methods=["POST"]),
+            Route("/api/recording", self._recording, methods=["POST"]),
             Route("/metrics", self._metrics),
             WebSocketRoute("/live", self._live),
             Mount("/static", StaticFiles(directory=PAGES)),
@@ -87,11 +92,31 @@ class Gateway:
     async def _csv(self, request: Request) -> Response:
         self._known(request)
         told = await _body(request)
+        name = 'attachment; filename="scope.csv"'
+        text = lines(self._source(), told)
+        return StreamingResponse(text, media_type="text/csv", headers={"content-disposition": name})
+
+    def _source(self) -> Source:
         if self._cell.source is None:
             raise UsageError("there is nothing to save: no controller has been seen yet")
-        name = 'attachment; filename="scope.csv"'
-        text = lines(self._cell.source, told)
-        return StreamingResponse(text, media_type="text/csv", headers={"content-disposition": name})
+        return self._cell.source
+
+    async def _recording(self, request: Request) -> Response:
+        token = self._known(request)
+        told = await _body(request)
+        first, last = (round(number(told, name, 0, 2**53)) for name in ("first", "last"))
+        source = self._source()
+        configuration = await self._cell.order("configuration", token.name)
+        folder = tempfile.TemporaryDirectory(prefix="micromanip-gateway-")
+        try:
+            file = Path(folder.name) / f"scope-{last}.mcap"
+            await save(source, configuration, first, last, file)
+        except BaseException:
+            folder.cleanup()
+            raise
+        return FileResponse(
+            file, media_type="application/octet-stream", filename=file.name, background=BackgroundTask(folder.cleanup)
+        )
 
     async def _metrics(self, request: Request) -> Response:
         self._known(request)

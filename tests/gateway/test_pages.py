@@ -12,9 +12,11 @@ import uvicorn
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
 from micromanip.gateway.tokens import Token, Tokens
+from micromanip.recordings import open_telemetry
 from micromanip.rt import states
 from tests.cli.played import FAULT
 
+from .answering import Answering
 from .chromium import PROGRAM, chromium
 from .rings import Played, rows, status
 
@@ -144,4 +146,25 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
     for width in (390, 1280):
         browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
         assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
+    in_order(browser, address)
+
+
+def test_what_is_frozen_is_saved_as_a_recording(browser, address, played, tmp_path):
+    opened(browser, address, "/scope")
+    browser.until("window.scopeFrames?.length > 0")
+    browser("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    controller = Answering(played.cell.socket)
+    try:
+        browser.value("document.getElementById('save-recording').click()")
+        file = tmp_path / "scope-99999.mcap"
+        end = time.monotonic() + 30.0
+        while not file.exists():
+            told = browser.value("document.getElementById('notice').textContent")
+            assert time.monotonic() < end, told
+    finally:
+        controller.close()
+    assert browser.value("document.getElementById('freeze').textContent") == "Live"
+    cycles = open_telemetry(file).column("cycle")
+    assert cycles[-1] == 99_999
+    assert (np.diff(cycles) == 1).all()
     in_order(browser, address)

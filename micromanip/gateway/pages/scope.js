@@ -32,6 +32,7 @@ const spectrum = new SpectrumView(by("plots"));
 const xy = new XyView(by("plots"));
 const trigger = new TriggerForm(by("trigger"), () => {
   view.last = null;
+  showArmed();
   askView();
 });
 
@@ -140,8 +141,11 @@ function tell(header) {
     part("lost", String(header.lost), header.lost > 0),
     part("history", seconds((header.newest - header.oldest) * period())),
   );
-  by("armed").textContent = { off: "", auto: "auto", normal: "waits", single: "waits" }[trigger.mode];
-  if (header.trigger_cycle !== null && trigger.mode === "single") by("armed").textContent = "stopped";
+  showArmed(header.trigger_cycle !== null && trigger.mode === "single");
+}
+
+function showArmed(stopped = false) {
+  by("armed").textContent = stopped ? "stopped" : { off: "", auto: "auto", normal: "waits", single: "waits" }[trigger.mode];
 }
 
 function askMore() {
@@ -212,12 +216,14 @@ function notice(text, bad = false) {
   by("notice").classList.toggle("bad", bad);
 }
 
-async function save() {
+/** What is seen, as a file of that kind; a scope that is live is frozen first. */
+async function save(path, ending, told) {
   if (!frame) return;
+  if (view.last === null) freeze();
   const { first, last } = frame.header;
   try {
-    const text = await (await post("/api/csv", { fields: known(), first, last })).blob();
-    const link = element("a", { href: URL.createObjectURL(text), download: `scope-${last}.csv` });
+    const content = await (await post(path, { ...told, first: Math.max(0, first), last })).blob();
+    const link = element("a", { href: URL.createObjectURL(content), download: `scope-${last}.${ending}` });
     link.click();
     URL.revokeObjectURL(link.href);
   } catch (problem) {
@@ -260,7 +266,8 @@ by("longer").addEventListener("click", () => zoom(2));
 by("earlier").addEventListener("click", () => move(-0.25));
 by("later").addEventListener("click", () => move(0.25));
 by("freeze").addEventListener("click", freeze);
-by("save").addEventListener("click", save);
+by("save").addEventListener("click", () => save("/api/csv", "csv", { fields: known() }));
+by("save-recording").addEventListener("click", () => save("/api/recording", "mcap"));
 by("arm").addEventListener("click", () => connection.send({ type: "arm" }));
 for (const button of document.querySelectorAll("[data-tab]")) button.addEventListener("click", () => choose(button.dataset.tab));
 for (const id of ["x", "y"]) by(id).addEventListener("change", askMore);

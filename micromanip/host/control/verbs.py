@@ -14,7 +14,20 @@ from micromanip.faults import FaultReport
 from micromanip.host.recording.recording import Extent
 from micromanip.host.recording.recordings import Recordings
 from micromanip.quantities import Micrometres, Seed
-from micromanip.replies import Audit, Change, Injected, Jogged, Marked, Recorded, Response, Saved, Shadow, Status, Swap
+from micromanip.replies import (
+    Audit,
+    Change,
+    Injected,
+    Jogged,
+    Marked,
+    Recorded,
+    Response,
+    RunningConfiguration,
+    Saved,
+    Shadow,
+    Status,
+    Swap,
+)
 from micromanip.rt import states
 from micromanip.settings.injected import AMPLITUDE_UM
 from micromanip.settings.schema.base import Flag, Settings
@@ -210,6 +223,7 @@ class Verbs:
         return {
             "status": observing(self._answer_status),
             "telemetry": observing(self._telemetry),
+            "configuration": observing(self._configuration),
             "get": observing(self._get),
             "diff": observing(self._diff),
             "audit": observing(self._audit),
@@ -247,6 +261,11 @@ class Verbs:
     async def _telemetry(self, request: Request) -> Handed:
         request.read(Nothing)
         return telemetry(self._controller)
+
+    async def _configuration(self, request: Request) -> RunningConfiguration:
+        request.read(Nothing)
+        source = self._controller.prepared.source
+        return RunningConfiguration(text=source.text, sha256=source.hash)
 
     async def _get(self, request: Request) -> Any:
         return await self._tuning.get(request.read(Get).keys)

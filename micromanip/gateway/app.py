@@ -41,11 +41,21 @@ _POLICY, _PROBLEM = 1008, 1003
 class Gateway:
     """Serves one cell."""
 
-    def __init__(self, cell: Cell, tokens: Tokens, origins: Origins, differs: Callable[[], str | None]) -> None:
-        """`differs` says so where the controller runs another configuration than was expected, else None."""
+    def __init__(
+        self,
+        cell: Cell,
+        tokens: Tokens,
+        origins: Origins,
+        differs: Callable[[], str | None],
+        home: str = "cell.html",
+    ) -> None:
+        """`differs` says so where the controller runs another configuration than was expected, else None.
+
+        `home` is the page that the address alone shows.
+        """
         self._cell, self._tokens, self._differs = cell, tokens, differs
         routes = [
-            Route("/", _page("cell.html")),
+            Route("/", _page(home)),
             Route("/scope", _page("scope.html")),
             Route("/api/status", self._status),
             Route("/api/order", self._order, methods=["POST"]),

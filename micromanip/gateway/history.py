@@ -39,26 +39,13 @@ class Window:
     missing: int
 
 
-class History:
-    """Of these `fields`."""
+class Past:
+    """Some `fields`, as whole rows and as blocks of them; the number of rows in a block rises."""
 
-    def __init__(
-        self, fields: Sequence[Field], full_rows: int = FULL_ROWS, blocks: Sequence[tuple[int, int]] = BLOCKS
-    ) -> None:
-        """`full_rows` is a multiple of each number of rows in `blocks`, which rise."""
+    def __init__(self, fields: Sequence[Field], rows: Level, blocks: Sequence[Blocks]) -> None:
         self.fields = list(fields)
         self._index = {field.name: i for i, field in enumerate(fields)}
-        self._rows = Rows(fields, ROW, full_rows)
-        self._blocks = [Blocks(len(fields), *block) for block in blocks]
-
-    @property
-    def _levels(self) -> list[Level]:
-        return [self._rows, *self._blocks]
-
-    @property
-    def nbytes(self) -> int:
-        """Memory that it takes at most."""
-        return self._rows.nbytes + sum(level.nbytes for level in self._blocks)
+        self._rows, self._blocks = rows, list(blocks)
 
     @property
     def count(self) -> int:
@@ -73,7 +60,7 @@ class History:
     @property
     def oldest(self) -> int:
         """The oldest cycle of which something is known."""
-        return min((level.cycle(level.oldest) for level in self._levels if level.count), default=0)
+        return min((level.cycle(level.oldest) for level in (self._rows, *self._blocks) if level.count), default=0)
 
     @property
     def oldest_full(self) -> int:
@@ -83,30 +70,6 @@ class History:
     def index(self, names: Sequence[str]) -> list[int]:
         """Columns of these fields; KeyError where one is unknown."""
         return [self._index[name] for name in names]
-
-    def add(self, rows: NDArray[Any]) -> None:
-        """Rows of the ring, oldest first, at most as many as there are kept."""
-        if not len(rows):
-            return
-        self._rows.add(rows)
-        for level in self._blocks:
-            self._fill(level)
-
-    def _fill(self, level: Blocks) -> None:
-        """The blocks that have become whole."""
-        rows = self._rows
-        first = max(level.count, -(-rows.oldest // level.per))
-        last = rows.count // level.per
-        if last <= first:
-            return
-        level.skip_to(first)
-        cycles, values, _ = rows.taken(range(len(self.fields)), first * level.per, last * level.per)
-        parts = values.reshape(len(self.fields), -1, level.per)
-        level.add(cycles[:: level.per], np.fmin.reduce(parts, axis=2), np.fmax.reduce(parts, axis=2))
-
-    def rows(self, first: int, last: int) -> NDArray[Any]:
-        """Rows (n) from cycle `first` to `last`, both included, as the loop wrote them, as far as they are there."""
-        return self._rows.whole(self._rows.find(first), self._rows.find(last + 1))
 
     def whole(self, columns: Sequence[int], first: int, last: int) -> tuple[Cycles, Values]:
         """Values from cycle `first` to `last`, both included, as far as they are still there: (n) and (columns, n)."""
@@ -141,6 +104,46 @@ class History:
             if level.per <= wanted or not _reaches(fit, first):
                 fit = level if _is_older(level, fit) or level.per <= wanted else fit
         return fit
+
+
+class History(Past):
+    """The past of a running cell; its memory is fixed."""
+
+    def __init__(
+        self, fields: Sequence[Field], full_rows: int = FULL_ROWS, blocks: Sequence[tuple[int, int]] = BLOCKS
+    ) -> None:
+        """`full_rows` is a multiple of each number of rows in `blocks`."""
+        self._ring = Rows(fields, ROW, full_rows)
+        super().__init__(fields, self._ring, [Blocks(len(fields), *block) for block in blocks])
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes at most."""
+        return self._ring.nbytes + sum(level.nbytes for level in self._blocks)
+
+    def add(self, rows: NDArray[Any]) -> None:
+        """Rows of the ring, oldest first, at most as many as there are kept."""
+        if not len(rows):
+            return
+        self._ring.add(rows)
+        for level in self._blocks:
+            self._fill(level)
+
+    def _fill(self, level: Blocks) -> None:
+        """The blocks that have become whole."""
+        rows = self._ring
+        first = max(level.count, -(-rows.oldest // level.per))
+        last = rows.count // level.per
+        if last <= first:
+            return
+        level.skip_to(first)
+        cycles, values, _ = rows.taken(range(len(self.fields)), first * level.per, last * level.per)
+        parts = values.reshape(len(self.fields), -1, level.per)
+        level.add(cycles[:: level.per], np.fmin.reduce(parts, axis=2), np.fmax.reduce(parts, axis=2))
+
+    def rows(self, first: int, last: int) -> NDArray[Any]:
+        """Rows (n) from cycle `first` to `last`, both included, as the loop wrote them, as far as they are there."""
+        return self._ring.whole(self._ring.find(first), self._ring.find(last + 1))
 
 
 def _reaches(level: Level, first: int) -> bool:

@@ -44,7 +44,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     Raises ConfigError, UsageError, PermissionDenied or DeviceUnavailable where it can't begin.
     """
     expected = _digest(options.config)
-    host, port = _address(options.listen)
+    host, port = parsed_address(options.listen)
     origins = _origins(options, host)
     tokens, is_new = of_file(options.tokens)
     _check_certificate(options)
@@ -60,26 +60,31 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
         )
 
     gateway = Gateway(cell, tokens, origins, differs)
-    with _listening(host, port) as listening:
-        address = options.behind_proxy or f"{origins.scheme}://{_shown(*listening.getsockname()[:2])}"
+    with listening(host, port) as socket_:
+        address = options.behind_proxy or f"{origins.scheme}://{shown(*socket_.getsockname()[:2])}"
         if is_new:
             say(f"made new tokens in {options.tokens}: one to observe, one to operate")
         say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
-        config = uvicorn.Config(
-            gateway.guard,
-            ws="websockets-sansio",
-            ws_max_size=MESSAGE_BYTES,
-            ws_per_message_deflate=False,
-            log_level="warning",
-            access_log=False,
-            server_header=False,
-            proxy_headers=False,
-            timeout_graceful_shutdown=_STOP_S,
-            ssl_certfile=options.certificate,
-            ssl_keyfile=options.key,
-        )
-        with contextlib.suppress(KeyboardInterrupt):
-            uvicorn.Server(config).run([listening])
+        run(gateway, socket_, options.certificate, options.key)
+
+
+def run(gateway: Gateway, socket_: socket.socket, certificate: Path | None = None, key: Path | None = None) -> None:
+    """Serve it on a socket that listens, until SIGINT or SIGTERM."""
+    config = uvicorn.Config(
+        gateway.guard,
+        ws="websockets-sansio",
+        ws_max_size=MESSAGE_BYTES,
+        ws_per_message_deflate=False,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        timeout_graceful_shutdown=_STOP_S,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
+    )
+    with contextlib.suppress(KeyboardInterrupt):
+        uvicorn.Server(config).run([socket_])
 
 
 def _digest(config: Path) -> str:
@@ -91,14 +96,16 @@ def _digest(config: Path) -> str:
         raise system_error(problem, config) from problem
 
 
-def _address(listen: str) -> tuple[str, int]:
+def parsed_address(listen: str) -> tuple[str, int]:
+    """Host and port of `listen`, HOST:PORT; UsageError for anything else."""
     host, separator, port = listen.rpartition(":")
     if not separator or not port.isdigit() or int(port) > 65535 or not host:
         raise UsageError(f"--listen {listen}: expected HOST:PORT, such as 127.0.0.1:8090 or [::1]:8090")
     return host.strip("[]"), int(port)
 
 
-def _shown(host: str, port: int) -> str:
+def shown(host: str, port: int) -> str:
+    """As an address has them."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
@@ -112,7 +119,7 @@ def _origins(options: Options, host: str) -> Origins:
         return Origins(public=f"{split.scheme}://{split.netloc}")
     if options.certificate is not None:
         return Origins("https")
-    if not _is_local(host):
+    if not is_local(host):
         raise UsageError(
             f"--listen {options.listen}: whoever can read along on the network would have the tokens; give "
             "--tls-certificate and --tls-key, or --behind-proxy ADDRESS with a proxy that does TLS, or listen "
@@ -121,7 +128,8 @@ def _origins(options: Options, host: str) -> Origins:
     return Origins()
 
 
-def _is_local(host: str) -> bool:
+def is_local(host: str) -> bool:
+    """Whether only this computer reaches it."""
     if host == "localhost":
         return True
     try:
@@ -147,16 +155,17 @@ def _check_certificate(options: Options) -> None:
 
 
 @contextlib.contextmanager
-def _listening(host: str, port: int) -> Iterator[socket.socket]:
+def listening(host: str, port: int) -> Iterator[socket.socket]:
+    """A socket there; PermissionDenied or DeviceUnavailable where none can be."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as listening:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    with socket.socket(family, socket.SOCK_STREAM) as made:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listening.bind((host, port))
+            made.bind((host, port))
         except PermissionError as problem:
             raise PermissionDenied(f"--listen {host}:{port}: {problem.strerror}; take a port from 1024 on") from problem
         except OSError as problem:
             raise DeviceUnavailable(
                 f"--listen {host}:{port}: {problem.strerror or problem}; choose another address or port"
             ) from problem
-        yield listening
+        yield made

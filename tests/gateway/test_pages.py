@@ -1,6 +1,7 @@
 """The pages in a real browser, before a made-up ring: nothing from elsewhere, no complaint, exact triggers."""
 
 import asyncio
+import contextlib
 import socket
 import threading
 import time
@@ -12,6 +13,7 @@ import uvicorn
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
 from micromanip.gateway.tokens import Token, Tokens
+from micromanip.gateway.viewing import Everybody, Recorded, RecordedCell
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
 from tests.cli.played import FAULT
@@ -19,6 +21,7 @@ from tests.cli.played import FAULT
 from .answering import Answering
 from .chromium import PROGRAM, chromium
 from .rings import Played, rows, status
+from .test_filed import FAULT_CYCLE, written
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
 DO = "d" * 24
@@ -40,9 +43,8 @@ def played(tmp_path_factory):
     return made
 
 
-@pytest.fixture(scope="module")
-def address(played):
-    gateway = Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)
+@contextlib.contextmanager
+def served(gateway):
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         config = uvicorn.Config(gateway.guard, ws="websockets-sansio", log_level="error", timeout_graceful_shutdown=1)
@@ -52,6 +54,12 @@ def address(played):
         yield f"http://127.0.0.1:{listening.getsockname()[1]}"
         server.should_exit = True
         thread.join()
+
+
+@pytest.fixture(scope="module")
+def address(played):
+    with served(Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)) as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -168,3 +176,25 @@ def test_what_is_frozen_is_saved_as_a_recording(browser, address, played, tmp_pa
     assert cycles[-1] == 99_999
     assert (np.diff(cycles) == 1).all()
     in_order(browser, address)
+
+
+def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(browser, tmp_path):
+    source = Recorded(open_telemetry(written(tmp_path / "run.mcap")), lambda _: None)
+    with served(Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope.html")) as there:
+        opened(browser, there, "/")
+        whole = browser.until("window.scopeFrames?.at(-1)")
+        assert whole["first"] <= source.history.oldest
+        assert whole["last"] == source.history.newest
+        assert browser.value("document.querySelector('dialog[open]') === null")
+        fault = browser.until("document.querySelector('#marks .fault')?.textContent")
+        assert "STRAIN_INVALID" in fault
+        browser.value("document.querySelector('#marks .fault').click()")
+        browser.until(f"scopeFrames.at(-1).first < {FAULT_CYCLE} && scopeFrames.at(-1).last < {FAULT_CYCLE + 400}")
+        for _ in range(9):
+            browser.value("document.getElementById('shorter').click()")
+        browser.until("scopeFrames.at(-1).last - scopeFrames.at(-1).first === 10 && scopeFrames.at(-1).rows === 1")
+        browser.value("document.querySelector('[data-tab=xy]').click()")
+        browser.until("document.querySelector('canvas.xy') !== null")
+        for hidden in ("freeze", "trigger-card", "pages", "forget"):
+            assert browser.value(f"document.getElementById('{hidden}').hidden"), hidden
+        in_order(browser, there)

@@ -22,6 +22,7 @@ from micromanip.errors import MicromanipError, PermissionDenied, UsageError
 
 from .cell import Cell, Source
 from .guard import Guard, Origins
+from .measuring import Measuring
 from .metrics import Metrics
 from .recording import save
 from .saving import lines
@@ -54,11 +55,14 @@ class Gateway:
         `home` is the page that the address alone shows.
         """
         self._cell, self._tokens, self._differs = cell, tokens, differs
+        self._measuring = Measuring(cell)
         routes = [
             Route("/", _page(home)),
             Route("/scope", _page("scope.html")),
+            Route("/margins", _page("margins.html")),
             Route("/api/status", self._status),
             Route("/api/order", self._order, methods=["POST"]),
+            Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
             Route("/api/csv", self._csv, methods=["POST"]),
             Route("/api/recording", self._recording, methods=["POST"]),
             Route("/metrics", self._metrics),
@@ -98,6 +102,10 @@ class Gateway:
             raise UsageError(f"an order is one of {', '.join(ORDERS)}, not {order!r:.40}")
         await self._cell.order(order, token.name)
         return JSONResponse({"accepted": True})
+
+    async def _sensitivity(self, request: Request) -> Response:
+        token = self._known(request, operates=True)
+        return JSONResponse(await self._measuring.ask(token.name, await _body(request)))
 
     async def _csv(self, request: Request) -> Response:
         self._known(request)

@@ -198,3 +198,66 @@ def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(bro
         for hidden in ("freeze", "trigger-card", "pages", "forget"):
             assert browser.value(f"document.getElementById('{hidden}').hidden"), hidden
         in_order(browser, there)
+
+
+FOUND = {"Ms": 1.5, "at_Hz": 400.0, "gain_dB": 9.0, "phase_deg": None}
+
+
+class Measured:
+    """What the controller answers to the page, without the judgement."""
+
+    def __init__(self):
+        self.begun, self.looks = [], 0
+
+    async def ask(self, name, told):
+        if "number" not in told:
+            self.begun.append(told)
+            self.looks = 0
+            return {"number": len(self.begun), "seconds": 5.0}
+        self.looks += 1
+        answer = {"number": told["number"], "done": self.looks > 2, "progress": 0.5}
+        found = {"measured": FOUND, "predicted": None, "slopes": [{"slope": 1.0, "measured": FOUND, "predicted": None}]}
+        found |= {
+            "Ms_least": 1.4,
+            "Ms_most": 1.6,
+            "agrees": None,
+            "problem": None,
+            "frequency_Hz": [10.0, 100.0, 1000.0],
+        }
+        found |= {"sensitivity": [0.1, 0.9, 1.4], "sensitivity_predicted": None}
+        return answer | ({"found": found, "problem": None} if answer["done"] else {})
+
+
+def test_margins_are_measured_after_a_question_and_end_with_the_page(browser, played, tmp_path):
+    played.cell.status = status("HOLDING")
+    gateway = Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)
+    gateway._measuring = Measured()
+    begin, said = "document.getElementById('begin')", "document.getElementById('said').textContent"
+    with served(gateway) as there:
+        opened(browser, there, "/margins")
+        browser.until("document.querySelector('dialog[open] #token') !== null")
+        browser.value(f"document.getElementById('token').value = '{DO}'")
+        browser.value("document.querySelector('dialog[open] button').click()")
+        for answer in ("no", "yes"):
+            browser.until(f"!{begin}.disabled")
+            browser.value(f"{begin}.click()")
+            browser.until("document.getElementById('question').open")
+            assert browser.value("document.activeElement.value") == "no"
+            browser.value(f"document.querySelector('#question [value={answer}]').click()")
+        browser.until(f"{said} === 'measured'")
+        assert [told["seed"] for told in gateway._measuring.begun] == [1, 2]
+        assert "1.40 to 1.60" in browser.value("document.getElementById('verdict').textContent")
+        assert "9.0" in browser.value("document.getElementById('margins').textContent")
+        assert browser.value("document.querySelector('#curve canvas') !== null")
+        browser.value(f"{begin}.click(); document.querySelector('#question [value=yes]').click()")
+        browser.until("!document.getElementById('stop').disabled")
+        browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))")
+        browser.until(f"{said}.startsWith('stopped')")
+        looks = gateway._measuring.looks
+        time.sleep(0.6)
+        assert gateway._measuring.looks <= looks + 1, "nobody asks any more: the controller ends it"
+        for width in (390, 1280):
+            browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
+        in_order(browser, there)
+    played.cell.status = status()

@@ -17,7 +17,8 @@ let running = false;
 const form = by("measure").elements;
 const plot = new SensitivityPlot(by("curve"));
 const panels = new Panels(by("live"), { zoomed: () => {}, wheel: () => {}, whole: () => {}, pointed: () => {} });
-const fields = () => [["setpoint_um", 1], ["strain_um", 2], ["stage_um", 3], ["voltage_V", 4]].map(([name, colour]) => {
+const SHOWN = { strain: ["setpoint_um", "strain_um", "voltage_V"], stage: ["reference_um", "stage_um", "voltage_V"] };
+const fields = () => SHOWN[form.loop.value].map((name, i) => [name, i + 1]).map(([name, colour]) => {
   const found = controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
   return { ...found, colour: `--trace-${colour}` };
 });
@@ -37,7 +38,7 @@ function drawLive(header, arrays) {
 
 function arrange() {
   const fits = ["TRACKING", "HOLDING"].includes(state);
-  by("begin").disabled = running || !operates || !fits;
+  by("begin").disabled = running || !operates || !fits || !controller;
   by("stop").disabled = !running;
   for (const name of ["axis", "loop", "amplitude_um", "seed"]) form[name].disabled = running;
   if (running) return;
@@ -164,7 +165,7 @@ by("measure").addEventListener("submit", (event) => {
   event.preventDefault();
   measure();
 });
-form.axis.addEventListener("change", askLive);
+for (const name of ["axis", "loop"]) form[name].addEventListener("change", askLive);
 by("stop").addEventListener("click", stop);
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape" && !by("question").open) stop();

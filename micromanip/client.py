@@ -27,6 +27,7 @@ from .replies import (
     Injected,
     Jogged,
     Marked,
+    Moved,
     Parameter,
     Recorded,
     Response,
@@ -254,6 +255,19 @@ class Client:
             time.sleep(_INJECTED_LOOK_S)
         found: Response = response
         return begun, found
+
+    def move(self, axis: str, kind: str, *, progress: Callable[[Moved], None] | None = None, **wanted: Any) -> Moved:
+        """Move an axis that is held, and wait for the end; `wanted` as `micromanip.settings.moved.Wanted` has it.
+
+        It comes to rest where this client goes away. Raises CheckFailed where it is refused, or was ended early.
+        """
+        moved: Moved = self.request("move", axis=axis, kind=kind, **wanted)
+        while not moved["done"]:
+            if progress is not None:
+                progress(moved)
+            time.sleep(_INJECTED_LOOK_S)
+            moved = self.request("move", number=moved["number"])
+        return moved
 
     def reload(self) -> Swap:
         """Take over the configuration file as it is now, all of it or nothing."""

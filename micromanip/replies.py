@@ -86,6 +86,17 @@ class Response(TypedDict):
     output: list[list[list[float]]]
 
 
+class Moved(TypedDict):
+    """Where a move stands: its number, the cycle at which it began, how far the axis is from there, um."""
+
+    number: int
+    done: bool
+    progress: float
+    seconds: float
+    begun_cycle: int | None
+    offset_um: float
+
+
 class _AuditEntry(TypedDict):
     time: str
     user: str

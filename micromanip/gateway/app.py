@@ -25,6 +25,7 @@ from .guard import Guard, Origins
 from .measuring import Measuring
 from .metrics import Metrics
 from .recording import save
+from .response import response_of
 from .saving import lines
 from .session import MESSAGE_BYTES, Session
 from .tokens import Token, Tokens
@@ -32,6 +33,8 @@ from .views import number
 
 PAGES = Path(__file__).with_name("pages")
 ORDERS = ("arm", "hold", "disarm", "reset")
+MOVE_FIELDS = {"axis", "kind", "by_um", "returns", "way_s", "rest_s", "amplitude_um", "frequency_Hz", "to_Hz"}
+MOVE_FIELDS |= {"seconds", "places_um", "number", "stop"}
 _HELLO_S = 10.0
 _BODY_BYTES = 4096
 _STATUS = {1: 409, 64: 400, 69: 503, 77: 403, 78: 409}
@@ -60,9 +63,12 @@ class Gateway:
             Route("/", _page(home)),
             Route("/scope", _page("scope.html")),
             Route("/margins", _page("margins.html")),
+            Route("/moves", _page("moves.html")),
             Route("/api/status", self._status),
             Route("/api/order", self._order, methods=["POST"]),
             Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
+            Route("/api/move", self._move, methods=["POST"]),
+            Route("/api/response", self._response, methods=["POST"]),
             Route("/api/csv", self._csv, methods=["POST"]),
             Route("/api/recording", self._recording, methods=["POST"]),
             Route("/metrics", self._metrics),
@@ -106,6 +112,18 @@ class Gateway:
     async def _sensitivity(self, request: Request) -> Response:
         token = self._known(request, operates=True)
         return JSONResponse(await self._measuring.ask(token.name, await _body(request)))
+
+    async def _move(self, request: Request) -> Response:
+        token = self._known(request, operates=True)
+        told = await _body(request)
+        if unknown := set(told) - MOVE_FIELDS:
+            raise UsageError(f"a move has no {min(unknown)!r:.40}")
+        return JSONResponse(await self._cell.order("move", token.name, **told))
+
+    async def _response(self, request: Request) -> Response:
+        self._known(request)
+        told = await _body(request)
+        return JSONResponse(response_of(self._source(), told))
 
     async def _csv(self, request: Request) -> Response:
         self._known(request)

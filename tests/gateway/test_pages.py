@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import uvicorn
 
+from micromanip.errors import CheckFailed
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
 from micromanip.gateway.tokens import Token, Tokens
@@ -198,6 +199,7 @@ def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(bro
         for hidden in ("freeze", "trigger-card", "pages", "forget"):
             assert browser.value(f"document.getElementById('{hidden}').hidden"), hidden
         in_order(browser, there)
+        browser("Page.navigate", url="about:blank")
 
 
 FOUND = {"Ms": 1.5, "at_Hz": 400.0, "gain_dB": 9.0, "phase_deg": None}
@@ -244,6 +246,7 @@ def test_margins_are_measured_after_a_question_and_end_with_the_page(browser, pl
             browser.until("document.getElementById('question').open")
             assert browser.value("document.activeElement.value") == "no"
             browser.value(f"document.querySelector('#question [value={answer}]').click()")
+            browser.value("new Promise((done) => setTimeout(done, 200))")  # until the page has heard that it is closed
         browser.until(f"{said} === 'measured'")
         assert [told["seed"] for told in gateway._measuring.begun] == [1, 2]
         assert "1.40 to 1.60" in browser.value("document.getElementById('verdict').textContent")
@@ -260,4 +263,75 @@ def test_margins_are_measured_after_a_question_and_end_with_the_page(browser, pl
             browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
             assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
         in_order(browser, there)
+        browser("Page.navigate", url="about:blank")
     played.cell.status = status()
+
+
+class Mover:
+    """What the controller answers to a move; it takes a few looks, or ends where it is to stop."""
+
+    def __init__(self, begun_cycle):
+        self.begun_cycle, self.asked = begun_cycle, []
+
+    async def __call__(self, verb, name, **fields):
+        self.asked.append((verb, name, fields))
+        if fields.get("stop"):
+            raise CheckFailed("the move was stopped: as was asked for; the axis is held 1.5 um from where it began")
+        looks = len([told for _, _, told in self.asked if "number" in told])
+        answer = {"number": 1, "done": looks > 2 and looks < 50, "progress": 0.5, "seconds": 1.4, "offset_um": 0.0}
+        return answer | {"begun_cycle": self.begun_cycle}
+
+
+def test_a_move_is_made_after_a_question_only_while_held_and_its_response_is_read_off(browser, tmp_path):
+    mine = Played(tmp_path / "control.sock")
+    mine.cell.status, mine.cell.problem = status("TRACKING"), None
+    cycles = np.arange(40_000)
+    passed = np.clip((cycles - 20_000) / 2000.0, 0.0, 1.0)
+    course = 60.0 + 4.0 * passed**3 * (10.0 + passed * (6.0 * passed - 15.0))
+    for part in np.split(rows(cycles, x_setpoint_um=course, x_strain_um=course + 0.25), 20):
+        mine.play(part)
+        mine.cell.source.read()
+    mine.cell.order = mover = Mover(20_000)
+
+    async def follow():
+        while True:
+            mine.cell._tell(None)
+            await asyncio.sleep(0.05)
+
+    mine.cell.follow = follow
+    begin, said = "document.getElementById('begin')", "document.getElementById('said').textContent"
+    with served(Gateway(mine.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)) as there:
+        opened(browser, there, "/moves")
+        browser.until("document.querySelector('dialog[open] #token') !== null")
+        browser.value(f"document.getElementById('token').value = '{DO}'")
+        browser.value("document.querySelector('dialog[open] button').click()")
+        browser.until(f"{said}.includes('the state is TRACKING')")
+        assert browser.value(f"{begin}.disabled")
+        mine.cell.status = status("HOLDING")
+        for answer in ("no", "yes"):
+            browser.until(f"!{begin}.disabled")
+            browser.value(f"document.getElementById('move').elements.by_um.value = '4'; {begin}.click()")
+            browser.until("document.getElementById('question').open")
+            assert browser.value("document.activeElement.value") == "no"
+            assert mover.asked == []
+            browser.value(f"document.querySelector('#question [value={answer}]').click()")
+            browser.value("new Promise((done) => setTimeout(done, 200))")  # until the page has heard that it is closed
+        browser.until(f"{said}.startsWith('done')")
+        wanted = {"axis": "x", "kind": "step", "by_um": 4, "way_s": 0.2, "rest_s": 0.5, "returns": True}
+        assert mover.asked[0] == ("move", "ana", wanted)
+        figures = browser.until("document.getElementById('figures').textContent")
+        assert "overshoot0%" in figures.replace("0.000", "0")
+        assert "rms0.2500" in figures
+        mover.asked = [("", "", {"number": 1})] * 60
+        browser.until(f"!{begin}.disabled")
+        browser.value(f"{begin}.click(); document.querySelector('#question [value=yes]').click()")
+        browser.until("!document.getElementById('stop').disabled")
+        browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))")
+        browser.until(f"{said}.startsWith('the move was stopped')")
+        assert mover.asked[-1][2] == {"number": 1, "stop": True}
+        for width in (390, 1280):
+            browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
+        browser.errors[:] = [error for error in browser.errors if "409" not in error.get("text", "")]
+        in_order(browser, there)
+        browser("Page.navigate", url="about:blank")

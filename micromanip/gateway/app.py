@@ -40,6 +40,7 @@ _BODY_BYTES = 4096
 _STATUS = {1: 409, 64: 400, 69: 503, 77: 403, 78: 409}
 """HTTP status by the exit code of an error."""
 _POLICY, _PROBLEM = 1008, 1003
+Beside = Callable[[], contextlib.AbstractAsyncContextManager[None]]
 
 
 class Gateway:
@@ -51,13 +52,14 @@ class Gateway:
         tokens: Tokens,
         origins: Origins,
         differs: Callable[[], str | None],
+        beside: Beside = contextlib.nullcontext,
         home: str = "cell.html",
     ) -> None:
         """`differs` says so where the controller runs another configuration than was expected, else None.
 
-        `home` is the page that the address alone shows.
+        What `beside` gives is entered as long as the pages are served; `home` is the page that the address alone shows.
         """
-        self._cell, self._tokens, self._differs = cell, tokens, differs
+        self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
         self._measuring = Measuring(cell)
         routes = [
             Route("/", _page(home)),
@@ -82,7 +84,8 @@ class Gateway:
     @contextlib.asynccontextmanager
     async def _alive(self, _: Starlette) -> AsyncIterator[None]:
         following = asyncio.create_task(self._cell.follow())
-        yield
+        async with self._beside():
+            yield
         following.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await following

@@ -86,11 +86,11 @@ def view(file: Path, listen: str, say: Callable[[str], None], tell: Callable[[in
     Raises CheckFailed where it can't be read, UsageError for an address of others, PermissionDenied or
     DeviceUnavailable where nothing can listen there.
     """
-    host, port = parsed_address(listen)
+    host, port = parsed_address(listen, "--listen")
     if not is_local(host):
         raise UsageError(f"--listen {listen}: no token is asked for, so it is for this computer only: 127.0.0.1:PORT")
     telemetry = open_telemetry(file)
-    with listening(host, port) as socket:
+    with listening(host, port, "--listen") as socket:
         source = Recorded(telemetry, tell)
         gateway = Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope.html")  # type: ignore[arg-type]  # as much of both as it asks for
         seconds = (source.recording["last"] - source.recording["first"] + 1) * telemetry.period_ns * 1e-9

@@ -8,7 +8,7 @@ ABOUT, END = "micromanip", "micromanip.end"
 """Metadata: what is recorded, written first; how it ended, written last and only where it was ended in order."""
 BEGAN = "recording began"
 """The first mark."""
-CONFIGURATION, STATE = "configuration.yaml", "state.npy"
+CONFIGURATION, STATE, SAMPLES = "configuration.yaml", "state.npy", "samples.npy"
 
 
 def axis_topic(axis: str) -> str:

@@ -74,6 +74,8 @@ def open_mcap(file: Path) -> Telemetry:
             state=_array(attachments.get(layout.STATE)),
             parameters=[_sure(data) for name, data in attachments.items() if name.startswith("parameters-")],
             marks=marks,
+            samples=_array(attachments.get(layout.SAMPLES)),
+            sources=about.get("sources", ""),
         )
     except (KeyError, ValueError) as problem:
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem

@@ -13,6 +13,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.host.recording.window import FAULT, MARK, OVERRUN, Window
 from micromanip.recordings import open_telemetry
+from micromanip.replay import replay
 from micromanip.rt.telemetry import ROW
 from tools.running_controller import calm, until
 
@@ -57,6 +58,9 @@ def test_start_mark_stop(run, tmp_path):
         assert [(mark["text"], mark["by"]) for mark in telemetry.marks[1:]] == [("coolant on", "root")]
         assert marked["cycle"] == telemetry.marks[1]["cycle"]
         assert telemetry.configuration == cell.config.read_text()
+        again = replay(telemetry)
+        assert again.difference is None
+        assert again.ended is not None if missing(rows) else again.before + again.cycles == len(rows)
         with pytest.raises(UsageError, match=r"part17\.mcap is there already"):
             client.record_start("part17")
 

@@ -94,7 +94,8 @@ class _Wanted:
 
 def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wanted, segments: Segments) -> None:
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)
-    recording.begin(status["snapshot"][0])
+    played = segments.sample_table()
+    recording.begin(status["snapshot"][0], played if len(played) > 1 else None)
     if wanted.before:
         reader.go_back(wanted.position, _SPARE_ROWS)
     window, told_s, newest = wanted.window, 0.0, wanted.first

@@ -33,11 +33,11 @@ def command(file: Path, as_json: bool) -> None:
         "rows": found.rows,
         "cycles": found.cycles,
         "equal": difference is None,
-        "before_state": found.before,
+        "left_out": found.left_out,
         "skipped": found.skipped,
         "swaps": found.swaps,
         "commands": dict(found.commands),
-        "ended": found.ended,
+        "gaps": found.gaps,
         "lacks": found.lacks,
         "other_version": found.is_other_version,
         "difference": None
@@ -67,10 +67,9 @@ def _show(document: dict[str, Any]) -> None:
             name = f"{value['name']}_{value['axis']}" if value["axis"] else value["name"]
             click.echo(f"  {name}: recorded {value['recorded']!r}, replayed {value['replayed']!r}")
         click.echo(f"probably: {difference['cause']}")
-    if document["before_state"]:
-        click.echo(f"{document['before_state']} rows were recorded before the loop's state and could not be replayed")
-    if document["ended"]:
-        rest = document["rows"] - document["before_state"] - document["cycles"]
-        click.echo(f"the last {rest} rows could not be replayed: {document['ended']}")
+    for gap in document["gaps"]:
+        click.echo(f"gap: {gap}")
+    if document["left_out"]:
+        click.echo(f"{document['left_out']} rows could not be replayed: no state of the loop is at hand before them")
     if document["lacks"]:
         click.echo(f"an older version recorded it; its rows do not say: {', '.join(document['lacks'])}")

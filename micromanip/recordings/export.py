@@ -113,6 +113,8 @@ def _write_rows(telemetry: Telemetry, to: Path, _names: Mapping[str, str], cut: 
             rows[len(rows) - len(kept) :] = kept
         if telemetry.state is not None and cut[0] == 0.0:
             file.create_dataset("state", data=telemetry.state)
+        if telemetry.states:
+            file.create_dataset("states", data=np.concatenate(telemetry.states))
         if telemetry.samples is not None:
             file.create_dataset("samples", data=telemetry.samples)
         if telemetry.parameters:

@@ -16,6 +16,15 @@ def axis_topic(axis: str) -> str:
     return f"/axis/{axis}"
 
 
+STATES = "state-"
+"""Attachments: the loop's state at the ends of cycles on the way, from which a replay can begin anew."""
+
+
+def state_file(cycle: int) -> str:
+    """Attachment with the state at the end of `cycle`."""
+    return f"{STATES}{cycle}.npy"
+
+
 def parameters_file(version: int) -> str:
     """Attachment with the set of parameters that rows of `version` ran with."""
     return f"parameters-{version}.npy"

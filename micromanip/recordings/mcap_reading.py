@@ -73,6 +73,7 @@ def open_mcap(file: Path) -> Telemetry:
             rows=partial(_rows, file, codec),
             state=_array(attachments.get(layout.STATE)),
             parameters=[_sure(data) for name, data in attachments.items() if name.startswith("parameters-")],
+            states=[_sure(data) for name, data in attachments.items() if name.startswith(layout.STATES)],
             marks=marks,
             samples=_array(attachments.get(layout.SAMPLES)),
             sources=about.get("sources", ""),

@@ -63,23 +63,23 @@ _PLACES = {
 
 
 class Recorded:
-    """A recording from the loop's state on.
+    """A recording with what a cycle needs beside its row.
 
-    `state` (1,) is that at the end of a cycle; `parameters` the sets by version, each (1,); `samples` (n, MAX_AXES)
-    what the source ``file`` played; `unlike` names fields in which records differ from those of this version.
+    `states`, each (1,), are those at the ends of cycles, by cycle; `parameters` the sets by version, each (1,);
+    `samples` (n, MAX_AXES) what the source ``file`` played; `unlike` names fields in which records differ from those
+    of this version.
     """
 
     def __init__(self, telemetry: Telemetry) -> None:
         """Raises CheckFailed where the recording lacks what no cycle can be run without."""
         file = telemetry.file
-        if telemetry.state is None:
-            raise CheckFailed(
-                f"{file}: nothing can be replayed, the loop's state is not in it; of a recording in numbered files it "
-                "is in the first"
-            )
+        found = [*([] if telemetry.state is None else [telemetry.state]), *telemetry.states]
+        if not found:
+            raise CheckFailed(f"{file}: nothing can be replayed, the loop's state is not in it")
         self.telemetry = telemetry
         self.unlike: list[str] = []
-        self.state = self._as(telemetry.state, CELL_STATE, "state")
+        states = [self._as(each, CELL_STATE, "state") for each in found]
+        self.states = {int(state["cycle"][0]): state for state in states}
         self.parameters: dict[int, NDArray[Any]] = {}
         for one in telemetry.parameters:
             for filed in one:

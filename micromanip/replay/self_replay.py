@@ -40,8 +40,8 @@ class Outcome:
     axes: list[str]
     rows: int = 0
     """In the recording."""
-    before: int = 0
-    """Rows that were recorded before the loop's state."""
+    left_out: int = 0
+    """Rows that could not be replayed: they follow no state of the loop."""
     cycles: int = 0
     """Replayed, and bit for bit the same."""
     skipped: int = 0
@@ -51,8 +51,8 @@ class Outcome:
     lacks: list[str] = field(default_factory=list)
     sources: str = ""
     is_other_version: bool = False
-    ended: str | None = None
-    """Why nothing behind them could be replayed."""
+    gaps: list[str] = field(default_factory=list)
+    """What was missing; behind it the replay began anew from the next state of the loop."""
     difference: Difference | None = None
 
 
@@ -65,14 +65,11 @@ def replay(telemetry: Telemetry) -> Outcome:
     run = _Run(recorded)
     for rows in recorded.rows():
         run.outcome.rows += len(rows)
-        if not run.is_over:
-            run.go_on(rows)
+        run.go_on(rows)
     run.outcome.lacks = recorded.lacks
     if run.outcome.cycles == 0 and run.outcome.difference is None:
-        raise CheckFailed(
-            f"{telemetry.file}: nothing can be replayed: "
-            + (run.outcome.ended or f"no row follows the loop's state, cycle {recorded.state['cycle'][0]}")
-        )
+        why = run.outcome.gaps or ["no row follows a state of the loop"]
+        raise CheckFailed(f"{telemetry.file}: nothing can be replayed: {why[0]}")
     return run.outcome
 
 
@@ -81,83 +78,82 @@ class _Run:
 
     def __init__(self, recorded: Recorded) -> None:
         telemetry = recorded.telemetry
-        self.recorded, self.state = recorded, recorded.state.copy()
+        self.recorded = recorded
+        self.state: NDArray[Any] | None = None
         self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
         self.sets = np.zeros(2, CELL_PARAMETERS)
         self.outcome = Outcome(telemetry.axes, sources=telemetry.sources)
         self.outcome.is_other_version = telemetry.sources not in ("", sources_of_cycle()) or bool(recorded.unlike)
         self._first_cycle: int | None = None
-        self._version: int | None = None
-
-    @property
-    def is_over(self) -> bool:
-        return self.outcome.ended is not None or self.outcome.difference is not None
 
     def go_on(self, rows: NDArray[Any]) -> None:
-        """Replay `rows`, up to the first that differs or can't be."""
-        if not len(rows):
-            return
-        if self._first_cycle is None:
+        """Replay `rows`, up to the first that differs, from the first on that follows a state of the loop."""
+        if self._first_cycle is None and len(rows):
             self._first_cycle = int(rows["cycle"][0])
-        later = rows["cycle"] > self.state["cycle"][0]
-        if self.outcome.cycles == 0:
-            self.outcome.before += int(np.count_nonzero(~later))
-            rows = rows[later]
-        if not len(rows):
-            return
-        behind = np.append(self.state["cycle"][0], rows["cycle"][:-1])
-        broken = np.flatnonzero(rows["cycle"] - behind != rows["periods"])
-        whole = rows[: broken[0]] if len(broken) else rows
-        for part in np.split(whole, np.flatnonzero(np.diff(whole["version"])) + 1):
-            if len(part) and not self.is_over:
-                self._one_version(np.ascontiguousarray(part))
-        if len(broken) and not self.is_over:
-            at = int(broken[0])
-            missing = int(rows["cycle"][at] - behind[at] - rows["periods"][at])
-            self.outcome.ended = (
-                f"{missing} cycles are missing behind cycle {behind[at]}"
-                if missing > 0
-                else f"cycle {rows['cycle'][at]} comes behind cycle {behind[at]}"
-            )
+        while len(rows) and self.outcome.difference is None:
+            if self.state is None:
+                rows = self._begin(rows)
+                continue
+            behind = np.append(self.state["cycle"][0], rows["cycle"][:-1])
+            broken = np.flatnonzero(rows["cycle"] - behind != rows["periods"])
+            whole = int(broken[0]) if len(broken) else len(rows)
+            for part in np.split(rows[:whole], np.flatnonzero(np.diff(rows["version"][:whole])) + 1):
+                if self.state is None:
+                    self.outcome.left_out += len(part)
+                elif len(part) and self.outcome.difference is None:
+                    self._one_version(self.state, np.ascontiguousarray(part))
+            if len(broken) and self.state is not None and self.outcome.difference is None:
+                missing = int(rows["cycle"][whole] - behind[whole] - rows["periods"][whole])
+                self.outcome.gaps.append(
+                    f"{missing} cycles are missing behind cycle {behind[whole]}"
+                    if missing > 0
+                    else f"cycle {rows['cycle'][whole]} comes behind cycle {behind[whole]}"
+                )
+                self.state = None
+            rows = rows[whole:]
 
-    def _one_version(self, rows: NDArray[Any]) -> None:
-        version = int(rows["version"][0])
-        if version not in self.recorded.parameters:
-            self.outcome.ended = f"the parameters of version {version}, from cycle {rows['cycle'][0]} on, are not in it"
-            return
-        present = int(self.state["version"][0])
-        if self._version is None and present not in self.recorded.parameters:
-            self.outcome.ended = f"the parameters of version {present}, those of the loop's state, are not in it"
-            return
-        self._version = version
-        self.sets[0] = self.recorded.parameters[version][0]
+    def _begin(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """Take the state that one of `rows` follows; those from this row on."""
+        follows = np.isin(rows["cycle"] - rows["periods"], list(self.recorded.states))
+        at = int(np.argmax(follows)) if follows.any() else len(rows)
+        self.outcome.left_out += at
+        if at < len(rows):
+            self.state = self.recorded.states[int(rows["cycle"][at] - rows["periods"][at])].copy()
+            self.signals[:] = np.zeros(1, SIGNAL)
+        return rows[at:]
+
+    def _one_version(self, state: NDArray[Any], rows: NDArray[Any]) -> None:
+        version, present = int(rows["version"][0]), int(state["version"][0])
+        for needed in (present, version):
+            if needed not in self.recorded.parameters:
+                cycle = rows["cycle"][0]
+                self.outcome.gaps.append(f"the parameters of version {needed}, needed in cycle {cycle}, are not in it")
+                self.outcome.left_out += len(rows)
+                self.state = None
+                return
+        self.sets[0], self.sets[1] = self.recorded.parameters[present][0], self.recorded.parameters[version][0]
         if version != present:
-            self.sets[0], self.sets[1] = self.recorded.parameters[present][0], self.sets[0].copy()
-            self._swap(rows[:1])
+            self._swap(state, rows[:1])
             self.sets[0], rows = self.sets[1].copy(), rows[1:]
-        if len(rows) and not self.is_over:
-            self._count(rows, *self._tried(rows, NO_SWAP))
+        if len(rows) and self.outcome.difference is None:
+            self._count(rows, *self._tried(state, rows, NO_SWAP))
 
-    def _swap(self, row: NDArray[Any]) -> None:
+    def _swap(self, state: NDArray[Any], row: NDArray[Any]) -> None:
         """The row in which other parameters came: at the boundary before it, or as a promotion behind it."""
         self.outcome.swaps += 1
-        state, signals = self.state.copy(), self.signals.copy()
-        found = self._tried(row, SWAP_BEFORE)
+        was = state.copy(), self.signals.copy()
+        found = self._tried(state, row, SWAP_BEFORE)
         if found[0] is not None:
-            after = self.state.copy(), self.signals.copy()
-            self.state, self.signals = state, signals
-            again = self._tried(row, SWAP_AFTER)
-            if again[0] is None:
-                found = again
-            else:
-                self.state, self.signals = after
+            state[:], self.signals[:] = was
+            again = self._tried(state, row, SWAP_AFTER)
+            found = again if again[0] is None else found
         self._count(row, *found)
 
-    def _tried(self, rows: NDArray[Any], swap: int) -> tuple[Unequal | None, NDArray[np.int64]]:
-        commands = commands_of(rows, int(self.state["state"][0]), int(self.state["fault"][0]))
+    def _tried(self, state: NDArray[Any], rows: NDArray[Any], swap: int) -> tuple[Unequal | None, NDArray[np.int64]]:
+        commands = commands_of(rows, int(state["state"][0]), int(state["fault"][0]))
         replayed = np.zeros(len(rows), ROW)
         samples = self.recorded.samples
-        replay_rows(self.sets, self.state, self.signals, self.outputs, samples, rows, commands, replayed, swap)
+        replay_rows(self.sets, state, self.signals, self.outputs, samples, rows, commands, replayed, swap)
         return first_unequal(rows, replayed, self.outcome.axes), commands
 
     def _count(self, rows: NDArray[Any], unequal: Unequal | None, commands: NDArray[np.int64]) -> None:

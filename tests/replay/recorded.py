@@ -7,8 +7,8 @@ from micromanip.recordings import open_telemetry
 from micromanip.virtual.cell import VirtualCell
 
 
-def recording(file, prepared, rows, state=None, parameters=None, samples=None):
-    """`rows` recorded to `file`; `state` is that before them, by default that of a cell at rest."""
+def recording(file, prepared, rows, state=None, parameters=None, samples=None, kept=()):
+    """`rows` recorded to `file`; `state` is before them, by default of a cell at rest; `kept` are those on the way."""
     configuration = prepared.configuration
     about = {"configuration": prepared.source.text, "sha256": prepared.source.hash}
     orders = {"file": str(file), "axes": list(configuration.axes), "period_ns": configuration.loop.period_ns}
@@ -19,5 +19,7 @@ def recording(file, prepared, rows, state=None, parameters=None, samples=None):
     slots = prepared.parameters if parameters is None else parameters
     for first in range(0, len(rows), 4096):
         written.append(rows[first : first + 4096], np.asarray(slots))
+    for one in kept:
+        written.keep(one)
     written.close()
     return open_telemetry(file)

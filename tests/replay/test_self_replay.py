@@ -60,7 +60,7 @@ def test_every_number_is_the_same(whole):
     _, rows, telemetry = whole
     outcome = replay(telemetry)
     assert outcome.difference is None
-    assert outcome.ended is None
+    assert (outcome.gaps, outcome.left_out) == ([], 0)
     assert outcome.cycles == outcome.rows == len(rows)
     assert outcome.commands == {"arm": 3, "hold": 1, "disarm": 2, "stop": 1}
     assert (outcome.skipped, outcome.swaps, outcome.lacks, outcome.is_other_version) == (2, 1, [], False)
@@ -146,17 +146,28 @@ def test_another_sample_is_found_by_what_it_does(short, tmp_path):
     assert "voltage_V" in [value.name for value in difference.values]
 
 
-def test_behind_a_gap_nothing_can_be_replayed(short, tmp_path, capsys):
+def test_behind_a_gap_it_begins_anew_from_the_next_state(short, tmp_path, capsys):
     prepared, rows = short
     telemetry = recording(tmp_path / "run.mcap", prepared, np.delete(rows, slice(5000, 5012)))
     outcome = replay(telemetry)
     assert outcome.difference is None
-    assert outcome.cycles == 5000
-    assert outcome.ended == f"12 cycles are missing behind cycle {rows['cycle'][4999]}"
+    assert (outcome.cycles, outcome.left_out) == (5000, 17_000 - 5012)
+    assert outcome.gaps == [f"12 cycles are missing behind cycle {rows['cycle'][4999]}"]
     assert code_of("replay", telemetry.file) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("5000 cycles, 3 axes: every voltage equal, bit for bit (1 x arm)\n")
-    assert f"the last {17_000 - 5012} rows could not be replayed: 12 cycles are missing" in printed
+    assert printed.startswith(
+        "5000 cycles, 3 axes: every voltage equal, bit for bit (1 x arm)\ngap: 12 cycles are missing"
+    )
+    assert f"{17_000 - 5012} rows could not be replayed" in printed
+
+    cell = VirtualCell(prepared.parameters.copy(), prepared.wiring)
+    cell.run(0.01)
+    cell.run(0.59, command=ARM)
+    spoilt = np.delete(rows, slice(5000, 5012))
+    again = replay(recording(tmp_path / "again.mcap", prepared, spoilt, kept=cell.state))
+    assert again.difference is None
+    assert (again.cycles, again.left_out) == (17_000 - 12 - 988, 988)
+    assert again.gaps == outcome.gaps
 
 
 def test_rows_from_before_the_state_are_left_out(short, tmp_path):
@@ -166,7 +177,7 @@ def test_rows_from_before_the_state_are_left_out(short, tmp_path):
     cell.run(0.2, command=ARM)
     outcome = replay(recording(tmp_path / "run.mcap", prepared, rows, state=cell.state))
     assert outcome.difference is None
-    assert (outcome.before, outcome.cycles) == (2100, 17_000 - 2100)
+    assert (outcome.left_out, outcome.cycles) == (2100, 17_000 - 2100)
 
 
 def test_rows_of_an_older_version_are_replayed_as_far_as_they_say(short, tmp_path):
@@ -210,10 +221,10 @@ def test_what_cannot_be_replayed_says_why(short, tmp_path):
     telemetry = recording(tmp_path / "run.mcap", prepared, rows[:100])
     with pytest.raises(CheckFailed, match=r"run\.mcap: nothing can be replayed, the loop's state is not in it"):
         replay(replace(telemetry, state=None))
-    with pytest.raises(CheckFailed, match=r"nothing can be replayed: the parameters of version \d+, .* are not in it"):
+    with pytest.raises(CheckFailed, match=r"replayed: the parameters of version \d+, .* are not in it"):
         replay(replace(telemetry, parameters=()))
     later = recording(tmp_path / "later.mcap", prepared, rows[50:100])
-    with pytest.raises(CheckFailed, match="nothing can be replayed: 50 cycles are missing behind cycle 0"):
+    with pytest.raises(CheckFailed, match="nothing can be replayed: no row follows a state of the loop"):
         replay(later)
     damaged = prepared.parameters.copy()
     damaged["axis"]["strain"][0, 1] = 1_000_000

@@ -75,6 +75,9 @@ class Hdf5Recording:
         self.file.create_dataset(STATE, data=np.array([state], CELL_STATE))
         self.file.swmr_mode = True
 
+    def keep(self, state: Any) -> None:
+        """Nothing: the file takes no new table once others may read it."""
+
     def append(self, rows: Any, slots: Any) -> None:
         """Add rows; a new parameter version brings its parameters, one of `slots`, with it.
 

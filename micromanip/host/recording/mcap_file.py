@@ -73,6 +73,10 @@ class McapRecording:
         self._attach(layout.STATE, np.array([state], CELL_STATE))
         self.go_on(int(state["cycle"]))
 
+    def keep(self, state: Any) -> None:
+        """Store a snapshot on the way."""
+        self._attach(layout.state_file(int(state["cycle"])), np.array([state], CELL_STATE))
+
     def go_on(self, cycle: int) -> None:
         """Begin without a snapshot, behind another file."""
         # the first chunk brings what readers must know of the rows

@@ -50,6 +50,10 @@ class McapSeries:
         """Store a snapshot, and what the source `file` plays, in the first file."""
         self._current.begin(state, samples)
 
+    def keep(self, state: Any) -> None:
+        """Store a snapshot on the way in the file that is being written."""
+        self._current.keep(state)
+
     def append(self, rows: NDArray[Any], slots: Any) -> None:
         """Add rows, and begin another file where this one has its share. Raises OSError as `McapRecording`."""
         while len(rows):

@@ -9,6 +9,8 @@ from cli.command import code_of
 from virtual.protected import Protected, text
 
 from micromanip.errors import CheckFailed
+from micromanip.recordings import open_telemetry
+from micromanip.recordings.export import export
 from micromanip.recordings.filed import FILED_PARAMETERS
 from micromanip.replay import replay
 from micromanip.rt.states import (
@@ -167,6 +169,8 @@ def test_behind_a_gap_it_begins_anew_from_the_next_state(short, tmp_path, capsys
     again = replay(recording(tmp_path / "again.mcap", prepared, spoilt, kept=cell.state))
     assert again.difference is None
     assert (again.cycles, again.left_out) == (17_000 - 12 - 988, 988)
+    export(open_telemetry(tmp_path / "again.mcap"), tmp_path / "again.h5")
+    assert replay(open_telemetry(tmp_path / "again.h5")) == again
     assert again.gaps == outcome.gaps
 
 
@@ -245,5 +249,7 @@ def test_what_the_axes_followed_is_in_it(tmp_path):
     outcome = replay(recording(tmp_path / "run.mcap", prepared, rows, samples=prepared.samples))
     assert outcome.difference is None
     assert outcome.cycles == len(rows)
+    export(open_telemetry(tmp_path / "run.mcap"), tmp_path / "run.h5")
+    assert replay(open_telemetry(tmp_path / "run.h5")) == outcome
     with pytest.raises(CheckFailed, match="an axis follows a file, and what that holds is not in the recording"):
         replay(recording(tmp_path / "without.mcap", prepared, rows))

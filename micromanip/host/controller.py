@@ -88,7 +88,8 @@ class Controller:
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
         self.beat()
-        orders = loop_orders(self.prepared, self.segments.descriptors, self.offsets, self._socket_path)
+        places = [(at, len(context)) for at, context in zip(self.offsets, self._contexts, strict=True)]
+        orders = loop_orders(self.prepared, self.segments.descriptors, places, self._socket_path)
         with beginning_on_cpu(self.prepared.configuration.loop.cpu):
             await self.process.start(orders)
         self.process.end_orders()
@@ -272,9 +273,9 @@ async def _comes_true(condition: Callable[[], bool], patience_s: float = _ANSWER
 
 
 def loop_orders(
-    prepared: Prepared, descriptors: Sequence[int], offsets: Sequence[int], socket_path: Path
+    prepared: Prepared, descriptors: Sequence[int], places: Sequence[tuple[int, int]], socket_path: Path
 ) -> dict[str, Any]:
-    """Orders for the loop of `prepared`; `offsets` (bytes) tell where each driver's context is in their segment."""
+    """Orders for the loop of `prepared`; `places`: where in its segment each driver's context begins, and its size."""
     configuration, wiring = prepared.configuration, prepared.wiring
     loop = configuration.loop
     drivers = [
@@ -283,11 +284,12 @@ def loop_orders(
             "driver": configuration.drivers[name].driver,
             "bus": name in wiring.buses,
             "options": wiring.options[name].model_dump_json(),
-            "context": offset,
+            "context": at,
+            "context_bytes": size,
             "first_input": wiring.first_input[name],
             "first_output": wiring.first_output[name],
         }
-        for name, offset in zip(wiring.drivers, offsets, strict=True)
+        for name, (at, size) in zip(wiring.drivers, places, strict=True)
     ]
     return {
         "descriptors": descriptors,

@@ -53,7 +53,7 @@ def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tupl
         functions = bridge_functions() if driver is None else driver.functions()
         context = base + entry["context"]
         if driver is not None:
-            _begin(entry["name"], driver, segments.contexts.bytes()[entry["context"] :][: len(driver.context())])
+            _begin(entry["name"], driver, segments.contexts.bytes()[entry["context"] :][: entry["context_bytes"]])
         code = call_context(functions.open, context)
         if code != 0:
             raise DeviceUnavailable(f"driver {entry['name']} could not be opened: code {code}")

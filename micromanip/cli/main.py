@@ -62,6 +62,7 @@ GROUPS = {
         "probe": "what answers on a bus, and what it says",
         "simulate-device": "play the devices that a configuration names",
         "safe-outputs": "bring all outputs to their safe value, with no controller running",
+        "rtcheck": "whether this machine keeps the deadlines, and what would mend it",
         "bench": "speed of this machine, beside references",
         "install-service": "run a configuration as a service of this machine",
         "completion": "shell completion",

@@ -78,11 +78,6 @@ class Child:
             if self._process is not None:
                 await self._process.communicate()
 
-    @property
-    def pid(self) -> int | None:
-        """Its number, as long as it runs."""
-        return self._process.pid if self.runs and self._process is not None else None
-
     def may_restart(self) -> bool:
         """Note that it is about to be started again; False where that was too often."""
         return self._restarts is not None and self._restarts.allows(time.monotonic())
@@ -91,6 +86,12 @@ class Child:
     def runs(self) -> bool:
         """Whether it was started and has not ended."""
         return self._process is not None and self._process.returncode is None
+
+    @property
+    def pid(self) -> int:
+        """Number of the process that was started last."""
+        assert self._process is not None
+        return self._process.pid
 
     @property
     def code(self) -> int | None:

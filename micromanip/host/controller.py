@@ -93,7 +93,7 @@ class Controller:
         places = [(at, len(context)) for at, context in zip(self.offsets, self._contexts, strict=True)]
         if self.process.starts == 0:
             await self.process.begin()
-        if self.process.pid is not None:
+        if self.process.runs:
             put_on_cpu(self.process.pid, self.prepared.configuration.loop.cpu)
         self.process.hand_on(loop_orders(self.prepared, places, self._socket_path), self._handed_on)
         self._relaying = asyncio.create_task(self._relay(say))

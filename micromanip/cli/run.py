@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,8 @@ async def _run(config: Path, socket_path: Path, duration_s: float | None, record
 
     process = loop_process()
     await process.begin()
+    if callable(signal.getsignal(signal.SIGINT)):  # asyncio's, which would wait until all this is done
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         gc.disable()  # of all that is imported nothing is garbage: looking for it takes a tenth of the start
         try:

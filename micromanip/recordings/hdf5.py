@@ -88,6 +88,9 @@ def _ours(file: Path, contents: Any) -> Telemetry:
         pieces=partial(_pieces, file),
         state=contents["state"][()] if "state" in contents else None,
         parameters=[one[None] for one in contents["parameters"][()]] if "parameters" in contents else (),
+        states=[one[None] for one in contents["states"][()]] if "states" in contents else (),
+        samples=contents["samples"][()] if "samples" in contents else None,
+        sources=str(attributes.get("sources", "")),
     )
 
 

@@ -177,3 +177,4 @@ themeButton(() => {
   panels.redraw();
   plot.redraw();
 });
+arrange();

@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs tune clean
+.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -50,6 +50,10 @@ test-laws-checked: $(READY)  # optimised little: it is compiled once and runs sh
 
 test-laws-plain: $(READY)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
+
+thorough: $(READY) ## all searches of hypothesis with more examples than `make test` draws: 60 of each instead of 25
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup --hypothesis-profile=thorough -m hypothesis tests
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m 'hypothesis and not compiled_only' tests/rt
 
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root
 	tools/system-tests/scenarios.sh namespace

@@ -2,8 +2,8 @@
 
 The laws' tests run in three modes: compiled, with bounds checks (NUMBA_BOUNDSCHECK=1) and as plain
 Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the search is shorter.
-``--hypothesis-profile=explore`` searches longer, and elsewhere in each run; ``soak`` takes ten thousand steps of a
-state machine; ``mutation`` does not ask for the smallest example.
+``--hypothesis-profile=thorough`` searches longer (``make thorough``); ``explore`` still longer, and elsewhere in each
+run; ``soak`` takes ten thousand steps of a state machine; ``mutation`` does not ask for the smallest example.
 """
 
 import os
@@ -24,9 +24,10 @@ STALLS = pytest.StashKey[Stalls]()
 Compiled.laws_compiled = True  # what the laws' tests call is the machine code, not the Python of the same law
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
-settings.register_profile("steady", max_examples=60 if JIT else 15, derandomize=True, database=None, **_COMMON)
-_QUICK = {"phases": (Phase.explicit, Phase.generate), "max_examples": 15, "derandomize": True, "database": None}
-settings.register_profile("mutation", **_QUICK, **_COMMON)
+_STEADY = {"derandomize": True, "database": None, **_COMMON}
+settings.register_profile("steady", max_examples=25 if JIT else 10, **_STEADY)
+settings.register_profile("thorough", max_examples=60 if JIT else 15, **_STEADY)
+settings.register_profile("mutation", max_examples=15, phases=(Phase.explicit, Phase.generate), **_STEADY)
 settings.register_profile("explore", max_examples=1000 if JIT else 100, database=None, **_COMMON)
 settings.register_profile("soak", max_examples=100, stateful_step_count=100, database=None, **_COMMON)
 settings.load_profile("steady")

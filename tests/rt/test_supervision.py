@@ -48,9 +48,14 @@ class Supervised(BenchCell):
         return [self.cycle() for _ in range(count)]
 
 
-@pytest.fixture
-def cell():
+@pytest.fixture(scope="module")
+def tracking():
     return Supervised().arm()
+
+
+@pytest.fixture
+def cell(tracking):
+    return tracking.copy()
 
 
 def test_deadlines_in_time_are_nothing(cell):

@@ -98,7 +98,11 @@ def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: ("live" not in item.keywords, "long" not in item.keywords))
 
 
+def pytest_collection():
+    """What is imported and collected stays: no search for garbage, now or later, looks at it."""
+    gc.disable()
+
+
 def pytest_collection_finish():
-    """All that was imported stays: no search for garbage looks at it again."""
-    gc.collect()
+    gc.enable()
     gc.freeze()

@@ -32,11 +32,11 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not live and not long' tests
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not live and not long and not thorough' tests
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup tests --ignore=tests/rt
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not thorough' tests --ignore=tests/rt
 
 compiled: $(READY)  # both loops, by one process each, or each worker of pytest would compile the same
 	@$(BIN)/micromanip check config/simulated.yaml >/dev/null
@@ -57,8 +57,8 @@ test-laws-checked: $(READY)  # optimised little: it is compiled once and runs sh
 test-laws-plain: $(READY)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
 
-thorough: $(READY) ## all searches of hypothesis with more examples than `make test` draws: 60 of each instead of 25
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup --hypothesis-profile=thorough -m hypothesis tests
+thorough: $(READY) ## what `make test` draws fewer of: 60 examples of each search of hypothesis, and further plants
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m 'hypothesis and not compiled_only' tests/rt
 
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root

@@ -59,6 +59,7 @@ def pytest_configure(config):
         "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1",
         "live: on real processes, links or clocks, which it waits for; left out of `make check`",
         "long: computes for seconds; left out of `make check`",
+        "thorough: one more case of what another one shows; left out of `make test`, which `make thorough` is for",
         "realtime: live, and a stall of this machine by some milliseconds makes it fail",
     ):
         config.addinivalue_line("markers", marker)

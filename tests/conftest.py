@@ -11,16 +11,19 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the Makefile: small matrices, and twice the CPU without
 
 import contextlib
+import functools
 import gc
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 from micromanip.rt.jit import PLAIN, Compiled
+from micromanip.settings.text import yaml_nodes
 from tools.stalls import STALL_MS, Stalls
 
 JIT = not PLAIN
 STALLS = pytest.StashKey[Stalls]()
+yaml_nodes.compose = functools.lru_cache(64)(yaml_nodes.compose)  # the same few files, read a thousand times
 Compiled.laws_compiled = True  # what the laws' tests call is the machine code, not the Python of the same law
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}

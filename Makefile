@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs tune clean
+.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -108,6 +108,9 @@ docs: $(READY)    ## generated pages and pictures
 	$(BIN)/python -m micromanip.settings.documents.faults_page > docs/faults.md
 	$(BIN)/python -m tools.pictures
 	$(BIN)/python -m tools.pictures.identification
+
+site: $(READY)    ## the manual as a site to search, in out/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 clean:            ## remove what the targets above made
 	rm -rf $(VENV) out .hypothesis .mypy_cache .ruff_cache

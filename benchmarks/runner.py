@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from micromanip.errors import UsageError
+from micromanip.errors import DeviceUnavailable, UsageError
 
 from .plan import Plan
 from .results import Report, Skipped
@@ -38,7 +38,7 @@ def run(plan: Plan, only: tuple[str, ...] = ()) -> Report:
         plan.tell(name)
         try:
             report.results += importlib.import_module(f"benchmarks.{name}").run(plan)
-        except Skipped as reason:
+        except (Skipped, DeviceUnavailable) as reason:
             plan.tell(f"{name}: skipped: {reason}")
             report.skipped[name] = str(reason)
     return report

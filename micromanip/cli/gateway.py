@@ -11,14 +11,14 @@ from micromanip.errors import UsageError
 
 from .options import StrictCommand, config_argument, socket_option
 
-_TOKENS = "gateway-tokens"
+_TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
 
 
-def _default_tokens() -> Path:
-    """In the state directory of the service, else the user's own."""
+def _in_state_directory(name: str) -> Path:
+    """That of the service, else the user's own."""
     from micromanip.host.state_directory import state_directory
 
-    return state_directory() / _TOKENS
+    return state_directory() / name
 
 
 @click.command(
@@ -27,7 +27,8 @@ def _default_tokens() -> Path:
     epilog="""\b
 Example: micromanip gateway config/simulated.yaml
          micromanip gateway cell.yaml --listen 0.0.0.0:8443 --tls-certificate cell.pem --tls-key cell.key
-         micromanip gateway cell.yaml --behind-proxy https://cell.example""",
+         micromanip gateway cell.yaml --behind-proxy https://cell.example
+         micromanip gateway cell.yaml --opcua 127.0.0.1:4840""",
 )
 @config_argument
 @click.option(
@@ -45,6 +46,12 @@ Example: micromanip gateway config/simulated.yaml
 @click.option(
     "--behind-proxy", metavar="ADDRESS", help="A proxy does TLS; ADDRESS is what people open: https://cell.example."
 )
+@click.option("--opcua", metavar="HOST:PORT", help="Serve OPC UA there, too (extra `opcua`).  [default: off]")
+@click.option(
+    "--opcua-folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    help=f"Certificates for OPC UA, made at the first start.  [default: {_OPCUA} in the state directory]",
+)
 def command(
     config: Path,
     listen: str,
@@ -53,6 +60,8 @@ def command(
     tls_certificate: Path | None,
     tls_key: Path | None,
     behind_proxy: str | None,
+    opcua: str | None,
+    opcua_folder: Path | None,
 ) -> None:
     """Show the running cell in browsers: a page of the cell, a scope, and metrics for Prometheus.
 
@@ -69,5 +78,15 @@ def command(
             f"gateway needs {missing.name}, which comes with the extra: pip install 'micromanip[gateway]'"
         ) from missing
     os.umask(0o077)
-    options = Options(config, socket_path, listen, tokens or _default_tokens(), tls_certificate, tls_key, behind_proxy)
+    options = Options(
+        config,
+        socket_path,
+        listen,
+        tokens or _in_state_directory(_TOKENS),
+        tls_certificate,
+        tls_key,
+        behind_proxy,
+        opcua,
+        opcua_folder or _in_state_directory(_OPCUA),
+    )
     serve(options, lambda line: click.echo(line, err=True))

@@ -7,13 +7,10 @@ greatest value, so that no peak is lost.
 from __future__ import annotations
 
 import html
-import io
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import welch
@@ -21,38 +18,14 @@ from scipy.signal import welch
 from micromanip.recordings import Telemetry
 from micromanip.rt.states import STATE_NAMES, TRACKING
 
+from .page import COLOURS, GREY, drawing, page, section, table
 from .run_figures import RunFigures
 
 _COLUMNS, _LOOP_POINTS = 600, 1500
-_COLOURS = ("#2b8cbe", "#d95f0e", "#31a354")
-_GREY = "#7f7f7f"
-"""Legible on white and on black."""
 _STATE_COLOURS = {"TRACKING": "#31a354", "FAULT": "#de2d26", "HOLDING": "#fdae61", "ARMING": "#2b8cbe"}
-_DRAWN: Any = {
-    "svg.hashsalt": "micromanip",
-    "svg.fonttype": "none",
-    "font.size": 9,
-    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _GREY),
-}
 _ABOUT_ERRORS = (
     "While tracking, least and greatest value. The bar: blue arming, green tracking, yellow holding, red fault."
 )
-_STYLE = """
-:root { color-scheme: light dark; --ink: #1a1a1a; --ground: #fff; --line: #ccc; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6e6e6; --ground: #141414; --line: #444; } }
-body { color: var(--ink); background: var(--ground); font: 16px/1.5 system-ui, sans-serif; margin: 1rem auto;
-  max-width: 60rem; padding: 0 1rem; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid var(--line); padding: .2rem .8rem .2rem 0; text-align: right; }
-th:first-child, td:first-child { text-align: left; }
-.wide { overflow-x: auto; } svg { max-width: 100%; height: auto; } pre { overflow-x: auto; font-size: .8rem; }
-"""
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
-<title>{title}</title><style>{style}</style></head><body><h1>{title}</h1>
-{parts}</body></html>
-"""
 
 
 def run_report(telemetry: Telemetry, figures: RunFigures) -> str:
@@ -62,23 +35,16 @@ def run_report(telemetry: Telemetry, figures: RunFigures) -> str:
     states = telemetry.column("state")
     parts = [
         _summary(telemetry, figures),
-        _section("Path error", _ABOUT_ERRORS, _errors(telemetry, t_s, states)),
-        _section("Spectrum of the path error", "While tracking; Welch, Hann window.", _spectra(telemetry, states)),
-        _section("Voltage left", "To the nearer end of the range that the limiter keeps.", _headroom(telemetry, t_s)),
-        _section("Hysteresis loop", "Gauge over voltage, as it was driven.", _loops(telemetry)),
-        _section("Timing", "Share of cycles that took longer.", _timing(telemetry)),
+        section("Path error", _ABOUT_ERRORS, _errors(telemetry, t_s, states)),
+        section("Spectrum of the path error", "While tracking; Welch, Hann window.", _spectra(telemetry, states)),
+        section("Voltage left", "To the nearer end of the range that the limiter keeps.", _headroom(telemetry, t_s)),
+        section("Hysteresis loop", "Gauge over voltage, as it was driven.", _loops(telemetry)),
+        section("Timing", "Share of cycles that took longer.", _timing(telemetry)),
         _remarks(telemetry),
         f"<details><summary>Configuration, sha256 {html.escape(telemetry.sha256[:16])}</summary>"
         f"<pre>{html.escape(telemetry.configuration)}</pre></details>",
     ]
-    title = html.escape(f"Run {telemetry.file.name}")
-    return _PAGE.format(title=title, style=_STYLE, parts="\n".join(parts))
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>" for tag, row in
-             [("th", head), *(("td", row) for row in rows)]]  # fmt: skip
-    return f'<div class="wide"><table>{"".join(lines)}</table></div>'
+    return page(f"Run {telemetry.file.name}", parts)
 
 
 def _summary(telemetry: Telemetry, figures: RunFigures) -> str:
@@ -97,21 +63,7 @@ def _summary(telemetry: Telemetry, figures: RunFigures) -> str:
         [name, *(f"{value / 1e3:.2f}" for value in values)]
         for name, values in (("lateness", figures.lateness_ns), ("compute", figures.compute_ns))
     ]
-    return f"<p>{html.escape(facts)}</p>{_table(head, axes)}{_table(('us', 'p50', 'p99.9', 'max'), timing)}"
-
-
-def _section(title: str, about: str, figure: Figure) -> str:
-    drawn = io.StringIO()
-    with rc_context(_DRAWN):
-        figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
-    text = drawn.getvalue()
-    return f"<h2>{title}</h2><p>{about}</p>{text[text.index('<svg') :]}"
-
-
-def _figure(rows: int = 1, columns: int = 1, height: float = 3.2) -> tuple[Figure, Any]:
-    with rc_context(_DRAWN):
-        figure = Figure(figsize=(9.0, height), layout="constrained")
-        return figure, figure.subplots(rows, columns, squeeze=False)
+    return f"<p>{html.escape(facts)}</p>{table(head, axes)}{table(('us', 'p50', 'p99.9', 'max'), timing)}"
 
 
 def _envelope(t_s: NDArray[Any], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -125,75 +77,75 @@ def _envelope(t_s: NDArray[Any], values: NDArray[Any]) -> tuple[NDArray[Any], ND
 
 
 def _errors(telemetry: Telemetry, t_s: NDArray[Any], states: NDArray[Any]) -> Figure:
-    figure, panels = _figure()
+    figure, panels = drawing()
     panel = panels[0, 0]
     for place, name in enumerate(telemetry.axes):
         error = np.where(states == TRACKING, telemetry.column(f"axis.{place}.path_error_um"), np.nan)
         where, low, high = _envelope(t_s, error)
-        panel.fill_between(where, low, high, color=_COLOURS[place], alpha=0.6, linewidth=0.5, label=name)
+        panel.fill_between(where, low, high, color=COLOURS[place], alpha=0.6, linewidth=0.5, label=name)
     changes = [0, *(np.flatnonzero(np.diff(states)) + 1).tolist(), len(states)]
     for first, last in pairwise(changes):
-        colour = _STATE_COLOURS.get(STATE_NAMES[int(states[first])], _GREY)
+        colour = _STATE_COLOURS.get(STATE_NAMES[int(states[first])], GREY)
         panel.axvspan(t_s[first], t_s[last - 1], ymax=0.03, color=colour, linewidth=0)
     for mark in telemetry.marks[1:]:
         at = np.searchsorted(telemetry.column("cycle"), mark["cycle"])
-        panel.axvline(t_s[min(int(at), len(t_s) - 1)], color=_GREY, linestyle=":")
+        panel.axvline(t_s[min(int(at), len(t_s) - 1)], color=GREY, linestyle=":")
     panel.set(xlabel="time, s", ylabel="path error, um")
-    panel.legend(loc="upper right", frameon=False, labelcolor=_GREY)
+    panel.legend(loc="upper right", frameon=False, labelcolor=GREY)
     return figure
 
 
 def _spectra(telemetry: Telemetry, states: NDArray[Any]) -> Figure:
-    figure, panels = _figure()
+    figure, panels = drawing()
     rate_Hz = 1e9 / telemetry.period_ns
     for place, name in enumerate(telemetry.axes):
         error = telemetry.column(f"axis.{place}.path_error_um")
         error = error[(states == TRACKING) & np.isfinite(error)]
         frequency, density = welch(error, rate_Hz, nperseg=min(len(error), round(rate_Hz)))
         kept = np.unique(np.geomspace(1, len(frequency) - 1, 800).astype(int))
-        panels[0, 0].loglog(frequency[kept], np.sqrt(density[kept]), color=_COLOURS[place], linewidth=0.8, label=name)
+        panels[0, 0].loglog(frequency[kept], np.sqrt(density[kept]), color=COLOURS[place], linewidth=0.8, label=name)
     panels[0, 0].set(xlabel="frequency, Hz", ylabel="um / sqrt(Hz)")
-    panels[0, 0].legend(loc="lower left", frameon=False, labelcolor=_GREY)
+    panels[0, 0].legend(loc="lower left", frameon=False, labelcolor=GREY)
     return figure
 
 
 def _headroom(telemetry: Telemetry, t_s: NDArray[Any]) -> Figure:
-    figure, panels = _figure(height=2.6)
+    figure, panels = drawing(height=2.6)
     for place, name in enumerate(telemetry.axes):
         if telemetry.parameters:
             limiter = telemetry.parameters[-1]["axis"][0, place]["limiter"]
             voltage = telemetry.column(f"axis.{place}.voltage_V")
             left = np.minimum(voltage - limiter["low_V"], limiter["high_V"] - voltage)
             where, low, _ = _envelope(t_s, left)
-            panels[0, 0].plot(where, low, color=_COLOURS[place], linewidth=0.8, label=name)
+            panels[0, 0].plot(where, low, color=COLOURS[place], linewidth=0.8, label=name)
     panels[0, 0].set(xlabel="time, s", ylabel="voltage left, V", ylim=(0, None))
-    panels[0, 0].legend(loc="upper right", frameon=False, labelcolor=_GREY)
+    panels[0, 0].legend(loc="upper right", frameon=False, labelcolor=GREY)
     return figure
 
 
 def _loops(telemetry: Telemetry) -> Figure:
-    figure, panels = _figure(columns=len(telemetry.axes))
+    figure, panels = drawing(columns=len(telemetry.axes))
     for place, (panel, name) in enumerate(zip(panels[0], telemetry.axes, strict=True)):
         voltage, strain = (telemetry.column(f"axis.{place}.{field}") for field in ("voltage_V", "strain_um"))
         step = max(1, len(voltage) // _LOOP_POINTS)
-        panel.plot(voltage[::step], strain[::step], color=_COLOURS[place], linewidth=0.5)
+        panel.plot(voltage[::step], strain[::step], color=COLOURS[place], linewidth=0.5)
         panel.set(title=name, xlabel="voltage, V", ylabel="gauge, um" if place == 0 else "")
     return figure
 
 
 def _timing(telemetry: Telemetry) -> Figure:
-    figure, panels = _figure(height=2.6)
+    figure, panels = drawing(height=2.6)
     for place, name in enumerate(("lateness", "compute")):
         values = np.sort(telemetry.column(f"{name}_ns"))
         rank = np.unique(len(values) - np.geomspace(1, len(values), 400).astype(int))
         panels[0, 0].loglog(
-            np.maximum(values[rank], 1) / 1e3, (len(values) - rank) / len(values), color=_COLOURS[place], label=name
+            np.maximum(values[rank], 1) / 1e3, (len(values) - rank) / len(values), color=COLOURS[place], label=name
         )
     panels[0, 0].set(xlabel="longer than, us", ylabel="share of cycles")
-    panels[0, 0].legend(loc="lower left", frameon=False, labelcolor=_GREY)
+    panels[0, 0].legend(loc="lower left", frameon=False, labelcolor=GREY)
     return figure
 
 
 def _remarks(telemetry: Telemetry) -> str:
     rows = [(str(mark["cycle"]), mark["time"], mark["by"], mark["text"]) for mark in telemetry.marks]
-    return f"<h2>Marks</h2>{_table(('cycle', 'time', 'by', 'mark'), rows)}" if rows else ""
+    return f"<h2>Marks</h2>{table(('cycle', 'time', 'by', 'mark'), rows)}" if rows else ""

@@ -32,14 +32,25 @@ _BODY_BYTES = 4096
 _STATUS = {1: 409, 64: 400, 69: 503, 77: 403, 78: 409}
 """HTTP status by the exit code of an error."""
 _POLICY, _PROBLEM = 1008, 1003
+Beside = Callable[[], contextlib.AbstractAsyncContextManager[None]]
 
 
 class Gateway:
     """Serves one cell."""
 
-    def __init__(self, cell: Cell, tokens: Tokens, origins: Origins, differs: Callable[[], str | None]) -> None:
-        """`differs` says so where the controller runs another configuration than was expected, else None."""
-        self._cell, self._tokens, self._differs = cell, tokens, differs
+    def __init__(
+        self,
+        cell: Cell,
+        tokens: Tokens,
+        origins: Origins,
+        differs: Callable[[], str | None],
+        beside: Beside = contextlib.nullcontext,
+    ) -> None:
+        """`differs` says so where the controller runs another configuration than was expected, else None.
+
+        What `beside` gives is entered as long as the pages are served.
+        """
+        self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
         routes = [
             Route("/", _page("cell.html")),
             Route("/scope", _page("scope.html")),
@@ -57,7 +68,8 @@ class Gateway:
     @contextlib.asynccontextmanager
     async def _alive(self, _: Starlette) -> AsyncIterator[None]:
         following = asyncio.create_task(self._cell.follow())
-        yield
+        async with self._beside():
+            yield
         following.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await following

@@ -10,6 +10,7 @@ import ssl
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import uvicorn
@@ -22,12 +23,15 @@ from .guard import Origins
 from .session import MESSAGE_BYTES
 from .tokens import of_file
 
+if TYPE_CHECKING:
+    from .opcua.service import OpcUa
+
 _STOP_S = 2
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says; `listen` is HOST:PORT, `behind_proxy` the address that the proxy shows."""
+    """What the command line says; `listen` and `opcua` are HOST:PORT, `behind_proxy` the address that people open."""
 
     config: Path
     control: Path
@@ -36,6 +40,8 @@ class Options:
     certificate: Path | None = None
     key: Path | None = None
     behind_proxy: str | None = None
+    opcua: str | None = None
+    opcua_folder: Path = Path("gateway-opcua")
 
 
 def serve(options: Options, say: Callable[[str], None]) -> None:
@@ -44,7 +50,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     Raises ConfigError, UsageError, PermissionDenied or DeviceUnavailable where it can't begin.
     """
     expected = _digest(options.config)
-    host, port = _address(options.listen)
+    host, port = _address(options.listen, "--listen")
     origins = _origins(options, host)
     tokens, is_new = of_file(options.tokens)
     _check_certificate(options)
@@ -59,11 +65,14 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
             "configuration, or values that were changed (`micromanip diff`)."
         )
 
-    gateway = Gateway(cell, tokens, origins, differs)
-    with _listening(host, port) as listening:
+    opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, say)
+    gateway = Gateway(cell, tokens, origins, differs, contextlib.nullcontext if opcua is None else opcua.serving)
+    with _listening(host, port, "--listen") as listening:
         address = options.behind_proxy or f"{origins.scheme}://{_shown(*listening.getsockname()[:2])}"
         if is_new:
             say(f"made new tokens in {options.tokens}: one to observe, one to operate")
+        if opcua is not None:
+            say(f"OPC UA at {opcua.url}; certificates in {options.opcua_folder}")
         say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
         config = uvicorn.Config(
             gateway.guard,
@@ -82,6 +91,24 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
             uvicorn.Server(config).run([listening])
 
 
+def _opcua(listen: str, folder: Path, cell: Cell, say: Callable[[str], None]) -> OpcUa:
+    try:
+        from .opcua.service import OpcUa
+    except ModuleNotFoundError as missing:
+        if (missing.name or "").startswith("micromanip"):
+            raise
+        raise UsageError(
+            f"--opcua needs {missing.name}, which comes with the extra: pip install 'micromanip[opcua]'"
+        ) from missing
+    host, port = _address(listen, "--opcua")
+    with _listening(host, port, "--opcua"):
+        pass  # it is free: asyncua would end the gateway with a traceback
+    made = OpcUa(cell, host, port, folder, is_local=_is_local(host))
+    if made.is_new:
+        say(f"made a certificate for OPC UA in {folder}; put those of clients into operate/ or observe/ there")
+    return made
+
+
 def _digest(config: Path) -> str:
     try:
         return hashlib.sha256(config.read_text(encoding="utf-8").encode()).hexdigest()
@@ -91,10 +118,10 @@ def _digest(config: Path) -> str:
         raise system_error(problem, config) from problem
 
 
-def _address(listen: str) -> tuple[str, int]:
+def _address(listen: str, option: str) -> tuple[str, int]:
     host, separator, port = listen.rpartition(":")
     if not separator or not port.isdigit() or int(port) > 65535 or not host:
-        raise UsageError(f"--listen {listen}: expected HOST:PORT, such as 127.0.0.1:8090 or [::1]:8090")
+        raise UsageError(f"{option} {listen}: expected HOST:PORT, such as 127.0.0.1:8090 or [::1]:8090")
     return host.strip("[]"), int(port)
 
 
@@ -147,16 +174,16 @@ def _check_certificate(options: Options) -> None:
 
 
 @contextlib.contextmanager
-def _listening(host: str, port: int) -> Iterator[socket.socket]:
+def _listening(host: str, port: int, option: str) -> Iterator[socket.socket]:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as listening:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listening.bind((host, port))
         except PermissionError as problem:
-            raise PermissionDenied(f"--listen {host}:{port}: {problem.strerror}; take a port from 1024 on") from problem
+            raise PermissionDenied(f"{option} {host}:{port}: {problem.strerror}; take a port from 1024 on") from problem
         except OSError as problem:
             raise DeviceUnavailable(
-                f"--listen {host}:{port}: {problem.strerror or problem}; choose another address or port"
+                f"{option} {host}:{port}: {problem.strerror or problem}; choose another address or port"
             ) from problem
         yield listening

@@ -61,6 +61,12 @@ class Child:
         return self._process is not None and self._process.returncode is None
 
     @property
+    def pid(self) -> int:
+        """Number of the process that was started last."""
+        assert self._process is not None
+        return self._process.pid
+
+    @property
     def code(self) -> int | None:
         """How it ended: its exit code, negative for a signal; None as long as it runs, or was never started."""
         return None if self._process is None else self._process.returncode

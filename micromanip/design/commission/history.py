@@ -47,6 +47,15 @@ def findings_json(when: str, axes: Sequence[Evidence], hashes: Mapping[str, str]
     return text
 
 
+def carried(file: Path) -> Earlier | None:
+    """The findings in a report; None where it carries none, or can't be read."""
+    try:
+        found = _CARRIED.search(file.read_text(encoding="utf-8"))
+        return _read(json.loads(found[1])) if found else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def earlier_reports(folder: Path, name: str, axes: Sequence[str]) -> list[Earlier]:
     """The reports `name` in the run folders of `folder` that are about one of `axes`, the newest first.
 
@@ -54,11 +63,7 @@ def earlier_reports(folder: Path, name: str, axes: Sequence[str]) -> list[Earlie
     """
     found: list[Earlier] = []
     for file in sorted(folder.glob(f"[0-9]*/{name}"), reverse=True):
-        try:
-            carried = _CARRIED.search(file.read_text(encoding="utf-8"))
-            known = _read(json.loads(carried[1])) if carried else None
-        except (OSError, ValueError, KeyError, TypeError):
-            known = None
+        known = carried(file)
         if known is not None and known not in found and not set(axes).isdisjoint(known.criteria):
             found.append(known)
     return found[:_MOST]

@@ -8,22 +8,22 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from .results import Skipped
+from micromanip.errors import DeviceUnavailable
 
 _LONGEST_NS = 1_000_000
 """Its histogram ends here; what is later counts as its maximum."""
 
 
 def require_cyclictest() -> str:
-    """Path of the program; raises Skipped where it is not installed."""
+    """Path of the program; raises DeviceUnavailable where it is not installed."""
     program = shutil.which("cyclictest")
     if program is None:
-        raise Skipped("there is no cyclictest; install Debian package rt-tests")
+        raise DeviceUnavailable("there is no cyclictest; install Debian package rt-tests")
     return program
 
 
 def measure(period_ns: int, priority: int, cpu: int, seconds: float) -> dict[int, int]:
-    """Counts by lateness (ns) over `seconds` of one thread; raises Skipped where it may not run."""
+    """Counts by lateness (ns) over `seconds` of one thread; raises DeviceUnavailable where it may not run."""
     program = require_cyclictest()
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.json"
@@ -33,7 +33,7 @@ def measure(period_ns: int, priority: int, cpu: int, seconds: float) -> dict[int
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0 or not report.is_file():
             said = (done.stderr or done.stdout).strip().splitlines() or [f"exit code {done.returncode}"]
-            raise Skipped(f"cyclictest does not run here: {said[-1]}")
+            raise DeviceUnavailable(f"cyclictest does not run here: {said[-1]}")
         return _counts(json.loads(report.read_text(encoding="utf-8")))
 
 
@@ -54,4 +54,4 @@ def percentile(counts: dict[int, int], fraction: float) -> float:
         seen += counts[lateness]
         if seen >= wanted:
             return float(lateness)
-    raise Skipped("cyclictest counted no wake-up")
+    raise DeviceUnavailable("cyclictest counted no wake-up")

@@ -1,0 +1,167 @@
+"""Who may do what by OPC UA: the server's own certificate, and those of the people it knows, in a folder.
+
+``server.pem`` and ``server.key`` are made at the first start. A certificate in ``operate`` may give orders, one in
+``observe`` may look; its file's name, without the ending, is noted in the audit trail. The folders are read whenever
+somebody comes: a certificate that is put there counts at once, one that is removed from the next session on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from asyncua import ua
+from asyncua.crypto.cert_gen import (
+    dump_private_key_as_pem,
+    generate_private_key,
+    generate_self_signed_app_certificate,
+)
+from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User, UserRole
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from micromanip.errors import ConfigError, PermissionDenied, system_error
+
+APPLICATION_URI = "urn:micromanip:gateway"
+SCOPES = ("operate", "observe")
+_ENDINGS = (".pem", ".crt", ".cer", ".der")
+_DAYS = 3650
+
+
+@dataclass
+class Person(User):  # type: ignore[misc]
+    """Somebody with a session; `operates`: may give orders."""
+
+    operates: bool = False
+
+
+class Rules(PermissionRuleset):  # type: ignore[misc]
+    """Nobody writes; who may operate calls methods."""
+
+    def __init__(self, speaking: Any) -> None:
+        """`speaking` is a context variable that is told who asks."""
+        every = {ua.NodeId(number) for number in USER_TYPES}
+        write, call = (
+            ua.NodeId(getattr(ua.ObjectIds, f"{name}Request_Encoding_DefaultBinary")) for name in ("Write", "Call")
+        )
+        self._to_operate, self._to_observe, self._speaking = every - {write}, every - {write, call}, speaking
+
+    def check_validity(self, user: Person, action_type_id: Any, _body: Any) -> bool:
+        """Whether `user` may ask this."""
+        self._speaking.set(user)
+        return action_type_id in (self._to_operate if user.operates else self._to_observe)
+
+
+class People:
+    """Those of a folder; with `strangers_observe` anybody may look."""
+
+    def __init__(self, folder: Path, *, strangers_observe: bool) -> None:
+        self._folder, self._strangers_observe = folder, strangers_observe
+        self.refused: list[str] = []
+        """Why somebody was sent away, the last of all."""
+
+    def get_user(
+        self,
+        iserver: Any,  # noqa: ARG002
+        username: Any = None,  # noqa: ARG002
+        password: Any = None,  # noqa: ARG002
+        certificate: bytes | None = None,
+    ) -> User | None:
+        """Who has this certificate (DER), whose key was proven; None sends him away. As asyncua asks."""
+        if certificate is not None:
+            for scope, name, known in self._known():
+                if known.public_bytes(Encoding.DER) == certificate:
+                    now = datetime.datetime.now(datetime.UTC)
+                    if not known.not_valid_before_utc <= now <= known.not_valid_after_utc:
+                        self.refused = [f"{name}: the certificate is not valid now, but from "
+                                        f"{known.not_valid_before_utc} to {known.not_valid_after_utc}"]  # fmt: skip
+                        return None
+                    return Person(UserRole.User, name, operates=scope == "operate")
+        if self._strangers_observe:
+            return Person(UserRole.User, "somebody")
+        self.refused = ["a client without a certificate that is known here"]
+        return None
+
+    def _known(self) -> Iterator[tuple[str, str, x509.Certificate]]:
+        for scope in SCOPES:
+            for file in sorted((self._folder / scope).glob("*")):
+                with contextlib.suppress(OSError, ValueError):
+                    yield scope, file.stem, _certificate(file.read_bytes())
+
+
+def prepared_folder(folder: Path) -> tuple[Path, Path, bool]:
+    """Server's certificate and key, and whether they were made just now.
+
+    Raises PermissionDenied where others may read the key or put certificates there, ConfigError where one is unusable.
+    """
+    certificate, key = folder / "server.pem", folder / "server.key"
+    try:
+        for place in (folder, *(folder / scope for scope in SCOPES)):
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if place.stat().st_mode & 0o022:
+                raise PermissionDenied(f"{place}: others may put certificates there; chmod go-w {place}")
+        is_new = not key.exists()
+        if is_new:
+            _make(certificate, key)
+        if key.stat().st_mode & 0o077:
+            raise PermissionDenied(f"{key}: others may read it; remove it and {certificate.name}, new ones are made")
+        _check(certificate, key)
+        for scope in SCOPES:
+            for file in sorted((folder / scope).iterdir()):
+                _check_person(file)
+    except OSError as problem:
+        raise system_error(problem, folder) from problem
+    return certificate, key, is_new
+
+
+def _make(certificate: Path, key: Path) -> None:
+    private = generate_private_key()
+    made = generate_self_signed_app_certificate(
+        private,
+        "micromanip gateway",
+        {},
+        [x509.UniformResourceIdentifier(APPLICATION_URI), x509.DNSName(socket.gethostname())],
+        [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH],
+        _DAYS,
+    )
+    certificate.write_bytes(made.public_bytes(Encoding.PEM))
+    descriptor = os.open(key, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(dump_private_key_as_pem(private))
+
+
+def _check(certificate: Path, key: Path) -> None:
+    try:
+        found, private = _certificate(certificate.read_bytes()), load_pem_private_key(key.read_bytes(), None)
+    except (ValueError, TypeError) as problem:
+        raise ConfigError(f"{certificate}, {key}: not a certificate and its key, PEM, without a password") from problem
+    if found.public_key() != private.public_key():
+        raise ConfigError(f"{key} is not the key of {certificate}; remove both, and new ones are made")
+    if found.not_valid_after_utc < datetime.datetime.now(datetime.UTC):
+        raise ConfigError(
+            f"{certificate} expired on {found.not_valid_after_utc:%Y-%m-%d}; put a new one there, or remove it with "
+            f"{key.name}: new ones are made, which clients have to trust again"
+        )
+
+
+def _check_person(file: Path) -> None:
+    wanted = f"a certificate, PEM or DER, in a file that ends in {', '.join(_ENDINGS)}"
+    if file.suffix not in _ENDINGS:
+        raise ConfigError(f"{file}: expected {wanted}")
+    try:
+        _certificate(file.read_bytes())
+    except ValueError as problem:
+        raise ConfigError(f"{file}: expected {wanted}") from problem
+
+
+def _certificate(content: bytes) -> x509.Certificate:
+    if b"-----BEGIN" in content:
+        return x509.load_pem_x509_certificate(content)
+    return x509.load_der_x509_certificate(content)

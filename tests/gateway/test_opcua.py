@@ -1,0 +1,380 @@
+"""The cell by OPC UA, as asyncua's client sees it on a real socket: values, orders, events, and who is sent away."""
+
+import asyncio
+import contextlib
+import datetime
+import math
+import socket
+import threading
+
+import pytest
+
+pytest.importorskip("asyncua")
+
+from asyncua import Client, ua
+from asyncua.crypto.security_policies import SecurityPolicyAes256Sha256RsaPss as Encrypted
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import NameOID
+
+from micromanip.cli.main import main
+from micromanip.errors import ConfigError, PermissionDenied
+from micromanip.gateway.cell import Cell
+from micromanip.gateway.opcua.people import prepared_folder
+from micromanip.gateway.opcua.readings import readings
+from micromanip.gateway.opcua.service import NAMESPACE, OpcUa
+from tests.cli.played import FAULT
+from tests.cli.played import Played as PlayedSocket
+
+from .rings import status
+
+DENIED = (ua.UaError, ConnectionError, TimeoutError, asyncio.IncompleteReadError)
+
+
+def certificate(folder, name, days=(-1, 30), key=None):
+    """A client's certificate, self-signed, as any tool makes one; with its key."""
+    key = key or rsa.generate_private_key(65537, 2048)
+    called = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+    begin, end = (datetime.datetime.now(datetime.UTC) + datetime.timedelta(day) for day in days)
+    alternatives = x509.SubjectAlternativeName([x509.UniformResourceIdentifier("urn:test:client")])
+    made = x509.CertificateBuilder(called, called, key.public_key(), x509.random_serial_number(), begin, end)
+    made = made.add_extension(alternatives, critical=False).sign(key, hashes.SHA256())
+    private = folder / f"{name}-key.pem"
+    private.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    public = folder / f"{name}.pem"
+    public.write_bytes(made.public_bytes(Encoding.PEM))
+    return public, private
+
+
+def free_port():
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+class Served:
+    """An OPC UA server in a thread of its own, before a cell whose status the test says."""
+
+    def __init__(self, folder, *, is_local):
+        self.folder, self.cell = folder / "opcua", Cell(folder / "control.sock")
+        self.played = PlayedSocket(folder / "control.sock")
+        self.server = OpcUa(self.cell, "127.0.0.1", free_port(), self.folder, is_local=is_local)
+        self.people = folder
+        for scope, name in (("operate", "ana"), ("observe", "ben")):
+            public, _ = certificate(folder, name)
+            (self.folder / scope / f"{name}.pem").write_bytes(public.read_bytes())
+        self._loop, self._ready, self._over = asyncio.new_event_loop(), threading.Event(), None
+        self._thread = threading.Thread(target=self._loop.run_until_complete, args=(self._serve(),))
+        self._thread.start()
+        assert self._ready.wait(60)
+
+    async def _serve(self):
+        self._over = asyncio.Event()
+        async with self.server.serving():
+            self._ready.set()
+            await self._over.wait()
+
+    def say(self, told):
+        """The controller's status is `told` from now on."""
+
+        def tell():
+            self.cell.status, self.cell.problem = told, None if told else "no controller answers"
+            for listener in list(self.cell.listeners):
+                listener(None)
+
+        self._loop.call_soon_threadsafe(tell)
+
+    def close(self):
+        self._loop.call_soon_threadsafe(self._over.set)
+        self._thread.join(30)
+        self._loop.close()
+        self.played.close()
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    made = Served(tmp_path_factory.mktemp("opcua"), is_local=True)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def remote(tmp_path_factory):
+    made = Served(tmp_path_factory.mktemp("remote"), is_local=False)
+    yield made
+    made.close()
+
+
+@contextlib.asynccontextmanager
+async def client(served, name=None, key=None, as_user=None, patience_s=10.0):
+    """With the certificate of `name` on the channel and, where no other is given, as the user's."""
+    made = Client(served.server.url, timeout=patience_s)
+    made.application_uri = "urn:test:client"
+    if name is not None:
+        public, private = served.people / f"{name}.pem", key or served.people / f"{name}-key.pem"
+        mode = ua.MessageSecurityMode.SignAndEncrypt
+        await made.set_security(Encrypted, public, private, None, served.folder / "server.pem", mode)
+        await made.load_client_certificate(as_user or public)
+        await made.load_private_key(private)
+    async with made:
+        yield made
+
+
+async def node(made, path):
+    index = await made.get_namespace_index(NAMESPACE)
+    return made.get_node(ua.NodeId(f"cell/{path}", index))
+
+
+async def value(made, path):
+    return await (await node(made, path)).read_value()
+
+
+async def eventually(look, wanted):
+    for _ in range(200):
+        with contextlib.suppress(ua.UaStatusCodeError):
+            if (found := await look()) == wanted:
+                return
+        await asyncio.sleep(0.02)
+    raise AssertionError(f"{found} is not {wanted}")
+
+
+async def call(made, order):
+    cell = made.get_node(ua.NodeId("cell", await made.get_namespace_index(NAMESPACE)))
+    await cell.call_method(await node(made, order))
+
+
+def test_values_have_units_and_times_and_those_that_are_not_known_say_so(served):
+    async def seen():
+        told = status()
+        told["axes"]["x"] = told["axes"]["x"] | {
+            "position_um": {"latest": None, "unknown": "stale", "second": None, "minute": None}
+        }
+        served.say(told)
+        async with client(served) as made:
+            await eventually(lambda: value(made, "Monitoring/Axes/y/Position"), 51.25)
+            assert await value(made, "Monitoring/Axes/y/ErrorRmsLastMinute") == 0.5
+            assert await value(made, "Monitoring/State") == "TRACKING"
+            assert await value(made, "Monitoring/MachineTool/OperationMode") == 1
+            assert await value(made, "Monitoring/Timing/LatenessP99_9") == 3.0
+            assert await value(made, "Identification/ConfigurationSha256") == "0" * 64
+            unit = await value(made, "Monitoring/Axes/y/Position/EngineeringUnits")
+            assert unit.DisplayName.Text == "µm"
+            assert unit.UnitId.to_bytes(2, "big") == b"4H"
+            unknown = await (await node(made, "Monitoring/Axes/x/Position")).read_data_value(raise_on_bad_status=False)
+            assert unknown.StatusCode.name == "BadNoData"
+            served.say(None)
+            await eventually(lambda: value(made, "Monitoring/Connected"), False)
+            lost = await (await node(made, "Monitoring/Axes/y/Position")).read_data_value(raise_on_bad_status=False)
+            assert lost.StatusCode.name == "BadNoCommunication"
+            assert await value(made, "Monitoring/Problem") == "no controller answers"
+
+    asyncio.run(seen())
+
+
+def test_every_reading_is_a_variable_that_a_browsing_client_finds(served):
+    async def found():
+        served.say(status())
+        async with client(served) as made:
+            await eventually(lambda: value(made, "Monitoring/Links/can"), True)
+            place, paths = [(made.get_node(ua.NodeId("cell", await made.get_namespace_index(NAMESPACE))), ())], set()
+            while place:
+                above, path = place.pop()
+                for below in await above.get_children():
+                    name = (await below.read_browse_name()).Name
+                    kind = await below.read_node_class()
+                    if kind == ua.NodeClass.Object:
+                        place.append((below, (*path, name)))
+                    elif kind == ua.NodeClass.Variable:
+                        paths.add((*path, name))
+            return paths
+
+    shown = asyncio.run(found())
+    cell = Cell(served.people / "none")
+    cell.status = status()
+    wanted = {reading.path for reading in readings(cell, "0")}
+    assert shown == wanted
+    assert len(wanted) > 100
+
+
+@pytest.mark.parametrize("order", ["Arm", "Hold", "Disarm", "Reset"])
+def test_who_may_operate_gives_orders_in_his_name(served, order):
+    served.played.orders.clear()
+
+    async def asked():
+        async with client(served, "ana") as made:
+            await call(made, order)
+
+    asyncio.run(asked())
+    assert served.played.orders == [order.lower()]
+
+
+@pytest.mark.parametrize("name", [None, "ben"])
+def test_who_may_not_operate_is_refused_and_nothing_is_asked_for(served, name):
+    served.played.orders.clear()
+
+    async def asked():
+        async with client(served, name) as made:
+            assert await value(made, "Monitoring/Connected") in (True, False)
+            for order in ("Arm", "Reset"):
+                with pytest.raises(ua.UaStatusCodeError):
+                    await call(made, order)
+
+    asyncio.run(asked())
+    assert served.played.orders == []
+
+
+def test_nobody_writes(served):
+    async def tried():
+        async with client(served, "ana") as made:
+            for path in ("Monitoring/State", "Monitoring/Connected"):
+                with pytest.raises(ua.UaStatusCodeError):
+                    await (await node(made, path)).write_value("TRACKING")
+            with pytest.raises(ua.UaStatusCodeError):
+                await (await node(made, "Monitoring/State")).write_attribute(
+                    ua.AttributeIds.DisplayName, ua.DataValue(ua.Variant(ua.LocalizedText("OFF")))
+                )
+            with pytest.raises(ua.UaStatusCodeError):
+                await made.nodes.objects.add_object(ua.NodeId("mine", 1), "1:mine")
+
+    asyncio.run(tried())
+
+
+@pytest.mark.parametrize("channel", ["ana", "eve"])
+def test_a_certificate_of_another_s_is_of_no_use_without_his_key(served, channel):
+    _, private = certificate(served.people, "eve")
+    served.played.orders.clear()
+
+    async def asked():
+        async with client(served, channel, key=private, as_user=served.people / "ana.pem", patience_s=1.0) as made:
+            await call(made, "Arm")
+
+    with pytest.raises(DENIED):
+        asyncio.run(asked())
+    assert served.played.orders == []
+
+
+def test_a_certificate_that_has_expired_counts_no_more(served):
+    public, _ = certificate(served.people, "old", days=(-30, -1))
+    (served.folder / "operate" / "old.pem").write_bytes(public.read_bytes())
+    served.played.orders.clear()
+
+    async def asked():
+        async with client(served, "old") as made:
+            await call(made, "Arm")
+
+    with pytest.raises(DENIED):
+        asyncio.run(asked())
+    assert served.played.orders == []
+    assert "old: the certificate is not valid now" in served.server.refused[0]
+
+
+def test_from_elsewhere_only_those_who_are_known_come_in(remote):
+    certificate(remote.people, "eve")
+
+    async def came(name):
+        async with client(remote, name) as made:
+            return await value(made, "Monitoring/Connected")
+
+    assert asyncio.run(came("ben")) is False
+    for name in (None, "eve"):
+        with pytest.raises(DENIED):
+            asyncio.run(came(name))
+
+
+def test_faults_states_and_refusals_are_events(served):
+    heard = []
+
+    class Handler:
+        def event_notification(self, event):
+            heard.append(event)
+
+    async def followed():
+        served.say(status("READY"))
+        async with client(served, "ana") as made:
+            await eventually(lambda: value(made, "Monitoring/State"), "READY")
+            index = await made.get_namespace_index(NAMESPACE)
+            kinds = [
+                await made.nodes.base_event_type.get_child(f"{index}:{kind}EventType")
+                for kind in ("Fault", "State", "Refused")
+            ]
+            subscription = await made.create_subscription(20, Handler())
+            await subscription.subscribe_events(made.get_node(ua.NodeId("cell", index)), kinds)
+            served.say(status("FAULT", [FAULT]))
+            served.played.refuses = "arm refused: the state is FAULT"
+            with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
+                await call(made, "Arm")
+            served.played.refuses = None
+            for _ in range(200):
+                if len(heard) >= 3:
+                    break
+                await asyncio.sleep(0.02)
+
+    asyncio.run(followed())
+    by_message = {event.Message.Text: event for event in heard}
+    assert by_message.keys() == {FAULT["seen"], "READY -> FAULT", "arm refused: the state is FAULT"}
+    fault = by_message[FAULT["seen"]]
+    assert (fault.Code, fault.Axis, fault.Value, fault.NextStep) == ("X-201", "x", 3.0, FAULT["next_step"])
+    assert math.isnan(fault.Limit)
+    assert fault.Severity == 900
+    assert by_message["arm refused: the state is FAULT"].Person == "ana"
+
+
+def test_the_server_s_key_is_its_owner_s_alone(tmp_path):
+    public, private, is_new = prepared_folder(tmp_path / "opcua")
+    assert is_new
+    assert private.stat().st_mode & 0o777 == 0o600
+    before = public.read_bytes()
+    assert prepared_folder(tmp_path / "opcua")[2] is False
+    assert public.read_bytes() == before
+    private.chmod(0o644)
+    with pytest.raises(PermissionDenied, match=r"server\.key: others may read it"):
+        prepared_folder(tmp_path / "opcua")
+
+
+@pytest.mark.parametrize(
+    ("place", "content", "words"),
+    [
+        ("server.pem", b"nonsense", "not a certificate and its key"),
+        ("operate/ana.pem", b"-----BEGIN CERTIFICATE-----\nAAAA\n", "ana.pem: expected a certificate"),
+        ("observe/notes.txt", b"", "notes.txt: expected a certificate, PEM or DER"),
+    ],
+)
+def test_a_folder_with_something_else_in_it_is_told(tmp_path, place, content, words):
+    prepared_folder(tmp_path)
+    (tmp_path / place).write_bytes(content)
+    with pytest.raises(ConfigError, match=words.replace(".", r"\.")):
+        prepared_folder(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("listen", "code", "words"), [("4840", 64, "expected HOST:PORT"), (None, 69, "choose another")]
+)
+def test_a_place_where_nobody_can_listen_is_told(tmp_path, capsys, listen, code, words):
+    config = tmp_path / "cell.yaml"
+    config.write_text("schema_version: 2\n")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        place = listen or f"127.0.0.1:{taken.getsockname()[1]}"
+        arguments = ["gateway", str(config), "--listen", "127.0.0.1:0", "--tokens", str(tmp_path / "tokens")]
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, "--opcua", place, "--opcua-folder", str(tmp_path / "opcua")])
+    assert ended.value.code == code
+    said = capsys.readouterr().err
+    assert f"--opcua {place}: " in said
+    assert words in said
+
+
+def test_a_folder_that_others_may_fill_and_an_old_certificate_are_refused(tmp_path):
+    prepared_folder(tmp_path)
+    (tmp_path / "operate").chmod(0o777)
+    with pytest.raises(PermissionDenied, match="others may put certificates there"):
+        prepared_folder(tmp_path)
+    (tmp_path / "operate").chmod(0o700)
+    public, private = certificate(tmp_path.parent, "server", days=(-20, -10))
+    (tmp_path / "server.pem").write_bytes(public.read_bytes())
+    (tmp_path / "server.key").write_bytes(private.read_bytes())
+    with pytest.raises(ConfigError, match="expired on"):
+        prepared_folder(tmp_path)

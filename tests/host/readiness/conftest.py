@@ -1,0 +1,3 @@
+from .machines import machine
+
+__all__ = ["machine"]

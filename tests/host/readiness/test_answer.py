@@ -1,0 +1,126 @@
+"""When a machine is called ready, and the command that says so."""
+
+import contextlib
+import dataclasses
+import json
+import os
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+from micromanip.cli.main import main
+from micromanip.errors import CheckFailed
+from micromanip.host.readiness import timed
+from micromanip.host.readiness.answer import Answer
+from micromanip.host.readiness.clock_gaps import watch
+from micromanip.host.readiness.counters import Counters
+from micromanip.host.readiness.finding import Finding, Verdict
+from micromanip.host.readiness.load import loaded
+from micromanip.host.readiness.loop_run import LoopRun
+from micromanip.rt.histogram import BINS
+from micromanip.settings.schema.model import Loop
+
+RUN = LoopRun(np.zeros(BINS, np.int64), np.zeros(BINS, np.int64), 0, 0, 10_000, 0, ())
+
+
+def answer(*verdicts, at_rest=RUN, under_load=RUN):
+    conditions = timed.Condition(at_rest, None), timed.Condition(under_load, None)
+    run = timed.Timed(1.0, 2, *conditions, Counters({}, {}), None, (), ())
+    findings = tuple(Finding(f"setting {i}", verdict, "", "") for i, verdict in enumerate(verdicts))
+    return Answer({}, findings, run)
+
+
+def test_ready_is_what_missed_no_deadline_and_has_nothing_bad():
+    good = answer(Verdict.GOOD, Verdict.UNKNOWN, Verdict.POOR)
+    assert good.ready is True
+    assert good.verdict == (
+        "READY for the 1 s that were measured: 0 overruns in 10000 cycles at rest, 0 in 10000 under load; "
+        "1 settings are poor, and may show in a longer run"
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (answer(Verdict.BAD), "NOT READY: setting 0"),
+        (answer(under_load=dataclasses.replace(RUN, overruns=1)), "1 in 10000 under load"),
+        (answer(at_rest=dataclasses.replace(RUN, overruns=3)), "3 overruns in 10000 cycles at rest"),
+        (answer(under_load=dataclasses.replace(RUN, refused=("no SCHED_FIFO: advice",))), "NOT READY: no SCHED_FIFO"),
+    ],
+)
+def test_one_thing_is_enough_for_not_ready(found, words):
+    assert found.ready is False
+    assert words in found.verdict
+
+
+def test_nothing_is_ready_that_was_not_run():
+    found = dataclasses.replace(answer(Verdict.GOOD), timed=None)
+    assert found.ready is None
+    assert found.verdict.startswith("NOT MEASURED")
+
+
+@pytest.mark.parametrize("module", ["micromanip.host.loop_process", "micromanip.bus.worker_process"])
+def test_beside_a_controller_nothing_is_run(tmp_path, module):
+    process = tmp_path / "proc" / "4711"
+    process.mkdir(parents=True)
+    (process / "cmdline").write_bytes(b"python3\0-P\0-m\0some.other.module\0")
+    timed.refuse_beside_a_controller(tmp_path)
+    (process / "cmdline").write_bytes(b"/opt/micromanip/bin/python3\0-P\0-m\0" + module.encode() + b"\0")
+    with pytest.raises(CheckFailed, match=r"a controller runs here \(process 4711\).*--no-run"):
+        timed.refuse_beside_a_controller(tmp_path)
+
+
+def test_the_settings_alone_as_a_page_and_as_json(tmp_path, capsys):
+    page = tmp_path / "page.html"
+    with contextlib.suppress(SystemExit):  # as an ordinary user it is not ready
+        main(["rtcheck", "--no-run", "--out", str(page), "--json"])
+    document = json.loads(capsys.readouterr().out)
+    assert document["timed"] is None
+    assert document["ready"] is (False if any(f["verdict"] == "bad" for f in document["findings"]) else None)
+    assert document["machine"]["loop"]["cpu"] == max(os.sched_getaffinity(0))
+    text = page.read_text()
+    assert document["machine"]["kernel"] in text
+    assert all(finding["name"].replace("'", "&#x27;") in text for finding in document["findings"])
+    with pytest.raises(SystemExit) as refused:
+        main(["rtcheck", "--no-run", "--out", str(page)])
+    assert refused.value.code == 64
+    assert page.read_text() == text
+
+
+def test_load_ends_with_who_asked_for_it():
+    with loaded(60.0) as count:
+        children = subprocess.run(["ps", "--ppid", str(os.getpid()), "-o", "pid="], capture_output=True, text=True)
+        assert len(children.stdout.split()) >= count
+    assert count == len(os.sched_getaffinity(0))
+    left = subprocess.run(["ps", "--ppid", str(os.getpid()), "-o", "args="], capture_output=True, text=True).stdout
+    assert "hashlib" not in left
+
+
+def test_gaps_of_the_clock_are_longer_than_its_readings():
+    begun = time.monotonic_ns()
+    gaps = watch(begun + 20_000_000)
+    assert time.monotonic_ns() >= begun + 20_000_000
+    assert all(gap > 2_000 for gap in gaps)
+    assert sum(gaps) <= time.monotonic_ns() - begun
+
+
+@pytest.mark.live
+def test_the_loop_is_run_and_every_cycle_is_counted(monkeypatch, capsys):
+    monkeypatch.setattr(timed, "_CONTROLLERS", ())  # those of other tests, beside us
+    found = timed.measure(Loop(cpu=max(os.sched_getaffinity(0)), limits="simulation", spin_us=20), 0, 1.0, print)
+    for condition in (found.at_rest, found.under_load):
+        assert condition.loop.cycles > 1000
+        for counts, maximum in ((condition.loop.lateness, condition.loop.lateness_max_ns),
+                                (condition.loop.compute, condition.loop.compute_max_ns)):  # fmt: skip
+            assert abs(int(counts.sum()) - condition.loop.cycles) <= 1
+            assert maximum > 0
+        curves = timed.survival(condition)
+        assert curves.keys() >= {"loop"}
+        for late_us, share in curves.values():
+            assert share[0] == pytest.approx(1)
+            assert (np.diff(share) < 0).all()
+            assert (np.diff(late_us) > 0).all()
+    assert json.loads(json.dumps(found.document()))["under_load"]["cycles"] == found.under_load.loop.cycles
+    assert "beside" in capsys.readouterr().out

@@ -94,7 +94,7 @@ def pytest_collection_modifyitems(config, items):
         # what tests share, a daemon or a commissioned cell, is made by one worker, not by each
         if "xdist_group" not in item.keywords and (shares := _shares(item)):
             item.add_marker(pytest.mark.xdist_group(shares))
-        if "live" in item.keywords:
+        if "realtime" in item.keywords:
             item.add_marker(pytest.mark.flaky(reruns=2, condition=lambda: stalls.longest_ms >= STALL_MS))
         if "compiled_only" in item.keywords and not JIT:
             item.add_marker(pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)"))

@@ -42,8 +42,8 @@ compiled: $(READY)  # both loops, by one process each, or each worker of pytest 
 	@$(BIN)/micromanip check config/simulated.yaml >/dev/null
 	@$(BIN)/micromanip run config/factory.yaml --duration 0.1 --socket out/compiled.sock >/dev/null 2>&1
 
-collected: $(READY)  # what pytest makes of a new or changed test is kept; each worker would make the same
-	@$(BIN)/pytest --collect-only -qqq tests --ignore=tests/rt >/dev/null
+collected: $(READY)  # what pytest makes of a new or changed test is kept; each worker would make the same. Errors: later
+	@$(BIN)/pytest --collect-only -qqq tests --ignore=tests/rt >/dev/null || true
 
 test-laws: $(READY) ## the tests of the laws compiled, with bounds checks, and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled test-laws-plain test-laws-checked

@@ -444,8 +444,28 @@ static void cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
 
 enum { OLDEST_NS = 2000000000 };
 
+enum { NO_NUMBER, LOW_END, BELOW, SAME, ABOVE, HIGH_END, INFINITE, MINUS_INFINITE };
+
+static int reading(const struct sensor_state *s, const double *range_um)
+{
+    if (!isfinite(s->reading))
+        return isnan(s->reading) ? NO_NUMBER : s->reading > 0.0 ? INFINITE : MINUS_INFINITE;
+    if (s->reading >= range_um[1])
+        return HIGH_END;
+    if (s->reading <= range_um[0])
+        return LOW_END;
+    return s->reading == s->value ? SAME : s->reading > s->value ? ABOVE : BELOW;
+}
+
+static int came(const struct sensor_state *s, const double *range_um, int64_t now_ns, int came, int repeated, int place)
+{
+    if (s->arrived_ns != now_ns)
+        return 0;
+    return came | (s->identical > 0 ? repeated : 0) | (s->fresh ? 0 : reading(s, range_um) << place);
+}
+
 static void write_axis(const struct axis_parameters *p, const struct axis_state *a, const struct signal *signals,
-                       struct axis_row *row)
+                       struct axis_row *row, int64_t now_ns)
 {
     row->reference_um = a->reference.w[0] + a->reference.w[3];
     row->deviation_um = a->deviation.value;
@@ -466,6 +486,9 @@ static void write_axis(const struct axis_parameters *p, const struct axis_state 
     row->stage_age_ns = (int32_t)earlier(a->stage.age_ns, OLDEST_NS);
     row->deviation_age_ns = (int32_t)earlier(a->deviation.age_ns, OLDEST_NS);
     row->fresh = (int32_t)(a->strain.fresh + 2 * a->stage.fresh + 4 * a->deviation.fresh);
+    row->fresh |= came(&a->strain, p->strain_range_um, now_ns, 8, 64, 8);
+    row->fresh |= came(&a->stage, p->stage_range_um, now_ns, 16, 128, 11);
+    row->fresh |= a->deviation.arrived_ns == now_ns ? 32 : 0;
 }
 
 static void write_row(const struct cell_parameters *p, const struct cell_state *s, const struct signal *signals,
@@ -481,7 +504,7 @@ static void write_row(const struct cell_parameters *p, const struct cell_state *
     row->phase = (int32_t)s->phase;
     row->lines = 1 << 3;    /* the amplifiers are on; no digital input is wired */
     for (int i = 0; i < p->axes; i++)
-        write_axis(&p->axis[i], &s->axis[i], signals, &row->axis[i]);
+        write_axis(&p->axis[i], &s->axis[i], signals, &row->axis[i], now_ns);
 }
 
 /* Run `cycles` cycles on recorded signals, `repeats` times from the same state; a telemetry row each. */

@@ -44,16 +44,16 @@ def stay_on_cpu(cpu: int) -> bool:
     return True
 
 
-@contextlib.contextmanager
-def beginning_on_cpu(cpu: int | None) -> Iterator[None]:
-    """What is started meanwhile begins on that CPU, if it may: it imports and compiles there, not beside the caller."""
-    before = os.sched_getaffinity(0)
+def put_on_cpu(pid: int, cpu: int | None) -> None:
+    """Let another process go on on that CPU, if it may, and before ordinary work as the caller does.
+
+    One that was started before the caller knew of a CPU, or asked for its nice value, has not inherited them.
+    """
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, pid, os.getpriority(os.PRIO_PROCESS, 0))
     if cpu is not None:
-        stay_on_cpu(cpu)
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
+        with contextlib.suppress(OSError):
+            os.sched_setaffinity(pid, {cpu})
 
 
 def go_before_ordinary_work(nice: int) -> bool:

@@ -36,6 +36,7 @@ GROUPS = {
         "export": "a recording in the formats of other programs",
         "report": "a recorded run as one page",
         "compare": "two recorded runs side by side, and whether they differ",
+        "replay": "a recorded run again: every voltage, bit for bit",
         "runs": "recordings, trips, reports and tunings, found again",
         "explain": "a trip in plain words, from its black box",
         "audit": "who asked for what, and when",

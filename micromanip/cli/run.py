@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import signal
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -46,27 +48,44 @@ def command(
 
     Ctrl-C ramps the outputs to park and stops cleanly.
     """
-    gc.disable()  # of all that is imported nothing is garbage: looking for it takes a tenth of the start
-    try:
-        from micromanip.host.daemon import Options, serve
-        from micromanip.host.recording.recording import require_new_file
-        from micromanip.settings.check import prepare
+    import asyncio
 
-        from .live import LiveLine, summary
+    report = asyncio.run(_run(config, socket_path, duration_s, record, recordings, trips, keep_trips))
+    from .live import summary
 
-        prepared = prepare(config)
-    finally:
-        gc.enable()
-    if record is not None:
-        require_new_file(record)
-    with LiveLine() as live:
-        report = serve(
-            prepared, Options(socket_path, duration_s, record, recordings, trips, keep_trips), live.say, live.show
-        )
     try:
         print_answer(report, summary, as_json)
     finally:  # also where nobody reads it
         _judge(report)
+
+
+async def _run(config: Path, socket_path: Path, duration_s: float | None, record: Path | None, *files: Any) -> Status:
+    """The loop process begins at once: it imports while this one imports, reads the configuration and checks it."""
+    from micromanip.host.child import loop_process
+
+    process = loop_process()
+    await process.begin()
+    if callable(signal.getsignal(signal.SIGINT)):  # asyncio's, which would wait until all this is done
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        gc.disable()  # of all that is imported nothing is garbage: looking for it takes a tenth of the start
+        try:
+            from micromanip.host.daemon import Options, served
+            from micromanip.host.recording.recording import require_new_file
+            from micromanip.settings.check import prepare
+
+            from .live import LiveLine
+
+            prepared = prepare(config)
+        finally:
+            gc.enable()
+        if record is not None:
+            require_new_file(record)
+        options = Options(socket_path, duration_s, record, *files)
+        with LiveLine() as live:
+            return await served(prepared, options, live.say, live.show, process)
+    finally:
+        await process.let_go()
 
 
 def _judge(report: Status) -> None:

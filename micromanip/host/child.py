@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import socket
 import sys
 import time
 from asyncio.subprocess import PIPE, Process
@@ -18,6 +19,8 @@ from typing import Any
 
 from micromanip.bus.backoff import RestartLimit
 
+from .handed_on import hand_on
+
 
 class Child:
     """One role, by the module that plays it; after a restart the same object stands for the new process."""
@@ -25,7 +28,7 @@ class Child:
     def __init__(
         self,
         module: str,
-        descriptors: Sequence[int],
+        descriptors: Sequence[int] = (),
         *,
         heard: bool = True,
         complains: bool = False,
@@ -35,21 +38,45 @@ class Child:
         self._module, self._descriptors, self._restarts = module, tuple(descriptors), restarts
         self._output, self._error = PIPE if heard else None, PIPE if complains else None
         self._process: Process | None = None
+        self._wire: socket.socket | None = None
         self.starts = 0
 
     async def start(self, orders: Any) -> None:
         """Start a process and give it its orders."""
+        await self._execute(PIPE)
+        self.tell(orders)
+
+    async def begin(self) -> None:
+        """Start a process that gets all its orders later, by `hand_on`: it imports meanwhile."""
+        self._wire, standard_input = socket.socketpair()
+        with standard_input:
+            await self._execute(standard_input)
+
+    async def _execute(self, standard_input: Any) -> None:
         self._process = await asyncio.create_subprocess_exec(
             sys.executable,
             *("-P", "-m", self._module),  # -P: the folder where we were started is no place for our modules
-            stdin=PIPE,
+            stdin=standard_input,
             stdout=self._output,
             stderr=self._error,
             pass_fds=self._descriptors,
             start_new_session=True,
         )
         self.starts += 1
-        self.tell(orders)
+
+    def hand_on(self, orders: Any, descriptors: Sequence[int]) -> None:
+        """The orders of one that was begun, with more descriptors; one that is dead is not told."""
+        assert self._wire is not None
+        with self._wire, contextlib.suppress(ConnectionError):
+            hand_on(self._wire, orders, descriptors)
+
+    async def let_go(self) -> None:
+        """End one that was begun, if it got no orders."""
+        if self._wire is not None and self._wire.fileno() >= 0:
+            self._wire.close()
+            self.kill()
+            if self._process is not None:
+                await self._process.communicate()
 
     def may_restart(self) -> bool:
         """Note that it is about to be started again; False where that was too often."""
@@ -120,3 +147,8 @@ class Child:
         with contextlib.suppress(asyncio.TimeoutError):
             await asyncio.wait_for(self._process.wait(), within_s)
         return not self.runs
+
+
+def loop_process() -> Child:
+    """That of the loop, not started yet."""
+    return Child("micromanip.host.loop_process", complains=True)

@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from micromanip.bus.rights import beginning_on_cpu
+from micromanip.bus.rights import put_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.replies import Link
@@ -20,7 +20,7 @@ from micromanip.rt.states import ARM, COMMAND_NAMES, FAULT, PROMOTE, RESET, SHAD
 from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
-from .child import Child
+from .child import Child, loop_process
 from .parameter_buffers import ParameterBuffers
 from .refusals import axis_refusals, output_refusals, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
@@ -36,8 +36,10 @@ _SENSORS_S = 0.05
 class Controller:
     """Owns the segments and the loop process of one configuration."""
 
-    def __init__(self, prepared: Prepared, socket_path: Path, locks: tuple[int, ...] = ()) -> None:
-        """`locks` are descriptors that the loop process holds too, as long as it lives."""
+    def __init__(
+        self, prepared: Prepared, socket_path: Path, locks: tuple[int, ...] = (), process: Child | None = None
+    ) -> None:
+        """`locks` are descriptors that the loop process holds too, as long as it lives; `process` has begun."""
         self._prepared = prepared
         self.adopted: Callable[[Prepared], None] = lambda _: None
         """Hears of each configuration that comes into force."""
@@ -57,8 +59,8 @@ class Controller:
         self.status = self.segments.status.record(STATUS)
         self.ring = self.segments.ring.record(RING)
         self.buffers = ParameterBuffers(self.control, self.words, prepared.parameters[0])
-        module, descriptors = "micromanip.host.loop_process", (*self.segments.descriptors, *locks)
-        self.process = Child(module, descriptors, complains=True)
+        self._handed_on = (*self.segments.descriptors, *locks)
+        self.process = process or loop_process()
         """Once it has ended before its time, `make_safe` is the host's to call."""
         self._relaying: asyncio.Task[None] | None = None
         self._commands = asyncio.Lock()
@@ -88,10 +90,12 @@ class Controller:
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
         self.beat()
-        orders = loop_orders(self.prepared, self.segments.descriptors, self.offsets, self._socket_path)
-        with beginning_on_cpu(self.prepared.configuration.loop.cpu):
-            await self.process.start(orders)
-        self.process.end_orders()
+        places = [(at, len(context)) for at, context in zip(self.offsets, self._contexts, strict=True)]
+        if self.process.starts == 0:
+            await self.process.begin()
+        if self.process.runs:
+            put_on_cpu(self.process.pid, self.prepared.configuration.loop.cpu)
+        self.process.hand_on(loop_orders(self.prepared, places, self._socket_path), self._handed_on)
         self._relaying = asyncio.create_task(self._relay(say))
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
         while self.words[w.CYCLES_RUN] < heard:
@@ -271,10 +275,8 @@ async def _comes_true(condition: Callable[[], bool], patience_s: float = _ANSWER
     return True
 
 
-def loop_orders(
-    prepared: Prepared, descriptors: Sequence[int], offsets: Sequence[int], socket_path: Path
-) -> dict[str, Any]:
-    """Orders for the loop of `prepared`; `offsets` (bytes) tell where each driver's context is in their segment."""
+def loop_orders(prepared: Prepared, places: Sequence[tuple[int, int]], socket_path: Path) -> dict[str, Any]:
+    """Orders for the loop of `prepared`; `places`: where in its segment each driver's context begins, and its size."""
     configuration, wiring = prepared.configuration, prepared.wiring
     loop = configuration.loop
     drivers = [
@@ -283,14 +285,14 @@ def loop_orders(
             "driver": configuration.drivers[name].driver,
             "bus": name in wiring.buses,
             "options": wiring.options[name].model_dump_json(),
-            "context": offset,
+            "context": at,
+            "context_bytes": size,
             "first_input": wiring.first_input[name],
             "first_output": wiring.first_output[name],
         }
-        for name, offset in zip(wiring.drivers, offsets, strict=True)
+        for name, (at, size) in zip(wiring.drivers, places, strict=True)
     ]
     return {
-        "descriptors": descriptors,
         "drivers": drivers,
         "period_ns": loop.period_ns,
         "cpu": loop.cpu,

@@ -30,6 +30,7 @@ from micromanip.settings.schema.faults import LOOP_STUCK_S
 from micromanip.settings.text.source import Source
 
 from . import journal
+from .child import Child
 from .control.audit import AuditTrail
 from .control.authority import Peer
 from .control.server import ControlSocket
@@ -77,11 +78,15 @@ class Daemon:
         say: Say,
         show: Callable[[Report], None],
         locks: tuple[int, ...] = (),
+        process: Child | None = None,
     ) -> None:
-        """`say` gets messages and faults for people, `show` the report five times a second; `locks` are devices'."""
+        """`say` gets messages and faults for people, `show` the report five times a second; `locks` are devices'.
+
+        `process` is a loop process that was begun already.
+        """
         self._prepared, self._options = prepared, options
         self._say, self._show = say, show
-        self._controller = Controller(prepared, options.socket, locks)
+        self._controller = Controller(prepared, options.socket, locks, process)
         self._workers = Workers(prepared, self._controller.segments, self._controller.offsets, locks, say)
         self._controller.adopted = self._workers.adopt
         self._gathered = Gathered(self._controller)
@@ -105,6 +110,7 @@ class Daemon:
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)
+        await asyncio.sleep(0)  # a Ctrl-C that came before takes effect here, where nothing is begun yet
         control = self._prepared.configuration.control
         access = Access(int(control.socket_mode, 8), control.group, control.operate_group, control.observe_group)
         control_socket = ControlSocket(self._options.socket, self._verbs.table(), access, refused=self._trail.refused)
@@ -261,11 +267,18 @@ class Daemon:
             self._say(warning)
 
 
-def serve(prepared: Prepared, options: Options, say: Say, show: Callable[[Report], None]) -> Report:
-    """Run the daemon to its end; the final report."""
-
-    async def main(locks: tuple[int, ...]) -> Report:
-        return await Daemon(prepared, options, say, show, locks).run()
-
+async def served(
+    prepared: Prepared,
+    options: Options,
+    say: Say,
+    show: Callable[[Report], None],
+    process: Child | None = None,
+) -> Report:
+    """Run the daemon to its end, on a loop `process` that was begun already, if there is one; the final report."""
     with DeviceLocks(prepared.wiring.devices) as locks:
-        return asyncio.run(main(locks.descriptors))
+        return await Daemon(prepared, options, say, show, locks.descriptors, process).run()
+
+
+def serve(prepared: Prepared, options: Options, say: Say, show: Callable[[Report], None]) -> Report:
+    """The same for who has no event loop."""
+    return asyncio.run(served(prepared, options, say, show))

@@ -1,7 +1,7 @@
 """The loop process: maps the memory, opens the drivers, warms up, goes real-time, runs the loop.
 
 Started by the host as ``python -m micromanip.host.loop_process`` in a session of its own, so that Ctrl-C
-reaches the host only. It takes its orders as one JSON document on standard input.
+reaches the host only. It imports before it gets its orders, with the shared memory (``handed_on.py``).
 """
 
 # ruff: noqa: E402
@@ -37,6 +37,7 @@ from micromanip.rt.states import ARM, HOST_DEAD, RAMPS, READY
 from micromanip.rt.telemetry import ROW
 
 from .control.socket_file import remove_stale
+from .handed_on import handed_on
 from .realtime import enter_real_time, missing_rights
 from .shared_memory import CONTROL, RING, STATUS, Segments
 
@@ -53,7 +54,7 @@ def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tupl
         functions = bridge_functions() if driver is None else driver.functions()
         context = base + entry["context"]
         if driver is not None:
-            _begin(entry["name"], driver, segments.contexts.bytes()[entry["context"] :][: len(driver.context())])
+            _begin(entry["name"], driver, segments.contexts.bytes()[entry["context"] :][: entry["context_bytes"]])
         code = call_context(functions.open, context)
         if code != 0:
             raise DeviceUnavailable(f"driver {entry['name']} could not be opened: code {code}")
@@ -158,8 +159,10 @@ def main() -> int:
     """Run the loop; the exit code is 0 after a clean end, else as in ``micromanip.errors``."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    orders = json.load(sys.stdin)
-    segments = Segments.attach(orders["descriptors"], writable=True)
+    orders, descriptors = handed_on()
+    if orders is None:  # there will be no loop
+        return 0
+    segments = Segments.attach(descriptors, writable=True)
     control, status, ring = segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     samples = segments.sample_table()
     Compiler.tell = staticmethod(_tell_compiling)

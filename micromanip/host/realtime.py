@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import gc
 import mmap
 import os
 import re
@@ -34,8 +33,6 @@ def enter_real_time(cpu: int | None, priority: int) -> int:
     Called last, after everything is compiled, allocated and touched.
     """
     refused = 0
-    gc.collect()
-    gc.freeze()
     if lock_memory():
         _let_go_of_the_compiler()
     else:

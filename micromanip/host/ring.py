@@ -1,18 +1,13 @@
-"""Reading the telemetry ring: any process, any number of readers, none of which the loop waits for.
-
-With it, how the sets of parameters that its rows name are laid out in a file.
-"""
+"""Reading the telemetry ring: any process, any number of readers, none of which the loop waits for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt.mailbox import RING_HEAD
-from micromanip.rt.records import CELL_PARAMETERS
 
 
 class RingReader:
@@ -51,19 +46,3 @@ class RingReader:
         """The newest row, without moving on; None before the first."""
         head = int(self._words[RING_HEAD])
         return self._rows[(head - 1) % len(self._rows)].copy() if head else None
-
-
-def _renamed(dtype: np.dtype[Any], names: Mapping[str, str]) -> np.dtype[Any]:
-    """The same bytes; fields of the record, and of those in it, are called as `names` says."""
-    if dtype.subdtype is not None:
-        base, shape = dtype.subdtype
-        return np.dtype((_renamed(base, names), shape))
-    if dtype.names is None or dtype.fields is None:
-        return dtype
-    fields = [(names.get(name, name), _renamed(field[0], names), field[1]) for name, field in dtype.fields.items()]
-    called, formats, offsets = zip(*fields, strict=True)
-    return np.dtype({"names": called, "formats": formats, "offsets": offsets, "itemsize": dtype.itemsize})
-
-
-FILED_PARAMETERS = _renamed(CELL_PARAMETERS, {"K_V_per_um": "gain"})
-"""As recordings and trips have them: what was called otherwise in the first of them is still called that there."""

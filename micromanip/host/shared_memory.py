@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import mmap
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -112,8 +112,8 @@ class Segments:
 
     @classmethod
     def attach(cls, descriptors: list[int], *, writable: bool) -> Segments:
-        """Map inherited segments: writable in the loop process, for reading anywhere else."""
-        return cls(*(Segment.attach(d, writable=writable) for d in descriptors))
+        """Map the segments, the first of `descriptors`: writable in the loop process, for reading anywhere else."""
+        return cls(*(Segment.attach(d, writable=writable) for d in descriptors[: len(fields(cls))]))
 
     def sample_table(self) -> NDArray[np.float64]:
         """Samples (n, MAX_AXES) of the reference source `file`."""

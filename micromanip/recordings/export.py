@@ -99,7 +99,7 @@ def _write_rows(telemetry: Telemetry, to: Path, _names: Mapping[str, str], cut: 
     import h5py
 
     with h5py.File(to, "w", libver=("v110", "v110")) as file:
-        for name in ("configuration", "sha256", "axes", "period_ns"):
+        for name in ("configuration", "sha256", "axes", "period_ns", "sources"):
             file.attrs[name] = getattr(telemetry, name)
         file.attrs["lost"] = telemetry.end.get("lost", 0)
         file.attrs["complete"] = telemetry.end.get("complete", False)
@@ -113,6 +113,10 @@ def _write_rows(telemetry: Telemetry, to: Path, _names: Mapping[str, str], cut: 
             rows[len(rows) - len(kept) :] = kept
         if telemetry.state is not None and cut[0] == 0.0:
             file.create_dataset("state", data=telemetry.state)
+        if telemetry.states:
+            file.create_dataset("states", data=np.concatenate(telemetry.states))
+        if telemetry.samples is not None:
+            file.create_dataset("samples", data=telemetry.samples)
         if telemetry.parameters:
             file.create_dataset("parameters", data=np.concatenate(telemetry.parameters))
         return len(rows)

@@ -87,6 +87,9 @@ def _ours(file: Path, contents: Any) -> Telemetry:
         rows=partial(_rows, file),
         state=contents["state"][()] if "state" in contents else None,
         parameters=[one[None] for one in contents["parameters"][()]] if "parameters" in contents else (),
+        states=[one[None] for one in contents["states"][()]] if "states" in contents else (),
+        samples=contents["samples"][()] if "samples" in contents else None,
+        sources=str(attributes.get("sources", "")),
     )
 
 

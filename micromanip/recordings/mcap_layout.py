@@ -8,12 +8,21 @@ ABOUT, END = "micromanip", "micromanip.end"
 """Metadata: what is recorded, written first; how it ended, written last and only where it was ended in order."""
 BEGAN = "recording began"
 """The first mark."""
-CONFIGURATION, STATE = "configuration.yaml", "state.npy"
+CONFIGURATION, STATE, SAMPLES = "configuration.yaml", "state.npy", "samples.npy"
 
 
 def axis_topic(axis: str) -> str:
     """Its scalars, fifty a second."""
     return f"/axis/{axis}"
+
+
+STATES = "state-"
+"""Attachments: the loop's state at the ends of cycles on the way, from which a replay can begin anew."""
+
+
+def state_file(cycle: int) -> str:
+    """Attachment with the state at the end of `cycle`."""
+    return f"{STATES}{cycle}.npy"
 
 
 def parameters_file(version: int) -> str:

@@ -73,7 +73,10 @@ def open_mcap(file: Path) -> Telemetry:
             rows=partial(_rows, file, codec),
             state=_array(attachments.get(layout.STATE)),
             parameters=[_sure(data) for name, data in attachments.items() if name.startswith("parameters-")],
+            states=[_sure(data) for name, data in attachments.items() if name.startswith(layout.STATES)],
             marks=marks,
+            samples=_array(attachments.get(layout.SAMPLES)),
+            sources=about.get("sources", ""),
         )
     except (KeyError, ValueError) as problem:
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem

@@ -27,7 +27,9 @@ class Telemetry:
 
     `dtype` is the row of the program that wrote it; `configuration` its text, of the hash `sha256`; `end` how it was
     ended (``rows``, ``lost``, ``complete``, ``problem``), empty where nobody could say so. `state` and `parameters` are
-    records as the loop had them, `marks` the remarks.
+    records as the loop had them, `states` those on the way, `marks` the remarks. `sources` tells the version of the
+    cycle (`filed.sources_of_cycle`), "" where the file is older than that; `samples` (n, axes) is what the source
+    `file` played, None where nothing was.
     """
 
     file: Path
@@ -42,6 +44,9 @@ class Telemetry:
     state: NDArray[Any] | None = field(default=None, repr=False)
     parameters: Sequence[NDArray[Any]] = field(default=(), repr=False)
     marks: Sequence[Mapping[str, Any]] = ()
+    states: Sequence[NDArray[Any]] = field(default=(), repr=False)
+    samples: NDArray[Any] | None = field(default=None, repr=False)
+    sources: str = ""
 
     def names(self) -> dict[str, str]:
         """Paths by the names that their columns have: ``cycle``, ``strain_um_x``."""

@@ -86,25 +86,14 @@ def _in_spite_of_the_disk(_cache: Any) -> Iterator[None]:
 
 @functools.cache
 def _numba() -> Any:
-    """numba, told how to type our functions where compiled code calls them."""
+    """numba, told to put up with the disk, and not to write so much."""
     import numba
     from numba.core import caching
-    from numba.extending import models, register_model
 
     # numba's own place for this, which it fills on Windows only; elsewhere a disk that fills would end the program
     caching.Cache._guard_against_spurious_io_errors = _in_spite_of_the_disk  # type: ignore[assignment,method-assign]
-
-    class Inner(numba.types.Dispatcher):
-        """One specialisation for all values of an argument: numba would make one for each literal fault code."""
-
-        def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
-            plain = numba.types.unliteral
-            return super().get_call_type(
-                context, tuple(map(plain, args)), {name: plain(kind) for name, kind in kws.items()}
-            )
-
-    register_model(Inner)(models.OpaqueModel)
-    numba.micromanip_inner = Inner
+    # before each of its passes numba writes out the types of all arguments: ours are records of hundreds of fields
+    numba.types.Record.__repr__ = functools.cache(numba.types.Record.__repr__)  # type: ignore[method-assign]
     return numba
 
 
@@ -163,13 +152,17 @@ class Compiled:
         """Numba's function for calls from compiled code, without what Python's calls need."""
         if self._signature is not None:
             return self.dispatcher
+        from .built_in import PartCompiler  # imports numba
+
         options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": self._built_in}
-        return _numba().njit(**self._compiler.options, **options)(self.py_func)
+        return _numba().njit(pipeline_class=PartCompiler, **self._compiler.options, **options)(self.py_func)
 
     @property
     def _numba_type_(self) -> Any:
         """What numba asks of a global in a function that it compiles."""
-        return _numba().micromanip_inner(self._inner)
+        from .built_in import BuiltIn  # imports numba
+
+        return BuiltIn(self._inner)
 
 
 class CFunction:

@@ -12,7 +12,20 @@ from .digital_io import asks_feed_hold, is_enabled
 from .figures import path_error
 from .jit import compiled
 from .record import MAX_AXES, Record, record
-from .states import STAGE
+from .states import DRIVER_ERROR, STAGE
+
+STRAIN_FRESH, STAGE_FRESH, DEVIATION_FRESH = 1, 2, 4
+STRAIN_CAME, STAGE_CAME, DEVIATION_CAME = 8, 16, 32
+STRAIN_REPEATED, STAGE_REPEATED = 64, 128
+STRAIN_READING, STAGE_READING = 8, 11
+AMPLIFIER_OK, TEMPERATURE_OK = 1 << 14, 1 << 15
+"""``fresh``: a good sample; one that came, usable or not; it read as the one before; where three bits begin that say
+what a sample that was not usable read; two lines of the amplifier."""
+NO_NUMBER, LOW_END, BELOW, SAME, ABOVE, HIGH_END, INFINITE, MINUS_INFINITE = range(8)
+"""What it read: at or beyond an end of the range, or beside the last good sample."""
+ENABLED, INTERLOCKED, RETRACTED, AMPLIFIER_ON, FEED_HOLD = 1, 2, 4, 8, 16
+LINK_DOWN, OUTPUTS_ARE_TAKEN, OUTPUTS_ARE_AWAY, DRIVER_FAILED = 32, 64, 128, 256
+"""Bits of ``lines``; the last four say how the exchange with the drivers ended."""
 
 AXIS_ROW = record(
     ("reference_um", "f8"),
@@ -49,9 +62,10 @@ ROW = record(
     ("lines", "i4"),
     ("axis", AXIS_ROW, (MAX_AXES,)),
 )
-"""One cycle of telemetry; ``compute_ns`` is the time of the cycle before, ``fresh`` bit 0 strain, 1 stage, 2 deviation;
-what an axis does not have is NaN. ``notch_um`` is what the notch took from the PID's error, ``conditions`` has one bit
-per code of ``states`` that is raised. ``lines``: bit 0 enable, 1 interlock, 2 retracted, 3 amplifier enable, 4 hold."""
+"""One cycle of telemetry; ``compute_ns`` is the time of the cycle before, what an axis does not have is NaN.
+``notch_um`` is what the notch took from the PID's error, ``conditions`` has one bit per code of ``states`` that is
+raised, ``fresh`` and ``lines`` have the bits above. With the loop's state before it a row says all that came in:
+``micromanip.replay`` runs the cycle again on that."""
 
 
 @compiled
@@ -65,7 +79,43 @@ def _age(sensor: Record, index: int) -> int:
 
 
 @compiled
-def _axis_row(p: Record, a: Record, signals: Any, row: Record) -> None:
+def _reading(sensor: Record, range_um: Any) -> int:
+    """What a sample that was not usable read."""
+    reading, good = sensor["reading"], sensor["value"]
+    if not math.isfinite(reading):
+        if reading > 0.0:
+            return INFINITE
+        return MINUS_INFINITE if reading < 0.0 else NO_NUMBER
+    if reading >= range_um[1]:
+        return HIGH_END
+    if reading <= range_um[0]:
+        return LOW_END
+    if reading == good:
+        return SAME
+    return ABOVE if reading > good else BELOW
+
+
+@compiled
+def _came(sensor: Record, range_um: Any, now_ns: int, came: int, repeated: int, place: int) -> int:
+    """What the row says of a sensor beside its last good sample: enough to bring about the same once more."""
+    if sensor["arrived_ns"] != now_ns:
+        return 0
+    bits = came | (repeated if sensor["identical"] > 0 else 0)
+    return bits if sensor["fresh"] != 0 else bits | (_reading(sensor, range_um) << place)
+
+
+@compiled
+def _fresh(p: Record, a: Record, now_ns: int) -> int:
+    bits = a["strain"]["fresh"] + 2 * a["stage"]["fresh"] + 4 * a["deviation"]["fresh"]
+    bits |= _came(a["strain"], p["strain_range_um"], now_ns, STRAIN_CAME, STRAIN_REPEATED, STRAIN_READING)
+    bits |= _came(a["stage"], p["stage_range_um"], now_ns, STAGE_CAME, STAGE_REPEATED, STAGE_READING)
+    bits |= DEVIATION_CAME if a["deviation"]["arrived_ns"] == now_ns else 0
+    bits |= AMPLIFIER_OK if is_on(p["amplifier_ok"], a["amplifier_ok"]) else 0
+    return bits | (TEMPERATURE_OK if is_on(p["temperature_ok"], a["temperature_ok"]) else 0)
+
+
+@compiled
+def _axis_row(p: Record, a: Record, signals: Any, row: Record, now_ns: int) -> None:
     stage = p["mode"] == STAGE
     row["reference_um"] = a["reference"]["w"][0] + a["reference"]["w"][3]
     row["conditions"] = a["watch"]["raised"]
@@ -85,16 +135,20 @@ def _axis_row(p: Record, a: Record, signals: Any, row: Record) -> None:
     row["strain_age_ns"] = _age(a["strain"], p["strain"])
     row["stage_age_ns"] = _age(a["stage"], p["stage"])
     row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])
-    row["fresh"] = a["strain"]["fresh"] + 2 * a["stage"]["fresh"] + 4 * a["deviation"]["fresh"]
+    row["fresh"] = _fresh(p, a, now_ns)
 
 
 @compiled
 def _lines(p: Record, s: Record) -> int:
-    lines = 1 if is_on(p["enable"], s["enable"]) else 0
-    lines |= 2 if is_on(p["interlock"], s["interlock"]) else 0
-    lines |= 4 if is_on(p["retracted"], s["retracted"]) else 0
-    lines |= 8 if is_enabled(s) else 0
-    return lines | (16 if asks_feed_hold(s) else 0)
+    lines = ENABLED if is_on(p["enable"], s["enable"]) else 0
+    lines |= INTERLOCKED if is_on(p["interlock"], s["interlock"]) else 0
+    lines |= RETRACTED if is_on(p["retracted"], s["retracted"]) else 0
+    lines |= AMPLIFIER_ON if is_enabled(s) else 0
+    lines |= FEED_HOLD if asks_feed_hold(s) else 0
+    lines |= LINK_DOWN if s["link_down"] != 0 else 0
+    lines |= OUTPUTS_ARE_TAKEN if s["outputs_taken"] != 0 else 0
+    lines |= OUTPUTS_ARE_AWAY if s["outputs_away"] != 0 else 0
+    return lines | (DRIVER_FAILED if s["raised"] & (1 << DRIVER_ERROR) != 0 else 0)
 
 
 @compiled
@@ -113,4 +167,4 @@ def write_row(
     row["phase"] = s["phase"]
     row["lines"] = _lines(p, s)
     for i in range(p["axes"]):
-        _axis_row(p["axis"][i], s["axis"][i], signals, row["axis"][i])
+        _axis_row(p["axis"][i], s["axis"][i], signals, row["axis"][i], now_ns)

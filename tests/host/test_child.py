@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import socket
 import subprocess
 import sys
 
@@ -109,3 +110,76 @@ def test_a_child_begins_wherever_its_host_did(tmp_path, module):
     command = [sys.executable, "-P", "-m", f"micromanip.{module}"]
     ended = subprocess.run(command, cwd=tmp_path, input="", capture_output=True, text=True, check=False, timeout=60)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+HANDED = """
+import json, os
+from micromanip.host.handed_on import handed_on
+
+print(json.dumps("begun"), flush=True)
+orders, descriptors = handed_on()
+print(json.dumps([len(orders["options"]), [os.pread(each, 100, 0).decode() for each in descriptors]]), flush=True)
+"""
+
+
+@pytest.fixture
+def handed(module, tmp_path):
+    (tmp_path / "handed.py").write_text(HANDED)
+    return "handed"
+
+
+def test_one_that_was_begun_gets_orders_of_any_size_and_open_files(handed, tmp_path):
+    def opened(name):
+        (tmp_path / name).write_text(f"what {name} holds")
+        return os.open(tmp_path / name, os.O_RDONLY)
+
+    async def main():
+        child = Child(handed)
+        await child.begin()
+        answers = child.answers()
+        assert await anext(answers) == "begun"  # without orders
+        descriptors = [opened("first"), opened("second")]
+        child.hand_on({"options": "x" * 500_000}, descriptors)
+        for each in descriptors:
+            os.close(each)
+        assert await anext(answers) == [500_000, ["what first holds", "what second holds"]]
+        assert [answer async for answer in answers] == []
+        assert await child.wait(10.0)
+        await child.let_go()
+        assert (child.code, child.starts) == (0, 1)
+
+    asyncio.run(main())
+
+
+def test_one_that_was_begun_for_nothing_is_ended(handed):
+    async def main():
+        child = Child(handed)
+        await child.begin()
+        assert child.runs
+        await child.let_go()
+        assert child.was_killed
+
+    asyncio.run(main())
+
+
+def test_one_that_died_before_its_orders_is_not_told(handed):
+    async def main():
+        child = Child(handed)
+        await child.begin()
+        child.kill()
+        assert [answer async for answer in child.answers()] in ([], ["begun"])
+        await child.wait()
+        child.hand_on("x" * 1_000_000, ())
+        await child.let_go()
+        assert child.was_killed
+
+    asyncio.run(main())
+
+
+def test_a_loop_whose_host_ended_before_it_gave_orders_ends_too():
+    ours, theirs = socket.socketpair()
+    command = [sys.executable, "-P", "-m", "micromanip.host.loop_process"]
+    with theirs, subprocess.Popen(command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as loop:
+        ours.close()
+        assert loop.communicate(timeout=60) == (b"", None)
+    assert loop.returncode == 0

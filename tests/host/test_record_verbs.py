@@ -13,6 +13,8 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.host.recording.window import FAULT, MARK, OVERRUN, Window
 from micromanip.recordings import open_telemetry
+from micromanip.replay import replay
+from micromanip.rt.records import CELL_STATE
 from micromanip.rt.telemetry import ROW
 from tools.running_controller import calm, until
 
@@ -57,6 +59,10 @@ def test_start_mark_stop(run, tmp_path):
         assert [(mark["text"], mark["by"]) for mark in telemetry.marks[1:]] == [("coolant on", "root")]
         assert marked["cycle"] == telemetry.marks[1]["cycle"]
         assert telemetry.configuration == cell.config.read_text()
+        again = replay(telemetry)
+        assert again.difference is None
+        assert bool(again.gaps) == bool(missing(rows))
+        assert again.cycles + again.left_out == len(rows)
         with pytest.raises(UsageError, match=r"part17\.mcap is there already"):
             client.record_start("part17")
 
@@ -192,8 +198,34 @@ def test_a_mark_that_comes_late():
     assert list(np.concatenate(window.take(rows_with(0)))["cycle"]) == list(range(1980, 2011))
 
 
+def test_states_wait_with_the_rows():
+    """Those of which a row is recorded that follows it; all of them where nothing is waited for."""
+    window = Window([FAULT], 50, 20)
+    for cycle in (120, 149, 160):
+        window.keep(state_at(cycle))
+    assert window.states() == []
+    window.take(rows_with(200, fault=100))
+    assert [state["cycle"] for state in window.states()] == [149, 160]
+    window.keep(state_at(210))
+    assert [state["cycle"] for state in window.states()] == [210]
+    assert window.states() == []
+
+    window = Window([], 0, 0)
+    window.keep(state_at(7))
+    assert [state["cycle"] for state in window.states()] == [7]
+
+
+def state_at(cycle):
+    state = np.zeros(1, CELL_STATE)[0]
+    state["cycle"] = cycle
+    return state
+
+
 def test_what_is_held_back_is_bounded():
     window = Window([MARK], 100, 10)
+    for cycle in range(0, 100_000, 1000):
+        window.keep(state_at(cycle))
+    assert len(window._states) <= 12
     for first in range(0, 100_000, 50):
         part = rows_with(50)
         part["cycle"] += first

@@ -73,9 +73,22 @@ def test_ctrl_c_before_tracking(run, state):
 
 def test_ctrl_c_while_the_loop_is_coming_up(run):
     cell = run(calm())
-    until(lambda: cell.child("loop_process"), cell.last_words)
+    until(cell.socket.exists, cell.last_words)  # the configuration is read, and the loop has its orders soon
     interrupt(cell)
     assert_stopped_cleanly(cell)
+
+
+def test_ctrl_c_before_the_configuration_is_read(run):
+    """The loop process imports by then, and goes with its host: it never had orders."""
+    cell = run(calm())
+    until(lambda: cell.child("loop_process"), cell.last_words)
+    interrupt(cell)
+    if cell.wait() == 0:  # it was read by then
+        assert_stopped_cleanly(cell)
+    else:
+        assert (cell.process.returncode, cell.said.strip()) == (130, "")
+        assert not cell.socket.exists()
+    cell.gone()
 
 
 def test_sigterm_with_a_recording_and_clients_on_the_line(run):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.host.ring import FILED_PARAMETERS
+from micromanip.recordings.filed import FILED_PARAMETERS, sources_of_cycle
 from micromanip.rt.records import CELL_STATE
 from micromanip.rt.telemetry import ROW
 
@@ -49,6 +49,7 @@ class Hdf5Recording:
         self.file = h5py.File(orders["file"], "x", libver=("v110", "v110"))
         for name in ("configuration", "sha256", "axes", "period_ns"):
             self.file.attrs[name] = orders[name]
+        self.file.attrs["sources"] = sources_of_cycle()
         self.file.attrs[LOST], self.file.attrs[COMPLETE] = 0, False
         self.file.attrs[PROBLEM] = np.array(b"", f"S{_PROBLEM_BYTES}")  # of fixed length: it is changed in its place
         self.rows = self.file.create_dataset(ROWS, (0,), ROW, maxshape=(None,), chunks=(_CHUNK_ROWS,))
@@ -67,10 +68,15 @@ class Hdf5Recording:
         """Size of the file so far."""
         return int(self.file.id.get_filesize())
 
-    def begin(self, state: Any) -> None:
-        """Store the snapshot the rows follow."""
+    def begin(self, state: Any, samples: Any = None) -> None:
+        """Store the snapshot the rows follow, and what the source `file` plays."""
+        if samples is not None:
+            self.file.create_dataset("samples", data=samples)
         self.file.create_dataset(STATE, data=np.array([state], CELL_STATE))
         self.file.swmr_mode = True
+
+    def keep(self, state: Any) -> None:
+        """Nothing: the file takes no new table once others may read it."""
 
     def append(self, rows: Any, slots: Any) -> None:
         """Add rows; a new parameter version brings its parameters, one of `slots`, with it.

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.host.ring import FILED_PARAMETERS
 from micromanip.recordings import mcap_layout as layout
 from micromanip.recordings.blocks import BlockCodec
+from micromanip.recordings.filed import FILED_PARAMETERS, sources_of_cycle
 from micromanip.rt.records import CELL_STATE
 from micromanip.rt.states import STATE_NAMES
 from micromanip.rt.telemetry import AXIS_ROW, ROW
@@ -66,10 +66,16 @@ class McapRecording:
                 Path(orders["file"]).unlink()
             raise
 
-    def begin(self, state: Any) -> None:
-        """Store a snapshot of the loop; without a trigger the rows follow it."""
+    def begin(self, state: Any, samples: NDArray[np.float64] | None = None) -> None:
+        """Store a snapshot of the loop, which the rows follow without a trigger, and what the source `file` plays."""
+        if samples is not None:
+            self._attach(layout.SAMPLES, np.asarray(samples))
         self._attach(layout.STATE, np.array([state], CELL_STATE))
         self.go_on(int(state["cycle"]))
+
+    def keep(self, state: Any) -> None:
+        """Store a snapshot on the way."""
+        self._attach(layout.state_file(int(state["cycle"])), np.array([state], CELL_STATE))
 
     def go_on(self, cycle: int) -> None:
         """Begin without a snapshot, behind another file."""
@@ -135,6 +141,7 @@ class McapRecording:
             "axes": json.dumps(self._axes),
             "period_ns": str(self._period_ns),
             "sha256": orders["sha256"],
+            "sources": sources_of_cycle(),
             "began": _iso(now_ns + self._unix_ns),
             "unix_ns_of_time_0": str(self._unix_ns),
         }

@@ -94,7 +94,8 @@ class _Wanted:
 
 def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wanted, segments: Segments) -> None:
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)
-    recording.begin(status["snapshot"][0])
+    played = segments.sample_table()
+    recording.begin(status["snapshot"][0], played if len(played) > 1 else None)
     if wanted.before:
         reader.go_back(wanted.position, _SPARE_ROWS)
     window, told_s, newest = wanted.window, 0.0, wanted.first
@@ -102,16 +103,22 @@ def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wan
     while not (told.ended or window.is_over(newest)):
         now_s = time.monotonic()
         due_s = max(due_s + recording.pause_s, now_s)  # what writing takes is no pause
-        marks = told.within(due_s - now_s)
+        news = told.within(due_s - now_s)
+        for cycle in (each["state"] for each in news if "state" in each):
+            state = status["snapshot"][0].copy()
+            if state["cycle"] == cycle:  # else another one has come: this process is seconds behind
+                window.keep(state)
         behind = True
         while behind:
             rows = reader.read(_BATCH_ROWS)
             newest = int(rows["cycle"][-1]) if len(rows) else newest
             for part in window.take(rows[rows["cycle"] > wanted.first]):
                 recording.append(part, control["parameters"])
+            for state in window.states():
+                recording.keep(state)
             recording.note_lost(reader.lost)
             behind = len(rows) == _BATCH_ROWS
-        for mark in marks:
+        for mark in (each for each in news if "text" in each):
             window.marked(mark["cycle"])
             recording.mark(**mark)
         if time.monotonic() - told_s > _TELL_S:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import importlib.util
 import tempfile
 import time
@@ -40,6 +41,8 @@ class Extent:
 
 
 _FROM_NOW = Extent()
+_STATE_S, _ARMED_STATE_S = 10.0, 1.0
+"""How often the loop's state goes into a file, and how often while a trigger is waited for."""
 _PATIENCE_S, _END_S = 30.0, 1.0
 """A disk may take so long to open or to end a file; a killed process so long to go."""
 
@@ -84,6 +87,7 @@ class RecorderProcess:
         self._child = Child("micromanip.host.recording.recorder", controller.segments.descriptors)
         self._answers: AsyncIterator[dict[str, Any]]
         self._following: asyncio.Task[None] | None = None
+        self._keeping: asyncio.Task[None] | None = None
         self._stopping = False
         self._report = Recorded(
             file=str(file), state="starting", rows=0, dropped=0, message=None, bytes=0, marks=0, waits_for=[]
@@ -123,6 +127,7 @@ class RecorderProcess:
         self._report["state"] = "recording"
         self._report["waits_for"] = list(self._extent.triggers)
         self._following = asyncio.create_task(self._follow())
+        self._keeping = asyncio.create_task(self._keep_states())
 
     @property
     def runs(self) -> bool:
@@ -141,6 +146,8 @@ class RecorderProcess:
         if self._following is None:
             return None
         self._stopping = True
+        if self._keeping is not None:
+            self._keeping.cancel()
         self._child.end_orders()
         done, _ = await asyncio.wait({self._following}, timeout=_PATIENCE_S)
         if not done:
@@ -170,6 +177,15 @@ class RecorderProcess:
                 return hearing.result()
         hearing.cancel()
         return {"problem": f"{self._file} could not be opened within {_PATIENCE_S:g} s: does its disk hang?"}
+
+    async def _keep_states(self) -> None:
+        """Let the loop copy its state again and again: a replay may begin at each."""
+        while self.runs:
+            await asyncio.sleep(_ARMED_STATE_S if self._report["waits_for"] else _STATE_S)
+            with contextlib.suppress(CheckFailed):  # a loop that has ended, or stands still, makes none
+                cycle = await self._controller.snapshot()
+                if self.runs:
+                    self._child.tell({"state": cycle})
 
     async def _follow(self) -> None:
         """Take note of what it says until it ends; tell at once where it was not told to."""

@@ -46,9 +46,13 @@ class McapSeries:
         """Size of all files that are there."""
         return sum(size for _, size in self._closed) + self._current.size_bytes
 
-    def begin(self, state: Any) -> None:
-        """Store a snapshot in the first file."""
-        self._current.begin(state)
+    def begin(self, state: Any, samples: NDArray[Any] | None = None) -> None:
+        """Store a snapshot, and what the source `file` plays, in the first file."""
+        self._current.begin(state, samples)
+
+    def keep(self, state: Any) -> None:
+        """Store a snapshot on the way in the file that is being written."""
+        self._current.keep(state)
 
     def append(self, rows: NDArray[Any], slots: Any) -> None:
         """Add rows, and begin another file where this one has its share. Raises OSError as `McapRecording`."""

@@ -31,6 +31,7 @@ class Window:
         """`before` and `after` are cycles; a trigger comes once."""
         self._triggers, self._before, self._after = frozenset(triggers), before, after
         self._held: deque[NDArray[Any]] = deque()
+        self._states: list[Any] = []
         self._faulted = True  # a fault that was there before is none that comes
         self.trigger_cycle: int | None = None
         self.cause: str | None = None
@@ -48,6 +49,21 @@ class Window:
         """Somebody has set a mark at `cycle`."""
         if self.is_armed and MARK in self._triggers:
             self.trigger_cycle, self.cause = cycle, MARK
+
+    def keep(self, state: Any) -> None:
+        """Hold a snapshot of the loop back with the rows."""
+        if self.is_armed:
+            oldest = int(state["cycle"]) - self._before - _LATE
+            self._states = [each for each in self._states if each["cycle"] >= oldest]
+        self._states.append(state)
+
+    def states(self) -> list[Any]:
+        """Snapshots that are to be recorded now."""
+        if self.is_armed:
+            return []
+        first = 0 if self.trigger_cycle is None else self.trigger_cycle - self._before - 1
+        passed, self._states = [state for state in self._states if state["cycle"] >= first], []
+        return passed
 
     def take(self, rows: NDArray[Any]) -> list[NDArray[Any]]:
         """What of the rows so far is to be recorded now, in order."""

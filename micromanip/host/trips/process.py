@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
-from micromanip.host.ring import FILED_PARAMETERS, RingReader
+from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
+from micromanip.recordings.filed import FILED_PARAMETERS
 from micromanip.rt import mailbox as w
 
 from .store import FORMAT, Box, Shelf

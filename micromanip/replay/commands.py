@@ -1,0 +1,57 @@
+"""Which commands were carried out, by what the states did.
+
+Nothing arms, holds, lets go or resets by itself: what no fault explains was a command. One that was refused left
+nothing behind; a stop shows where OFF is reached, and does the same there as any time before.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.rt.states import (
+    ARM,
+    ARMING,
+    DISARM,
+    FAULT,
+    HOLD,
+    HOLDING,
+    NO_COMMAND,
+    NO_FAULT,
+    OFF,
+    RAMPING,
+    READY,
+    RESET,
+    STOP,
+    TRACKING,
+)
+
+_ALWAYS = {
+    (READY, ARMING): ARM,
+    (HOLDING, ARMING): ARM,
+    (FAULT, READY): RESET,
+    (READY, OFF): STOP,
+    (FAULT, OFF): STOP,
+    (RAMPING, OFF): STOP,
+}
+_WITHOUT_A_NEW_FAULT = {
+    (TRACKING, HOLDING): HOLD,
+    (ARMING, HOLDING): HOLD,
+    (TRACKING, RAMPING): DISARM,
+    (ARMING, RAMPING): DISARM,
+    (HOLDING, RAMPING): DISARM,
+}
+
+
+def commands_of(rows: NDArray[Any], state: int, fault: int) -> NDArray[np.int64]:
+    """The command (n,) of each of the `rows` (n,); `state` and `fault` are those before them."""
+    commands = np.full(len(rows), NO_COMMAND, np.int64)
+    states, faults = np.append(state, rows["state"]), np.append(fault, rows["fault"])
+    for k in np.flatnonzero(np.diff(states)):
+        change = (int(states[k]), int(states[k + 1]))
+        commands[k] = _ALWAYS.get(change, NO_COMMAND)
+        if faults[k + 1] in (NO_FAULT, faults[k]):
+            commands[k] = _WITHOUT_A_NEW_FAULT.get(change, commands[k])
+    return commands

@@ -1,0 +1,209 @@
+"""The loop's own cycle on recorded rows: each row is turned back into the process image that it was written of.
+
+What a sample that was not usable read is known by its place only (`micromanip.rt.telemetry`): any number at that place
+does the same to the cycle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import types
+
+from micromanip.rt.cell import cell_cycle, watch_drivers
+from micromanip.rt.exchange import ALL_FOLLOW, FIRST_TAKEN
+from micromanip.rt.jit import Compiler
+from micromanip.rt.loop import supervise
+from micromanip.rt.record import Record
+from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
+from micromanip.rt.states import HOST_DEAD
+from micromanip.rt.swap import swap_cell
+from micromanip.rt.telemetry import (
+    ABOVE,
+    AMPLIFIER_OK,
+    BELOW,
+    DEVIATION_CAME,
+    DEVIATION_FRESH,
+    DRIVER_FAILED,
+    ENABLED,
+    HIGH_END,
+    INFINITE,
+    INTERLOCKED,
+    LINK_DOWN,
+    LOW_END,
+    MINUS_INFINITE,
+    OUTPUTS_ARE_AWAY,
+    OUTPUTS_ARE_TAKEN,
+    RETRACTED,
+    SAME,
+    STAGE_CAME,
+    STAGE_FRESH,
+    STAGE_READING,
+    STAGE_REPEATED,
+    STRAIN_CAME,
+    STRAIN_FRESH,
+    STRAIN_READING,
+    STRAIN_REPEATED,
+    TEMPERATURE_OK,
+    write_row,
+)
+
+NO_SWAP, SWAP_BEFORE, SWAP_AFTER = range(3)
+"""Another set of parameters in the first row: none, from its cycle on, or behind its cycle, as a promotion does."""
+
+_compiled = Compiler(__file__)
+_ANY = (-math.inf, math.inf)
+
+
+@_compiled
+def _between(good: float, end: float, last: float) -> float:
+    """A number between the last good sample and an end, another one than `last`."""
+    way = end - good if math.isfinite(end) else math.copysign(2.0, end)
+    return good + 0.5 * way if good + 0.5 * way != last else good + 0.25 * way
+
+
+@_compiled
+def _unusable(reading: int, repeated: bool, s: Record, range_um: Any) -> float:
+    """Something that reads as the sample did."""
+    last: float = s["reading"]
+    good: float = s["value"]
+    low: float = range_um[0]
+    high: float = range_um[1]
+    if reading == INFINITE:
+        return math.inf
+    if reading == MINUS_INFINITE:
+        return -math.inf
+    if repeated:
+        return last
+    if reading == HIGH_END:
+        return high if high != last else high + 1.0
+    if reading == LOW_END:
+        return low if low != last else low - 1.0
+    if reading == SAME:
+        return good
+    if reading == ABOVE:
+        return _between(good, high, last)
+    return _between(good, low, last) if reading == BELOW else math.nan
+
+
+@_compiled
+def _leave_sample(
+    place: int, s: Record, signals: Any, range_um: Any, bits: Any, value: float, age_ns: int, now_ns: int
+) -> None:
+    """Leave a sensor's sample in the image as a driver does; `bits`: came, fresh, repeated, and what it read."""
+    if place < 0:
+        return
+    signal = signals[place]
+    came, fresh, repeated, reading = bits
+    signal["sequence"] = s["sequence"] + came
+    signal["status"] = 1 - fresh
+    signal["time_ns"] = now_ns - (age_ns if fresh else 0)
+    signal["value"] = value if fresh else _unusable(reading, repeated != 0, s, range_um)
+
+
+@_compiled
+def _leave_line(line: Record, s: Record, signals: Any, on: bool, now_ns: int) -> None:
+    if line["signal"] >= 0:
+        signal = signals[line["signal"]]
+        signal["sequence"] = s["sequence"] + 1
+        signal["value"], signal["time_ns"], signal["status"] = 1.0 if on else 0.0, now_ns, 0
+
+
+@_compiled
+def _leave_value(place: int, signals: Any, value: float) -> None:
+    if place >= 0:
+        signals[place]["value"] = value
+
+
+@_compiled
+def _bit(word: int, mask: int) -> int:
+    return 1 if word & mask != 0 else 0
+
+
+@_compiled
+def _leave_axis(p: Record, a: Record, row: Record, signals: Any, now_ns: int) -> None:
+    word = row["fresh"]
+    strain = (
+        _bit(word, STRAIN_CAME),
+        _bit(word, STRAIN_FRESH),
+        _bit(word, STRAIN_REPEATED),
+        word >> STRAIN_READING & 7,
+    )
+    stage = (_bit(word, STAGE_CAME), _bit(word, STAGE_FRESH), _bit(word, STAGE_REPEATED), word >> STAGE_READING & 7)
+    deviation = (_bit(word, DEVIATION_CAME), _bit(word, DEVIATION_FRESH), 0, 0)
+    _leave_sample(
+        p["strain"], a["strain"], signals, p["strain_range_um"], strain, row["strain_um"], row["strain_age_ns"], now_ns
+    )
+    _leave_sample(
+        p["stage"], a["stage"], signals, p["stage_range_um"], stage, row["stage_um"], row["stage_age_ns"], now_ns
+    )
+    _leave_sample(
+        p["deviation"], a["deviation"], signals, _ANY, deviation, row["deviation_um"], row["deviation_age_ns"], now_ns
+    )
+    _leave_line(p["amplifier_ok"], a["amplifier_ok"], signals, word & AMPLIFIER_OK != 0, now_ns)
+    _leave_line(p["temperature_ok"], a["temperature_ok"], signals, word & TEMPERATURE_OK != 0, now_ns)
+    _leave_value(p["true_strain"], signals, row["true_strain_um"])
+    _leave_value(p["true_stage"], signals, row["true_stage_um"])
+    _leave_value(p["path_error"], signals, row["path_error_um"])
+    _leave_value(p["uncompensated"], signals, row["uncompensated_um"])
+
+
+@_compiled
+def _exchange_code(lines: int) -> int:
+    """What the exchange with the drivers returned, but for which of them it was."""
+    if lines & DRIVER_FAILED != 0:
+        return 1
+    if lines & LINK_DOWN != 0:
+        return -1
+    if lines & OUTPUTS_ARE_TAKEN != 0:
+        return FIRST_TAKEN
+    return ALL_FOLLOW if lines & OUTPUTS_ARE_AWAY != 0 else 0
+
+
+@_compiled
+def _leave_cell(p: Record, s: Record, row: Record, signals: Any, now_ns: int) -> None:
+    lines = row["lines"]
+    _leave_line(p["enable"], s["enable"], signals, lines & ENABLED != 0, now_ns)
+    _leave_line(p["interlock"], s["interlock"], signals, lines & INTERLOCKED != 0, now_ns)
+    _leave_line(p["retracted"], s["retracted"], signals, lines & RETRACTED != 0, now_ns)
+    for i in range(p["axes"]):
+        _leave_axis(p["axis"][i], s["axis"][i], row["axis"][i], signals, now_ns)
+
+
+@_compiled.entry(
+    types.void(PARAMETERS, STATES, SIGNALS, OUTPUTS, SAMPLES, ROWS, WORDS, ROWS, types.int64),
+)
+def replay_rows(
+    parameters: Any,
+    state: Any,
+    signals: Any,
+    outputs: Any,
+    samples: Any,
+    recorded: Any,
+    commands: Any,
+    replayed: Any,
+    swap: int,
+) -> None:
+    """Run the cycles of the rows `recorded` (n,) from `state` (1,) on; their own rows go to `replayed` (n,).
+
+    `parameters` (2,) are the set in force and, with `swap`, the one that comes in the first row; `commands` (n,) are
+    those that were carried out. The order within a cycle is that of the loop, ``rt/loop.py``; coordinates of a tracker
+    are in the rows as the axes' deviations already.
+    """
+    p, s = parameters[0], state[0]
+    if swap == SWAP_BEFORE:
+        swap_cell(p, parameters[1], s)
+        p = parameters[1]
+    for k in range(len(recorded)):
+        row = recorded[k]
+        now_ns, periods = row["time_ns"], row["periods"]
+        dead = row["fault"] == HOST_DEAD
+        _leave_cell(p, s, row, signals, now_ns)
+        supervise(p, s, now_ns - (p["heartbeat_ns"] + 1 if dead else 0), now_ns, periods - 1)
+        watch_drivers(p, s, _exchange_code(row["lines"]))
+        cell_cycle(p, s, signals, outputs, samples, commands[k], now_ns, 1)
+        if swap == SWAP_AFTER and k == 0:
+            swap_cell(p, parameters[1], s)
+            p = parameters[1]
+        write_row(p, s, signals, replayed[k], now_ns, row["lateness_ns"], row["compute_ns"], periods)

@@ -1,0 +1,186 @@
+"""The recorded run once more, row by row, until one differs or something is missing."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+from micromanip.recordings import Telemetry
+from micromanip.recordings.filed import sources_of_cycle
+from micromanip.rt.records import CELL_PARAMETERS, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+from micromanip.rt.states import COMMAND_NAMES, NO_COMMAND
+from micromanip.rt.telemetry import ROW
+
+from .commands import commands_of
+from .comparison import Unequal, Value, first_unequal
+from .kernel import NO_SWAP, SWAP_AFTER, SWAP_BEFORE, replay_rows
+from .recorded import Recorded
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first row that is another one."""
+
+    cycle: int
+    t_s: float
+    """From the first recorded cycle on."""
+    values: list[Value]
+    cause: str
+
+
+@dataclass
+class Outcome:
+    """What was replayed, and what came of it."""
+
+    axes: list[str]
+    rows: int = 0
+    """In the recording."""
+    left_out: int = 0
+    """Rows that could not be replayed: they follow no state of the loop."""
+    cycles: int = 0
+    """Replayed, and bit for bit the same."""
+    skipped: int = 0
+    """Cycles that the loop missed within them."""
+    swaps: int = 0
+    commands: Counter[str] = field(default_factory=Counter)
+    lacks: list[str] = field(default_factory=list)
+    sources: str = ""
+    is_other_version: bool = False
+    gaps: list[str] = field(default_factory=list)
+    """What was missing; behind it the replay began anew from the next state of the loop."""
+    difference: Difference | None = None
+
+
+def replay(telemetry: Telemetry) -> Outcome:
+    """Run the cycles of a recording again, as far as it says what came in.
+
+    Raises CheckFailed where it lacks what the first of them needs, or is damaged.
+    """
+    recorded = Recorded(telemetry)
+    run = _Run(recorded)
+    for rows in recorded.rows():
+        run.outcome.rows += len(rows)
+        run.go_on(rows)
+    run.outcome.lacks = recorded.lacks
+    if run.outcome.cycles == 0 and run.outcome.difference is None:
+        why = run.outcome.gaps or ["no row follows a state of the loop"]
+        raise CheckFailed(f"{telemetry.file}: nothing can be replayed: {why[0]}")
+    return run.outcome
+
+
+class _Run:
+    """The cell as it goes through the rows."""
+
+    def __init__(self, recorded: Recorded) -> None:
+        telemetry = recorded.telemetry
+        self.recorded = recorded
+        self.state: NDArray[Any] | None = None
+        self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
+        self.sets = np.zeros(2, CELL_PARAMETERS)
+        self.outcome = Outcome(telemetry.axes, sources=telemetry.sources)
+        self.outcome.is_other_version = telemetry.sources not in ("", sources_of_cycle()) or bool(recorded.unlike)
+        self._first_cycle: int | None = None
+
+    def go_on(self, rows: NDArray[Any]) -> None:
+        """Replay `rows`, up to the first that differs, from the first on that follows a state of the loop."""
+        if self._first_cycle is None and len(rows):
+            self._first_cycle = int(rows["cycle"][0])
+        while len(rows) and self.outcome.difference is None:
+            if self.state is None:
+                rows = self._begin(rows)
+                continue
+            behind = np.append(self.state["cycle"][0], rows["cycle"][:-1])
+            broken = np.flatnonzero(rows["cycle"] - behind != rows["periods"])
+            whole = int(broken[0]) if len(broken) else len(rows)
+            for part in np.split(rows[:whole], np.flatnonzero(np.diff(rows["version"][:whole])) + 1):
+                if self.state is None:
+                    self.outcome.left_out += len(part)
+                elif len(part) and self.outcome.difference is None:
+                    self._one_version(self.state, np.ascontiguousarray(part))
+            if len(broken) and self.state is not None and self.outcome.difference is None:
+                missing = int(rows["cycle"][whole] - behind[whole] - rows["periods"][whole])
+                self.outcome.gaps.append(
+                    f"{missing} cycles are missing behind cycle {behind[whole]}"
+                    if missing > 0
+                    else f"cycle {rows['cycle'][whole]} comes behind cycle {behind[whole]}"
+                )
+                self.state = None
+            rows = rows[whole:]
+
+    def _begin(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """Take the state that one of `rows` follows; those from this row on."""
+        follows = np.isin(rows["cycle"] - rows["periods"], list(self.recorded.states))
+        at = int(np.argmax(follows)) if follows.any() else len(rows)
+        self.outcome.left_out += at
+        if at < len(rows):
+            self.state = self.recorded.states[int(rows["cycle"][at] - rows["periods"][at])].copy()
+            self.signals[:] = np.zeros(1, SIGNAL)
+        return rows[at:]
+
+    def _one_version(self, state: NDArray[Any], rows: NDArray[Any]) -> None:
+        version, present = int(rows["version"][0]), int(state["version"][0])
+        for needed in (present, version):
+            if needed not in self.recorded.parameters:
+                cycle = rows["cycle"][0]
+                self.outcome.gaps.append(f"the parameters of version {needed}, needed in cycle {cycle}, are not in it")
+                self.outcome.left_out += len(rows)
+                self.state = None
+                return
+        self.sets[0], self.sets[1] = self.recorded.parameters[present][0], self.recorded.parameters[version][0]
+        if version != present:
+            self._swap(state, rows[:1])
+            self.sets[0], rows = self.sets[1].copy(), rows[1:]
+        if len(rows) and self.outcome.difference is None:
+            self._count(rows, *self._tried(state, rows, NO_SWAP))
+
+    def _swap(self, state: NDArray[Any], row: NDArray[Any]) -> None:
+        """The row in which other parameters came: at the boundary before it, or as a promotion behind it."""
+        self.outcome.swaps += 1
+        was = state.copy(), self.signals.copy()
+        found = self._tried(state, row, SWAP_BEFORE)
+        if found[0] is not None:
+            state[:], self.signals[:] = was
+            again = self._tried(state, row, SWAP_AFTER)
+            found = again if again[0] is None else found
+        self._count(row, *found)
+
+    def _tried(self, state: NDArray[Any], rows: NDArray[Any], swap: int) -> tuple[Unequal | None, NDArray[np.int64]]:
+        commands = commands_of(rows, int(state["state"][0]), int(state["fault"][0]))
+        replayed = np.zeros(len(rows), ROW)
+        samples = self.recorded.samples
+        replay_rows(self.sets, state, self.signals, self.outputs, samples, rows, commands, replayed, swap)
+        return first_unequal(rows, replayed, self.outcome.axes), commands
+
+    def _count(self, rows: NDArray[Any], unequal: Unequal | None, commands: NDArray[np.int64]) -> None:
+        good = len(rows) if unequal is None else unequal.at
+        self.outcome.cycles += good
+        self.outcome.skipped += int((rows["periods"][:good] - 1).sum())
+        self.outcome.commands.update(COMMAND_NAMES[k] for k in commands[:good] if k != NO_COMMAND)
+        if unequal is not None:
+            cycle = int(rows["cycle"][unequal.at])
+            t_s = (cycle - (self._first_cycle or 0)) * self.recorded.telemetry.period_ns * 1e-9
+            self.outcome.difference = Difference(cycle, t_s, unequal.values, self._cause(unequal))
+
+    def _cause(self, unequal: Unequal) -> str:
+        """What most likely made them differ."""
+        if self.recorded.unlike:
+            fields = ", ".join(self.recorded.unlike[:4])
+            return f"another version of the program recorded it: its records are not those of this one ({fields})"
+        if self.outcome.is_other_version:
+            return "another version of the program recorded it: the sources of its cycle are not those of this one"
+        first = unequal.values[0].name
+        if not self.recorded.is_complete and first not in ("reference_um", "estimate_um", "setpoint_um"):
+            return f"an older version recorded it, and its rows do not say: {', '.join(self.recorded.lacks)}"
+        if not self.outcome.sources:
+            return "the file does not say which version of the program recorded it; it may have been another one"
+        if first in ("state", "phase", "fault"):
+            return "something led to another state that the rows do not say"
+        return (
+            "the same sources compute something else here: a row was changed, or another processor or mathematical "
+            "library rounds differently"
+        )

@@ -1,0 +1,59 @@
+"""How numba compiles what compiled code alone calls: as a part of its callers, not as code that could run by itself.
+
+Numba optimises each function in full, with all that it calls, and makes machine code of it. A law is built into an
+entry point through five or six others: the same code was optimised and translated as often, though only the last can
+be called. A part is linked into its caller after a first cheap simplification. The optimiser of the entry point sees
+the whole cycle, and sees it once.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from numba import types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.extending import models, register_model
+
+
+class BuiltIn(types.Dispatcher):
+    """One specialisation for all values of an argument: numba would make one for each literal fault code."""
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        """Types of result and arguments of a call."""
+        plain = types.unliteral
+        return super().get_call_type(
+            context, tuple(map(plain, args)), {name: plain(kind) for name, kind in kws.items()}
+        )
+
+
+register_model(BuiltIn)(models.OpaqueModel)
+
+
+class _Part(JITCodeLibrary):
+    """Code that is linked into others and has no address."""
+
+    codegen = SimpleNamespace(set_env=lambda _name, _environment: None)
+    """By this numba writes to a variable of the machine code, which there is none of."""
+
+    def get_pointer_to_function(self, _name: str) -> int:
+        """Zero, numba's word for no such code."""
+        self._ensure_finalized()
+        return 0
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager(loop_vectorize=False, opt=0, cost="cheap")
+        passes.run(self._final_module, builder)
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+
+class PartCompiler(Compiler):
+    """Numba's compiler, but that what it compiles is a part."""
+
+    def __init__(self, typing: Any, target: Any, library: Any, *rest: Any) -> None:
+        super().__init__(typing, target, library or _Part(target.codegen(), "part"), *rest)

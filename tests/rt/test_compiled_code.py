@@ -79,7 +79,7 @@ def is_harmless(n):
     return np.sin(n) + n
 
 
-@pytest.mark.filterwarnings("ignore:Code running in object mode")
+@pytest.mark.filterwarnings("ignore:.*Code running in object mode")  # in colour, where colorama is installed
 @pytest.mark.parametrize("function", [allocates, grows, calls_python])
 def test_the_check_finds_what_does_not_belong(function):
     """Negative controls."""

@@ -19,7 +19,7 @@ from .fields import Field
 Values = NDArray[np.float32]
 
 FULL_ROWS = 600 * 1024
-"""61 s at 10 kHz; a multiple of every block."""
+"""61 s at 10 kHz; an even multiple of every block."""
 BLOCKS = ((16, FULL_ROWS // 16), (256, 141_312))
 """Rows in a block and how many blocks are kept, of each level; the last one is an hour at 10 kHz."""
 
@@ -85,7 +85,7 @@ class History:
     def __init__(
         self, fields: Sequence[Field], full_rows: int = FULL_ROWS, blocks: Sequence[tuple[int, int]] = BLOCKS
     ) -> None:
-        """`full_rows` is a multiple of each number of rows in `blocks`, which rise."""
+        """`full_rows` is an even multiple of each number of rows in `blocks`, which rise."""
         self.fields = list(fields)
         self._index = {field.name: i for i, field in enumerate(fields)}
         self._levels = [_Level(len(fields), 1, full_rows), *(_Level(len(fields), *block) for block in blocks)]
@@ -118,8 +118,11 @@ class History:
 
     def add(self, rows: NDArray[Any]) -> None:
         """Rows of the ring, oldest first, at most as many as there are kept."""
-        if not len(rows):
-            return
+        half = self._levels[0].capacity // 2  # so that what is in no whole block yet is not overwritten
+        for begin in range(0, len(rows), half):
+            self._add(rows[begin : begin + half])
+
+    def _add(self, rows: NDArray[Any]) -> None:
         values = np.empty((len(self.fields), len(rows)), np.float32)
         for i, field in enumerate(self.fields):
             values[i] = field.of(rows)
@@ -130,11 +133,9 @@ class History:
     def _fill(self, level: _Level) -> None:
         """The blocks that have become whole."""
         rows = self._levels[0]
-        first = max(level.count, -(-rows.oldest // level.per))
-        last = rows.count // level.per
-        if last <= first:
+        first, last = level.count, rows.count // level.per
+        if last == first:
             return
-        level.count = first
         for piece in rows.pieces(first * level.per, last * level.per):
             part = rows.low[:, piece].reshape(len(self.fields), -1, level.per)
             level.add(rows.cycles[piece][:: level.per], np.fmin.reduce(part, axis=2), np.fmax.reduce(part, axis=2))

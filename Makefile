@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled test-laws test-laws-checked test-laws-plain test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs site tune clean
+.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -32,24 +32,34 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not live and not long' tests
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not live and not long and not thorough' tests
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target lint compiled test-laws-plain test-laws-checked
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup tests
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not thorough' tests --ignore=tests/rt
 
 compiled: $(READY)  # both loops, by one process each, or each worker of pytest would compile the same
 	@$(BIN)/micromanip check config/simulated.yaml >/dev/null
 	@$(BIN)/micromanip run config/factory.yaml --duration 0.1 --socket out/compiled.sock >/dev/null 2>&1
 
-test-laws: $(READY) ## the tests of the laws with bounds checks, and as plain Python
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-checked test-laws-plain
+collected: $(READY)  # what pytest makes of a new or changed test is kept; each worker would make the same. Errors: later
+	@$(BIN)/pytest --collect-only -qqq tests --ignore=tests/rt >/dev/null || true
+
+test-laws: $(READY) ## the tests of the laws compiled, with bounds checks, and as plain Python
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled test-laws-plain test-laws-checked
+
+test-laws-compiled: compiled  # by one process, too
+	$(BIN)/pytest tests/rt
 
 test-laws-checked: $(READY)  # optimised little: it is compiled once and runs shortly
 	NUMBA_BOUNDSCHECK=1 NUMBA_OPT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
 
 test-laws-plain: $(READY)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
+
+thorough: $(READY) ## what `make test` draws fewer of: 60 examples of each search of hypothesis, and further plants
+	$(BIN)/pytest -n $(JOBS) --dist loadgroup --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m 'hypothesis and not compiled_only' tests/rt
 
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root
 	tools/system-tests/scenarios.sh namespace

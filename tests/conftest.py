@@ -2,8 +2,8 @@
 
 The laws' tests run in three modes: compiled, with bounds checks (NUMBA_BOUNDSCHECK=1) and as plain
 Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the search is shorter.
-``--hypothesis-profile=explore`` searches longer, and elsewhere in each run; ``soak`` takes ten thousand steps of a
-state machine; ``mutation`` does not ask for the smallest example.
+``--hypothesis-profile=thorough`` searches longer (``make thorough``); ``explore`` still longer, and elsewhere in each
+run; ``soak`` takes ten thousand steps of a state machine; ``mutation`` does not ask for the smallest example.
 """
 
 import os
@@ -11,22 +11,26 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the Makefile: small matrices, and twice the CPU without
 
 import contextlib
+import functools
 import gc
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 from micromanip.rt.jit import PLAIN, Compiled
+from micromanip.settings.text import yaml_nodes
 from tools.stalls import STALL_MS, Stalls
 
 JIT = not PLAIN
 STALLS = pytest.StashKey[Stalls]()
+yaml_nodes.compose = functools.lru_cache(64)(yaml_nodes.compose)  # the same few files, read a thousand times
 Compiled.laws_compiled = True  # what the laws' tests call is the machine code, not the Python of the same law
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
-settings.register_profile("steady", max_examples=60 if JIT else 15, derandomize=True, database=None, **_COMMON)
-_QUICK = {"phases": (Phase.explicit, Phase.generate), "max_examples": 15, "derandomize": True, "database": None}
-settings.register_profile("mutation", **_QUICK, **_COMMON)
+_STEADY = {"derandomize": True, "database": None, **_COMMON}
+settings.register_profile("steady", max_examples=25 if JIT else 10, **_STEADY)
+settings.register_profile("thorough", max_examples=60 if JIT else 15, **_STEADY)
+settings.register_profile("mutation", max_examples=15, phases=(Phase.explicit, Phase.generate), **_STEADY)
 settings.register_profile("explore", max_examples=1000 if JIT else 100, database=None, **_COMMON)
 settings.register_profile("soak", max_examples=100, stateful_step_count=100, database=None, **_COMMON)
 settings.load_profile("steady")
@@ -58,6 +62,7 @@ def pytest_configure(config):
         "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1",
         "live: on real processes, links or clocks, which it waits for; left out of `make check`",
         "long: computes for seconds; left out of `make check`",
+        "thorough: one more case of what another one shows; left out of `make test`, which `make thorough` is for",
         "realtime: live, and a stall of this machine by some milliseconds makes it fail",
     ):
         config.addinivalue_line("markers", marker)
@@ -89,7 +94,7 @@ def pytest_collection_modifyitems(config, items):
         # what tests share, a daemon or a commissioned cell, is made by one worker, not by each
         if "xdist_group" not in item.keywords and (shares := _shares(item)):
             item.add_marker(pytest.mark.xdist_group(shares))
-        if "live" in item.keywords:
+        if "realtime" in item.keywords:
             item.add_marker(pytest.mark.flaky(reruns=2, condition=lambda: stalls.longest_ms >= STALL_MS))
         if "compiled_only" in item.keywords and not JIT:
             item.add_marker(pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)"))
@@ -97,7 +102,11 @@ def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: ("live" not in item.keywords, "long" not in item.keywords))
 
 
+def pytest_collection():
+    """What is imported and collected stays: no search for garbage, now or later, looks at it."""
+    gc.disable()
+
+
 def pytest_collection_finish():
-    """All that was imported stays: no search for garbage looks at it again."""
-    gc.collect()
+    gc.enable()
     gc.freeze()

@@ -19,7 +19,7 @@ from .fields import Field
 from .levels import Blocks, Cycles, Level, Rows, Values
 
 FULL_ROWS = 600 * 1024
-"""61 s at 10 kHz; a multiple of every block."""
+"""61 s at 10 kHz; an even multiple of every block."""
 BLOCKS = ((16, FULL_ROWS // 16), (256, 141_312))
 """Rows in a block and how many blocks are kept, of each level; the last one is an hour at 10 kHz."""
 
@@ -112,7 +112,7 @@ class History(Past):
     def __init__(
         self, fields: Sequence[Field], full_rows: int = FULL_ROWS, blocks: Sequence[tuple[int, int]] = BLOCKS
     ) -> None:
-        """`full_rows` is a multiple of each number of rows in `blocks`."""
+        """`full_rows` is an even multiple of each number of rows in `blocks`."""
         self._ring = Rows(fields, ROW, full_rows)
         super().__init__(fields, self._ring, [Blocks(len(fields), *block) for block in blocks])
 
@@ -123,20 +123,18 @@ class History(Past):
 
     def add(self, rows: NDArray[Any]) -> None:
         """Rows of the ring, oldest first, at most as many as there are kept."""
-        if not len(rows):
-            return
-        self._ring.add(rows)
-        for level in self._blocks:
-            self._fill(level)
+        half = self._ring.capacity // 2  # so that what is in no whole block yet is not overwritten
+        for begin in range(0, len(rows), half):
+            self._ring.add(rows[begin : begin + half])
+            for level in self._blocks:
+                self._fill(level)
 
     def _fill(self, level: Blocks) -> None:
         """The blocks that have become whole."""
         rows = self._ring
-        first = max(level.count, -(-rows.oldest // level.per))
-        last = rows.count // level.per
-        if last <= first:
+        first, last = level.count, rows.count // level.per
+        if last == first:
             return
-        level.skip_to(first)
         cycles, values, _ = rows.taken(range(len(self.fields)), first * level.per, last * level.per)
         parts = values.reshape(len(self.fields), -1, level.per)
         level.add(cycles[:: level.per], np.fmin.reduce(parts, axis=2), np.fmax.reduce(parts, axis=2))

@@ -68,10 +68,6 @@ class Blocks(_Ring):
         self.per = per
         self._low, self._high = np.zeros((2, columns, capacity), np.float32)
 
-    def skip_to(self, number: int) -> None:
-        """Go on with block `number`: those before it can't be made any more."""
-        self.count = number
-
     def add(self, cycles: Cycles, low: Values, high: Values) -> None:
         """Blocks (n), (columns, n) at the end."""
         done = 0

@@ -58,7 +58,7 @@ def _refusal(folder: Path) -> OSError | None:
 def _move_to_a_refuge(why: OSError) -> Path | None:
     """Another root of all caches of this process and its children, removed with it; None where there is no room."""
     print(  # noqa: T201
-        f"WARNING: compiled code can't be kept in {cache_root()}: {why.strerror}. Each start takes a minute longer",
+        f"WARNING: compiled code can't be kept in {cache_root()}: {why.strerror}. Each start takes some 20 s longer",
         file=sys.stderr,
     )
     try:

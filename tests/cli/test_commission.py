@@ -74,10 +74,10 @@ def test_the_report_names_the_tuning_it_is_about(commissioned):
 def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
     text = (commissioned.folder / "out" / "tuned.yaml").read_text(encoding="utf-8")
     tuned, _ = load_with_source(commissioned.folder / "out" / "tuned.yaml")
-    weight = f"control_weight: {tuned.axes['y'].outer.control_weight:g}"
+    weight = f"control_weight: {tuned.axes['y'].outer.control_weight}\n"
     assert weight in text
     other = tmp_path / "other.yaml"
-    other.write_text(text.replace(weight, "control_weight: 5.0"), encoding="utf-8")
+    other.write_text(text.replace(weight, "control_weight: 5.0\n"), encoding="utf-8")
     assert code_of("check", other) == 0
     assert "axis y was changed after it was commissioned (report report.html, " in capsys.readouterr().err
 

@@ -15,7 +15,7 @@ import pytest
 
 from micromanip.cli import results
 from micromanip.cli.results import Pictures, publish, results_folder, run_folder
-from micromanip.design import figures
+from micromanip.design import figures, paper
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 from tools.running_controller import MICROMANIP
 
@@ -90,9 +90,10 @@ def test_evaluate_sets_older_figures_aside(tmp_path, monkeypatch):
         assert about.startswith(f"axis x, {SIMULATED} (")
         today = datetime.datetime.now(datetime.UTC).date()
         assert about.endswith((f", {today}, seed 1", f", {today}, seed 7"))
-        yield figures.save(figures.control_errors(runs, axis, 10_000), folder, "figure", about=about)
+        yield figures.save(figures.input_output(runs, axis), folder, "figure", about=about)
 
     monkeypatch.setattr(figures, "draw_all", draw_one)
+    monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
     assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0
     first = files_in(tmp_path)
     assert all("/" not in name for name in first)
@@ -167,11 +168,16 @@ def test_without_links_latest_is_a_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_commission_replaces_no_report(commissioned, tmp_path):
+def test_commission_replaces_no_report(commissioned, tmp_path, monkeypatch):
     """Also one that somebody put there, and the file that it starts from."""
+    from micromanip.design.commission import cell
+
+    monkeypatch.setattr(cell, "commission_cell", lambda *_: commissioned.found)  # finds the same again
     out = tmp_path / "out"
     shutil.copytree(commissioned.folder / "out", out, symlinks=True)
     (out / "report.html").write_text("the evidence of last year")
+    with (out / "tuned.yaml").open("a") as tuned:
+        tuned.write("# looked at by the operator\n")
     first = files_in(out)
     assert code_of("commission", out / "tuned.yaml", "--axis", "y", "--seed", "2", "--out", out) == 0
     both = files_in(out)

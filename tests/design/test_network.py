@@ -45,8 +45,8 @@ def displacement(v, noise_um=0.05, seed=1):
 @pytest.fixture(scope="module")
 def inverse():
     """An inverse network of a known actuator, from a noisy record."""
-    v = voltage(1)
-    return fit_network(smoothed(displacement(v)), v, starts=4, burn_in=500)
+    v = voltage(1, 20.0)
+    return fit_network(smoothed(displacement(v)), v, starts=2, burn_in=500)
 
 
 @pytest.mark.parametrize("segment", [0, 1, 4])

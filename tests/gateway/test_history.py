@@ -63,6 +63,15 @@ def test_no_peak_of_a_window_is_lost_and_none_is_made_up(past, begin, end, point
             assert (low, high) == (np.nanmin(held), np.nanmax(held))
 
 
+def test_as_many_rows_at_once_as_are_kept_leave_no_block_out():
+    """Where a block was half full before."""
+    values = np.arange(1.0, 1074.0)
+    history = filled(values, np.arange(1, 1074), [261, 300])
+    found = history.window(history.index(STRAIN), 1, 1073, 34)
+    assert (np.diff(found.cycles) > 0).all()
+    assert (np.diff(found.low[0]) > 0).all()
+
+
 def test_a_window_of_few_cycles_is_whole_and_one_of_the_far_past_is_blocks():
     cycles = np.arange(3000)
     history = filled(np.sin(cycles), cycles, [100] * 25)

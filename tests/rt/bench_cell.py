@@ -4,6 +4,7 @@ Axis x is in mode stage and follows the tracker, y in mode strain and plays sine
 sines: every branch of the cycle at once. The plant is good enough to be controlled, no more.
 """
 
+import copy
 import functools
 import math
 from pathlib import Path
@@ -76,6 +77,16 @@ def wire_lines(p):
     return places
 
 
+def tracking():
+    """A cell that tracks, with the parameters above."""
+    return _tracking().copy()
+
+
+@functools.cache
+def _tracking():
+    return BenchCell().arm()
+
+
 class BenchCell:
     """Plant, process image and loop state; `step` is one cycle."""
 
@@ -143,6 +154,14 @@ class BenchCell:
             self.step()
             course[k] = self.voltages
         return course
+
+    def copy(self):
+        """Another cell that goes on from here."""
+        other = copy.copy(self)
+        for name in ("parameters", "state", "signals", "outputs", "spoiled", "lines", "strain", "stage", "speed"):
+            setattr(other, name, getattr(self, name).copy())
+        other.p, other.s = other.parameters[0], other.state[0]
+        return other
 
     def arm(self):
         """Until every axis tracks."""

@@ -16,9 +16,16 @@ HARMLESS = _MATHS | _MEMORY | _CLOCK | _COUNTS
 
 
 def llvm_of(function, signature):
-    """Optimised LLVM of `function`, compiled here and now: what comes from a cache has none."""
-    fresh = numba.njit(signature, nogil=True, error_model="numpy")(getattr(function, "py_func", function))
+    """Optimised LLVM of `function`, a plain one, compiled here and now."""
+    fresh = numba.njit(signature, nogil=True, error_model="numpy")(function)
     return fresh.inspect_llvm(fresh.signatures[0])
+
+
+def llvm_that_runs(function, signature):
+    """Optimised LLVM of one of ours, from the cache where it is there: that which the machine code was made of."""
+    if signature not in function.overloads:
+        function.compile(signature)
+    return str(function.overloads[signature].library._get_module_for_linking())  # inspect_llvm knows fresh code only
 
 
 def reach(llvm, name):

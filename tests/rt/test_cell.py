@@ -31,7 +31,7 @@ from micromanip.rt.states import (
     TRACKING,
 )
 
-from .bench_cell import BenchCell, X, Y, Z, parameters
+from .bench_cell import BenchCell, X, Y, Z, parameters, tracking
 
 
 def ready():
@@ -45,10 +45,6 @@ def armed():
     assert cell.step(ARM)
     cell.run(20)
     return cell
-
-
-def tracking():
-    return BenchCell().arm()
 
 
 def holding():

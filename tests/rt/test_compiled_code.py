@@ -12,7 +12,7 @@ from micromanip.rt.signatures import OUTPUTS, SAMPLES, SIGNALS
 from micromanip.rt.telemetry import ROW, write_row
 from micromanip.rt.virtual import run_virtual
 
-from .native import HARMLESS, llvm_of, reach
+from .native import HARMLESS, llvm_of, llvm_that_runs, reach
 
 pytestmark = pytest.mark.compiled_only
 
@@ -46,7 +46,7 @@ ENTRIES = {
 @pytest.mark.parametrize("name", ENTRIES)
 def test_it_reaches_nothing_but_arithmetic(name):
     function, signature, by_address = ENTRIES[name]
-    llvm = llvm_of(function, signature())
+    llvm = llvm_that_runs(function, signature())
     _inside, outside, indirect = reach(llvm, name)
     assert len(llvm.splitlines()) > 500  # the laws are inlined, and were looked into
     assert outside <= HARMLESS
@@ -79,7 +79,7 @@ def is_harmless(n):
     return np.sin(n) + n
 
 
-@pytest.mark.filterwarnings("ignore:Code running in object mode")
+@pytest.mark.filterwarnings("ignore:.*Code running in object mode")  # in colour, where colorama is installed
 @pytest.mark.parametrize("function", [allocates, grows, calls_python])
 def test_the_check_finds_what_does_not_belong(function):
     """Negative controls."""
@@ -93,7 +93,7 @@ def test_the_check_finds_an_allocation_deep_inside():
     def deep(n):
         return inner(n) + 1.0
 
-    _, outside, _ = reach(llvm_of(deep, (types.int64,)), "deep")
+    _, outside, _ = reach(llvm_that_runs(numba.njit(deep), (types.int64,)), "deep")
     assert any("NRT_" in symbol for symbol in outside - HARMLESS)
 
 

@@ -7,12 +7,12 @@ import pytest
 from micromanip.rt.figures import path_error
 from micromanip.rt.states import FOLLOWING_ERROR, HOLDS
 
-from .bench_cell import BenchCell, X, Y
+from .bench_cell import X, Y, tracking
 
 
 def test_the_fault_tells_the_error_that_the_pid_acted_on():
     """The set-point moves by 0.06 um a cycle: the error of another cycle would be another number."""
-    cell = BenchCell().arm()
+    cell = tracking()
     watch = cell.p["axis"][Y]["watch"]
     watch["reaction"][FOLLOWING_ERROR], watch["following_cycles"] = HOLDS, 1
     for _ in range(100):
@@ -26,7 +26,7 @@ def test_the_fault_tells_the_error_that_the_pid_acted_on():
 
 
 def test_the_scored_error_is_the_watched_one():
-    cell = BenchCell().arm()
+    cell = tracking()
     watch = cell.p["axis"][X]["watch"]
     watch["reaction"][FOLLOWING_ERROR], watch["following_cycles"] = HOLDS, 1
     cell.run(100)
@@ -41,7 +41,7 @@ def test_the_scored_error_is_the_watched_one():
 
 
 def test_a_held_sample_keeps_its_error():
-    cell = BenchCell().arm()
+    cell = tracking()
     cell.run(50)
     before = float(cell.s["axis"][Y]["strain_error_um"])
     cell.spoiled["strain", Y] = None

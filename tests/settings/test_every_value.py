@@ -119,8 +119,11 @@ def places():
     return [(name, path) for name in every_key.NAMES for path in every_key.places(name)]
 
 
+SEARCHED = 100 if hypothesis.settings.get_current_profile_name() == "steady" else 300
+
+
 @pytest.mark.long
-@hypothesis.settings(max_examples=max(300, hypothesis.settings().max_examples))
+@hypothesis.settings(max_examples=max(SEARCHED, hypothesis.settings().max_examples))
 @given(st.data())
 def test_whatever_stands_at_a_key(data):
     name, path = data.draw(st.sampled_from(places()), label="key")

@@ -123,6 +123,7 @@ def effects():
     return found
 
 
+@pytest.mark.long
 def test_every_key_that_is_taken_reaches_somebody(effects):
     """Each key in at least one configuration: the gains of a loop that is open are used by nobody there."""
     assert {key: who for key, who in effects.items() if who in (None, "nobody")} == {}

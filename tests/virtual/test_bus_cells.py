@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from micromanip.design.commission.axis import commission_axis
-from micromanip.design.commission.validation import STEP_UM
+from micromanip.design.step import STEP_UM
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.wiring.timing import FeedbackPath

@@ -33,7 +33,7 @@ def cell(name, change):
 
 
 def much_feedback(axis):
-    axis["outer"]["feedback"] *= 20.0
+    axis["outer"]["feedback"] *= 100.0
 
 
 def wrong_sign(axis):

@@ -71,7 +71,7 @@ def test_the_truth_is_what_the_simulation_does(prepared, plant):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [7, 11])
+@pytest.mark.parametrize("seed", [7, pytest.param(11, marks=pytest.mark.thorough)])
 def test_a_plant_that_got_false_margins(prepared, seed):
     """With order 8 from 4 s of noise its strain or outer loop had 71 and 63 % of a margin that was claimed."""
     result = commission_drawn(prepared, seed)

@@ -48,7 +48,14 @@ def on_hardware(folder, make, force=CONTACT, fault=""):
     return made(prepare(file), make)
 
 
-GROUPED = [pytest.param(make, marks=pytest.mark.xdist_group(f"tool entry {make}")) for make in MAKES]
+FURTHER = ("light", "quiet sensors", "weak")
+GROUPED = [
+    pytest.param(
+        make,
+        marks=[pytest.mark.xdist_group(f"tool entry {make}"), *([pytest.mark.thorough] if make in FURTHER else [])],
+    )
+    for make in MAKES
+]
 """Each is commissioned once, not by each worker."""
 
 

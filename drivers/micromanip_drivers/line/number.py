@@ -87,7 +87,7 @@ class OutputNumber:
         if not math.isfinite(value):
             raise OutputRefused(f"{self._name} is {value}: nothing was sent")
         number = (value - self._offset) / self._scale
-        if not self._codec.floating:
+        if not self._codec.floating and math.isfinite(number):  # a small scale may make it infinite
             number = round(number)
         if not (self._low <= value <= self._high and self._codec.low <= number <= self._codec.high):
             raise OutputRefused(

@@ -10,11 +10,11 @@ from ..analysis import AxisAnalysis
 from ..criteria import Criterion, criteria, told
 from ..evaluation import Run
 from ..sensitivity import AGREEMENT, Sensitivity
+from ..step import RISE_S, STEP_UM
 from ..tuning import OUTER_DELAY
 from .axis import Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
 from .tracking import asked
-from .validation import RISE_S, STEP_UM
 
 _COUPLING = 0.05
 _SIGMA, _NOISE, _PATH, _PATH_NOISE = 0.01, 1.25, 0.01, 3.0
@@ -133,11 +133,11 @@ def _tracked(found: Commissioned, runs: list[Run], index: int) -> list[Criterion
     )
     value = f"{told(check.path_um, limit, 3)} um"
     out.append(Criterion(found.axis, "path error", check.path_um <= limit, value, wanted))
-    settling = 1e3 * check.settling_s
-    value = f"{told(settling, accept.settling_ms, 0)} ms to {check.band_um:.2g} um"
+    settling = 1e3 * check.answer.settling_s
+    value = f"{told(settling, accept.settling_ms, 0)} ms to {check.answer.band_um:.2g} um"
     wanted = f"within {accept.settling_ms:g} ms of the beginning of a step of {STEP_UM:g} um in {1e3 * RISE_S:g} ms"
     out.append(Criterion(found.axis, "stage's step settles", settling <= accept.settling_ms, value, wanted))
-    over = 100.0 * check.overshoot
+    over = 100.0 * check.answer.overshoot
     value = f"{told(over, accept.overshoot_percent, 0)} % beyond its noise"
     wanted = f"<= {accept.overshoot_percent:g} %"
     out.append(Criterion(found.axis, "stage's step: overshoot", over <= accept.overshoot_percent, value, wanted))

@@ -33,7 +33,7 @@ from ..response import Wanted, identify
 from ..sensitivity import Sensitivity, judge_loop
 from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
-from .borne import DRAWN, Borne, calmest_needed
+from .borne import DRAWN, Borne
 from .partial import Steps
 from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
@@ -239,20 +239,21 @@ def _close_outer(
         hertz = stage.found.measured.frequency_Hz
         relative = stage.found.radius / np.maximum(np.abs(stage.found.at(hertz)), 1e-12)
         by_bus = actuator.path.stage_cycles > 1 or actuator.path.stage_late > 0
-        design = partial(
-            tune_outer,
+        outer = tune_outer(
             stage.linear,
             period_s,
+            stage.noise_um if knobs.noise_um is None else knobs.noise_um,
             unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
-            bears=Borne(strain, actuator, period_s, settings.accept),
+            bears=Borne(stage.linear, strain, actuator, period_s, settings.accept),
             gain_dB=settings.accept.gain_margin_dB,
             phase_deg=settings.accept.phase_margin_deg,
+            overshoot=0.01 * settings.accept.overshoot_percent,
+            settling_s=1e-3 * settings.accept.settling_ms,
             bandwidth_Hz=knobs.bandwidth_Hz,
             oscillation_Hz=_tooth_Hz(knobs, settings),
             sample_cycles=actuator.path.stage_cycles,
             late_cycles=actuator.path.stage_late,
         )
-        outer = calmest_needed(design, knobs.noise_um, stage.noise_um, learned)
         say("sensitivity of the outer loop")
         closed = with_axis(configuration, axis, outer=outer.outer)
         measured = measure_outer_loop(closed, experiment, axis, seed + 20 + again)

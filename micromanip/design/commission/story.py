@@ -123,7 +123,11 @@ def _outer(found: Commissioned, analysis: AxisAnalysis) -> Section:
         "control weight": f"{outer.control_weight:g}",
         "random walk": f"{outer.disturbance_um:g} um a cycle",
         "sensor noise": f"{1e3 * outer.sensor_noise_um:.1f} nm",
+        "noise of the set-point": f"{outer.input_noise_um:g} um a cycle",
         "bandwidth": f"{found.outer.bandwidth_Hz:.0f} Hz",
+        "step, by the model": f"{100 * found.outer.step.overshoot:.0f} % over, settled after "
+        f"{1e3 * found.outer.step.settling_s:.0f} ms",
+        "what limits it": found.outer.limited_by,
         "error at rest after the step": f"{1e3 * found.validation.settled_um:.0f} nm rms",
     }
     if found.outer_loop is not None:
@@ -131,7 +135,10 @@ def _outer(found: Commissioned, analysis: AxisAnalysis) -> Section:
     for name, share in found.validation.coupling.items():
         figures[f"seen by {name}"] = f"{100 * share:+.2f} %"
     plots = () if analysis.stage is None else loop_plots("Outer loop", analysis.stage.loop, analysis.stage.margins)
-    text = "Kalman filter and LQG on the capacitive sensor: the fastest that keeps its margins."
+    text = (
+        "Kalman filter and LQG on the capacitive sensor: of those whose step is as accepted and that keep their "
+        "margins, the one that leaves least of a disturbance."
+    )
     return Section("Outer loop", text, figures, (*plots, *responses(found)))
 
 

@@ -11,20 +11,19 @@ from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.settings.schema.model import Configuration
 
 from ..experiment import EXCITED, Experiment, alone, parked, resting, with_reference
+from ..step import StepAnswer, course, judge_step
 from .tracking import path_error
 
 Array = NDArray[np.float64]
 
-STEP_UM, RISE_S, _BEFORE_S, _AFTER_S = 5.0, 0.01, 0.5, 0.5
-"""Small enough that neither set-point nor voltage meets a limit: it is the linear loop that is looked at. And as a path
-moves, not a jump, which the regulator would answer with all that it has."""
+_BEFORE_S, _AFTER_S = 0.5, 0.5
 _MOVE_UM, _MOVE_S = 20.0, 1.0
-_SHOWN_S, _SETTLED_SHARE, _NOISES = 0.1, 0.05, 4.0
+_SHOWN_S = 0.1
 
 
 @dataclass(frozen=True)
 class Validation:
-    """`step` (t_s, reference_um, stage_um) of the closed outer loop; `settling_s`: until it stays within 5 %.
+    """`step` (t_s, reference_um, stage_um) of the closed outer loop, and its `answer`.
     `settled_um`: its error at the end, rms; `noise_um`: rms of the stage at rest before the step.
     `path_um`: rms error on a sine of `path_amplitude_um`.
 
@@ -33,11 +32,9 @@ class Validation:
     """
 
     step: tuple[Array, Array, Array]
-    overshoot: float
-    settling_s: float
+    answer: StepAnswer
     settled_um: float
     noise_um: float
-    band_um: float
     path_um: float
     path_amplitude_um: float
     rejected: tuple[Array, Array, Array]
@@ -49,8 +46,7 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
     rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     before, after = round(_BEFORE_S * rate_hz), round(_AFTER_S * rate_hz)
     samples = parked(configuration, before + after)
-    passed = np.clip((np.arange(before + after) - before) / (RISE_S * rate_hz), 0.0, 1.0)
-    samples[:, i] = STEP_UM * (0.5 - 0.5 * np.cos(np.pi * passed))
+    samples[:, i] = course((np.arange(before + after) - before) / rate_hz)
     closed = alone(configuration, axis, "stage")
     rows = experiment(with_reference(closed, EXCITED), (before + after) / rate_hz, samples)["axis"][:, i]
     t_s = (np.arange(len(rows)) - before) / rate_hz
@@ -58,20 +54,15 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
     late = t_s > 0.6 * _AFTER_S
     settled = float(np.sqrt(np.mean((stage - reference)[late] ** 2)))
     noise = float(stage[(t_s < 0) & (t_s > -0.8 * _BEFORE_S)].std())
-    overshoot = max(0.0, float(stage[t_s > 0].max() - STEP_UM) - _NOISES * noise) / STEP_UM
-    band = max(_SETTLED_SHARE * STEP_UM, _NOISES * noise)
-    outside = np.flatnonzero((np.abs(stage - STEP_UM) > band) & (t_s >= 0))
-    settling = float(t_s[outside[-1]]) if len(outside) else 0.0
+    answer = judge_step(t_s, stage, noise)
     near = (t_s > -0.02) & (t_s < 0.15)
     step = t_s[near], reference[near], stage[near]
     path_um, amplitude_um = path_error(configuration, experiment, axis)
     return Validation(
         step,
-        overshoot,
-        settling,
+        answer,
         settled,
         noise,
-        band,
         path_um,
         amplitude_um,
         rejection(configuration, axis),

@@ -86,9 +86,9 @@ class Sample:
         return all(loop.stable for loop in (self.strain, self.stage) if loop is not None)
 
 
-def drawn_loop(drawn: Perturbation, strain: StrainSide | None, stage: StageSide, period_s: float) -> System | None:
-    """The outer loop around a drawn plant; None where its hysteresis has no inverse."""
-    dynamics = model_dynamics(stage.model, period_s)
+def drawn_plant(drawn: Perturbation, strain: StrainSide | None, model: LinearModel, period_s: float) -> System | None:
+    """Set-point to stage of a drawn plant; None where its hysteresis has no inverse."""
+    dynamics = model_dynamics(model, period_s)
     mechanics = perturbed(dynamics, drawn)
     if strain is not None:
         slope = strain.slope(drawn)
@@ -97,8 +97,7 @@ def drawn_loop(drawn: Perturbation, strain: StrainSide | None, stage: StageSide,
         late = delay(max(0.0, strain.own_delay + drawn.delay_cycles), period_s)
         own, moved = delay(strain.own_delay, period_s), shift(strain.actuator, drawn)
         mechanics = closed_ratio(strain.inner, strain.actuator, moved, late, slope, own).then(dynamics)
-    plant = perturbed_delay(stage.model, drawn, period_s).then(mechanics)
-    return stage_loop(stage.gains, plant, stage.sample_cycles, stage.late_cycles)
+    return perturbed_delay(model, drawn, period_s).then(mechanics)
 
 
 def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period_s: float) -> Sample:
@@ -113,9 +112,9 @@ def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period
         late = delay(max(0.0, strain.own_delay + drawn.delay_cycles), period_s)
         behind = late.then(perturbed(strain.actuator, drawn))
         inner = margins(strain_loop(strain.inner, over_path(behind, strain.path), slope))
-    loop = None if stage is None else drawn_loop(drawn, strain, stage, period_s)
-    if loop is not None:
-        outer = margins(loop)
+    plant = None if stage is None else drawn_plant(drawn, strain, stage.model, period_s)
+    if stage is not None and plant is not None:
+        outer = margins(stage_loop(stage.gains, plant, stage.sample_cycles, stage.late_cycles))
     return Sample(seed, drawn, inner, outer)
 
 

@@ -27,9 +27,11 @@ from .replies import (
     Injected,
     Jogged,
     Marked,
+    Moved,
     Parameter,
     Recorded,
     Response,
+    RunningConfiguration,
     Saved,
     Shadow,
     Status,
@@ -39,7 +41,7 @@ from .replies import (
 
 _TIMEOUT_S = 10.0
 _TRIAL_LOOK_S, _INJECTED_LOOK_S = 0.1, 0.2
-_MEMORIES = 2
+_MEMORIES = 3
 
 
 def default_socket() -> Path:
@@ -129,7 +131,8 @@ class Client:
         return False
 
     def telemetry(self) -> tuple[Telemetry, list[int]]:
-        """What the telemetry's memory holds, and read-only descriptors of it: the loop's status, then the ring.
+        """What the telemetry's memory holds, and read-only descriptors: of the loop's status, of
+        its ring, and of the parameters.
 
         They are the caller's to close, and stay good for reading when the controller has ended.
         """
@@ -149,6 +152,11 @@ class Client:
                 os.close(descriptor)
             raise
         return told, descriptors
+
+    def configuration(self) -> RunningConfiguration:
+        """What runs, as a text of YAML, with its hash."""
+        found: RunningConfiguration = self.request("configuration")
+        return found
 
     def status(self) -> Status:
         """The report of the run so far, as ``run --json`` ends with."""
@@ -247,6 +255,19 @@ class Client:
             time.sleep(_INJECTED_LOOK_S)
         found: Response = response
         return begun, found
+
+    def move(self, axis: str, kind: str, *, progress: Callable[[Moved], None] | None = None, **wanted: Any) -> Moved:
+        """Move an axis that is held, and wait for the end; `wanted` as `micromanip.settings.moved.Wanted` has it.
+
+        It comes to rest where this client goes away. Raises CheckFailed where it is refused, or was ended early.
+        """
+        moved: Moved = self.request("move", axis=axis, kind=kind, **wanted)
+        while not moved["done"]:
+            if progress is not None:
+                progress(moved)
+            time.sleep(_INJECTED_LOOK_S)
+            moved = self.request("move", number=moved["number"])
+        return moved
 
     def reload(self) -> Swap:
         """Take over the configuration file as it is now, all of it or nothing."""

@@ -86,6 +86,17 @@ class Response(TypedDict):
     output: list[list[list[float]]]
 
 
+class Moved(TypedDict):
+    """Where a move stands: its number, the cycle at which it began, how far the axis is from there, um."""
+
+    number: int
+    done: bool
+    progress: float
+    seconds: float
+    begun_cycle: int | None
+    offset_um: float
+
+
 class _AuditEntry(TypedDict):
     time: str
     user: str
@@ -296,7 +307,9 @@ class Status(TypedDict):
 
 
 class Telemetry(TypedDict):
-    """Outcome of `telemetry`: what is in the memory whose descriptors come with it, the loop's status, then the ring.
+    """Outcome of `telemetry`: what is in the memory whose descriptors come with it.
+
+    It is the loop's status, its ring, and the parameters of the host.
 
     `range_V` is the lowest and highest voltage of each axis; the sizes and `columns` say how it is laid out.
     """
@@ -307,7 +320,15 @@ class Telemetry(TypedDict):
     period_ns: int
     status_bytes: int
     row_bytes: int
+    control_bytes: int
     columns: list[str]
+
+
+class RunningConfiguration(TypedDict):
+    """Outcome of `configuration`: what runs, as a text of YAML, and the hash that names it in recordings."""
+
+    text: str
+    sha256: str
 
 
 class TuningFigures(TypedDict):

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from micromanip.errors import UsageError
-
+from .extras import require_gateway
 from .options import StrictCommand, config_argument, socket_option
 
 _TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
@@ -69,14 +68,8 @@ def command(
     telemetry and asks the control socket for everything else: the loop does not notice whether it runs. It needs the
     extra `gateway`.
     """
-    try:
+    with require_gateway("gateway"):
         from micromanip.gateway.serving import Options, serve
-    except ModuleNotFoundError as missing:
-        if (missing.name or "").startswith("micromanip"):
-            raise
-        raise UsageError(
-            f"gateway needs {missing.name}, which comes with the extra: pip install 'micromanip[gateway]'"
-        ) from missing
     os.umask(0o077)
     options = Options(
         config,

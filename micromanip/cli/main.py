@@ -34,6 +34,7 @@ GROUPS = {
         "sensitivity": "margins of a loop, measured while it runs",
         "record": "record the running cell: start, stop, mark",
         "export": "a recording in the formats of other programs",
+        "view": "a recording on the scope, in browsers",
         "report": "a recorded run as one page",
         "compare": "two recorded runs side by side, and whether they differ",
         "replay": "a recorded run again: every voltage, bit for bit",

@@ -13,7 +13,6 @@ from micromanip.errors import CheckFailed
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
 
 if TYPE_CHECKING:
-    from micromanip.control.margins import Margins
     from micromanip.design.running import Running
     from micromanip.settings.check import Prepared
 
@@ -49,7 +48,7 @@ def command(
 
     Exit code 1 where measured and predicted do not agree, the confidence leaves it open, or margins are below `accept`.
     """
-    from micromanip.design.running import judge_running, measure_virtually, simulated_actuator
+    from micromanip.design.running import document, judge_running, measure_virtually, simulated_actuator
     from micromanip.errors import UsageError
     from micromanip.settings.injected import require_axis
 
@@ -76,7 +75,7 @@ def command(
         with results_folder(folder):
             files = save(picture(found), folder, f"sensitivity_{axis}_{loop}", about=where)
     if as_json:
-        print_json(_document(found, loop, files))
+        print_json(document(found, loop) | {"files": [str(file) for file in files]})
     else:
         _print(found, where, files)
     if found.problem is not None:
@@ -116,39 +115,9 @@ def _live(axis: str, loop: str, amplitude_um: float, seed: int, socket_path: Pat
     return running, FeedbackPath(**begun["path"]), plant
 
 
-def _figures(found: Margins) -> dict[str, float]:
-    return {"Ms": found.sensitivity, "at_Hz": found.peak_Hz, "gain_dB": found.gain_dB, "phase_deg": found.phase_deg}
-
-
-def _document(found: Running, loop: str, files: list[Path]) -> dict[str, Any]:
-    lines, nominal = found.loop, found.nominal
-    slopes = [
-        {
-            "slope": slope,
-            "measured": _figures(found.measured[k]),
-            "predicted": None if found.predicted is None else _figures(found.predicted[k]),
-        }
-        for k, slope in enumerate(found.slopes)
-    ]
-    return {
-        "axis": found.axis,
-        "loop": loop,
-        **slopes[nominal],
-        "slopes": slopes,
-        "Ms_least": found.confidence[0],
-        "Ms_most": found.confidence[1],
-        "agrees": found.agrees,
-        "apart_percent": None if found.predicted is None else 100.0 * lines.apart,
-        "apart_Hz": None if found.predicted is None else lines.apart_Hz,
-        "problem": found.problem,
-        "frequency_Hz": lines.frequency_Hz.tolist(),
-        "sensitivity": (1.0 / abs(1.0 + lines.measured)).tolist(),
-        "sensitivity_predicted": None if found.predicted is None else (1.0 / abs(1.0 + lines.predicted)).tolist(),
-        "files": [str(file) for file in files],
-    }
-
-
 def _print(found: Running, where: str, files: list[Path]) -> None:
+    from micromanip.design.running import figures
+
     from .tables import Figures, out_console
 
     columns = ("slope", "", "Ms", "at, Hz", "gain margin, dB", "phase margin, deg")
@@ -156,8 +125,7 @@ def _print(found: Running, where: str, files: list[Path]) -> None:
     for k, slope in enumerate(found.slopes):
         for name, margins in (("measured", found.measured), ("predicted", found.predicted)):
             if margins is not None:
-                figures = _figures(margins[k])
-                shown.add_row(f"{slope:.2f}", name, *(f"{value:.2f}" for value in figures.values()))
+                shown.add_row(f"{slope:.2f}", name, *(f"{value:.2f}" for value in figures(margins[k]).values()))
     out_console().print(shown)
     low, high = found.loop.frequency_Hz[[0, -1]]
     least, most = found.confidence

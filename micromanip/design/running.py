@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,17 @@ from micromanip.control.injection import Injection
 from micromanip.control.margins import Margins, margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.errors import CheckFailed
+from micromanip.replies import Injected, Response
 from micromanip.rt.states import HOLD
 from micromanip.settings.check import Prepared
 from micromanip.settings.injected import COLUMNS, planned
+from micromanip.settings.load import validate_document
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.timing import FeedbackPath
 from micromanip.virtual.experiment import VirtualExperiment
 from micromanip.virtual.own_time import at_own_time
@@ -173,6 +177,51 @@ def plant_of(frequency_Hz: Sequence[float], inputs: Sequence[Any], outputs: Sequ
     """Response from the spectra [draw][period][line] = [re, im] of what goes into the plant and what comes out."""
     U, Y = (np.asarray(each, dtype=float) @ np.array([1.0, 1j]) for each in (inputs, outputs))
     return of_spectra(np.asarray(frequency_Hz, dtype=float), U, Y)
+
+
+def judge_answers(begun: Injected, responses: Sequence[Response], axis: str, loop: str) -> Running:
+    """What a running controller answered to `sensitivity`, judged without a model of the strain loop's actuator.
+
+    Raises CheckFailed where no margins can be read off.
+    """
+    plant = plant_of(
+        responses[0]["frequency_Hz"], [each["input"] for each in responses], [each["output"] for each in responses]
+    )
+    running = validate_document(Source.of(begun["configuration"], Path("(running)")))
+    return judge_running(running, FeedbackPath(**begun["path"]), axis, loop, plant)
+
+
+def figures(found: Margins) -> dict[str, float]:
+    """Margins as in JSON."""
+    return {"Ms": found.sensitivity, "at_Hz": found.peak_Hz, "gain_dB": found.gain_dB, "phase_deg": found.phase_deg}
+
+
+def document(found: Running, loop: str) -> dict[str, Any]:
+    """A measured loop as JSON: margins at each slope, confidence, verdict, and the sensitivity at its lines."""
+    lines, nominal = found.loop, found.nominal
+    slopes = [
+        {
+            "slope": slope,
+            "measured": figures(found.measured[k]),
+            "predicted": None if found.predicted is None else figures(found.predicted[k]),
+        }
+        for k, slope in enumerate(found.slopes)
+    ]
+    return {
+        "axis": found.axis,
+        "loop": loop,
+        **slopes[nominal],
+        "slopes": slopes,
+        "Ms_least": found.confidence[0],
+        "Ms_most": found.confidence[1],
+        "agrees": found.agrees,
+        "apart_percent": None if found.predicted is None else 100.0 * lines.apart,
+        "apart_Hz": None if found.predicted is None else lines.apart_Hz,
+        "problem": found.problem,
+        "frequency_Hz": lines.frequency_Hz.tolist(),
+        "sensitivity": (1.0 / abs(1.0 + lines.measured)).tolist(),
+        "sensitivity_predicted": None if found.predicted is None else (1.0 / abs(1.0 + lines.predicted)).tolist(),
+    }
 
 
 def measure_virtually(prepared: Prepared, axis: str, loop: str, amplitude_um: float, seed: int = 1) -> Measured:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import tempfile
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
@@ -18,15 +20,21 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from micromanip.errors import MicromanipError, PermissionDenied, UsageError
 
-from .cell import Cell
+from .cell import Cell, Source
 from .guard import Guard, Origins
+from .measuring import Measuring
 from .metrics import Metrics
+from .recording import save
+from .response import response_of
 from .saving import lines
 from .session import MESSAGE_BYTES, Session
 from .tokens import Token, Tokens
+from .views import number
 
 PAGES = Path(__file__).with_name("pages")
 ORDERS = ("arm", "hold", "disarm", "reset")
+MOVE_FIELDS = {"axis", "kind", "by_um", "returns", "way_s", "rest_s", "amplitude_um", "frequency_Hz", "to_Hz"}
+MOVE_FIELDS |= {"seconds", "places_um", "number", "stop"}
 _HELLO_S = 10.0
 _BODY_BYTES = 4096
 _STATUS = {1: 409, 64: 400, 69: 503, 77: 403, 78: 409}
@@ -45,18 +53,26 @@ class Gateway:
         origins: Origins,
         differs: Callable[[], str | None],
         beside: Beside = contextlib.nullcontext,
+        home: str = "cell.html",
     ) -> None:
         """`differs` says so where the controller runs another configuration than was expected, else None.
 
-        What `beside` gives is entered as long as the pages are served.
+        What `beside` gives is entered as long as the pages are served; `home` is the page that the address alone shows.
         """
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
+        self._measuring = Measuring(cell)
         routes = [
-            Route("/", _page("cell.html")),
+            Route("/", _page(home)),
             Route("/scope", _page("scope.html")),
+            Route("/margins", _page("margins.html")),
+            Route("/moves", _page("moves.html")),
             Route("/api/status", self._status),
             Route("/api/order", self._order, methods=["POST"]),
+            Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
+            Route("/api/move", self._move, methods=["POST"]),
+            Route("/api/response", self._response, methods=["POST"]),
             Route("/api/csv", self._csv, methods=["POST"]),
+            Route("/api/recording", self._recording, methods=["POST"]),
             Route("/metrics", self._metrics),
             WebSocketRoute("/live", self._live),
             Mount("/static", StaticFiles(directory=PAGES)),
@@ -96,14 +112,50 @@ class Gateway:
         await self._cell.order(order, token.name)
         return JSONResponse({"accepted": True})
 
+    async def _sensitivity(self, request: Request) -> Response:
+        token = self._known(request, operates=True)
+        return JSONResponse(await self._measuring.ask(token.name, await _body(request)))
+
+    async def _move(self, request: Request) -> Response:
+        token = self._known(request, operates=True)
+        told = await _body(request)
+        if unknown := set(told) - MOVE_FIELDS:
+            raise UsageError(f"a move has no {min(unknown)!r:.40}")
+        return JSONResponse(await self._cell.order("move", token.name, **told))
+
+    async def _response(self, request: Request) -> Response:
+        self._known(request)
+        told = await _body(request)
+        return JSONResponse(response_of(self._source(), told))
+
     async def _csv(self, request: Request) -> Response:
         self._known(request)
         told = await _body(request)
+        name = 'attachment; filename="scope.csv"'
+        text = lines(self._source(), told)
+        return StreamingResponse(text, media_type="text/csv", headers={"content-disposition": name})
+
+    def _source(self) -> Source:
         if self._cell.source is None:
             raise UsageError("there is nothing to save: no controller has been seen yet")
-        name = 'attachment; filename="scope.csv"'
-        text = lines(self._cell.source, told)
-        return StreamingResponse(text, media_type="text/csv", headers={"content-disposition": name})
+        return self._cell.source
+
+    async def _recording(self, request: Request) -> Response:
+        token = self._known(request)
+        told = await _body(request)
+        first, last = (round(number(told, name, 0, 2**53)) for name in ("first", "last"))
+        source = self._source()
+        configuration = await self._cell.order("configuration", token.name)
+        folder = tempfile.TemporaryDirectory(prefix="micromanip-gateway-")
+        try:
+            file = Path(folder.name) / f"scope-{last}.mcap"
+            await save(source, configuration, first, last, file)
+        except BaseException:
+            folder.cleanup()
+            raise
+        return FileResponse(
+            file, media_type="application/octet-stream", filename=file.name, background=BackgroundTask(folder.cleanup)
+        )
 
     async def _metrics(self, request: Request) -> Response:
         self._known(request)

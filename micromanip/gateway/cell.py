@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.host.ring import RingReader
-from micromanip.host.shared_memory import RING, STATUS, columns
+from micromanip.host.shared_memory import CONTROL, RING, STATUS, columns
 from micromanip.replies import Status, Telemetry
 from micromanip.rt.telemetry import ROW
 
@@ -35,6 +35,8 @@ _AGAIN_S = 0.5
 _MOST_ROWS, _MOST_READS = 4096, 16
 _SPARE_ROWS = 1 << 15
 """How far behind the oldest row the reading of a new ring begins: the loop goes on meanwhile, 3 s at 10 kHz."""
+_MEMORIES = (STATUS, RING, CONTROL)
+"""In the order in which their descriptors come."""
 
 Rows = NDArray[Any]
 
@@ -42,9 +44,10 @@ Rows = NDArray[Any]
 class Source:
     """The telemetry of one controller: its history, and its ring."""
 
-    def __init__(self, told: Telemetry, status: Any, ring: Any, inode: int) -> None:
-        """`status` and `ring` are records of `STATUS` and `RING`; `inode` tells their memory from another's."""
+    def __init__(self, told: Telemetry, status: Any, ring: Any, control: Any, inode: int) -> None:
+        """Records of `STATUS`, `RING` and `CONTROL`; `inode` tells their memory from another's."""
         self.told, self.status, self.inode = told, status, inode
+        self.parameters = control["parameters"]
         self.fields = fields(told["axes"])
         self.history = History(self.fields)
         self.reader = RingReader(ring)
@@ -92,15 +95,16 @@ class Cell:
             if self._client is not None:
                 self._client.close()
 
-    async def order(self, verb: str, name: str) -> None:
-        """Ask for `verb` in the name of a token; raises what the controller answers."""
+    async def order(self, verb: str, name: str, **fields: Any) -> Any:
+        """Ask for `verb` in the name of a token; what the controller answers, or raises."""
 
-        def send() -> None:
+        def send() -> Any:
             with Client(self.socket, on_behalf_of=name) as client:
-                client.request(verb)
+                return client.request(verb, **fields)
 
-        await self._in_thread(send)
+        answer = await self._in_thread(send)
         self._wake.set()
+        return answer
 
     async def _in_thread(self, work: Callable[[], Any]) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._threads, work)
@@ -147,20 +151,18 @@ class Cell:
             self._client = client
         return self._client.status()
 
-    def _attach(self, told: Telemetry, status: int, ring: int) -> None:
+    def _attach(self, told: Telemetry, *descriptors: int) -> None:
         try:
-            if (told["status_bytes"], told["row_bytes"], told["columns"]) != (
-                STATUS.itemsize,
-                ROW.itemsize,
-                columns(),
-            ):
+            ours = {"status_bytes": STATUS.itemsize, "row_bytes": ROW.itemsize, "control_bytes": CONTROL.itemsize}
+            if told != told | ours | {"columns": columns()} or len(descriptors) != len(_MEMORIES):
                 raise CheckFailed("the controller is of another version than the gateway; restart the gateway")
-            inode = os.fstat(ring).st_ino
+            inode = os.fstat(descriptors[1]).st_ino
             if self.source is None or self.source.inode != inode:
-                self.source = Source(told, _mapped(status, STATUS), _mapped(ring, RING), inode)
+                status, ring, control = map(_mapped, descriptors, _MEMORIES)
+                self.source = Source(told, status, ring, control, inode)
         finally:
-            os.close(status)
-            os.close(ring)
+            for descriptor in descriptors:
+                os.close(descriptor)
 
     def _tell(self, rows: Rows | None) -> None:
         for listener in list(self.listeners):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.telemetry import AXIS_ROW, ROW
+from micromanip.rt.telemetry import ROW
 
 _UNITS = {"um": "um", "V": "V", "ns": "ns"}
 _ABSCISSA = ("cycle", "time_ns")
@@ -27,18 +27,25 @@ class Field:
     unit: str
     """um, V or ns; empty for a count or a number."""
 
+    @property
+    def path(self) -> str:
+        """Where a recording has it."""
+        return self.column if self.axis is None else f"axis.{self.axis}.{self.column}"
+
     def of(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """Its values (n) as the ring has them; of the bits `conditions` the highest, which is a code of ``states``."""
-        values: NDArray[Any] = rows[self.column] if self.axis is None else rows["axis"][self.column][:, self.axis]
+        """Its values (n) in these rows, as they are shown."""
+        return self.shown(rows[self.column] if self.axis is None else rows["axis"][self.column][:, self.axis])
+
+    def shown(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values as they are, but of the bits `conditions` the highest, which is a code of ``states``."""
         return highest_bit(values) if self.column == "conditions" else values
 
 
-def fields(axes: Sequence[str]) -> list[Field]:
-    """Every column of a cell with these axes, those of the cell first."""
-    of_cell = [Field(name, name, None, _unit(name)) for name in _names(ROW) if name not in (*_ABSCISSA, "axis")]
-    of_axes = [
-        Field(f"{axis}.{name}", name, i, _unit(name)) for i, axis in enumerate(axes) for name in _names(AXIS_ROW)
-    ]
+def fields(axes: Sequence[str], row: np.dtype[Any] = ROW) -> list[Field]:
+    """Every column of a cell with these axes, those of the cell first; `row` is its telemetry."""
+    of_cell = [Field(name, name, None, _unit(name)) for name in _names(row) if name not in (*_ABSCISSA, "axis")]
+    names = _names(row["axis"].base)
+    of_axes = [Field(f"{axis}.{name}", name, i, _unit(name)) for i, axis in enumerate(axes) for name in names]
     return of_cell + of_axes
 
 

@@ -50,7 +50,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     Raises ConfigError, UsageError, PermissionDenied or DeviceUnavailable where it can't begin.
     """
     expected = _digest(options.config)
-    host, port = _address(options.listen, "--listen")
+    host, port = parsed_address(options.listen, "--listen")
     origins = _origins(options, host)
     tokens, is_new = of_file(options.tokens)
     _check_certificate(options)
@@ -67,28 +67,33 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
 
     opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, say)
     gateway = Gateway(cell, tokens, origins, differs, contextlib.nullcontext if opcua is None else opcua.serving)
-    with _listening(host, port, "--listen") as listening:
-        address = options.behind_proxy or f"{origins.scheme}://{_shown(*listening.getsockname()[:2])}"
+    with listening(host, port, "--listen") as socket_:
+        address = options.behind_proxy or f"{origins.scheme}://{shown(*socket_.getsockname()[:2])}"
         if is_new:
             say(f"made new tokens in {options.tokens}: one to observe, one to operate")
         if opcua is not None:
             say(f"OPC UA at {opcua.url}; certificates in {options.opcua_folder}")
         say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
-        config = uvicorn.Config(
-            gateway.guard,
-            ws="websockets-sansio",
-            ws_max_size=MESSAGE_BYTES,
-            ws_per_message_deflate=False,
-            log_level="warning",
-            access_log=False,
-            server_header=False,
-            proxy_headers=False,
-            timeout_graceful_shutdown=_STOP_S,
-            ssl_certfile=options.certificate,
-            ssl_keyfile=options.key,
-        )
-        with contextlib.suppress(KeyboardInterrupt):
-            uvicorn.Server(config).run([listening])
+        run(gateway, socket_, options.certificate, options.key)
+
+
+def run(gateway: Gateway, socket_: socket.socket, certificate: Path | None = None, key: Path | None = None) -> None:
+    """Serve it on a socket that listens, until SIGINT or SIGTERM."""
+    config = uvicorn.Config(
+        gateway.guard,
+        ws="websockets-sansio",
+        ws_max_size=MESSAGE_BYTES,
+        ws_per_message_deflate=False,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        timeout_graceful_shutdown=_STOP_S,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
+    )
+    with contextlib.suppress(KeyboardInterrupt):
+        uvicorn.Server(config).run([socket_])
 
 
 def _opcua(listen: str, folder: Path, cell: Cell, say: Callable[[str], None]) -> OpcUa:
@@ -100,10 +105,10 @@ def _opcua(listen: str, folder: Path, cell: Cell, say: Callable[[str], None]) ->
         raise UsageError(
             f"--opcua needs {missing.name}, which comes with the extra: pip install 'micromanip[opcua]'"
         ) from missing
-    host, port = _address(listen, "--opcua")
-    with _listening(host, port, "--opcua"):
+    host, port = parsed_address(listen, "--opcua")
+    with listening(host, port, "--opcua"):
         pass  # it is free: asyncua would end the gateway with a traceback
-    made = OpcUa(cell, host, port, folder, is_local=_is_local(host))
+    made = OpcUa(cell, host, port, folder, is_local=is_local(host))
     if made.is_new:
         say(f"made a certificate for OPC UA in {folder}; put those of clients into operate/ or observe/ there")
     return made
@@ -118,14 +123,16 @@ def _digest(config: Path) -> str:
         raise system_error(problem, config) from problem
 
 
-def _address(listen: str, option: str) -> tuple[str, int]:
+def parsed_address(listen: str, option: str) -> tuple[str, int]:
+    """Host and port of `listen`, HOST:PORT, as `option` has it; UsageError for anything else."""
     host, separator, port = listen.rpartition(":")
     if not separator or not port.isdigit() or int(port) > 65535 or not host:
         raise UsageError(f"{option} {listen}: expected HOST:PORT, such as 127.0.0.1:8090 or [::1]:8090")
     return host.strip("[]"), int(port)
 
 
-def _shown(host: str, port: int) -> str:
+def shown(host: str, port: int) -> str:
+    """As an address has them."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
@@ -139,7 +146,7 @@ def _origins(options: Options, host: str) -> Origins:
         return Origins(public=f"{split.scheme}://{split.netloc}")
     if options.certificate is not None:
         return Origins("https")
-    if not _is_local(host):
+    if not is_local(host):
         raise UsageError(
             f"--listen {options.listen}: whoever can read along on the network would have the tokens; give "
             "--tls-certificate and --tls-key, or --behind-proxy ADDRESS with a proxy that does TLS, or listen "
@@ -148,7 +155,8 @@ def _origins(options: Options, host: str) -> Origins:
     return Origins()
 
 
-def _is_local(host: str) -> bool:
+def is_local(host: str) -> bool:
+    """Whether only this computer reaches it."""
     if host == "localhost":
         return True
     try:
@@ -174,16 +182,17 @@ def _check_certificate(options: Options) -> None:
 
 
 @contextlib.contextmanager
-def _listening(host: str, port: int, option: str) -> Iterator[socket.socket]:
+def listening(host: str, port: int, option: str) -> Iterator[socket.socket]:
+    """A socket there, for `option`; PermissionDenied or DeviceUnavailable where none can be."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as listening:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    with socket.socket(family, socket.SOCK_STREAM) as made:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listening.bind((host, port))
+            made.bind((host, port))
         except PermissionError as problem:
             raise PermissionDenied(f"{option} {host}:{port}: {problem.strerror}; take a port from 1024 on") from problem
         except OSError as problem:
             raise DeviceUnavailable(
                 f"{option} {host}:{port}: {problem.strerror or problem}; choose another address or port"
             ) from problem
-        yield listening
+        yield made

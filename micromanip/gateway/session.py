@@ -180,6 +180,7 @@ class Session:
                 "period_ns": source.told["period_ns"],
                 "fields": [{"name": field.name, "unit": field.unit} for field in source.fields],
                 "states": STATE_NAMES,
+                "recording": getattr(source, "recording", None),
             }
         return {"type": "hello", "name": self._token.name, "scope": self._token.scope, "cell": cell}
 

@@ -17,7 +17,7 @@ from .frames import frame
 from .spectrum import on_grid, spectrum
 
 _MOST_FIELDS = 24
-_LEAST_SPAN_S, _MOST_SPAN_S = 1e-3, 3600.0
+_LEAST_SPAN_S, _MOST_SPAN_S = 1e-3, 86_400.0
 _MOST_POINTS = 4000
 _XY_POINTS = 6000
 _SPECTRUM_S = 60.0

@@ -14,9 +14,9 @@ from micromanip.errors import CheckFailed
 
 from .arrays import WIDE, columns_of
 from .table import Array, Table
-from .telemetry import Telemetry
+from .telemetry import Piece, Telemetry
 
-_PART_ROWS = 50_000
+_PART_ROWS, _PIECE_ROWS = 50_000, 4096
 _MOST_VALUES = 250_000_000
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit")
 
@@ -85,6 +85,7 @@ def _ours(file: Path, contents: Any) -> Telemetry:
         end={**end, "rows": len(contents["rows"]), "problem": problem.decode() if isinstance(problem, bytes) else ""},
         parts=partial(_parts, file),
         rows=partial(_rows, file),
+        pieces=partial(_pieces, file),
         state=contents["state"][()] if "state" in contents else None,
         parameters=[one[None] for one in contents["parameters"][()]] if "parameters" in contents else (),
         states=[one[None] for one in contents["states"][()]] if "states" in contents else (),
@@ -93,11 +94,24 @@ def _ours(file: Path, contents: Any) -> Telemetry:
     )
 
 
-def _rows(file: Path) -> Iterator[Any]:
+def _rows(file: Path, count: int = _PART_ROWS) -> Iterator[Any]:
     with opened(file) as contents:
         rows = contents["rows"]
-        for first in range(0, len(rows), _PART_ROWS):
-            yield rows[first : first + _PART_ROWS]
+        for first in range(0, len(rows), count):
+            yield rows[first : first + count]
+
+
+def _pieces(file: Path) -> Iterator[Piece]:
+    first = 0
+    for rows in _rows(file, _PIECE_ROWS):
+        yield Piece(rows, partial(_again, file, first, len(rows)))
+        first += len(rows)
+
+
+def _again(file: Path, first: int, count: int, paths: Sequence[str]) -> dict[str, Any]:
+    with opened(file) as contents:
+        rows = contents["rows"][first : first + count]
+    return {path: _at(rows, path) for path in paths}
 
 
 def _parts(file: Path, paths: Sequence[str]) -> Iterator[dict[str, Any]]:

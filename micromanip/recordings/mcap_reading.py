@@ -6,13 +6,15 @@ record, it ends before it.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
+import os
 import struct
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +24,7 @@ from micromanip.errors import CheckFailed
 from . import mcap_layout as layout
 from .blocks import BlockCodec
 from .table import Table
-from .telemetry import Rows, Telemetry
+from .telemetry import Piece, Rows, Telemetry
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
@@ -71,6 +73,7 @@ def open_mcap(file: Path) -> Telemetry:
             end={key: _value(value) for key, value in end.items()},
             parts=partial(_parts, file, codec),
             rows=partial(_rows, file, codec),
+            pieces=partial(_pieces, file, codec),
             state=_array(attachments.get(layout.STATE)),
             parameters=[_sure(data) for name, data in attachments.items() if name.startswith("parameters-")],
             states=[_sure(data) for name, data in attachments.items() if name.startswith(layout.STATES)],
@@ -113,14 +116,50 @@ def _rows(file: Path, codec: BlockCodec) -> Iterator[NDArray[Any]]:
 
 def _blocks(file: Path) -> Iterator[bytes]:
     """The messages with blocks, in order."""
+    for _, found in _chunks_of_blocks(file):
+        yield from found
+
+
+def _chunks_of_blocks(file: Path) -> Iterator[tuple[tuple[int, int, int], list[bytes]]]:
+    """What each chunk with blocks holds, and where it is: place and length in the file, number of their channel."""
     channel = None
-    for opcode, content in _records(file):
-        if opcode == _CHUNK:
-            for record in _chunk(file, content):
-                if getattr(record, "topic", None) == layout.BLOCKS_TOPIC:
-                    channel = record.id
-                elif channel is not None and getattr(record, "channel_id", None) == channel:
-                    yield record.data
+    with file.open("rb") as again:
+        for opcode, content in _records(file, again):
+            if opcode == _CHUNK:
+                at, records = again.tell(), _chunk(file, content)
+                channel = next((r.id for r in records if getattr(r, "topic", "") == layout.BLOCKS_TOPIC), channel)
+                if channel is not None and (found := _on_channel(records, channel)):
+                    yield (at - len(content), len(content), channel), found
+
+
+def _on_channel(records: Sequence[Any], channel: int) -> list[bytes]:
+    return [record.data for record in records if getattr(record, "channel_id", None) == channel and _is_message(record)]
+
+
+def _is_message(record: Any) -> bool:
+    return hasattr(record, "sequence")
+
+
+def _pieces(file: Path, codec: BlockCodec) -> Iterator[Piece]:
+    for place, found in _chunks_of_blocks(file):
+        try:
+            for number, data in enumerate(found):
+                yield Piece(codec.rows(data), partial(_again, file, codec, place, number))
+        except ValueError as problem:
+            raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
+
+
+def _again(
+    file: Path, codec: BlockCodec, place: tuple[int, int, int], number: int, paths: Sequence[str]
+) -> dict[str, NDArray[Any]]:
+    at, length, channel = place
+    with file.open("rb") as stream:
+        stream.seek(at)
+        content = stream.read(length)
+    try:
+        return codec.decode(_on_channel(_chunk(file, content), channel)[number], paths)
+    except (ValueError, IndexError) as problem:
+        raise CheckFailed(f"{file}: it has changed since it was opened ({problem})") from problem
 
 
 def _has_marks(content: bytes) -> bool:
@@ -135,10 +174,10 @@ def _described(file: Path, schema: bytes) -> BlockCodec:
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
 
 
-def _records(file: Path) -> Iterator[tuple[int, bytes]]:
-    """Metadata, attachments and chunks that are there as a whole, up to the index."""
-    size = file.stat().st_size
-    with file.open("rb") as stream:
+def _records(file: Path, opened: IO[bytes] | None = None) -> Iterator[tuple[int, bytes]]:
+    """Metadata, attachments and chunks that are there as a whole, up to the index; `opened` stands behind each."""
+    with contextlib.nullcontext(opened) if opened is not None else file.open("rb") as stream:
+        size = os.fstat(stream.fileno()).st_size
         at = len(stream.read(len(MAGIC)))
         while at + _RECORD.size <= size:
             opcode, length = _RECORD.unpack(stream.read(_RECORD.size))

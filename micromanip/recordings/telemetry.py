@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,16 @@ _MOST_VALUES = 250_000_000
 Rows = Iterator[Mapping[str, NDArray[Any]]]
 Parts = Callable[[Sequence[str]], Rows]
 """Columns by path, as ``cycle`` or ``axis.0.strain_um``, part by part from the first row on."""
+
+
+Again = Callable[[Sequence[str]], Mapping[str, NDArray[Any]]]
+
+
+class Piece(NamedTuple):
+    """Some rows (n) in a row; `again` reads columns of them once more by path, without what is before them."""
+
+    rows: NDArray[Any]
+    again: Again
 
 
 @dataclass(frozen=True)
@@ -41,6 +51,7 @@ class Telemetry:
     end: Mapping[str, Any]
     parts: Parts = field(repr=False)
     rows: Callable[[], Iterator[NDArray[Any]]] = field(repr=False)
+    pieces: Callable[[], Iterator[Piece]] = field(repr=False)
     state: NDArray[Any] | None = field(default=None, repr=False)
     parameters: Sequence[NDArray[Any]] = field(default=(), repr=False)
     marks: Sequence[Mapping[str, Any]] = ()

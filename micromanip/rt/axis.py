@@ -17,6 +17,7 @@ from micromanip.rt.laws.excitation import excitation
 from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
 from micromanip.rt.laws.limiter import limit
 from micromanip.rt.laws.lqg import outer_setpoint
+from micromanip.rt.laws.move import advance_move
 from micromanip.rt.laws.pid import pid_output, start_pid, unwind
 from micromanip.rt.laws.reference import (
     JOG,
@@ -49,6 +50,8 @@ def axis_cycle(
     `fraction` runs 0..1 through a lift or a parking ramp, or is the correction's authority; `t_s` and `samples` are
     the own source's. ``offset`` (um, or V while probing) comes on top in a check or a sweep.
     """
+    steady = may_be_excited(s, phase, fraction) and (p["mode"] != STAGE or s["estimator"]["running"] != 0)
+    advance_move(p["move"], s["move"], cycle, steady)
     if phase in (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED):
         estimate(p, s, cycle)
         track_reference(p, s, now_ns, t_s, samples)
@@ -132,6 +135,7 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
         return s["setpoint_um"]
     if s["closed"] == 0:
         s["hold_um"] = output(p["outer"], s["estimator"]["x"]) if stage else s["setpoint_um"]
+    s["hold_um"] += s["move"]["speed_um"]
     if not stage:
         s["closed"] = 1
         target = p["centre_um"] + s["authority"] * w[0] if follows else w[0]
@@ -142,6 +146,8 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     w[0] = held + fraction * (s["authority"] * w[0] - held)
     for i in range(1, REFERENCE_STATES):
         w[i] *= fraction * s["authority"]
+    w[1] += s["move"]["speed_um"] * p["cycles_per_ns"] * 1e9
+    w[2] += s["move"]["acceleration_um"] * (p["cycles_per_ns"] * 1e9) ** 2
     u = p["centre_um"] + outer_setpoint(p["outer"], s["estimator"]["x"], w)
     if s["closed"] == 0:
         s["blend_um"] = s["setpoint_um"] - u

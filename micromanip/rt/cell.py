@@ -30,6 +30,7 @@ from .states import (
     INTERLOCK_OPEN,
     LINK_LOST,
     NO_COMMAND,
+    NO_FAULT,
     NOT_FINITE,
     OUTPUTS_TAKEN,
     RAMPING,
@@ -115,6 +116,7 @@ def cell_cycle(
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
         own = phase_of_axis(s, a, phase)
+        a["move"]["held"] = 1 if s["state"] == HOLDING and s["fault"] == NO_FAULT and s["stopping"] == 0 else 0
         a["reference"]["followed"] = 1 if own == CLOSED and s["state"] != HOLDING else 0
         finite = axis_cycle(axis, a, s["cycle"], now_ns, t_s, samples, own, fraction)
         axis_fault(p, s, i, NOT_FINITE, not finite, a["setpoint_um"], math.nan)

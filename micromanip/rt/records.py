@@ -15,6 +15,7 @@ from .laws.excitation import EXCITATION_PARAMETERS, EXCITATION_STATE
 from .laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from .laws.limiter import LIMITER_PARAMETERS
 from .laws.lqg import OUTER_PARAMETERS
+from .laws.move import MOVE_PARAMETERS, MOVE_STATE
 from .laws.pid import PID_PARAMETERS, PID_STATE
 from .laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE
 from .laws.sensor import LINE_PARAMETERS, SENSOR_STATE
@@ -68,6 +69,7 @@ AXIS_PARAMETERS = record(
     ("reference", REFERENCE_PARAMETERS),
     ("limiter", LIMITER_PARAMETERS),
     ("excitation", EXCITATION_PARAMETERS),
+    ("move", MOVE_PARAMETERS),
     ("watch", WATCH_PARAMETERS),
     ("strain_check", CHECK_PARAMETERS),
     ("stage_check", CHECK_PARAMETERS),
@@ -87,6 +89,7 @@ AXIS_STATE = record(
     ("estimator", ESTIMATOR_STATE),
     ("reference", REFERENCE_STATE),
     ("excitation", EXCITATION_STATE),
+    ("move", MOVE_STATE),
     ("setpoints", "f8", (INPUT_HISTORY,)),
     ("references", "f8", (INPUT_HISTORY,)),
     ("wanted_cycle", "i8"),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from micromanip.gateway.cell import Cell, Source
-from micromanip.host.shared_memory import RING, STATUS, columns
+from micromanip.host.shared_memory import CONTROL, RING, STATUS, columns
 from micromanip.rt.mailbox import RING_HEAD
 from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import ROW
@@ -18,6 +18,7 @@ TOLD = {
     "period_ns": PERIOD_NS,
     "status_bytes": STATUS.itemsize,
     "row_bytes": ROW.itemsize,
+    "control_bytes": CONTROL.itemsize,
     "columns": columns(),
 }
 
@@ -39,9 +40,9 @@ class Played:
     """A ring and a status in ordinary memory, and the cell before it; `play` adds rows as the loop would."""
 
     def __init__(self, path):
-        self.ring, self.status = np.zeros(1, RING)[0], np.zeros(1, STATUS)[0]
+        self.ring, self.status, self.control = (np.zeros(1, kind)[0] for kind in (RING, STATUS, CONTROL))
         self.cell = Cell(path)
-        self.cell.source = Source(TOLD, self.status, self.ring, 1)
+        self.cell.source = Source(TOLD, self.status, self.ring, self.control, 1)
 
     def play(self, new):
         head = int(self.ring["words"][RING_HEAD])

@@ -87,10 +87,10 @@ def test_a_window_of_few_cycles_is_whole_and_one_of_the_far_past_is_blocks():
 
 def test_memory_is_fixed():
     history = filled(np.zeros(FULL), np.arange(FULL), [])
-    before = sum(level.low.nbytes + level.high.nbytes for level in history._levels)
+    before = history.nbytes
     for k in range(1, 40):
         history.add(rows(np.arange(k * FULL, (k + 1) * FULL)))
-    assert sum(level.low.nbytes + level.high.nbytes for level in history._levels) == before
+    assert history.nbytes == before
     assert history.newest - history.oldest < 16 * 256 + FULL
 
 

@@ -1,6 +1,7 @@
 """The pages in a real browser, before a made-up ring: nothing from elsewhere, no complaint, exact triggers."""
 
 import asyncio
+import contextlib
 import socket
 import threading
 import time
@@ -9,14 +10,19 @@ import numpy as np
 import pytest
 import uvicorn
 
+from micromanip.errors import CheckFailed
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
 from micromanip.gateway.tokens import Token, Tokens
+from micromanip.gateway.viewing import Everybody, Recorded, RecordedCell
+from micromanip.recordings import open_telemetry
 from micromanip.rt import states
 from tests.cli.played import FAULT
 
+from .answering import Answering
 from .chromium import PROGRAM, chromium
 from .rings import Played, rows, status
+from .test_filed import FAULT_CYCLE, written
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
 DO = "d" * 24
@@ -38,9 +44,8 @@ def played(tmp_path_factory):
     return made
 
 
-@pytest.fixture(scope="module")
-def address(played):
-    gateway = Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)
+@contextlib.contextmanager
+def served(gateway):
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         config = uvicorn.Config(gateway.guard, ws="websockets-sansio", log_level="error", timeout_graceful_shutdown=1)
@@ -50,6 +55,12 @@ def address(played):
         yield f"http://127.0.0.1:{listening.getsockname()[1]}"
         server.should_exit = True
         thread.join()
+
+
+@pytest.fixture(scope="module")
+def address(played):
+    with served(Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)) as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -145,3 +156,182 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
         browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
         assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
     in_order(browser, address)
+
+
+def test_what_is_frozen_is_saved_as_a_recording(browser, address, played, tmp_path):
+    opened(browser, address, "/scope")
+    browser.until("window.scopeFrames?.length > 0")
+    browser("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    controller = Answering(played.cell.socket)
+    try:
+        browser.value("document.getElementById('save-recording').click()")
+        file = tmp_path / "scope-99999.mcap"
+        end = time.monotonic() + 30.0
+        while not file.exists():
+            told = browser.value("document.getElementById('notice').textContent")
+            assert time.monotonic() < end, told
+    finally:
+        controller.close()
+    assert browser.value("document.getElementById('freeze').textContent") == "Live"
+    cycles = open_telemetry(file).column("cycle")
+    assert cycles[-1] == 99_999
+    assert (np.diff(cycles) == 1).all()
+    in_order(browser, address)
+
+
+def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(browser, tmp_path):
+    source = Recorded(open_telemetry(written(tmp_path / "run.mcap")), lambda _: None)
+    with served(Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope.html")) as there:
+        opened(browser, there, "/")
+        whole = browser.until("window.scopeFrames?.at(-1)")
+        assert whole["first"] <= source.history.oldest
+        assert whole["last"] == source.history.newest
+        assert browser.value("document.querySelector('dialog[open]') === null")
+        fault = browser.until("document.querySelector('#marks .fault')?.textContent")
+        assert "STRAIN_INVALID" in fault
+        browser.value("document.querySelector('#marks .fault').click()")
+        browser.until(f"scopeFrames.at(-1).first < {FAULT_CYCLE} && scopeFrames.at(-1).last < {FAULT_CYCLE + 400}")
+        for _ in range(9):
+            browser.value("document.getElementById('shorter').click()")
+        browser.until("scopeFrames.at(-1).last - scopeFrames.at(-1).first === 10 && scopeFrames.at(-1).rows === 1")
+        browser.value("document.querySelector('[data-tab=xy]').click()")
+        browser.until("document.querySelector('canvas.xy') !== null")
+        for hidden in ("freeze", "trigger-card", "pages", "forget"):
+            assert browser.value(f"document.getElementById('{hidden}').hidden"), hidden
+        in_order(browser, there)
+        browser("Page.navigate", url="about:blank")
+
+
+FOUND = {"Ms": 1.5, "at_Hz": 400.0, "gain_dB": 9.0, "phase_deg": None}
+
+
+class Measured:
+    """What the controller answers to the page, without the judgement."""
+
+    def __init__(self):
+        self.begun, self.looks = [], 0
+
+    async def ask(self, name, told):
+        if "number" not in told:
+            self.begun.append(told)
+            self.looks = 0
+            return {"number": len(self.begun), "seconds": 5.0}
+        self.looks += 1
+        answer = {"number": told["number"], "done": self.looks > 2, "progress": 0.5}
+        found = {"measured": FOUND, "predicted": None, "slopes": [{"slope": 1.0, "measured": FOUND, "predicted": None}]}
+        found |= {
+            "Ms_least": 1.4,
+            "Ms_most": 1.6,
+            "agrees": None,
+            "problem": None,
+            "frequency_Hz": [10.0, 100.0, 1000.0],
+        }
+        found |= {"sensitivity": [0.1, 0.9, 1.4], "sensitivity_predicted": None}
+        return answer | ({"found": found, "problem": None} if answer["done"] else {})
+
+
+def test_margins_are_measured_after_a_question_and_end_with_the_page(browser, played, tmp_path):
+    played.cell.status = status("HOLDING")
+    gateway = Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)
+    gateway._measuring = Measured()
+    begin, said = "document.getElementById('begin')", "document.getElementById('said').textContent"
+    with served(gateway) as there:
+        opened(browser, there, "/margins")
+        browser.until("document.querySelector('dialog[open] #token') !== null")
+        browser.value(f"document.getElementById('token').value = '{DO}'")
+        browser.value("document.querySelector('dialog[open] button').click()")
+        for answer in ("no", "yes"):
+            browser.until(f"!{begin}.disabled")
+            browser.value(f"{begin}.click()")
+            browser.until("document.getElementById('question').open")
+            assert browser.value("document.activeElement.value") == "no"
+            browser.value(f"document.querySelector('#question [value={answer}]').click()")
+            browser.value("new Promise((done) => setTimeout(done, 200))")  # until the page has heard that it is closed
+        browser.until(f"{said} === 'measured'")
+        assert [told["seed"] for told in gateway._measuring.begun] == [1, 2]
+        assert "1.40 to 1.60" in browser.value("document.getElementById('verdict').textContent")
+        assert "9.0" in browser.value("document.getElementById('margins').textContent")
+        assert browser.value("document.querySelector('#curve canvas') !== null")
+        browser.value(f"{begin}.click(); document.querySelector('#question [value=yes]').click()")
+        browser.until("!document.getElementById('stop').disabled")
+        browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))")
+        browser.until(f"{said}.startsWith('stopped')")
+        looks = gateway._measuring.looks
+        time.sleep(0.6)
+        assert gateway._measuring.looks <= looks + 1, "nobody asks any more: the controller ends it"
+        for width in (390, 1280):
+            browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
+        in_order(browser, there)
+        browser("Page.navigate", url="about:blank")
+    played.cell.status = status()
+
+
+class Mover:
+    """What the controller answers to a move; it takes a few looks, or ends where it is to stop."""
+
+    def __init__(self, begun_cycle):
+        self.begun_cycle, self.asked = begun_cycle, []
+
+    async def __call__(self, verb, name, **fields):
+        self.asked.append((verb, name, fields))
+        if fields.get("stop"):
+            raise CheckFailed("the move was stopped: as was asked for; the axis is held 1.5 um from where it began")
+        looks = len([told for _, _, told in self.asked if "number" in told])
+        answer = {"number": 1, "done": looks > 2 and looks < 50, "progress": 0.5, "seconds": 1.4, "offset_um": 0.0}
+        return answer | {"begun_cycle": self.begun_cycle}
+
+
+def test_a_move_is_made_after_a_question_only_while_held_and_its_response_is_read_off(browser, tmp_path):
+    mine = Played(tmp_path / "control.sock")
+    mine.cell.status, mine.cell.problem = status("TRACKING"), None
+    cycles = np.arange(40_000)
+    passed = np.clip((cycles - 20_000) / 2000.0, 0.0, 1.0)
+    course = 60.0 + 4.0 * passed**3 * (10.0 + passed * (6.0 * passed - 15.0))
+    for part in np.split(rows(cycles, x_setpoint_um=course, x_strain_um=course + 0.25), 20):
+        mine.play(part)
+        mine.cell.source.read()
+    mine.cell.order = mover = Mover(20_000)
+
+    async def follow():
+        while True:
+            mine.cell._tell(None)
+            await asyncio.sleep(0.05)
+
+    mine.cell.follow = follow
+    begin, said = "document.getElementById('begin')", "document.getElementById('said').textContent"
+    with served(Gateway(mine.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)) as there:
+        opened(browser, there, "/moves")
+        browser.until("document.querySelector('dialog[open] #token') !== null")
+        browser.value(f"document.getElementById('token').value = '{DO}'")
+        browser.value("document.querySelector('dialog[open] button').click()")
+        browser.until(f"{said}.includes('the state is TRACKING')")
+        assert browser.value(f"{begin}.disabled")
+        mine.cell.status = status("HOLDING")
+        for answer in ("no", "yes"):
+            browser.until(f"!{begin}.disabled")
+            browser.value(f"document.getElementById('move').elements.by_um.value = '4'; {begin}.click()")
+            browser.until("document.getElementById('question').open")
+            assert browser.value("document.activeElement.value") == "no"
+            assert mover.asked == []
+            browser.value(f"document.querySelector('#question [value={answer}]').click()")
+            browser.value("new Promise((done) => setTimeout(done, 200))")  # until the page has heard that it is closed
+        browser.until(f"{said}.startsWith('done')")
+        wanted = {"axis": "x", "kind": "step", "by_um": 4, "way_s": 0.2, "rest_s": 0.5, "returns": True}
+        assert mover.asked[0] == ("move", "ana", wanted)
+        figures = browser.until("document.getElementById('figures').textContent")
+        assert "overshoot0%" in figures.replace("0.000", "0")
+        assert "rms0.2500" in figures
+        mover.asked = [("", "", {"number": 1})] * 60
+        browser.until(f"!{begin}.disabled")
+        browser.value(f"{begin}.click(); document.querySelector('#question [value=yes]').click()")
+        browser.until("!document.getElementById('stop').disabled")
+        browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))")
+        browser.until(f"{said}.startsWith('the move was stopped')")
+        assert mover.asked[-1][2] == {"number": 1, "stop": True}
+        for width in (390, 1280):
+            browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
+        browser.errors[:] = [error for error in browser.errors if "409" not in error.get("text", "")]
+        in_order(browser, there)
+        browser("Page.navigate", url="about:blank")

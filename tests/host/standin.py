@@ -28,6 +28,7 @@ class StandIn:
     def __init__(self, prepared, state="TRACKING"):
         self.prepared, self.state = prepared, state
         self.swaps, self.commands, self.offers = [], [], []
+        self.injected, self.latched = [], []
         self.status = np.zeros((), STATUS)
         self.shadow(states.NO_SHADOW)
 
@@ -41,6 +42,12 @@ class StandIn:
         self.prepared = prepared
         self.shadow(states.NO_SHADOW)
         return self.version
+
+    async def inject(self, parameters):
+        self.injected.append(parameters)
+
+    def faults(self):
+        return self.latched
 
     async def offer(self, prepared):
         await asyncio.sleep(0)

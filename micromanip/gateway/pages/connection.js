@@ -40,8 +40,9 @@ export class Connection {
     this.begin();
   }
 
-  async begin(why = "") {
-    if (!token()) await asked(why);
+  /** The first try is without a token where none is kept: who shows a recording asks for none. */
+  async begin(why = null) {
+    if (why !== null) await asked(why);
     const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
     socket.addEventListener("open", () => socket.send(JSON.stringify({ type: "hello", token: token() })));
@@ -50,15 +51,16 @@ export class Connection {
       const message = typeof event.data === "string" ? JSON.parse(event.data) : event.data;
       if (message.type === "hello") {
         by("who").textContent = `${message.name} (${message.scope === "operate" ? "operates" : "observes"})`;
-        by("forget").hidden = false;
+        by("forget").hidden = !token();
       }
       this.hear(message);
     });
     socket.addEventListener("close", (event) => {
       this.socket = null;
       if (event.code === WRONG) {
+        const why = token() ? "This token is not known here." : "";
         sessionStorage.removeItem(KEPT);
-        this.begin("This token is not known here.");
+        this.begin(why);
       } else {
         this.lost("The gateway does not answer; trying again.");
         setTimeout(() => this.begin(), AGAIN_MS);

@@ -17,6 +17,7 @@ export class Panels {
     this.cursors = { A: null, B: null };
     this.pointer = null;
     this.shown = null;
+    this.marks = [];
     new ResizeObserver(() => this.resize()).observe(place);
   }
 
@@ -153,6 +154,7 @@ export class Panels {
     ctx.textAlign = "left";
     ctx.textBaseline = "alphabetic";
     if (plot === this.plots[0]?.plot) this.nameBands(plot);
+    this.drawMarks(plot);
     for (const [name, at] of lines) {
       if (at === null || at === undefined || !this.shown || at < this.shown[0] || at > this.shown[1]) continue;
       const x = plot.valToPos(at, "x", true);
@@ -166,6 +168,33 @@ export class Panels {
       ctx.fillText(name, x + 4 * devicePixelRatio, bbox.top + bbox.height - 6 * devicePixelRatio);
     }
     ctx.restore();
+  }
+
+  /** Faults and remarks of a recording: a line each, named in the first panel where there is room. */
+  drawMarks(plot) {
+    const { ctx, bbox } = plot, isFirst = plot === this.plots[0]?.plot;
+    let free = -Infinity;
+    for (const [at, kind, text] of this.marks) {
+      if (!this.shown || at < this.shown[0] || at > this.shown[1]) continue;
+      const x = plot.valToPos(at, "x", true), line = 18 * devicePixelRatio;
+      ctx.strokeStyle = ctx.fillStyle = colour(kind === "fault" ? "--bad" : "--accent");
+      ctx.setLineDash([]);
+      ctx.lineWidth = 1.5 * devicePixelRatio;
+      ctx.beginPath();
+      ctx.moveTo(x, bbox.top);
+      ctx.lineTo(x, bbox.top + bbox.height);
+      ctx.stroke();
+      const width = ctx.measureText(text).width + 8;
+      if (!isFirst || x < free || width > bbox.width / 2) continue;
+      const left = x + width > bbox.left + bbox.width ? x - width - 2 : x + 2;
+      if (left < free) continue;
+      const ink = ctx.fillStyle;
+      ctx.fillStyle = colour("--plot");
+      ctx.fillRect(left, bbox.top + 1.2 * line, width, line);
+      ctx.fillStyle = ink;
+      ctx.fillText(text, left + 4, bbox.top + 2 * line);
+      free = x + width;
+    }
   }
 
   nameBands(plot) {

@@ -32,9 +32,12 @@ const spectrum = new SpectrumView(by("plots"));
 const xy = new XyView(by("plots"));
 const trigger = new TriggerForm(by("trigger"), () => {
   view.last = null;
+  showArmed();
   askView();
 });
 
+const longest = () => (controller.recording ? Math.max(1, wholeSpan()) : 3600);
+const wholeSpan = () => Math.max(0.001, (controller.recording.last - controller.recording.first) * period());
 const period = () => controller.period_ns * 1e-9;
 const known = () => (chosen ?? []).filter((name) => controller.fields.some((field) => field.name === name));
 const fields = () => known().map((name, i) => ({ ...controller.fields.find((field) => field.name === name), colour: `--trace-${(i % COLOURS) + 1}` }));
@@ -56,11 +59,16 @@ function askView() {
 
 /** Show `span_s` up to the cycle `last`, frozen. */
 function look(last, span_s) {
-  view = { span_s: Math.min(3600, Math.max(0.001, span_s)), last: Math.max(1, last) };
+  view = { span_s: Math.min(longest(), Math.max(0.001, span_s)), last: Math.max(1, last) };
   askView();
 }
 
+/** The newest, or all of a recording. */
 function follow() {
+  if (controller.recording) {
+    look(controller.recording.last, wholeSpan());
+    return;
+  }
   view.last = null;
   if (frame && view.span_s < 0.001) view.span_s = 1;
   askView();
@@ -68,7 +76,7 @@ function follow() {
 
 /** Around the time `at` (s), None: the middle; a live scope only changes its length. */
 function zoom(factor, at = null) {
-  const span = Math.min(3600, Math.max(0.001, view.span_s * factor));
+  const span = Math.min(longest(), Math.max(0.001, view.span_s * factor));
   if (view.last === null) {
     view.span_s = SPANS.reduce((best, each) => (Math.abs(Math.log(each / span)) < Math.abs(Math.log(best / span)) ? each : best));
     askView();
@@ -89,7 +97,8 @@ function freeze() {
 }
 
 function show(header, arrays) {
-  if (view.last === null) reference = header.trigger_cycle ?? header.last;
+  if (controller.recording) reference = controller.recording.first;
+  else if (view.last === null) reference = header.trigger_cycle ?? header.last;
   else if (header.trigger_cycle === null && header.last !== view.last) return;
   reference ??= header.last;
   const step = period(), offset = header.origin - reference;
@@ -116,6 +125,7 @@ function draw() {
   const volts = fields().filter((field) => field.unit === "V").map((field) => field.name.split(".")[0]);
   const limits = [...new Set(volts.flatMap((axis) => controller.range_V[axis] ?? []))];
   const at = header.trigger_cycle === null ? null : (header.trigger_cycle - reference) * period();
+  panels.marks = (controller.recording?.marks ?? []).map(([cycle, kind, text]) => [(cycle - reference) * period(), kind, text]);
   panels.draw(shown, times, traces, bands(times, traces.state, shown[1]), limits, at);
 }
 
@@ -134,14 +144,17 @@ function bands(times, [low, high], end) {
 function tell(header) {
   const part = (name, value, bad = false) => element("span", { className: bad ? "bad" : "" }, `${name} `, element("b", {}, value));
   by("told").replaceChildren(
-    part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
+    controller.recording ? part("from the first cycle,", `${seconds((header.first - reference) * period(), 7)} to ${seconds((header.last - reference) * period(), 7)}`) : part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
     part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
     part("skipped by the loop", `${count(header.missing)} cycles`),
     part("lost", String(header.lost), header.lost > 0),
-    part("history", seconds((header.newest - header.oldest) * period())),
+    part(controller.recording ? "recorded" : "history", seconds((header.newest - header.oldest) * period())),
   );
-  by("armed").textContent = { off: "", auto: "auto", normal: "waits", single: "waits" }[trigger.mode];
-  if (header.trigger_cycle !== null && trigger.mode === "single") by("armed").textContent = "stopped";
+  showArmed(header.trigger_cycle !== null && trigger.mode === "single");
+}
+
+function showArmed(stopped = false) {
+  by("armed").textContent = stopped ? "stopped" : { off: "", auto: "auto", normal: "waits", single: "waits" }[trigger.mode];
 }
 
 function askMore() {
@@ -206,18 +219,49 @@ function offer() {
   }
 }
 
+/** A recording has no trigger, no live values and no other page; it has marks. */
+function arrangeRecording({ file, marks, problem }) {
+  for (const id of ["freeze", "save-recording", "trigger-card", "pages"]) by(id).hidden = true;
+  by("where").textContent = file;
+  document.title = `${file} - micromanip`;
+  by("marks-card").hidden = marks.length === 0;
+  by("mark-keys").hidden = marks.length === 0;
+  by("marks").replaceChildren(...marks.map(([cycle, kind, text]) => {
+    const button = element("button", { className: kind }, element("b", {}, seconds((cycle - controller.recording.first) * period(), 7)), ` ${text}`);
+    button.addEventListener("click", () => around(cycle));
+    return button;
+  }));
+  notice(problem);
+}
+
+/** In the middle; out of a view of all, a twentieth of it. */
+function around(cycle) {
+  const span = view.span_s >= 0.8 * wholeSpan() ? Math.max(0.001, wholeSpan() / 20) : view.span_s;
+  look(cycle + Math.round(span / 2 / period()), span);
+}
+
+/** To the next mark after the middle of what is seen, or with -1 to the one before it. */
+function jump(direction) {
+  const cycles = (controller?.recording?.marks ?? []).map(([cycle]) => cycle);
+  const middle = (view.last ?? 0) - view.span_s / 2 / period();
+  const found = direction > 0 ? cycles.find((cycle) => cycle > middle + 1) : cycles.findLast((cycle) => cycle < middle - 1);
+  if (found !== undefined) around(found);
+}
+
 function notice(text, bad = false) {
   by("notice").textContent = text;
   by("notice").hidden = !text;
   by("notice").classList.toggle("bad", bad);
 }
 
-async function save() {
+/** What is seen, as a file of that kind; a scope that is live is frozen first. */
+async function save(path, ending, told) {
   if (!frame) return;
+  if (view.last === null) freeze();
   const { first, last } = frame.header;
   try {
-    const text = await (await post("/api/csv", { fields: known(), first, last })).blob();
-    const link = element("a", { href: URL.createObjectURL(text), download: `scope-${last}.csv` });
+    const content = await (await post(path, { ...told, first: Math.max(0, first), last })).blob();
+    const link = element("a", { href: URL.createObjectURL(content), download: `scope-${last}.${ending}` });
     link.click();
     URL.revokeObjectURL(link.href);
   } catch (problem) {
@@ -235,9 +279,15 @@ const connection = new Connection((message) => {
     controller = message.cell;
     view.last = null;
     frame = null;
+    if (controller.recording) {
+      view = { span_s: wholeSpan(), last: controller.recording.last };
+      arrangeRecording(controller.recording);
+    }
     chosen ??= [`${controller.axes[0]}.setpoint_um`, `${controller.axes[0]}.strain_um`, `${controller.axes[0]}.voltage_V`];
     offer();
     askView();
+  } else if (message.type === "status" && controller?.recording) {
+    connection.drawn();
   } else if (message.type === "status") {
     by("state").textContent = message.status?.state ?? "NO CONTROLLER";
     by("where").textContent = message.status?.configuration ?? "";
@@ -252,6 +302,7 @@ const connection = new Connection((message) => {
 
 for (const span of SPANS) by("span").append(element("option", { value: String(span) }, seconds(span)));
 by("span").addEventListener("change", () => {
+  if (by("span").value === "other") return;
   view.span_s = Number(by("span").value);
   askView();
 });
@@ -260,7 +311,8 @@ by("longer").addEventListener("click", () => zoom(2));
 by("earlier").addEventListener("click", () => move(-0.25));
 by("later").addEventListener("click", () => move(0.25));
 by("freeze").addEventListener("click", freeze);
-by("save").addEventListener("click", save);
+by("save").addEventListener("click", () => save("/api/csv", "csv", { fields: known() }));
+by("save-recording").addEventListener("click", () => save("/api/recording", "mcap"));
 by("arm").addEventListener("click", () => connection.send({ type: "arm" }));
 for (const button of document.querySelectorAll("[data-tab]")) button.addEventListener("click", () => choose(button.dataset.tab));
 for (const id of ["x", "y"]) by(id).addEventListener("change", askMore);
@@ -274,6 +326,7 @@ document.addEventListener("keydown", (event) => {
   const act = {
     " ": freeze, "+": () => zoom(0.5), "=": () => zoom(0.5), "-": () => zoom(2), ArrowLeft: () => move(-0.25), ArrowRight: () => move(0.25),
     t: () => connection.send({ type: "arm" }),
+    n: () => jump(1), p: () => jump(-1),
     a: () => put("A"), b: () => put("B"), c: () => { panels.cursors = { A: null, B: null }; panels.redraw(); showReadout(); },
   }[event.key];
   if (!act) return;

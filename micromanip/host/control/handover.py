@@ -17,7 +17,7 @@ from micromanip.replies import Telemetry
 from micromanip.rt.telemetry import ROW
 
 from ..controller import Controller
-from ..shared_memory import STATUS, columns
+from ..shared_memory import CONTROL, STATUS, columns
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Handed:
 
 
 def telemetry(controller: Controller) -> Handed:
-    """Read-only descriptors of the loop's status and of its ring, in this order, and what is to be known of them."""
+    """Read-only descriptors of the loop's status, its ring and its parameters, in this order, and what they hold."""
     configuration = controller.prepared.configuration
     segments = controller.segments
     limiters = controller.prepared.parameters[0]["axis"]["limiter"]
@@ -52,14 +52,19 @@ def telemetry(controller: Controller) -> Handed:
         period_ns=configuration.loop.period_ns,
         status_bytes=STATUS.itemsize,
         row_bytes=ROW.itemsize,
+        control_bytes=CONTROL.itemsize,
         columns=columns(),
     )
-    status = segments.status.read_only()
+    found: list[int] = []
     try:
-        return Handed(told, (status, segments.ring.read_only()))
+        found += [segments.status.read_only()]
+        found += [segments.ring.read_only()]
+        found += [segments.control.read_only()]
     except OSError:
-        os.close(status)
+        for descriptor in found:
+            os.close(descriptor)
         raise
+    return Handed(told, tuple(found))
 
 
 def send(connection: Any, line: bytes, descriptors: tuple[int, ...]) -> None:

@@ -21,6 +21,7 @@ from micromanip.replies import (
     Differences,
     Injected,
     Jogged,
+    Moved,
     Parameter,
     Response,
     Saved,
@@ -47,6 +48,7 @@ from micromanip.settings.change import WEAKENS, demands
 from micromanip.settings.check import Prepared, revise, validate, validate_with_options
 from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import validate_document
+from micromanip.settings.moved import Wanted
 from micromanip.settings.schema.key import DISARM
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog
@@ -59,6 +61,7 @@ from ..controller import Controller
 from .answers import changes, differences, parameters, report
 from .candidate import Candidate, Outcome, step, why_taken_back
 from .injecting import Injecting
+from .moving import Moving
 
 _AT_REST = tuple(STATE_NAMES[state] for state in (OFF, READY, FAULT))
 _WHILE_TRACKING = {
@@ -80,6 +83,7 @@ class Tuning:
         self._candidate: Candidate | None = None
         self._one_at_a_time = asyncio.Lock()
         self._injecting = Injecting(controller)
+        self._moving = Moving(controller)
 
     @property
     def _prepared(self) -> Prepared:
@@ -133,6 +137,27 @@ class Tuning:
     def injected(self, number: int) -> Response:
         """Where that measurement stands."""
         return self._injecting.look(number)
+
+    async def move(self, axis: str, wanted: Wanted) -> Moved:
+        """Begin to move an axis that is held; UsageError or CheckFailed says why not."""
+        async with self._changing():
+            self._refuse_on_trial()
+            return await self._moving.begin(axis, wanted)
+
+    def moved(self, number: int, *, stop: bool) -> Moved:
+        """Where that move stands, which is to come to rest where `stop`."""
+        found = self._moving.look(number)
+        if stop:
+            self._moving.stop("as was asked for")
+        return found
+
+    def let_rest(self) -> None:
+        """End a move that is under way, gently."""
+        self._moving.stop("hold was asked for")
+
+    def require_at_rest(self, verb: str) -> None:
+        """Raise CheckFailed where an axis is being moved."""
+        self._moving.require_none(f"{verb} refused")
 
     async def reload(self) -> Swap:
         """Take over the file as it is now; errors as `set`, and nothing changed where one key of it can't be taken."""
@@ -280,6 +305,7 @@ class Tuning:
         async with self._one_at_a_time:
             self._notice()
             self._injecting.require_none()
+            self._moving.require_none()
             yield
 
     def notice(self) -> None:

@@ -14,9 +14,24 @@ from micromanip.faults import FaultReport
 from micromanip.host.recording.recording import Extent
 from micromanip.host.recording.recordings import Recordings
 from micromanip.quantities import Micrometres, Seed
-from micromanip.replies import Audit, Change, Injected, Jogged, Marked, Recorded, Response, Saved, Shadow, Status, Swap
+from micromanip.replies import (
+    Audit,
+    Change,
+    Injected,
+    Jogged,
+    Marked,
+    Moved,
+    Recorded,
+    Response,
+    RunningConfiguration,
+    Saved,
+    Shadow,
+    Status,
+    Swap,
+)
 from micromanip.rt import states
 from micromanip.settings.injected import AMPLITUDE_UM
+from micromanip.settings.moved import Wanted
 from micromanip.settings.schema.base import Flag, Settings
 from micromanip.settings.text.source import Source
 
@@ -84,6 +99,19 @@ class Inject(Settings):
         if (self.number is None) == (self.axis is None):
             raise ValueError("give either axis, to begin, or number")
         return self
+
+
+class Moves(Wanted):
+    """Fields of `move` that begin one."""
+
+    axis: str = Field(description="Name of the axis.")
+
+
+class MoveLook(Settings):
+    """Fields of `move` for one that was begun."""
+
+    number: Annotated[int, Field(strict=True, ge=1)] = Field(description="Which one is asked for.")
+    stop: Flag = Field(default=False, description="Let it come to rest.")
 
 
 class Last(Settings):
@@ -210,11 +238,13 @@ class Verbs:
         return {
             "status": observing(self._answer_status),
             "telemetry": observing(self._telemetry),
+            "configuration": observing(self._configuration),
             "get": observing(self._get),
             "diff": observing(self._diff),
             "audit": observing(self._audit),
             "shadow": Verb(self._shadow, _right_to_shadow),
             "sensitivity": operating(self._sensitivity),
+            "move": operating(self._move),
             **{name: operating(noted(self._trail, act), stops=name in stops) for name, act in operations.items()},
         }
 
@@ -247,6 +277,11 @@ class Verbs:
     async def _telemetry(self, request: Request) -> Handed:
         request.read(Nothing)
         return telemetry(self._controller)
+
+    async def _configuration(self, request: Request) -> RunningConfiguration:
+        request.read(Nothing)
+        source = self._controller.prepared.source
+        return RunningConfiguration(text=source.text, sha256=source.hash)
 
     async def _get(self, request: Request) -> Any:
         return await self._tuning.get(request.read(Get).keys)
@@ -289,6 +324,20 @@ class Verbs:
         what = f"{fields.loop} loop measured with {fields.amplitude_um:g} um rms"
         return injected, [Change(key=f"axes.{fields.axis}", old=None, new=what)]
 
+    async def _move(self, request: Request) -> Moved:
+        if "number" in request.fields:
+            look = request.read(MoveLook)
+            return self._tuning.moved(look.number, stop=look.stop)
+        moved: Moved = await noted(self._trail, self._begin_move)(request)
+        return moved
+
+    async def _begin_move(self, request: Request) -> tuple[Moved, Sequence[Change]]:
+        fields = request.read(Moves)
+        wanted = Wanted.model_validate(fields.model_dump(exclude={"axis"}))
+        moved = await self._tuning.move(fields.axis, wanted)
+        what = ", ".join(f"{name} {value}" for name, value in request.fields.items() if name != "axis")
+        return moved, [Change(key=f"axes.{fields.axis}", old=None, new=f"moved: {what}")]
+
     async def _shadow(self, request: Request) -> Shadow:
         if _right_to_shadow(request) is Right.OPERATE:
             shadow: Shadow = await noted(self._trail, self._offer)(request)
@@ -328,6 +377,10 @@ class Verbs:
         async def operation(request: Request) -> tuple[None, Sequence[Change]]:
             request.read(Nothing)
             before = self._controller.state
+            if command == states.ARM:
+                self._tuning.require_at_rest("arm")
+            if command == states.HOLD:
+                self._tuning.let_rest()
             if command == states.RESET:
                 await self._before_reset()
             await self._controller.command(command)

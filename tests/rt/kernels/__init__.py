@@ -8,6 +8,7 @@ from micromanip.rt.laws.estimator import output, predict, predict_to, remember, 
 from micromanip.rt.laws.excitation import excitation
 from micromanip.rt.laws.hysteresis import inverse_output, model_output, play
 from micromanip.rt.laws.lqg import outer_setpoint
+from micromanip.rt.laws.move import advance_move
 from micromanip.rt.laws.network import network_output
 from micromanip.rt.laws.notch import notch_output
 from micromanip.rt.laws.pid import pid_output, unwind
@@ -125,3 +126,13 @@ def excitation_course(p: Any, s: Any, cycle: Any, allowed: Any, out: Any) -> Non
     """The injected multisine over the numbers of the cycles."""
     for k in range(len(cycle)):
         out[k] = excitation(p, s, cycle[k], allowed[k])
+
+
+@compiled
+def move_course(p: Any, s: Any, steady: Any, out: Any) -> None:
+    """Where a move has brought the axis, cycle by cycle."""
+    total = 0.0
+    for k in range(len(steady)):
+        advance_move(p, s, k, steady[k])
+        total += s["speed_um"]
+        out[k] = total

@@ -1,0 +1,38 @@
+"""``micromanip view``: the scope on a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .extras import require_gateway
+from .options import StrictCommand
+
+
+@click.command("view", cls=StrictCommand, epilog="Example: micromanip view out/run.mcap     or: micromanip view run.h5")
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@click.option(
+    "--listen", default="127.0.0.1:8091", show_default=True, metavar="HOST:PORT", help="Where browsers find it."
+)
+def command(file: Path, listen: str) -> None:
+    """Show a recording of ours, MCAP or HDF5, as the scope shows a running cell.
+
+    Zoom from 1 ms to the whole file, spectrum, x-y, states, faults and remarks. It reads the file once, and nothing
+    else; browsers of this computer need no token. It needs the extra `gateway`.
+    """
+    with require_gateway("view"):
+        from micromanip.gateway.viewing import view
+    from rich.console import Console
+    from rich.progress import Progress, TextColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("reading {task.fields[file]}: {task.completed:.0f} cycles"),)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None, file=file.name)
+
+        def say(line: str) -> None:
+            bar.stop()
+            click.echo(line, err=True)
+
+        view(file, listen, say, lambda rows: bar.update(task, completed=rows))

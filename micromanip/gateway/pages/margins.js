@@ -1,0 +1,180 @@
+// Margins of a running loop: measured by the controller, asked for as long as this page is there, drawn as they come.
+import { Connection, post } from "./connection.js";
+import { parsed } from "./frames.js";
+import { by, cell as td, element, figure, head, rows, themeButton } from "./page.js";
+import { Panels } from "./panels.js";
+import { SensitivityPlot } from "./sensitivity.js";
+
+const DRAWS = 2;
+const LOOK_MS = 250;
+const LIVE_S = 1;
+
+let controller = null;
+let state = "";
+let operates = false;
+let running = false;
+
+const form = by("measure").elements;
+const plot = new SensitivityPlot(by("curve"));
+const panels = new Panels(by("live"), { zoomed: () => {}, wheel: () => {}, whole: () => {}, pointed: () => {} });
+const SHOWN = { strain: ["setpoint_um", "strain_um", "voltage_V"], stage: ["reference_um", "stage_um", "voltage_V"] };
+const fields = () => SHOWN[form.loop.value].map((name, i) => [name, i + 1]).map(([name, colour]) => {
+  const found = controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
+  return { ...found, colour: `--trace-${colour}` };
+});
+
+function askLive() {
+  if (!controller) return;
+  connection.send({ type: "view", fields: fields().map(({ name }) => name), span_s: LIVE_S, points: panels.points, last: null });
+}
+
+function drawLive(header, arrays) {
+  const step = controller.period_ns * 1e-9, offset = header.origin - header.last;
+  const times = Float64Array.from(arrays.cycles, (cycle) => (cycle + offset) * step);
+  const traces = Object.fromEntries(header.fields.map((name) => [name, [arrays[`${name} low`], arrays[`${name} high`]]]));
+  panels.arrange(fields());
+  panels.draw([-LIVE_S, 0], times, traces, [], [], null);
+}
+
+function arrange() {
+  const fits = ["TRACKING", "HOLDING"].includes(state);
+  by("begin").disabled = running || !operates || !fits || !controller;
+  by("stop").disabled = !running;
+  for (const name of ["axis", "loop", "amplitude_um", "seed"]) form[name].disabled = running;
+  if (running) return;
+  if (!operates) by("said").textContent = "This token only observes: measuring takes one whose scope is operate.";
+  else if (!fits) by("said").textContent = state ? `A loop is measured while TRACKING or HOLDING; the state is ${state}.` : "";
+  else if (by("said").textContent.startsWith("A loop is measured") || by("said").textContent.startsWith("This token")) by("said").textContent = "";
+}
+
+async function isMeant(told) {
+  const dialog = by("question");
+  dialog.querySelector("h1").textContent = `Measure axis ${told.axis}?`;
+  dialog.querySelector("p").textContent = `It moves: ${told.amplitude_um} µm rms on its set-point, ${DRAWS} times for 5 s, while ${state}.`;
+  dialog.returnValue = "no";
+  dialog.showModal();
+  dialog.querySelector('[value="no"]').focus();
+  await new Promise((resolve) => dialog.addEventListener("close", resolve, { once: true }));
+  return dialog.returnValue === "yes";
+}
+
+const ask = async (told) => (await post("/api/sensitivity", told)).json();
+
+async function measure() {
+  const told = { axis: form.axis.value, loop: form.loop.value, amplitude_um: form.amplitude_um.valueAsNumber };
+  const seed = form.seed.valueAsNumber;
+  if (running || by("begin").disabled || !(await isMeant(told))) return;
+  running = true;
+  arrange();
+  plot.clear();
+  by("margins").replaceChildren();
+  by("verdict").textContent = "";
+  by("what").textContent = `axis ${told.axis}, ${told.loop} loop`;
+  try {
+    const done = [];
+    for (let draw = 0; draw < DRAWS && running; draw++) {
+      const begun = await ask({ ...told, seed: seed + draw });
+      by("said").textContent = `measuring, ${draw + 1} of ${DRAWS}`;
+      const answer = await followed(begun.number, done, draw);
+      if (!answer) break;
+      done.push(begun.number);
+      show(answer, draw + 1 === DRAWS);
+    }
+    by("said").textContent = running ? "measured" : "stopped: it fades out";
+  } catch (problem) {
+    by("said").textContent = problem.message;
+  }
+  running = false;
+  by("progress").value = 0;
+  arrange();
+}
+
+/** Where the measurement stands, again and again; its end, or null where it was stopped. */
+async function followed(number, done, draw) {
+  while (running) {
+    const answer = await ask({ number, with: done });
+    by("progress").value = (draw + answer.progress) / DRAWS;
+    if (answer.done) return answer;
+    await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
+  }
+  return null;
+}
+
+function show({ found, problem }, isLast) {
+  if (!found) {
+    by("verdict").textContent = problem;
+    return;
+  }
+  plot.draw(found);
+  const line = (said, slope, margins) => [td(said), td(figure(slope), "number"), td(figure(margins.Ms), "number"), td(figure(margins.at_Hz, 0), "number"), td(figure(margins.gain_dB, 1), "number"), td(figure(margins.phase_deg, 0), "number")];
+  rows(by("margins"), [
+    [head(""), head("slope", "number"), head("Ms", "number"), head("at, Hz", "number"), head("gain, dB", "number"), head("phase, °", "number")],
+    ...found.slopes.flatMap(({ slope, measured, predicted }) => [line("measured", slope, measured), ...(predicted ? [line("predicted", slope, predicted)] : [])]),
+  ]);
+  const sure = `Ms ${figure(found.Ms_least)} to ${figure(found.Ms_most)} by its confidence`;
+  const agrees = found.agrees === null ? "no model of the actuator to predict it by" : found.agrees ? "measured and predicted agree" : "";
+  by("verdict").textContent = [isLast ? "" : "first half", sure, found.problem ?? agrees].filter(Boolean).join("; ");
+  by("verdict").classList.toggle("bad", Boolean(found.problem) && isLast);
+}
+
+function stop() {
+  if (!running) return;
+  running = false;
+  by("said").textContent = "stopped: it fades out within a second";
+}
+
+function notice(text, bad) {
+  by("notice").textContent = text;
+  by("notice").hidden = !text;
+  by("notice").classList.toggle("bad", bad);
+}
+
+const connection = new Connection((message) => {
+  if (message instanceof ArrayBuffer) {
+    const [header, arrays] = parsed(message);
+    if (header.type === "frame") drawLive(header, arrays);
+    connection.drawn();
+  } else if (message.type === "hello") {
+    operates = message.scope === "operate";
+    controller = message.cell;
+    if (controller) {
+      const kept = form.axis.value;
+      form.axis.replaceChildren(...controller.axes.map((name) => new Option(name)));
+      if (controller.axes.includes(kept)) form.axis.value = kept;
+      askLive();
+    }
+    arrange();
+  } else if (message.type === "status") {
+    state = message.status?.state ?? "";
+    by("state").textContent = state || "NO CONTROLLER";
+    by("where").textContent = message.status?.configuration ?? "";
+    const fault = message.status?.fault_reports.at(-1);
+    notice(message.problem ?? (fault ? `${fault.seen}. ${fault.next_step}` : message.differs ?? ""), Boolean(message.problem ?? fault));
+    arrange();
+    connection.drawn();
+  } else if (message.type === "problem") {
+    notice(message.problem, true);
+    connection.drawn();
+  }
+}, (why) => {
+  stop();
+  notice(why, true);
+});
+
+by("measure").addEventListener("submit", (event) => {
+  event.preventDefault();
+  measure();
+});
+for (const name of ["axis", "loop"]) form[name].addEventListener("change", askLive);
+by("stop").addEventListener("click", stop);
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Escape" && !by("question").open) stop();
+});
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden) stop();
+});
+themeButton(() => {
+  panels.redraw();
+  plot.redraw();
+});
+arrange();

@@ -1,0 +1,117 @@
+"""A recording as the scope's past against all of its rows: no peak is lost, faults and remarks are found."""
+
+import numpy as np
+import pytest
+
+from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
+from micromanip.gateway.viewing import Recorded, view
+from micromanip.host.recording.hdf5_file import Hdf5Recording
+from micromanip.host.recording.mcap_file import McapRecording
+from micromanip.recordings import open_telemetry
+from micromanip.rt import states
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
+
+from .rings import AXES, rows
+
+COUNT, FAULT_CYCLE, MARK_CYCLE = 7_300, 6_001, 4_000
+NAMES = ["x.strain_um", "y.strain_um", "state"]
+
+
+def made():
+    cycles = np.r_[np.arange(100, 3000), np.arange(3050, 3050 + COUNT - 2900)]
+    found = rows(cycles, x_strain_um=np.random.default_rng(1).normal(size=COUNT).astype(np.float32))
+    found["axis"]["strain_um"][:, 1] = np.nan
+    late = found["cycle"] >= FAULT_CYCLE
+    found["state"][late], found["fault"][late] = states.FAULT, states.STRAIN_INVALID
+    return found
+
+
+def written(file):
+    kind = McapRecording if file.suffix == ".mcap" else Hdf5Recording
+    orders = {"file": str(file), "axes": AXES, "period_ns": 100_000, "configuration": "", "sha256": "0" * 64}
+    recording = kind(orders)
+    if kind is McapRecording:
+        recording.mark("coolant on", MARK_CYCLE, "ana", MARK_CYCLE * 100_000)
+    else:
+        recording.begin(np.zeros((), CELL_STATE))
+    for part in np.array_split(made(), 9):
+        recording.append(part, np.zeros(1, CELL_PARAMETERS))
+    recording.close()
+    return file
+
+
+@pytest.fixture(scope="module", params=["run.mcap", "run.h5"])
+def source(request, tmp_path_factory):
+    told = []
+    file = written(tmp_path_factory.mktemp("filed") / request.param)
+    found = Recorded(open_telemetry(file), told.append)
+    assert told[-1] == COUNT
+    return found
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "points"), [(0, 9000, 50), (0, 9000, 3), (2900, 3200, 5000), (101, 7000, 700)]
+)
+def test_a_window_of_a_file_has_the_least_and_greatest_of_its_rows(source, first, last, points):
+    every, history = made(), source.history
+    window = history.window(history.index(NAMES), first, last, points)
+    assert 0 < len(window.cycles) <= points + 2
+    edges = [*np.searchsorted(every["cycle"], window.cycles), None]
+    for k in range(len(window.cycles)):
+        stop = edges[k + 1] if edges[k + 1] is not None else min(edges[k] + window.rows, COUNT)
+        if edges[k + 1] is None and window.rows < 16:  # a point of rows ends where the window does
+            stop = min(stop, np.searchsorted(every["cycle"], last + 1))
+        held = every["axis"]["strain_um"][edges[k] : stop, 0]
+        assert (window.low[0, k], window.high[0, k]) == (held.min(), held.max())
+    assert np.isnan(window.low[1]).all()
+    if first == 0:
+        assert window.cycles[0] == 100
+        assert every["cycle"][-1] - window.cycles[-1] < window.rows
+
+
+def test_rows_are_found_by_their_cycle_whatever_was_read_before(source):
+    every, history = made(), source.history
+    for first, last in ((3000, 3049), (2990, 3060), (5000, 5001), (100, 100), (7449, 9999)):
+        cycles, (strain,) = history.whole(history.index(NAMES[:1]), first, last)
+        wanted = every[(every["cycle"] >= first) & (every["cycle"] <= last)]
+        assert cycles.tolist() == wanted["cycle"].tolist()
+        assert strain.tolist() == wanted["axis"]["strain_um"][:, 0].tolist()
+
+
+def test_faults_and_remarks_are_marked_at_their_cycle(source):
+    wanted = [(FAULT_CYCLE, "fault", "X-201 STRAIN_INVALID")]
+    if source.recording["file"].endswith(".mcap"):
+        wanted.insert(0, (MARK_CYCLE, "mark", "coolant on (ana)"))
+    assert source.recording["marks"] == wanted
+    assert (source.recording["first"], source.recording["last"]) == (100, 3050 + COUNT - 2901)
+
+
+def test_what_was_cut_off_is_shown_up_to_there_and_said(tmp_path):
+    file = written(tmp_path / "run.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    found = Recorded(open_telemetry(file), lambda _: None)
+    assert 0 < found.recording["rows"] < COUNT
+    assert "this is what was in the file" in found.recording["problem"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"a,b\n1,2\n", "no recording of ours"), (b"\x89MCAP0\r\n" + bytes(90), "recording|telemetry")],
+)
+def test_a_foreign_file_is_told(tmp_path, content, message):
+    file = tmp_path / "run.mcap"
+    file.write_bytes(content)
+    with pytest.raises(CheckFailed, match=message):
+        view(file, "127.0.0.1:0", print, lambda _: None)
+
+
+def test_neither_an_address_of_others_nor_a_port_in_use(tmp_path):
+    import socket
+
+    with pytest.raises(UsageError, match="for this computer only"):
+        view(tmp_path / "run.mcap", "0.0.0.0:8091", print, lambda _: None)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with pytest.raises(DeviceUnavailable, match="choose another address or port"):
+            view(written(tmp_path / "run.mcap"), f"127.0.0.1:{other.getsockname()[1]}", print, lambda _: None)

@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation soak-machine soak-kill soak-recording surprise fault-campaign fuzz-socket fuzz-udp robustness docs site tune clean
+.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp robustness docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -88,6 +88,9 @@ fault-campaign: $(READY) ## faults of a bus on the whole daemon and a simulated 
 
 soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at random moments
 	$(BIN)/python -m tools.kills
+
+soak-watched: $(READY) ## ten minutes recorded in full, with scopes, metrics, OPC UA and a set each second; the loop beside without
+	$(BIN)/python -m tools.watched_soak
 
 soak-recording: $(READY) ## a recorder killed a hundred times, its file read each time; 5 million values a second recorded
 	$(BIN)/pytest -n0 --kills 100 tests/host/test_mcap_recording.py

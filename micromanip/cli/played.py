@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.bus.rights import precedence_restored
 from micromanip.errors import CheckFailed
 from micromanip.rt.arming import planned_cycles
 from micromanip.rt.records import CELL_STATE, MAX_AXES
@@ -54,8 +53,7 @@ def play(
     arming_s = int(planned_cycles(experiment.parameters[0], at_rest)) * variant.loop.period_ns * 1e-9
     with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
         file = Path(folder) / "experiment.h5"
-        with precedence_restored():  # what computes between two experiments must not go before anybody's work
-            report = serve(experiment, Options(socket_path, arming_s + duration_s + 0.5, file), line.say, line.show)
+        report = serve(experiment, Options(socket_path, arming_s + duration_s + 0.5, file), line.say, line.show)
         if report["faults"]:
             raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {report['faults'][0]}")
         recorded = report["recording"]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from micromanip.bus.device_lock import DeviceLocks
-from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memory
+from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memory, precedence_restored
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.faults import LOOP_DIED, LOOP_STUCK, FaultReport
 from micromanip.host.recording.recordings import Recordings
@@ -274,8 +274,11 @@ async def served(
     show: Callable[[Report], None],
     process: Child | None = None,
 ) -> Report:
-    """Run the daemon to its end, on a loop `process` that was begun already, if there is one; the final report."""
-    with DeviceLocks(prepared.wiring.devices) as locks:
+    """Run the daemon to its end, on a loop `process` that was begun already, if there is one; the final report.
+
+    What this process asked of the kernel for that is given back: what it does afterwards is in no hurry.
+    """
+    with precedence_restored(), DeviceLocks(prepared.wiring.devices) as locks:
         return await Daemon(prepared, options, say, show, locks.descriptors, process).run()
 
 

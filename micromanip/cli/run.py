@@ -63,10 +63,15 @@ async def _run(config: Path, socket_path: Path, duration_s: float | None, record
     """The loop process begins at once: it imports while this one imports, reads the configuration and checks it."""
     from micromanip.host.child import loop_process
 
-    process = loop_process()
+    process, asked = loop_process(), []
+
+    def interrupted(*_: Any) -> None:
+        asked.append(True)
+        raise KeyboardInterrupt
+
     await process.begin()
     if callable(signal.getsignal(signal.SIGINT)):  # asyncio's, which would wait until all this is done
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, interrupted)
     try:
         gc.disable()  # of all that is imported nothing is garbage: looking for it takes a tenth of the start
         try:
@@ -79,6 +84,8 @@ async def _run(config: Path, socket_path: Path, duration_s: float | None, record
             prepared = prepare(config)
         finally:
             gc.enable()
+        if asked:  # an exception that is raised while modules are made is lost now and then, and nothing may move then
+            raise KeyboardInterrupt
         if record is not None:
             require_new_file(record)
         options = Options(socket_path, duration_s, record, *files)

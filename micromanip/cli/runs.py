@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from micromanip.catalogue.describing import Entry
 
 _FILE = "catalogue.sqlite"
+_DATE = re.compile(r"\d{4}-\d{2}(-\d{2}([T ]\d{2}:\d{2}(:\d{2})?)?)?")
 
 
 @click.command(
@@ -52,8 +55,18 @@ def command(add: Path | None, drop: Path | None, page: Path | None, as_json: boo
     The catalogue keeps nothing but what is in the files: it may be removed, and is made again.
     """
     from micromanip.catalogue.store import Catalogue, Query
+    from micromanip.faults import BY_NAME
     from micromanip.host.state_directory import state_directory
 
+    for option in ("since", "until"):
+        if wanted[option] is not None and not _DATE.fullmatch(wanted[option]):
+            raise UsageError(
+                f"--{option} {wanted[option]}: expected a date, 2026-11-01, or a time, 2026-11-01T07:30:00"
+            )
+    codes = {kind.code for kind in BY_NAME.values()}
+    if wanted["fault"] is not None and wanted["fault"] not in codes:
+        near = difflib.get_close_matches(wanted["fault"], codes, 1)
+        raise UsageError(f"--fault {wanted['fault']}: no such code" + (f"; did you mean {near[0]}?" if near else ""))
     if page is not None and page.exists():
         raise UsageError(f"{page} is there already: nothing is replaced; name another file with --page")
     own = state_directory()

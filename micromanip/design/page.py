@@ -30,7 +30,7 @@ body { color: var(--ink); background: var(--ground); font: 16px/1.5 system-ui, s
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { border-bottom: 1px solid var(--line); padding: .2rem .8rem .2rem 0; text-align: right; }
 th:first-child, td:first-child { text-align: left; }
-table.words td { text-align: left; vertical-align: top; overflow-wrap: anywhere; }
+table.words td { text-align: left; vertical-align: top; overflow-wrap: anywhere; min-width: 5rem; }
 table.words th { text-align: left; }
 table.words td:first-child { overflow-wrap: normal; }
 .wide { overflow-x: auto; } svg { max-width: 100%; height: auto; } pre { overflow-x: auto; font-size: .8rem; }

@@ -29,7 +29,7 @@ Response = Callable[[Array], Complex]
 
 AGREEMENT = 0.2
 """How far the measured distance to -1 may be from the predicted one, beyond its confidence, as a share."""
-_SURE = 2.0
+_SURE, _UNKNOWN = 2.0, 20.0
 WINDOW = 7
 """Lines over which measured and modelled plant are compared by default."""
 _JUDGED = 1.25
@@ -68,11 +68,18 @@ class Sensitivity:
         return bool(self.frequency_Hz[0] <= self.margins.peak_Hz <= self.frequency_Hz[-1])
 
     @property
+    def between(self) -> str:
+        """The Ms that the measurement's confidence leaves, in words."""
+        if self.most > _UNKNOWN:
+            return f"at least {self.least:.2f}, its upper end was not measured"
+        return f"{self.least:.2f} to {self.most:.2f}"
+
+    @property
     def sentence(self) -> str:
         """Both, in words."""
         found = self.measured_margins().sensitivity
         return (
-            f"{self.name}: Ms {found:.2f} measured ({self.least:.2f} to {self.most:.2f}), "
+            f"{self.name}: Ms {found:.2f} measured ({self.between}), "
             f"{self.margins.sensitivity:.2f} predicted; at {self.apart_Hz:.0f} Hz their distances to -1 differ by "
             f"{100 * self.apart:.0f} % more than the measurement's confidence"
         )

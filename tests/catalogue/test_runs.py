@@ -166,6 +166,9 @@ def test_the_command_lists_answers_and_makes_a_page(made, tmp_path, capsys, monk
     shown = capsys.readouterr().out
     assert shown.index("bad.mcap") < shown.index("good.mcap")
     assert "2 of 5" in shown
+    for slip, words in ((["--since", "yesterday"], "expected a date"), (["--fault", "X-2O1"], "did you mean X-2")):
+        assert code_of("runs", *slip) == 64
+        assert words in capsys.readouterr().err
     assert code_of("runs", "--drop", tmp_path / "elsewhere") == 64
     assert "is not looked through; these are: " in capsys.readouterr().err
 

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from contextlib import suppress
 
 import numpy as np
@@ -112,3 +114,30 @@ def test_sigterm_with_a_deaf_client(run):
                 deaf.socket.send(b'{"version": 1, "verb": "status"}\n' * 100)
         assert cell.end(signal.SIGTERM) == 0
     assert_stopped_cleanly(cell)
+
+
+SWALLOWED = """
+import os, signal, sys, time
+import micromanip.settings.check as check
+prepare = check.prepare
+def prepared(file):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(1)
+    except KeyboardInterrupt:
+        print("swallowed")
+    return prepare(file)
+check.prepare = prepared
+from micromanip.cli.main import main
+main(sys.argv[1:])
+"""
+
+
+def test_ctrl_c_that_an_import_swallows_is_heeded_all_the_same(tmp_path):
+    """Once in 80 starts what was raised while modules were made was lost, and the cell went on to arm."""
+    config = tmp_path / "cell.yaml"
+    config.write_text(calm())
+    command = [sys.executable, "-c", SWALLOWED, "run", str(config), "--socket", str(tmp_path / "s"), "--duration", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert done.stdout == "swallowed\n"
+    assert (done.returncode, "READY" in done.stderr) == (130, False)

@@ -319,12 +319,12 @@ def test_an_entry_point_that_is_no_driver(tmp_path, monkeypatch, value, message)
 
 
 def test_a_broken_configuration_starts_nothing(tmp_path, monkeypatch, capsys):
-    """78, and neither a socket nor a process."""
+    """78, and neither a socket nor a process that is given orders: the loop's, which has begun to import, is ended."""
 
-    def started(*_, **__):
-        raise AssertionError("something was started")
+    def ordered(*_, **__):
+        raise AssertionError("something was given orders")
 
-    monkeypatch.setattr("asyncio.create_subprocess_exec", started)
+    monkeypatch.setattr("micromanip.host.child.hand_on", ordered)
     file = tmp_path / "cell.yaml"
     file.write_text(CELL.replace("offset_um: 65", "offset_um: 110"), encoding="utf-8")
     for command in (["run", "--socket", str(tmp_path / "s")], ["check"], ["check", "--json"], ["evaluate"]):
@@ -335,6 +335,8 @@ def test_a_broken_configuration_starts_nothing(tmp_path, monkeypatch, capsys):
         assert (json.loads(shown.out)["exit_code"] == 78) if "--json" in command else (shown.out == "")
         assert shown.err.startswith(f"micromanip: {file}:{line_of(CELL, 'reference:')}: reference: axis x can't reach")
     assert [entry.name for entry in tmp_path.iterdir()] == ["cell.yaml"]
+    children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+    assert not any(b"loop_process" in Path(f"/proc/{child}/cmdline").read_bytes() for child in children)
 
 
 @pytest.mark.parametrize("c3", [10.0, -10.0])

@@ -81,7 +81,7 @@ def _measured(found: Commissioned, analysis: AxisAnalysis) -> list[Criterion]:
         scaled = [loop.measured_margins(slope) for slope in slopes]
         nominal = loop.measured_margins()
         value = (
-            f"{nominal.sensitivity:.2f} ({loop.least:.2f} to {loop.most:.2f}), {_reached(nominal.gain_dB, loop)}, "
+            f"{nominal.sensitivity:.2f} ({loop.between}), {_reached(nominal.gain_dB, loop)}, "
             f"{nominal.phase_deg:.0f} deg; predicted {loop.margins.sensitivity:.2f}"
         )
         if len(slopes) > 1:

@@ -99,7 +99,7 @@ async def run_in_ready(
             reader, lateness_max_ns, compute_max_ns = RingReader(controller.ring), 0, 0
             seen(process, reader.read(0))
             lateness, compute = (controller.status[name].copy() for name in ("lateness", "compute"))
-            cycles, overruns = (int(controller.words[word]) for word in (w.CYCLES_RUN, w.OVERRUNS))
+            overruns = int(controller.words[w.OVERRUNS])
             end = time.monotonic() + seconds
             while time.monotonic() < end:
                 controller.beat()
@@ -110,12 +110,13 @@ async def run_in_ready(
                 lateness_max_ns = max(lateness_max_ns, *rows["lateness_ns"].tolist(), 0)
                 compute_max_ns = max(compute_max_ns, *rows["compute_ns"][1:].tolist(), 0)
                 seen(process, rows)
+            lateness = controller.status["lateness"] - lateness
             return LoopRun(
-                controller.status["lateness"] - lateness,
+                lateness,
                 controller.status["compute"] - compute,
                 lateness_max_ns,
                 compute_max_ns,
-                int(controller.words[w.CYCLES_RUN]) - cycles,
+                int(lateness.sum()),
                 int(controller.words[w.OVERRUNS]) - overruns,
                 tuple(missing_rights(int(controller.words[w.RIGHTS]))),
             )

@@ -63,6 +63,11 @@ arm_on_start: true
 """
 
 
+def as_from_a_terminal():
+    """Let Ctrl-C through: what a shell starts in the background, and all that it starts, ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def changed(text, *changes):
     """`text` with each (old, new) replaced; each old must single out one place."""
     for old, new in changes:
@@ -168,6 +173,7 @@ class Running:
                 stderr=err,
                 start_new_session=True,
                 cwd=self.folder,
+                preexec_fn=as_from_a_terminal,
                 env=os.environ
                 | {TAG: self.tag, "TMPDIR": str(self.folder), "COLUMNS": "200"}
                 | {"XDG_STATE_HOME": str(self.config.parent)},

@@ -20,7 +20,8 @@ from micromanip.settings.wiring.places import build_driver
 from .emulated import CONFIG
 from .lines import free_port
 
-pytestmark = [pytest.mark.compiled_only, pytest.mark.realtime]  # a device that stands still is a lost link
+# a device that stands still is a lost link: not beside loops that take a CPU for themselves
+pytestmark = [pytest.mark.compiled_only, pytest.mark.realtime, pytest.mark.xdist_group("loop")]
 
 PERIOD_NS = 1_000_000
 """Slow: this is about what happens, not how fast."""

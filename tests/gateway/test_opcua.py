@@ -351,7 +351,8 @@ def test_a_folder_with_something_else_in_it_is_told(tmp_path, place, content, wo
 @pytest.mark.parametrize(
     ("listen", "code", "words"), [("4840", 64, "expected HOST:PORT"), (None, 69, "choose another")]
 )
-def test_a_place_where_nobody_can_listen_is_told(tmp_path, capsys, listen, code, words):
+def test_a_place_where_nobody_can_listen_is_told(tmp_path, capsys, monkeypatch, listen, code, words):
+    monkeypatch.setattr("os.umask", lambda _: 0)  # it would be that of the tests after this one, too
     config = tmp_path / "cell.yaml"
     config.write_text("schema_version: 2\n")
     with socket.socket() as taken:

@@ -12,7 +12,7 @@ import pytest
 from micromanip.rt import mailbox as w
 from micromanip.rt.phases import PARKING
 from micromanip.rt.states import RAMPING
-from tools.running_controller import calm, rows_of, simulated, until
+from tools.running_controller import as_from_a_terminal, calm, rows_of, simulated, until
 
 
 def interrupt(cell):
@@ -138,6 +138,7 @@ def test_ctrl_c_that_an_import_swallows_is_heeded_all_the_same(tmp_path):
     config = tmp_path / "cell.yaml"
     config.write_text(calm())
     command = [sys.executable, "-c", SWALLOWED, "run", str(config), "--socket", str(tmp_path / "s"), "--duration", "1"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    how = {"capture_output": True, "text": True, "timeout": 120, "cwd": tmp_path, "preexec_fn": as_from_a_terminal}
+    done = subprocess.run(command, **how)
     assert done.stdout == "swallowed\n"
     assert (done.returncode, "READY" in done.stderr) == (130, False)

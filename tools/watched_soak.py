@@ -8,6 +8,7 @@ nothing else is asked: the loop's rows of both are compared. Ends with 1 where a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
 import json
 import os
@@ -70,12 +71,14 @@ class Watchers:
         except Exception as problem:  # whatever it is, it is told at the end
             self.problems.append(f"{work.__name__}: {type(problem).__name__}: {problem}")
 
+    @contextlib.contextmanager
     def _greeted(self, seconds: float) -> Any:
-        browser = connect(f"ws://{_HOST}/live", max_size=None, open_timeout=60, origin=f"http://{_HOST}")  # type: ignore[arg-type]
-        browser.send(json.dumps({"type": "hello", "token": self._token}))
-        view = {"type": "view", "fields": FIELDS, "span_s": seconds, "points": 1200, "last": None}
-        browser.send(json.dumps(view))
-        return browser
+        with connect(f"ws://{_HOST}/live", max_size=None, open_timeout=60, origin=f"http://{_HOST}") as browser:  # type: ignore[arg-type]
+            browser.send(json.dumps({"type": "hello", "token": self._token}))
+            view = {"type": "view", "fields": FIELDS, "span_s": seconds, "points": 1200, "last": None}
+            browser.recv()  # its hello: before that there is no cell to look at
+            browser.send(json.dumps(view))
+            yield browser
 
     def _browse(self, which: int) -> None:
         with self._greeted((0.2, 2.0, 30.0)[which]) as browser:
@@ -127,7 +130,7 @@ class Watchers:
         asyncio.run(self._subscribed())
 
     async def _subscribed(self) -> None:
-        async with UaClient(f"opc.tcp://{_OPCUA}/micromanip", timeout=60) as client:
+        async with UaClient(f"opc.tcp://{_OPCUA}/micromanip", timeout=60, watchdog_intervall=60) as client:
             index = await client.get_namespace_index("urn:micromanip:cell")
             found, place = [], [client.get_node(ua.NodeId("cell", index))]
             while place and len(found) < NODES:

@@ -39,13 +39,11 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
     """
     from micromanip.host.readiness.answer import Answer, described, looked_at
     from micromanip.host.readiness.finding import Machine
-    from micromanip.host.readiness.timed import measure, refuse_beside_a_controller
+    from micromanip.host.readiness.timed import measure
 
     if out is not None and out.exists():
         raise UsageError(f"{out} is there already: nothing is replaced; name another file with --out")
     loop, machine = _loop(config), Machine()
-    if not no_run:
-        refuse_beside_a_controller()
     findings, timed = looked_at(machine, loop), None
     if not no_run:
         if loop.cpu is None:

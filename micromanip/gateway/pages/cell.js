@@ -1,6 +1,6 @@
 // The cell page: state, faults, axes, timing, links; orders, each after a question.
 import { Connection, post } from "./connection.js";
-import { by, cell, count, element, figure, head, rows, themeButton } from "./page.js";
+import { by, cell, count, element, figure, head, notice, rows, themeButton } from "./page.js";
 
 const QUESTIONS = {
   arm: ["Arm the cell?", "It begins to move."],
@@ -45,12 +45,6 @@ function show(message) {
   showLinks(status.links);
   showSignals(status.signals);
   showRun(status);
-}
-
-function notice(text, bad) {
-  by("notice").textContent = text;
-  by("notice").hidden = !text;
-  by("notice").classList.toggle("bad", bad);
 }
 
 function showFaults(status) {

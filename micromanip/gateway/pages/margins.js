@@ -1,17 +1,14 @@
 // Margins of a running loop: measured by the controller, asked for as long as this page is there, drawn as they come.
-import { Connection, post } from "./connection.js";
-import { parsed } from "./frames.js";
-import { by, cell as td, element, figure, head, rows, themeButton } from "./page.js";
+import { post } from "./connection.js";
+import { by, cell as td, figure, head, rows, themeButton } from "./page.js";
 import { Panels } from "./panels.js";
 import { SensitivityPlot } from "./sensitivity.js";
+import { Supervised, isMeant } from "./supervised.js";
 
 const DRAWS = 2;
 const LOOK_MS = 250;
 const LIVE_S = 1;
 
-let controller = null;
-let state = "";
-let operates = false;
 let running = false;
 
 const form = by("measure").elements;
@@ -19,17 +16,17 @@ const plot = new SensitivityPlot(by("curve"));
 const panels = new Panels(by("live"), { zoomed: () => {}, wheel: () => {}, whole: () => {}, pointed: () => {} });
 const SHOWN = { strain: ["setpoint_um", "strain_um", "voltage_V"], stage: ["reference_um", "stage_um", "voltage_V"] };
 const fields = () => SHOWN[form.loop.value].map((name, i) => [name, i + 1]).map(([name, colour]) => {
-  const found = controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
+  const found = cell.controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
   return { ...found, colour: `--trace-${colour}` };
 });
 
 function askLive() {
-  if (!controller) return;
-  connection.send({ type: "view", fields: fields().map(({ name }) => name), span_s: LIVE_S, points: panels.points, last: null });
+  if (!cell.controller) return;
+  cell.connection.send({ type: "view", fields: fields().map(({ name }) => name), span_s: LIVE_S, points: panels.points, last: null });
 }
 
 function drawLive(header, arrays) {
-  const step = controller.period_ns * 1e-9, offset = header.origin - header.last;
+  const step = cell.controller.period_ns * 1e-9, offset = header.origin - header.last;
   const times = Float64Array.from(arrays.cycles, (cycle) => (cycle + offset) * step);
   const traces = Object.fromEntries(header.fields.map((name) => [name, [arrays[`${name} low`], arrays[`${name} high`]]]));
   panels.arrange(fields());
@@ -37,33 +34,23 @@ function drawLive(header, arrays) {
 }
 
 function arrange() {
-  const fits = ["TRACKING", "HOLDING"].includes(state);
-  by("begin").disabled = running || !operates || !fits || !controller;
+  const fits = ["TRACKING", "HOLDING"].includes(cell.state);
+  by("begin").disabled = running || !cell.operates || !fits || !cell.controller;
   by("stop").disabled = !running;
   for (const name of ["axis", "loop", "amplitude_um", "seed"]) form[name].disabled = running;
   if (running) return;
-  if (!operates) by("said").textContent = "This token only observes: measuring takes one whose scope is operate.";
-  else if (!fits) by("said").textContent = state ? `A loop is measured while TRACKING or HOLDING; the state is ${state}.` : "";
+  if (!cell.operates) by("said").textContent = "This token only observes: measuring takes one whose scope is operate.";
+  else if (!fits) by("said").textContent = cell.state ? `A loop is measured while TRACKING or HOLDING; the state is ${cell.state}.` : "";
   else if (by("said").textContent.startsWith("A loop is measured") || by("said").textContent.startsWith("This token")) by("said").textContent = "";
 }
 
-async function isMeant(told) {
-  const dialog = by("question");
-  dialog.querySelector("h1").textContent = `Measure axis ${told.axis}?`;
-  dialog.querySelector("p").textContent = `It moves: ${told.amplitude_um} µm rms on its set-point, ${DRAWS} times for 5 s, while ${state}.`;
-  dialog.returnValue = "no";
-  dialog.showModal();
-  dialog.querySelector('[value="no"]').focus();
-  await new Promise((resolve) => dialog.addEventListener("close", resolve, { once: true }));
-  return dialog.returnValue === "yes";
-}
-
+const question = (told) => `It moves: ${told.amplitude_um} µm rms on its set-point, ${DRAWS} times for 5 s, while ${cell.state}.`;
 const ask = async (told) => (await post("/api/sensitivity", told)).json();
 
 async function measure() {
   const told = { axis: form.axis.value, loop: form.loop.value, amplitude_um: form.amplitude_um.valueAsNumber };
   const seed = form.seed.valueAsNumber;
-  if (running || by("begin").disabled || !(await isMeant(told))) return;
+  if (running || by("begin").disabled || !(await isMeant(`Measure axis ${told.axis}?`, question(told)))) return;
   running = true;
   arrange();
   plot.clear();
@@ -123,56 +110,13 @@ function stop() {
   by("said").textContent = "stopped: it fades out within a second";
 }
 
-function notice(text, bad) {
-  by("notice").textContent = text;
-  by("notice").hidden = !text;
-  by("notice").classList.toggle("bad", bad);
-}
-
-const connection = new Connection((message) => {
-  if (message instanceof ArrayBuffer) {
-    const [header, arrays] = parsed(message);
-    if (header.type === "frame") drawLive(header, arrays);
-    connection.drawn();
-  } else if (message.type === "hello") {
-    operates = message.scope === "operate";
-    controller = message.cell;
-    if (controller) {
-      const kept = form.axis.value;
-      form.axis.replaceChildren(...controller.axes.map((name) => new Option(name)));
-      if (controller.axes.includes(kept)) form.axis.value = kept;
-      askLive();
-    }
-    arrange();
-  } else if (message.type === "status") {
-    state = message.status?.state ?? "";
-    by("state").textContent = state || "NO CONTROLLER";
-    by("where").textContent = message.status?.configuration ?? "";
-    const fault = message.status?.fault_reports.at(-1);
-    notice(message.problem ?? (fault ? `${fault.seen}. ${fault.next_step}` : message.differs ?? ""), Boolean(message.problem ?? fault));
-    arrange();
-    connection.drawn();
-  } else if (message.type === "problem") {
-    notice(message.problem, true);
-    connection.drawn();
-  }
-}, (why) => {
-  stop();
-  notice(why, true);
-});
+const cell = new Supervised({ axis: form.axis, draw: drawLive, look: askLive, arrange, stop });
 
 by("measure").addEventListener("submit", (event) => {
   event.preventDefault();
   measure();
 });
 for (const name of ["axis", "loop"]) form[name].addEventListener("change", askLive);
-by("stop").addEventListener("click", stop);
-document.addEventListener("keydown", (event) => {
-  if (event.key === "Escape" && !by("question").open) stop();
-});
-document.addEventListener("visibilitychange", () => {
-  if (document.hidden) stop();
-});
 themeButton(() => {
   panels.redraw();
   plot.redraw();

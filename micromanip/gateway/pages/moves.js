@@ -1,8 +1,8 @@
 // Moves of an axis that is held: asked for, followed as long as this page is there, and what the axis answered.
-import { Connection, post } from "./connection.js";
-import { parsed } from "./frames.js";
-import { by, cell as td, element, head, rows, short, themeButton } from "./page.js";
+import { post } from "./connection.js";
+import { by, cell as td, head, rows, short, themeButton } from "./page.js";
 import { Panels } from "./panels.js";
+import { Supervised, isMeant } from "./supervised.js";
 
 const LOOK_MS = 250;
 const LIVE_S = 5;
@@ -18,24 +18,21 @@ const NUMBERS = {
   sweep: ["amplitude_um", "frequency_Hz", "to_Hz", "seconds"], waypoints: ["way_s", "rest_s"],
 };
 
-let controller = null;
-let state = "";
-let operates = false;
 let running = false, stopping = false;
 let view = { last: null, span_s: LIVE_S, begun: null };
 
 const form = by("move").elements;
 const panels = new Panels(by("plots"), { zoomed: () => {}, wheel: () => {}, whole: live, pointed: () => {} });
 const fields = () => ["setpoint_um", "strain_um", "reference_um", "stage_um", "voltage_V"].map((name, i) => {
-  const found = controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
+  const found = cell.controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
   const isOfStage = ["reference_um", "stage_um"].includes(name);
   return { ...found, unit: isOfStage ? "um, stage" : found.unit, colour: `--trace-${(i % 2) + 1}` };
 });
-const period = () => controller.period_ns * 1e-9;
+const period = () => cell.controller.period_ns * 1e-9;
 
 function askView() {
-  if (!controller) return;
-  connection.send({ type: "view", fields: fields().map(({ name }) => name), span_s: view.span_s, points: panels.points, last: view.last });
+  if (!cell.controller) return;
+  cell.connection.send({ type: "view", fields: fields().map(({ name }) => name), span_s: view.span_s, points: panels.points, last: view.last });
 }
 
 function live() {
@@ -63,8 +60,8 @@ function arrange() {
     label.style.display = fits ? "" : "none";
   }
   for (const name of ["axis", "kind"]) form[name].disabled = running;
-  const why = !operates ? "This token only observes: moving takes one whose scope is operate." : state !== "HOLDING" ? `An axis is moved while HOLDING; the state is ${state || "unknown"}.` : "";
-  by("begin").disabled = running || why !== "" || !controller;
+  const why = !cell.operates ? "This token only observes: moving takes one whose scope is operate." : cell.state !== "HOLDING" ? `An axis is moved while HOLDING; the state is ${cell.state || "unknown"}.` : "";
+  by("begin").disabled = running || why !== "" || !cell.controller;
   by("stop").disabled = !running;
   if (!running && (why || /^(This token|An axis is moved)/.test(by("said").textContent))) by("said").textContent = why;
 }
@@ -87,22 +84,11 @@ function said({ axis, kind, ...wanted }) {
   return `Axis ${axis} moves ${what}. Nobody's hand is near the spindle?`;
 }
 
-async function isMeant(wanted) {
-  const dialog = by("question");
-  dialog.querySelector("h1").textContent = `Move axis ${wanted.axis}?`;
-  dialog.querySelector("p").textContent = said(wanted);
-  dialog.returnValue = "no";
-  dialog.showModal();
-  dialog.querySelector('[value="no"]').focus();
-  await new Promise((resolve) => dialog.addEventListener("close", resolve, { once: true }));
-  return dialog.returnValue === "yes";
-}
-
 const ask = async (path, document) => (await post(path, document)).json();
 
 async function move() {
   const wanted = told();
-  if (running || by("begin").disabled || !(await isMeant(wanted)) || by("begin").disabled) return;
+  if (running || by("begin").disabled || !(await isMeant(`Move axis ${wanted.axis}?`, said(wanted))) || by("begin").disabled) return;
   running = true;
   stopping = false;
   arrange();
@@ -153,43 +139,7 @@ function stop() {
   by("said").textContent = "stopping";
 }
 
-function notice(text, bad) {
-  by("notice").textContent = text;
-  by("notice").hidden = !text;
-  by("notice").classList.toggle("bad", bad);
-}
-
-const connection = new Connection((message) => {
-  if (message instanceof ArrayBuffer) {
-    const [header, arrays] = parsed(message);
-    if (header.type === "frame") draw(header, arrays);
-    connection.drawn();
-  } else if (message.type === "hello") {
-    operates = message.scope === "operate";
-    controller = message.cell;
-    if (controller) {
-      const kept = form.axis.value;
-      form.axis.replaceChildren(...controller.axes.map((name) => new Option(name)));
-      if (controller.axes.includes(kept)) form.axis.value = kept;
-      live();
-    }
-    arrange();
-  } else if (message.type === "status") {
-    state = message.status?.state ?? "";
-    by("state").textContent = state || "NO CONTROLLER";
-    by("where").textContent = message.status?.configuration ?? "";
-    const fault = message.status?.fault_reports.at(-1);
-    notice(message.problem ?? (fault ? `${fault.seen}. ${fault.next_step}` : message.differs ?? ""), Boolean(message.problem ?? fault));
-    arrange();
-    connection.drawn();
-  } else if (message.type === "problem") {
-    notice(message.problem, true);
-    connection.drawn();
-  }
-}, (why) => {
-  stop();
-  notice(why, true);
-});
+const cell = new Supervised({ axis: form.axis, draw, look: live, arrange, stop });
 
 by("move").addEventListener("submit", (event) => {
   event.preventDefault();
@@ -197,12 +147,5 @@ by("move").addEventListener("submit", (event) => {
 });
 form.kind.addEventListener("change", arrange);
 form.axis.addEventListener("change", live);
-by("stop").addEventListener("click", stop);
-document.addEventListener("keydown", (event) => {
-  if (event.key === "Escape" && !by("question").open) stop();
-});
-document.addEventListener("visibilitychange", () => {
-  if (document.hidden) stop();
-});
 themeButton(() => panels.redraw());
 arrange();

@@ -13,6 +13,13 @@ export function element(tag, properties = {}, ...children) {
   return made;
 }
 
+/** The line below the header; hidden where there is nothing to say. */
+export function notice(text, bad = false) {
+  by("notice").textContent = text;
+  by("notice").hidden = !text;
+  by("notice").classList.toggle("bad", bad);
+}
+
 export function themeButton(changed = () => {}) {
   by("theme").addEventListener("click", () => {
     const root = document.documentElement.dataset;

@@ -1,7 +1,7 @@
 // The scope: what is shown, and who is asked for it. Time is counted in cycles; s are made only to be shown.
 import { Connection, post } from "./connection.js";
 import { parsed } from "./frames.js";
-import { by, cell as td, count, element, head, rows, seconds, themeButton, unitText } from "./page.js";
+import { by, cell as td, count, element, head, notice, rows, seconds, themeButton, unitText } from "./page.js";
 import { Panels, readout } from "./panels.js";
 import { SpectrumView, lines } from "./spectrum.js";
 import { TriggerForm } from "./trigger.js";
@@ -246,12 +246,6 @@ function jump(direction) {
   const middle = (view.last ?? 0) - view.span_s / 2 / period();
   const found = direction > 0 ? cycles.find((cycle) => cycle > middle + 1) : cycles.findLast((cycle) => cycle < middle - 1);
   if (found !== undefined) around(found);
-}
-
-function notice(text, bad = false) {
-  by("notice").textContent = text;
-  by("notice").hidden = !text;
-  by("notice").classList.toggle("bad", bad);
 }
 
 /** What is seen, as a file of that kind; a scope that is live is frozen first. */

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from .extras import require_gateway
+from micromanip.extras import required
+
 from .options import StrictCommand, config_argument, socket_option
 
 _TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
@@ -68,7 +69,7 @@ def command(
     telemetry and asks the control socket for everything else: the loop does not notice whether it runs. It needs the
     extra `gateway`.
     """
-    with require_gateway("gateway"):
+    with required("gateway", "gateway"):
         from micromanip.gateway.serving import Options, serve
     os.umask(0o077)
     options = Options(

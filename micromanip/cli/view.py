@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from .extras import require_gateway
+from micromanip.extras import required
+
 from .options import StrictCommand
 
 
@@ -21,7 +22,7 @@ def command(file: Path, listen: str) -> None:
     Zoom from 1 ms to the whole file, spectrum, x-y, states, faults and remarks. It reads the file once, and nothing
     else; browsers of this computer need no token. It needs the extra `gateway`.
     """
-    with require_gateway("view"):
+    with required("view", "gateway"):
         from micromanip.gateway.viewing import view
     from rich.console import Console
     from rich.progress import Progress, TextColumn

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import uvicorn
 
 from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied, UsageError, system_error
+from micromanip.extras import required
 
 from .app import Gateway
 from .cell import Cell
@@ -97,14 +98,8 @@ def run(gateway: Gateway, socket_: socket.socket, certificate: Path | None = Non
 
 
 def _opcua(listen: str, folder: Path, cell: Cell, say: Callable[[str], None]) -> OpcUa:
-    try:
+    with required("--opcua", "opcua"):
         from .opcua.service import OpcUa
-    except ModuleNotFoundError as missing:
-        if (missing.name or "").startswith("micromanip"):
-            raise
-        raise UsageError(
-            f"--opcua needs {missing.name}, which comes with the extra: pip install 'micromanip[opcua]'"
-        ) from missing
     host, port = parsed_address(listen, "--opcua")
     with listening(host, port, "--opcua"):
         pass  # it is free: asyncua would end the gateway with a traceback

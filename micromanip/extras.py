@@ -9,13 +9,13 @@ from micromanip.errors import UsageError
 
 
 @contextlib.contextmanager
-def require_gateway(command: str) -> Iterator[None]:
-    """Around the import of the gateway; UsageError where the extra is missing."""
+def required(what: str, extra: str) -> Iterator[None]:
+    """Around the import of what the option or command `what` needs; UsageError where `extra` is missing."""
     try:
         yield
     except ModuleNotFoundError as missing:
         if (missing.name or "").startswith("micromanip"):
             raise
         raise UsageError(
-            f"{command} needs {missing.name}, which comes with the extra: pip install 'micromanip[gateway]'"
+            f"{what} needs {missing.name}, which comes with the extra: pip install 'micromanip[{extra}]'"
         ) from missing

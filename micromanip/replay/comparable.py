@@ -8,7 +8,7 @@ from typing import Any
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.recordings import Telemetry
 from micromanip.settings.check import validate
-from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.model import Configuration, Output, Signal
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.source import Source
 
@@ -42,8 +42,8 @@ def _facts(recorded: Configuration, other: Configuration) -> list[tuple[str, Any
         ("reference.source", _follows(recorded), _follows(other)),
     ]
     for name in recorded.axes:
-        for key in (f"strain_{name}", f"stage_{name}", f"deviation_{name}", f"voltage_{name}"):
-            facts.append((key, _origin(recorded, key), _origin(other, key)))
+        keys = [f"{role}_{name}" for role in ("strain", "stage", "deviation", "voltage")]
+        facts += [(key, _origin(recorded, key), _origin(other, key)) for key in keys]
         if name in other.axes:
             facts.append((f"axes.{name}.centre_um", recorded.axes[name].centre_um, other.axes[name].centre_um))
     used = {entry.driver for entry in (*recorded.signals.values(), *recorded.outputs.values())}
@@ -59,7 +59,8 @@ def _follows(configuration: Configuration) -> str:
 
 def _origin(configuration: Configuration, name: str) -> str | None:
     """Driver and channel of a signal or an output."""
-    entry = configuration.signals.get(name) or configuration.outputs.get(name)
+    entry: Signal | Output | None = configuration.signals.get(name)
+    entry = entry or configuration.outputs.get(name)
     return None if entry is None else f"{entry.driver}:{entry.channel or name}"
 
 

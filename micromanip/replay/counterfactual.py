@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.records import CELL_PARAMETERS, MAX_OUTPUTS
-from micromanip.rt.states import TRACKING
+from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.rt.telemetry import ROW
 
 from .fitting import Models
@@ -60,14 +60,13 @@ class Rerun:
     def __init__(self, window: Window, models: Models, settle_s: float = SETTLE_S) -> None:
         """Raises CheckFailed where nothing is left behind `settle_s`."""
         self.window, self.models = window, models
-        self.first = round(settle_s * 1e9 / window.period_ns)
+        self.first = window.first + round(settle_s * 1e9 / window.period_ns)
         if len(window.rows) <= self.first + 1:
             raise CheckFailed(
                 f"{window.file}: only {window.seconds:.2f} s of it track, less than the {settle_s:g} s that the other "
                 "tuning is given to settle"
             )
         self._rows = np.zeros(len(window.rows), ROW)
-        self._commands = np.zeros(len(window.rows), np.int64)
         self._sets = np.zeros(2, CELL_PARAMETERS)
         self._scratch = np.zeros(1, ROW)
 
@@ -90,7 +89,7 @@ class Rerun:
             np.zeros(MAX_OUTPUTS),
             window.samples,
             window.rows,
-            self._commands,
+            window.commands,
             self._rows,
             NO_SWAP if same else SWAP_BEFORE,
             self.models.nominal if models is None else models,
@@ -109,11 +108,11 @@ class Rerun:
         place = int(0.99 * (len(error) - 1))
         return np.stack([rms, np.partition(error, place, axis=0)[place], error.max(axis=0)])
 
-    @staticmethod
-    def tracked(rows: NDArray[Any]) -> int:
-        """How many of `rows` pass before the cell leaves TRACKING."""
-        left = rows["state"] != TRACKING
-        return int(np.argmax(left)) if left.any() else len(rows)
+    def tracked(self, rows: NDArray[Any]) -> int:
+        """How many of `rows` pass before the cell leaves TRACKING, or a fault keeps it from getting there."""
+        stopped = (rows["fault"] != NO_FAULT) & (self.window.rows["fault"] == NO_FAULT)
+        stopped[self.window.first :] |= rows["state"][self.window.first :] != TRACKING
+        return int(np.argmax(stopped)) if stopped.any() else len(rows)
 
 
 def predict(rerun: Rerun, parameters: NDArray[Any], draws: int = DRAWS) -> Prediction:
@@ -122,8 +121,9 @@ def predict(rerun: Rerun, parameters: NDArray[Any], draws: int = DRAWS) -> Predi
     recorded = rerun.figures(window.rows)
     rows = rerun.rows(parameters)
     nominal, tracked = rerun.figures(rows), rerun.tracked(rows)
-    limits = limits_met(window, parameters, rows[:tracked])
-    stopped_s = None if tracked == len(rows) else float(window.start_s + _passed_s(window, tracked))
+    first = window.first
+    limits = limits_met(window, parameters, rows[first : tracked + 1], first)
+    stopped_s = None if tracked == len(rows) else window.at_s(tracked)
     found, stops = [], 0
     for seed in range(draws):
         rows = rerun.rows(parameters, rerun.models.drawn(seed))
@@ -131,9 +131,5 @@ def predict(rerun: Rerun, parameters: NDArray[Any], draws: int = DRAWS) -> Predi
         found.append(rerun.figures(rows))
     half = _QUANTILE * np.sqrt(np.mean((np.array(found) - nominal) ** 2, axis=0))
     expected = Expected(nominal, np.maximum(nominal - half, 0.0), nominal + half)
-    met = limits_met(window, window.parameters, window.rows)
+    met = limits_met(window, window.parameters, window.rows[first:], first)
     return Prediction(recorded, met, expected, limits, stopped_s, stops / draws)
-
-
-def _passed_s(window: Window, row: int) -> float:
-    return float(window.rows["cycle"][row] - window.rows["cycle"][0]) * window.period_ns * 1e-9

@@ -23,7 +23,7 @@ from typing import Any
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.estimator import INPUT_HISTORY, MAX_STATES
 from micromanip.rt.laws.hysteresis import MAX_PLAYS, PLAYS, model_output
-from micromanip.rt.record import Record, record
+from micromanip.rt.record import MAX_AXES, Record, record
 
 ORDER = 12
 """Cycles that the actuator's model looks back."""
@@ -45,8 +45,10 @@ DIFFERENCE_MODEL = record(
     ("B", "f8", (MAX_STATES,)),
     ("C", "f8", (MAX_STATES,)),
     ("delay", "i8"),
+    ("coupling", "f8", (MAX_AXES,)),
 )
-"""``present`` 0: nothing differs. ``strain``, ``free``: P, the weights of its past and of what came in, newest first."""
+"""``present`` 0: nothing differs. ``strain``, ``free``: P, weights of its past and of what came in, newest first;
+``coupling``: how much each axis moves along this one, 1 for itself."""
 DIFFERENCE_STATE = record(
     ("plays", "f8", (MAX_PLAYS,)),
     ("recorded_plays", "f8", (MAX_PLAYS,)),

@@ -39,9 +39,9 @@ _MOST_ROWS = 30_000
 _FRESH_SHARE = 0.98
 _STABLE = 0.9995
 """Largest pole of an actuator that is believed."""
-_GAIN, _FREQUENCY, _DAMPING, _DELAY_CYCLES = 0.02, 0.01, 0.10, 0.25
-"""Standard deviations of the stage's model: of its gain, the frequencies of its modes and their damping as shares, and
-of its delay."""
+_GAIN, _FREQUENCY, _DAMPING, _DELAY_CYCLES, _COUPLING = 0.02, 0.01, 0.10, 0.25, 0.015
+"""Standard deviations of the stage's model: of its gain, the frequencies of its modes and their damping as shares, of
+its delay, and of what it sees of the other axes, which the model as it is leaves out."""
 _TRIES = 20
 
 compiled = Compiler(__file__, allocates=True)
@@ -79,7 +79,9 @@ class Models:
         """Models (MAX_AXES,) as they might be too: see the standard deviations above."""
         random = np.random.default_rng(seed)
         models = self.nominal.copy()
-        for m, actuator in zip(models, self.actuators, strict=False):
+        for i, (m, actuator) in enumerate(zip(models, self.actuators, strict=False)):
+            m["coupling"] = _COUPLING * random.standard_normal(MAX_AXES)
+            m["coupling"][i] = 1.0
             m["strain"], m["free"] = np.split(actuator.drawn(random), 2)
             gain, frequency, damping, late = random.standard_normal(4) * (_GAIN, _FREQUENCY, _DAMPING, _DELAY_CYCLES)
             n = int(m["states"])
@@ -102,18 +104,18 @@ def fit_models(window: Window, configuration: Configuration) -> Models:
         if axis.outer is None:
             raise CheckFailed(f"{window.file}: axis {name} has no model of its stage (outer.model) in the recording")
         rows, m = window.rows["axis"][:, i], models[i]
-        fresh = float(np.mean(rows["fresh"] & STRAIN_FRESH != 0))
+        fresh = float(np.mean(rows["fresh"][window.first :] & STRAIN_FRESH != 0))
         if fresh < _FRESH_SHARE:
             raise CheckFailed(
                 f"{window.file}: the gauge of axis {name} is fresh in {100 * fresh:.0f} % of the cycles; its actuator "
                 "can't be fitted to samples that are rare"
             )
-        m["present"] = 1
+        m["present"] = m["coupling"][i] = 1
         _fill_hysteresis(m["hysteresis"], begin[i], window, i)
         free = np.empty(len(rows))
         voltage = np.ascontiguousarray(rows["voltage_V"])
         displacements(models["hysteresis"][i : i + 1].copy(), begin[i]["plays"].copy(), voltage, free)
-        seen = slice(-_MOST_ROWS, None)
+        seen = slice(max(window.first, len(rows) - _MOST_ROWS), None)
         actuator = _fit_actuator(
             rows["strain_um"][seen], free[seen], axis.outer.oscillation_Hz, window.period_ns * 1e-9
         )

@@ -183,14 +183,20 @@ def _leave_cell(p: Record, s: Record, row: Record, signals: Any, now_ns: int) ->
 @_compiled
 def _differ(p: Record, models: Any, differences: Any, row: Record, periods: int) -> None:
     """Go `periods` cycles on, and make of the recorded `row` what the sensors would have said."""
+    period_ns = p["period_ns"]
     for i in range(p["axes"]):
-        m, d, axis = models[i], differences[i], row["axis"][i]
         for _ in range(periods):
-            advance_difference(m, d)
-        strain, stage = d["strain_um"][0], d["stages"][d["cycle"] & (len(d["stages"]) - 1)]
-        axis["strain_um"] += at_age(d["strains"], d, axis["strain_age_ns"], p["period_ns"])
-        axis["stage_um"] += at_age(d["stages"], d, axis["stage_age_ns"], p["period_ns"])
-        axis["true_strain_um"] += strain
+            advance_difference(models[i], differences[i])
+    for i in range(p["axes"]):
+        axis, strains = row["axis"][i], differences[i]["strains"]
+        seen, stage = 0.0, 0.0
+        for j in range(p["axes"]):
+            d, share = differences[j], models[i]["coupling"][j]
+            seen += share * at_age(d["stages"], d, axis["stage_age_ns"], period_ns)
+            stage += share * at_age(d["stages"], d, 0, period_ns)
+        axis["strain_um"] += at_age(strains, differences[i], axis["strain_age_ns"], period_ns)
+        axis["stage_um"] += seen
+        axis["true_strain_um"] += at_age(strains, differences[i], 0, period_ns)
         axis["true_stage_um"] += stage
         axis["path_error_um"] -= stage
 

@@ -25,15 +25,14 @@ class Met(NamedTuple):
     first_s: float
 
 
-def limits_met(window: Window, parameters: NDArray[Any], rows: NDArray[Any]) -> list[Met]:
-    """The limits of `parameters` (1,) that `rows` (n,), from the window's first on, meet; by the time."""
+def limits_met(window: Window, parameters: NDArray[Any], rows: NDArray[Any], begin: int) -> list[Met]:
+    """The limits of `parameters` (1,) that `rows` (n,), of the window from row `begin` on, meet; by the time."""
     found: list[Met] = []
     per_ms = 1e6 / window.period_ns
 
     def add(axis: str, limit: str, value: str, met: NDArray[np.bool_]) -> None:
         if met.any():
-            passed = int(rows["cycle"][int(np.argmax(met))] - window.rows["cycle"][0])
-            found.append(Met(axis, limit, value, int(met.sum()), window.start_s + passed * window.period_ns * 1e-9))
+            found.append(Met(axis, limit, value, int(met.sum()), window.at_s(begin + int(np.argmax(met)))))
 
     def steps(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.abs(np.diff(values, prepend=values[:1]))

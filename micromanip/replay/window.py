@@ -11,22 +11,25 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
-from micromanip.rt.states import STAGE, TRACKING
+from micromanip.rt.states import READY, STAGE, TRACKING
 
+from .commands import commands_of
 from .recorded import Recorded
 from .self_replay import Run
 
 LEAST_S = 0.5
 """A shorter piece says nothing of a tuning."""
 _MOST_S = 120.0
+"""Rows take 5 MB per second."""
+_MOST_ARMING_S = 30.0
 
 
 @dataclass(frozen=True)
 class Window:
-    """Rows (n,) of ROW in a row that track; before the first of them stand `state` and `parameters`, each (1,).
+    """Rows (n,) of ROW, of which those from `first` on track; before all of them stand `state` and `parameters` (1,).
 
-    `signals` is the process image then, `samples` (m, MAX_AXES) what the source ``file`` played; `start_s` is the time
-    of the first row from the beginning of the recording.
+    What comes before `first` is the arming, with its `commands` (n,). `signals` is the process image at the beginning,
+    `samples` (m, MAX_AXES) what the source ``file`` played; `start_s` is the time of the first row in the recording.
     """
 
     file: str
@@ -34,7 +37,9 @@ class Window:
     period_ns: int
     configuration: str
     start_s: float
+    first: int
     rows: NDArray[Any] = field(repr=False)
+    commands: NDArray[np.int64] = field(repr=False)
     state: NDArray[Any] = field(repr=False)
     signals: NDArray[Any] = field(repr=False)
     parameters: NDArray[Any] = field(repr=False)
@@ -42,27 +47,37 @@ class Window:
 
     @property
     def seconds(self) -> float:
-        """Cycles that were missed within it count."""
-        return float(self.rows["periods"].sum()) * self.period_ns * 1e-9
+        """How long it tracks; cycles that were missed within it count."""
+        return float(self.rows["periods"][self.first :].sum()) * self.period_ns * 1e-9
+
+    def at_s(self, row: int) -> float:
+        """When `row` was, from the beginning of the recording."""
+        passed = int(self.rows["cycle"][row] - self.rows["cycle"][0])
+        return self.start_s + passed * self.period_ns * 1e-9
 
 
-def take_window(telemetry: Telemetry, from_s: float = 0.0, seconds: float | None = None) -> Window:
-    """The first piece of a recording that tracks, with its reference in full, from `from_s` on.
+def take_window(telemetry: Telemetry, cut: tuple[float, float] | None = None, *, arming: bool = True) -> Window:
+    """The first piece of a recording that tracks.
 
-    It ends where the cell leaves TRACKING, rows are missing, or after `seconds` (None: two minutes at most). Raises
-    CheckFailed where there is none of `LEAST_S`, or what it takes to run the cycle from there is not in the file.
+    Before it stands the arming that led to it where that is in the file and `arming` asks for it, unless `cut` (from,
+    to; s from the first row) begins later. It ends where the cell leaves TRACKING, rows are missing, or after two
+    minutes. Raises CheckFailed where there is none of `LEAST_S`, or what the cycle needs from there on is not in it.
     """
     file, period_s = telemetry.file, telemetry.period_ns * 1e-9
     recorded = Recorded(telemetry)
-    first, last, origin = _piece(telemetry, from_s, _MOST_S if seconds is None else seconds)
-    if (last - first) * period_s < LEAST_S:
+    first, last, origin = _piece(telemetry, *(cut or (0.0, np.inf)))
+    if (last + 1 - first) * period_s < LEAST_S * (1.0 - 1e-9):
+        where = "" if cut is None else f" from {cut[0]:g} to {cut[1]:g} s"
         raise CheckFailed(
-            f"{file}: no piece of {LEAST_S:g} s tracks in it from {from_s:g} s on; another tuning is tried on a cell "
-            "that follows its reference"
+            f"{file}: no piece of {LEAST_S:g} s tracks in it{where}; another tuning is tried on a cell that follows "
+            "its reference"
         )
     begun = max((cycle for cycle in recorded.states if cycle < first), default=None)
     if begun is None:
         raise CheckFailed(f"{file}: no state of the loop from before {(first - origin) * period_s:.3f} s is in it")
+    tracked = first
+    if arming and (cut is None or cut[0] == 0.0) and (at_rest := _before_arming(recorded, first, period_s)) is not None:
+        begun, first = at_rest, at_rest + 1
     run, taken = Run(recorded), []
     for rows in recorded.rows():
         rows = rows[(rows["cycle"] > begun) & (rows["cycle"] <= last)]
@@ -81,22 +96,30 @@ def take_window(telemetry: Telemetry, from_s: float = 0.0, seconds: float | None
         raise CheckFailed(f"{file}: {run.outcome.gaps[0] if run.outcome.gaps else 'parameters are not in it'}")
     parameters = recorded.parameters[version]
     _require_stage(telemetry, parameters)
-    rows = np.concatenate(taken)
+    rows = np.ascontiguousarray(np.concatenate(taken))
     start_s = (int(rows["cycle"][0]) - origin) * period_s
+    commands = commands_of(rows, int(state["state"][0]), int(state["fault"][0]))
     return Window(
-        str(file), telemetry.axes, telemetry.period_ns, telemetry.configuration, start_s, np.ascontiguousarray(rows),
-        state, run.signals, parameters, recorded.samples,
+        str(file), telemetry.axes, telemetry.period_ns, telemetry.configuration, start_s,
+        int(np.argmax(rows["cycle"] >= tracked)), rows, commands, state, run.signals, parameters, recorded.samples,
     )  # fmt: skip
 
 
-def _piece(telemetry: Telemetry, from_s: float, seconds: float) -> tuple[int, int, int]:
+def _before_arming(recorded: Recorded, first: int, period_s: float) -> int | None:
+    """The cycle of the last state at rest before cycle `first`; None where that is long ago, or not in the file."""
+    at_rest = [cycle for cycle, state in recorded.states.items() if cycle < first and state["state"][0] == READY]
+    begun = max(at_rest, default=None)
+    return begun if begun is not None and (first - begun) * period_s <= _MOST_ARMING_S else None
+
+
+def _piece(telemetry: Telemetry, from_s: float, to_s: float) -> tuple[int, int, int]:
     """First and last cycle of the first piece that is long enough, else of the longest; and the recording's first."""
     per_s = 1e9 / telemetry.period_ns
     found, origin = (0, 0), None
     for first, last, begin in _pieces(telemetry):
         origin = begin
         first = max(first, begin + round(from_s * per_s))
-        last = min(last, first + round(seconds * per_s) - 1)
+        last = min(last, begin + round(min(to_s, 1e9) * per_s) - 1, first + round(_MOST_S * per_s) - 1)
         if last - first > found[1] - found[0]:
             found = (first, last)
         if last - first >= LEAST_S * per_s:

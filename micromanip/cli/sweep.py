@@ -178,7 +178,8 @@ def _fragment(trials: Trials, space: Space, best: Tried, base: Tried, document: 
     heading = [
         f"A part of a configuration, no whole one: tuning {best.number} of {document['number']} drawn by",
         f"micromanip sweep on {today}, seed {space.seed}: {', '.join(map(str, space.dimensions))};",
-        f"all else is that of {trials.source.path} ({trials.source.hash[:8]}). Predicted path error on {', '.join(document['files'])}:",
+        f"all else is that of {trials.source.path} ({trials.source.hash[:8]}).",
+        f"Predicted path error on {', '.join(document['files'])}:",
         f"{best.cost_um:.4f} um rms over all axes, {was}. Neither commissioned nor run: try it with",
         "micromanip analyse and micromanip replay --with, then shadow and promote.",
     ]

@@ -34,7 +34,7 @@ def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_jso
         expected = found.expected
         will: dict[str, Any] = {f"{name}_um": float(um) for name, um in zip(FIGURES, expected.um[:, i], strict=True)}
         for name, low, high in zip(FIGURES, expected.low_um[:, i], expected.high_um[:, i], strict=True):
-            will[f"{name}_um_95"] = [float(low), float(high)]
+            will[f"{name}_um_interval"] = [float(low), float(high)]
         errors[axis] = {"recorded": was, "predicted": will}
     document = {
         "file": str(file),
@@ -68,13 +68,13 @@ def _show(document: dict[str, Any]) -> None:
             f"{document['from_s']:.2f} s; in force {how}"
         )
     )
-    table = Figures(title="Path error, um", caption="in brackets: 95 % by what the models may be wrong")
+    table = Figures(title="Path error, um", caption="in brackets: as far as the models may be wrong")
     for heading in ("axis", "rms recorded", "rms", "p99 recorded", "p99", "peak recorded", "peak"):
         table.add_column(heading, justify="left" if heading == "axis" else "right")
     for axis, error in document["errors"].items():
         cells = []
         for name in ("rms", "p99", "peak"):
-            low, high = error["predicted"][f"{name}_um_95"]
+            low, high = error["predicted"][f"{name}_um_interval"]
             cells += [
                 f"{error['recorded'][f'{name}_um']:.3f}",
                 f"{error['predicted'][f'{name}_um']:.3f} ({low:.3f}..{high:.3f})",

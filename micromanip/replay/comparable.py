@@ -46,7 +46,7 @@ def _facts(recorded: Configuration, other: Configuration) -> list[tuple[str, Any
         facts += [(key, _origin(recorded, key), _origin(other, key)) for key in keys]
         if name in other.axes:
             facts.append((f"axes.{name}.centre_um", recorded.axes[name].centre_um, other.axes[name].centre_um))
-    used = {entry.driver for entry in (*recorded.signals.values(), *recorded.outputs.values())}
+    used = {entry.driver for entry in recorded.signals.values()} | {entry.driver for entry in recorded.outputs.values()}
     for name in sorted(used):
         was, is_ = (each.drivers[name].model_dump() if name in each.drivers else {} for each in (recorded, other))
         facts += [(f"drivers.{name}.{key}", was.get(key), is_.get(key)) for key in {**was, **is_}]
@@ -59,8 +59,7 @@ def _follows(configuration: Configuration) -> str:
 
 def _origin(configuration: Configuration, name: str) -> str | None:
     """Driver and channel of a signal or an output."""
-    entry: Signal | Output | None = configuration.signals.get(name)
-    entry = entry or configuration.outputs.get(name)
+    entry: Signal | Output | None = configuration.signals.get(name, configuration.outputs.get(name))
     return None if entry is None else f"{entry.driver}:{entry.channel or name}"
 
 

@@ -22,8 +22,9 @@ from .window import Window
 SETTLE_S = 0.3
 """After the other tuning has come in, before its error counts."""
 DRAWS = 30
-_QUANTILE = 2.045
-"""Of Student's distribution with 29 degrees of freedom, for 95 %."""
+_QUANTILE, _WIDER = 2.045, 2.0
+"""Of Student's distribution with 29 degrees of freedom, for 95 %; and by how much the interval is wider, since the
+drawn models share what no drawing changes, such as their order (docs/decisions/0031, where it was measured)."""
 FIGURES = ("rms", "p99", "peak")
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Expected:
-    """Figures of the path error (um), by the models as they are, and the ends of the interval of 95 %."""
+    """Figures of the path error (um), by the models as they are, and the ends of its interval."""
 
     um: Array
     low_um: Array
@@ -129,7 +130,7 @@ def predict(rerun: Rerun, parameters: NDArray[Any], draws: int = DRAWS) -> Predi
         rows = rerun.rows(parameters, rerun.models.drawn(seed))
         stops += rerun.tracked(rows) < len(rows)
         found.append(rerun.figures(rows))
-    half = _QUANTILE * np.sqrt(np.mean((np.array(found) - nominal) ** 2, axis=0))
+    half = _WIDER * _QUANTILE * np.sqrt(np.mean((np.array(found) - nominal) ** 2, axis=0))
     expected = Expected(nominal, np.maximum(nominal - half, 0.0), nominal + half)
     met = limits_met(window, window.parameters, window.rows[first:], first)
     return Prediction(recorded, met, expected, limits, stopped_s, stops / draws)

@@ -17,8 +17,9 @@ from .recording_options import Cut
 from .results import keep, require_room
 
 if TYPE_CHECKING:
-    from micromanip.design.sweep import Space, Tried
+    from micromanip.design.sweep.space import Space
     from micromanip.design.sweep.trial import Trials
+    from micromanip.design.sweep.work import Tried
 
 
 @click.command(
@@ -63,7 +64,10 @@ def command(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from micromanip.design.loops import cluster
-    from micromanip.design.sweep import Dimension, Space, Store, Work, run_trials
+    from micromanip.design.sweep.running import run_trials
+    from micromanip.design.sweep.space import Dimension, Space
+    from micromanip.design.sweep.store import Store
+    from micromanip.design.sweep.work import Work
     from micromanip.rt.jit import Compiler
 
     Compiler.tell = staticmethod(lambda name: click.echo(f"compiling {name} (the first time only)", err=True))
@@ -91,6 +95,7 @@ def command(
         found, base, counts = store.best(top), store.one(0), store.counts()
     judged = [(each, _judged(trials, each)) for each in found]
     good = next((each for each, problem in judged if problem is None), None)
+    good = None if good is None or good.number == 0 else good
     document = {
         "files": list(map(str, files)),
         "out": str(out),
@@ -108,7 +113,7 @@ def command(
     if best is not None and good is None:
         from micromanip.errors import CheckFailed
 
-        raise CheckFailed(f"{best} is not written: none of the best {len(found)} tunings passes the check")
+        raise CheckFailed(f"{best} is not written: none of the best {len(found)} that passes the check beats tuning 0")
 
 
 def _prepare(

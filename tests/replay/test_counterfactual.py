@@ -62,7 +62,7 @@ def test_the_recorded_tuning_is_what_was_recorded(recorded, cut):
 
 
 def test_the_error_of_drawn_tunings_is_predicted():
-    refused, *found = compared(number=3, seed=7, draws=10)
+    refused, *found = compared(number=2, seed=7, draws=6)
     assert refused >= 0
     for each in found:
         assert isinstance(each, Compared)
@@ -126,12 +126,10 @@ def test_a_tuning_that_would_stop_the_cell(recorded, tmp_path, capsys):
     text = cell.source.text.replace("control_weight: 10.0", "control_weight: 90.0")
     text = text.replace("    commissioned:\n", tight + "    commissioned:\n", 1)
     (tmp_path / "weak.yaml").write_text(text)
-    assert code_of("replay", telemetry.file, "--with", tmp_path / "weak.yaml", "--cut", "6:7", "--json") == 1
-    document = json.loads(capsys.readouterr().out)
-    assert document["stopped_s"] is not None
-    assert ("x", "following error") in [(met["axis"], met["limit"]) for met in document["limits"]]
     assert code_of("replay", telemetry.file, "--with", tmp_path / "weak.yaml", "--cut", "6:7") == 1
-    assert "The cell would have stopped at 6." in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "The cell would have stopped at 6." in printed
+    assert re.search("x .* following error .* [0-9]", printed)
 
 
 def test_the_command(recorded, tmp_path, capsys):

@@ -11,7 +11,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from micromanip.errors import DeviceUnavailable
 
 from .store import Store
-from .trial import Tried, Work, try_some
+from .work import Tried, Work, try_some
 
 BATCH = 25
 """Tunings that a worker takes at a time: half a second."""

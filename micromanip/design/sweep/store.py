@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from micromanip.errors import DeviceUnavailable, UsageError
 
-from .trial import Tried
+from .work import Tried
 
 _FORMAT = 1
 _FIGURES = ("rms_um", "p99_um", "peak_um")

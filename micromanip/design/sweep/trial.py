@@ -1,49 +1,26 @@
-"""One tuning tried on every recording: what a worker does, with all that it needs in one file.
-
-The recordings are read, cut and fitted once, before; each worker loads the result once.
-"""
+"""One tuning tried on every recording, which are read, cut and fitted once before."""
 
 from __future__ import annotations
 
 import functools
 import math
-import pickle
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import ConfigError, UsageError
+from micromanip.errors import ConfigError, UsageError, did_you_mean
 from micromanip.replay.counterfactual import Rerun
 from micromanip.replay.fitting import Models
 from micromanip.replay.window import Window
 from micromanip.settings.check import Prepared, prepared, validate
 from micromanip.settings.compile.cell import compile_cell
-from micromanip.settings.text.keys import assigned
+from micromanip.settings.text.keys import assigned, key_path
 from micromanip.settings.text.source import Source
 
 from .space import Space, for_axes
-
-
-@dataclass(frozen=True)
-class Tried:
-    """A tuning and its path error over all recordings (um); None where the cell would have stopped, or it is refused.
-
-    `cost_um` is the rms over all axes and recordings, `rms_um`, `p99_um` and `peak_um` are per axis: rms over the
-    recordings, the largest of the others. `stopped` counts the recordings on which it stops, `problem` is why the
-    configuration's own check refuses it.
-    """
-
-    number: int
-    values: dict[str, float]
-    cost_um: float | None = None
-    rms_um: tuple[float, ...] = ()
-    p99_um: tuple[float, ...] = ()
-    peak_um: tuple[float, ...] = ()
-    stopped: int = 0
-    problem: str = ""
+from .work import Tried
 
 
 @dataclass(frozen=True)
@@ -97,38 +74,19 @@ class Trials:
         return Tried(number, values, cost_um, tuple(rms.tolist()), tuple(p99.tolist()), tuple(peak.tolist()))
 
 
-@dataclass(frozen=True)
-class Work:
-    """Trials as they go to workers: a file on this machine, or its content where workers are on others."""
-
-    name: str
-    file: Path | None = None
-    content: bytes | None = None
-
-    def load(self) -> Trials:
-        """The trials; kept in this process until others are asked for."""
-        if self.name not in _loaded:
-            _loaded.clear()
-            content = self.content if self.file is None else self.file.read_bytes()
-            assert content is not None
-            _loaded[self.name] = pickle.loads(content)
-        return _loaded[self.name]
-
-
-_loaded: dict[str, Trials] = {}
-
-
-def try_some(work: Work, numbers: list[int]) -> list[Tried]:
-    """The tunings `numbers`, in their order."""
-    trials = work.load()
-    return [trials.tried(number) for number in numbers]
-
-
 def require_keys(trials: Trials) -> None:
-    """Raise UsageError for a key that is not there, or no number."""
-    known = trials.base.configuration
-    for dimension in trials.space.dimensions:
-        for key in for_axes({dimension.key: 0.0}, list(known.axes)):
-            assigned(trials.source.data, known.model_dump(mode="json"), {key: dimension.low})
-            if key.partition(".")[0] not in ("axes", "reference"):
-                raise UsageError(f"--vary {key}: only axes and reference are a tuning; the rest is another cell")
+    """Raise UsageError for a key that is not there, no number, or no part of a tuning."""
+    known = trials.base.configuration.model_dump(mode="json")
+    axes = list(trials.base.configuration.axes)
+    for key in for_axes({dimension.key: 0.0 for dimension in trials.space.dimensions}, axes):
+        place: Any = known
+        for part in key_path(key):
+            inside = isinstance(place, list) and isinstance(part, int) and part < len(place)
+            if not inside and not (isinstance(place, dict) and part in place):
+                there = place if isinstance(place, dict) else ()
+                raise UsageError(f"--vary {key}: there is no {part}; {did_you_mean(str(part), there)}")
+            place = place[part]
+        if key.partition(".")[0] not in ("axes", "reference"):
+            raise UsageError(f"--vary {key}: only axes and reference are a tuning; the rest is another cell")
+        if isinstance(place, bool) or not isinstance(place, int | float):
+            raise UsageError(f"--vary {key}: it is {place!s:.40}, and no number to be drawn")

@@ -80,7 +80,10 @@ def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
     other = tmp_path / "other.yaml"
     other.write_text(text.replace(weight, "control_weight: 5.0\n"), encoding="utf-8")
     assert code_of("check", other) == 0
-    assert f"axis y was changed after it was commissioned (report {tuned.axes['y'].commissioned.report}, " in capsys.readouterr().err
+    assert (
+        f"axis y was changed after it was commissioned (report {tuned.axes['y'].commissioned.report}, "
+        in capsys.readouterr().err
+    )
 
 
 def test_an_axis_that_is_not_there_writes_nothing(tmp_path, capsys):

@@ -17,7 +17,7 @@ from .recording_options import Cut
 @click.command(
     "replay",
     cls=StrictCommand,
-    epilog="Examples: micromanip replay out/run.mcap; micromanip replay out/run.mcap --with tuned.yaml",
+    epilog="Example: micromanip replay out/run.mcap --with tuned.yaml",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
 @click.option(

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from micromanip.extras import required
 
 from .options import StrictCommand, config_argument, socket_option
+
+if TYPE_CHECKING:
+    from micromanip.gateway.sparkplug.options import Options as SparkplugOptions
 
 _TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
 
@@ -21,6 +25,15 @@ def _in_state_directory(name: str) -> Path:
     return state_directory() / name
 
 
+def _sparkplug(file: Path) -> SparkplugOptions:
+    """ConfigError with the line and the key that is wrong."""
+    from micromanip.gateway.sparkplug.options import Options
+    from micromanip.settings.load import Source, validate_section
+
+    source = Source.read(file)
+    return validate_section(source, (), Options, source.data).beside(file.parent)
+
+
 @click.command(
     "gateway",
     cls=StrictCommand,
@@ -28,7 +41,8 @@ def _in_state_directory(name: str) -> Path:
 Example: micromanip gateway config/simulated.yaml
          micromanip gateway cell.yaml --listen 0.0.0.0:8443 --tls-certificate cell.pem --tls-key cell.key
          micromanip gateway cell.yaml --behind-proxy https://cell.example
-         micromanip gateway cell.yaml --opcua 127.0.0.1:4840""",
+         micromanip gateway cell.yaml --opcua 127.0.0.1:4840
+         micromanip gateway cell.yaml --sparkplug sparkplug.yaml""",
 )
 @config_argument
 @click.option(
@@ -52,6 +66,12 @@ Example: micromanip gateway config/simulated.yaml
     type=click.Path(path_type=Path, file_okay=False),
     help=f"Certificates for OPC UA, made at the first start.  [default: {_OPCUA} in the state directory]",
 )
+@click.option(
+    "--sparkplug",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Publish to a broker by MQTT Sparkplug B, as this YAML says (extra `sparkplug`).  [default: off]",
+)
 def command(
     config: Path,
     listen: str,
@@ -62,6 +82,7 @@ def command(
     behind_proxy: str | None,
     opcua: str | None,
     opcua_folder: Path | None,
+    sparkplug: Path | None,
 ) -> None:
     """Show the running cell in browsers: a page of the cell, a scope, and metrics for Prometheus.
 
@@ -82,5 +103,6 @@ def command(
         behind_proxy,
         opcua,
         opcua_folder or _in_state_directory(_OPCUA),
+        None if sparkplug is None else _sparkplug(sparkplug),
     )
     serve(options, lambda line: click.echo(line, err=True))

@@ -22,9 +22,9 @@ from micromanip.errors import MicromanipError
 from micromanip.replies import Fault
 
 from ..cell import Cell
+from ..readings import readings
 from .nodes import Nodes
 from .people import APPLICATION_URI, People, Person, Rules, prepared_folder
-from .readings import readings
 
 NAMESPACE = "urn:micromanip:cell"
 _ORDERS = {"Arm": "arm", "Hold": "hold", "Disarm": "disarm", "Reset": "reset"}

@@ -9,17 +9,18 @@ from pathlib import Path
 from micromanip.errors import PermissionDenied, system_error
 
 
-def read_private(path: Path, holds: str) -> str:
+def read_private(path: Path, holds: str, *, group_may: bool = False) -> str:
     """The text of `path`, which `holds` says in words; PermissionDenied where others may read it, too.
 
-    Raises what `system_error` makes of a file that can't be read.
+    With `group_may` the file's group is let read it. Raises what `system_error` makes of a file that can't be read.
     """
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
             found = os.fstat(file.fileno())
-            if not stat.S_ISREG(found.st_mode) or found.st_mode & 0o077:
+            if not stat.S_ISREG(found.st_mode) or found.st_mode & (0o037 if group_may else 0o077):
+                mode = "640" if group_may else "600"
                 raise PermissionDenied(
-                    f"{path}: others may read {holds}; make a new one, or `chmod 600 {path}` where nobody has"
+                    f"{path}: others may read {holds}; make a new one, or `chmod {mode} {path}` where nobody has"
                 )
             return file.read()
     except OSError as problem:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import socket
-import ssl
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from micromanip.extras import required
 from .addresses import is_local, listening, parsed_address, shown
 from .app import Gateway
 from .cell import Cell
+from .certificates import checked, ends_soon, is_for, names
 from .guard import Origins
 from .session import MESSAGE_BYTES
 from .sparkplug.options import Options as SparkplugOptions
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from .sparkplug.service import Sparkplug
 
 _STOP_S = 2
+_EVERY = ("0.0.0.0", "::")
+"""To listen on all addresses of this computer."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     host, port = parsed_address(options.listen, "--listen")
     origins = _origins(options, host)
     tokens, is_new = of_file(options.tokens)
-    _check_certificate(options)
+    called = _check_certificate(options, host, say)
     cell = Cell(options.control)
 
     def differs() -> str | None:
@@ -82,7 +84,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
 
     gateway = Gateway(cell, tokens, origins, differs, beside)
     with listening(host, port, "--listen") as socket_:
-        address = options.behind_proxy or f"{origins.scheme}://{shown(*socket_.getsockname()[:2])}"
+        address = options.behind_proxy or f"{origins.scheme}://{shown(called, socket_.getsockname()[1])}"
         if is_new:
             say(f"made new tokens in {options.tokens}: one to observe, one to operate")
         if opcua is not None:
@@ -121,6 +123,8 @@ def _opcua(listen: str, folder: Path, cell: Cell, say: Callable[[str], None]) ->
     made = OpcUa(cell, host, port, folder, is_local=is_local(host))
     if made.is_new:
         say(f"made a certificate for OPC UA in {folder}; put those of clients into operate/ or observe/ there")
+    if made.warning is not None:
+        say(made.warning)
     return made
 
 
@@ -158,17 +162,22 @@ def _origins(options: Options, host: str) -> Origins:
     return Origins()
 
 
-def _check_certificate(options: Options) -> None:
-    """Raise ConfigError where certificate and key can't be used."""
-    if options.certificate is None:
-        return
-    try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(options.certificate, options.key, password="")
-    except ssl.SSLError as problem:
-        raise ConfigError(
-            f"{options.certificate}, {options.key}: not a certificate with its key, in PEM and without a password: "
-            f"{problem.reason or problem}"
-        ) from problem
-    except OSError as problem:
-        where = next((p for p in (options.certificate, options.key) if p is not None and not p.is_file()), None)
-        raise system_error(problem, where or options.certificate) from problem
+def _check_certificate(options: Options, host: str, say: Callable[[str], None]) -> str:
+    """The host that the address is told with; what will keep browsers away is said.
+
+    Raises ConfigError or PermissionDenied where certificate and key can't be used.
+    """
+    if options.certificate is None or options.key is None:
+        return host
+    found = checked(options.certificate, options.key)
+    if (soon := ends_soon(found)) is not None:
+        say(f"{options.certificate} {soon}; browsers and scrapers will refuse it then")
+    named = names(found)
+    if host in _EVERY:
+        return next((name for name in named if not name.startswith("*")), host)
+    if not is_for(found, host):
+        say(
+            f"{options.certificate} is for {', '.join(named) or 'no host'}, not for {host}: browsers refuse it there; "
+            "open it by such a name, or have one made for it"
+        )
+    return host

@@ -276,21 +276,21 @@ def test_faults_states_and_refusals_are_events(served):
 
 
 def test_the_server_s_key_is_its_owner_s_alone(tmp_path):
-    public, private, is_new = prepared_folder(tmp_path / "opcua")
+    public, private, is_new, _ = prepared_folder(tmp_path / "opcua")
     assert is_new
     assert private.stat().st_mode & 0o777 == 0o600
     before = public.read_bytes()
-    assert prepared_folder(tmp_path / "opcua")[2] is False
+    assert prepared_folder(tmp_path / "opcua").is_new is False
     assert public.read_bytes() == before
     private.chmod(0o644)
-    with pytest.raises(PermissionDenied, match=r"server\.key: others may read it"):
+    with pytest.raises(PermissionDenied, match=r"server\.key: others may read this key"):
         prepared_folder(tmp_path / "opcua")
 
 
 @pytest.mark.parametrize(
     ("place", "content", "words"),
     [
-        ("server.pem", b"nonsense", "not a certificate and its key"),
+        ("server.pem", b"nonsense", "not a certificate with its key"),
         ("operate/ana.pem", b"-----BEGIN CERTIFICATE-----\nAAAA\n", "ana.pem: expected a certificate"),
         ("observe/notes.txt", b"", "notes.txt: expected a certificate, PEM or DER"),
     ],

@@ -232,10 +232,11 @@ GOOD = "host: broker.example\ngroup: plant\nnode: cell7\n"
         (GOOD + "user: a\npassword_file: b\n", "tls missing: the password would cross the network"),
         (GOOD + "tls: {}\npassword_file: b\n", "user missing"),
         (GOOD + "tls: {certificate: a.pem}\n", "certificate and key go together"),
-        (GOOD + "tls: {ca: mqtt.yaml}\n", "mqtt.yaml: not certificates"),
+        (GOOD + "tls: {ca: mqtt.yaml}\n", "mqtt.yaml: no certificates in PEM"),
     ],
 )
-def test_a_wrong_file_is_told_by_its_line_and_key(tmp_path, capsys, text, said):
+def test_a_wrong_file_is_told_by_its_line_and_key(tmp_path, capsys, monkeypatch, text, said):
+    monkeypatch.setattr("os.umask", lambda _: 0)  # it would be that of the tests after this one, too
     file = tmp_path / "mqtt.yaml"
     file.write_text(text)
     config, tokens = tmp_path / "cell.yaml", tmp_path / "tokens"

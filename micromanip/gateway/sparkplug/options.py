@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from micromanip.errors import ConfigError, system_error
 
 from ..addresses import is_local
+from ..certificates import checked
 from ..private import read_private
 
 _PLAIN_PORT, _TLS_PORT = 1883, 8883
@@ -98,17 +99,13 @@ class Options(_Section):
         tls = self.tls
         if tls is None:
             return None
-        files = [path for path in (tls.ca, tls.certificate, tls.key) if path is not None]
         try:
             made = ssl.create_default_context(cafile=tls.ca)
             if tls.certificate is not None and tls.key is not None:
-                read_private(tls.key, "this key")
+                checked(tls.certificate, tls.key)
                 made.load_cert_chain(tls.certificate, tls.key, password="")
         except ssl.SSLError as problem:
-            raise ConfigError(
-                f"{', '.join(map(str, files))}: not certificates, or not the key of one, in PEM: "
-                f"{problem.reason or problem}"
-            ) from problem
+            raise ConfigError(f"{tls.ca}: no certificates in PEM: {problem.reason or problem}") from problem
         except OSError as problem:
-            raise system_error(problem, next((path for path in files if not path.is_file()), files[0])) from problem
+            raise system_error(problem, tls.ca) from problem
         return made

@@ -20,7 +20,9 @@ from .addresses import is_local, listening, parsed_address, shown
 from .app import Gateway
 from .cell import Cell
 from .certificates import checked, ends_soon, is_for, names
+from .fields import fields
 from .guard import Origins
+from .history import History
 from .session import MESSAGE_BYTES
 from .sparkplug.options import Options as SparkplugOptions
 from .tokens import of_file
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from .sparkplug.service import Sparkplug
 
 _STOP_S = 2
+_MOST_AXES = ["x", "y", "z"]
 _EVERY = ("0.0.0.0", "::")
 """To listen on all addresses of this computer."""
 
@@ -91,6 +94,8 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
             say(f"OPC UA at {opcua.url}; certificates in {options.opcua_folder}")
         if sparkplug is not None:
             say(f"MQTT Sparkplug B as {sparkplug.name}")
+        memory_MB = History(fields(_MOST_AXES)).nbytes / 1e6
+        say(f"the history of an hour takes {memory_MB:.0f} MB with three axes, all of it once there is a controller")
         say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
         run(gateway, socket_, options.certificate, options.key)
 

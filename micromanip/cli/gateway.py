@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
 
 
-def _in_state_directory(name: str) -> Path:
+def _in_state_directory(name: str = "") -> Path:
     """That of the service, else the user's own."""
     from micromanip.host.state_directory import state_directory
 
@@ -67,6 +67,13 @@ Example: micromanip gateway config/simulated.yaml
     help=f"Certificates for OPC UA, made at the first start.  [default: {_OPCUA} in the state directory]",
 )
 @click.option(
+    "--runs",
+    type=click.Path(path_type=Path, file_okay=False),
+    multiple=True,
+    metavar="FOLDER",
+    help="Show what was recorded there on the page Runs, beside what `micromanip runs` knows; again for more.",
+)
+@click.option(
     "--sparkplug",
     type=click.Path(path_type=Path),
     metavar="FILE",
@@ -82,6 +89,7 @@ def command(
     behind_proxy: str | None,
     opcua: str | None,
     opcua_folder: Path | None,
+    runs: tuple[Path, ...],
     sparkplug: Path | None,
 ) -> None:
     """Show the running cell in browsers: a page of the cell, a scope, and metrics for Prometheus.
@@ -104,5 +112,7 @@ def command(
         opcua,
         opcua_folder or _in_state_directory(_OPCUA),
         None if sparkplug is None else _sparkplug(sparkplug),
+        _in_state_directory(),
+        runs,
     )
     serve(options, lambda line: click.echo(line, err=True))

@@ -23,6 +23,7 @@ from .certificates import checked, ends_soon, is_for, names
 from .fields import fields
 from .guard import Origins
 from .history import History
+from .runs import Runs
 from .session import MESSAGE_BYTES
 from .sparkplug.options import Options as SparkplugOptions
 from .tokens import of_file
@@ -39,7 +40,10 @@ _EVERY = ("0.0.0.0", "::")
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says; `listen` and `opcua` are HOST:PORT, `behind_proxy` the address that people open."""
+    """What the command line says; `listen` and `opcua` are HOST:PORT, `behind_proxy` the address that people open.
+
+    `state` is the state directory, with the catalogue; `runs` are folders that it is to know, too.
+    """
 
     config: Path
     control: Path
@@ -51,6 +55,8 @@ class Options:
     opcua: str | None = None
     opcua_folder: Path = Path("gateway-opcua")
     sparkplug: SparkplugOptions | None = None
+    state: Path | None = None
+    runs: tuple[Path, ...] = ()
 
 
 def serve(options: Options, say: Callable[[str], None]) -> None:
@@ -85,7 +91,8 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
                     await stack.enter_async_context(other.serving())
             yield
 
-    gateway = Gateway(cell, tokens, origins, differs, beside)
+    runs = None if options.state is None else Runs(options.state, options.runs)
+    gateway = Gateway(cell, tokens, origins, differs, beside, runs=runs)
     with listening(host, port, "--listen") as socket_:
         address = options.behind_proxy or f"{origins.scheme}://{shown(called, socket_.getsockname()[1])}"
         if is_new:

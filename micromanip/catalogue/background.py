@@ -10,6 +10,6 @@ from pathlib import Path
 def give_way() -> None:
     """As far as it may: a service may be forbidden to change its priority, and has a low one then."""
     with contextlib.suppress(OSError):
-        os.nice(19)
+        os.nice(10)
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")

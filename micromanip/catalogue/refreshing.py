@@ -1,4 +1,4 @@
-"""``python -m micromanip.catalogue.refreshing CATALOGUE FOLDER...``: what is new there, read at the lowest priority.
+"""``python -m micromanip.catalogue.refreshing CATALOGUE FOLDER...``: what is new there, read at low priority.
 
 For those who serve meanwhile: reading a long recording takes a process of its own.
 """

@@ -1,4 +1,4 @@
-"""``python -m micromanip.catalogue.reporting RECORDING``: its report on standard output, made at the lowest priority.
+"""``python -m micromanip.catalogue.reporting RECORDING``: its report on standard output, made at low priority.
 
 For those who serve meanwhile.
 """

@@ -1,6 +1,6 @@
 """Recordings, trips, reports and tunings on a page: what the catalogue has of them, and reports to open.
 
-Files are read, and reports made, by processes of their own at the lowest priority. A report is opened by an address, in
+Files are read, and reports made, by processes of their own at low priority. A report is opened by an address, in
 which a token must not be; so it has a ticket instead, a random number that is good for this one report, for a minute.
 """
 
@@ -108,11 +108,18 @@ class Runs:
             return next((entry for entry in catalogue.find(Query(text=path)) if str(entry.path) == path), None)
 
 
+def _command(module: str) -> list[str]:
+    return [sys.executable, "-m", f"micromanip.catalogue.{module}"]
+
+
 async def _ran(module: str, *arguments: Path) -> bytes:
     """What a module of the catalogue prints; CheckFailed with what it says where it fails."""
-    command = [sys.executable, "-m", f"micromanip.catalogue.{module}", *map(str, arguments)]
     running = await asyncio.create_subprocess_exec(
-        *command, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
+        *_command(module),
+        *map(str, arguments),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
     )
     try:
         printed, said = await running.communicate()

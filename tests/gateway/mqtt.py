@@ -6,22 +6,14 @@ import socket
 import ssl
 import subprocess
 import threading
-import time
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
+from tools.running_controller import until
+
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
 _CONNECT, _PUBLISH, _SUBSCRIBE, _PING, _DISCONNECT = 1, 3, 8, 12, 14
-
-
-def until(is_so, what, patience_s=10.0):
-    """Wait until `is_so()`, however long a busy machine takes."""
-    end = time.monotonic() + patience_s
-    while not (found := is_so()):
-        assert time.monotonic() < end, what() if callable(what) else what
-        time.sleep(0.01)
-    return found
 
 
 def free_port():

@@ -1,17 +1,14 @@
 """The pages in a real browser, before a made-up ring: nothing from elsewhere, no complaint, exact triggers."""
 
 import asyncio
-import contextlib
-import socket
-import threading
 import time
 
 import numpy as np
 import pytest
-import uvicorn
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
+from micromanip.gateway import runs as runs_module
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
 from micromanip.gateway.runs import Runs
@@ -26,7 +23,9 @@ from tests.design.test_run_figures import recording
 from .answering import Answering
 from .chromium import PROGRAM, chromium
 from .rings import Played, rows, status
+from .served import follow, served
 from .test_filed import FAULT_CYCLE, written
+from .test_runs import hasty
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
 DO = "d" * 24
@@ -38,27 +37,8 @@ def played(tmp_path_factory):
     made = Played(tmp_path_factory.mktemp("gateway") / "control.sock")
     made.cell.status, made.cell.problem = status(), None
 
-    async def follow():
-        while True:
-            made.read()
-            made.cell._tell(None)
-            await asyncio.sleep(0.05)
-
-    made.cell.follow = follow
+    follow(made)
     return made
-
-
-@contextlib.contextmanager
-def served(gateway):
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        config = uvicorn.Config(gateway.guard, ws="websockets-sansio", log_level="error", timeout_graceful_shutdown=1)
-        server = uvicorn.Server(config)
-        thread = threading.Thread(target=server.run, args=([listening],))
-        thread.start()
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
-        server.should_exit = True
-        thread.join()
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +48,10 @@ def address(played, tmp_path_factory):
     report(folder / "report.html", [True, False])
     runs = Runs(tmp_path_factory.mktemp("state"), [folder])
     tokens = Tokens([Token("ana", "operate", DO)])
-    with served(Gateway(played.cell, tokens, Origins(), lambda: None, runs=runs)) as found:
-        yield found
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(runs_module, "_command", hasty)
+        with served(Gateway(played.cell, tokens, Origins(), lambda: None, runs=runs)) as found:
+            yield found
 
 
 @pytest.fixture(scope="module")

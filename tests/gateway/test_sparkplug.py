@@ -13,10 +13,11 @@ from micromanip.gateway.cell import Cell
 from micromanip.gateway.sparkplug.options import Options, Tls
 from micromanip.gateway.sparkplug.schema import Payload
 from micromanip.gateway.sparkplug.service import Sparkplug
+from tools.running_controller import until
 
 from .beside import Beside
 from .certificates import LOCAL, certificate
-from .mqtt import MOSQUITTO, Host, Mosquitto, SmallBroker, free_port, until
+from .mqtt import MOSQUITTO, Host, Mosquitto, SmallBroker, free_port
 from .rings import status
 
 pytestmark = pytest.mark.live

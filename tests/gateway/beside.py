@@ -1,7 +1,14 @@
 """What is served beside the pages, in a thread of its own, before a cell whose status the test says."""
 
 import asyncio
+import socket
 import threading
+
+
+def free_port():
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
 
 
 class Beside:

@@ -21,9 +21,8 @@ from micromanip.gateway.readings import readings
 from tests.cli.played import FAULT
 from tests.cli.played import Played as PlayedSocket
 
-from .beside import Beside
+from .beside import Beside, free_port
 from .certificates import certificate
-from .mqtt import free_port
 from .rings import status
 
 DENIED = (ua.UaError, ConnectionError, TimeoutError, asyncio.IncompleteReadError)

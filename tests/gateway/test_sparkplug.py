@@ -15,9 +15,9 @@ from micromanip.gateway.sparkplug.schema import Payload
 from micromanip.gateway.sparkplug.service import Sparkplug
 from tools.running_controller import until
 
-from .beside import Beside
+from .beside import Beside, free_port
 from .certificates import LOCAL, certificate
-from .mqtt import MOSQUITTO, Host, Mosquitto, SmallBroker, free_port
+from .mqtt import MOSQUITTO, Host, Mosquitto, SmallBroker
 from .rings import status
 
 pytestmark = pytest.mark.live

@@ -47,8 +47,8 @@ class Metric(NamedTuple):
         is_axis = reading.path[: len(_AXES)] == _AXES
         device, name = (reading.path[2], reading.path[3:]) if is_axis else ("", reading.path)
         value = "\n".join(reading.value) if isinstance(reading.value, list) else reading.value
-        if isinstance(value, float) and not math.isfinite(value):
-            value = None
+        if reading.kind is float and isinstance(value, int | float):
+            value = float(value) if math.isfinite(value) else None
         return cls(device, "/".join(name), _TYPES[reading.kind], value, reading.unit)
 
 

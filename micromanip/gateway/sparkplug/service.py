@@ -65,7 +65,7 @@ class Sparkplug:
             begun_s = time.monotonic()
             try:
                 await self._session()
-            except Lost as problem:
+            except (Lost, OSError, RuntimeError, ValueError) as problem:
                 self._say.state(f"MQTT {self.name}: {problem}; it is tried again, from now on in silence")
             if time.monotonic() - begun_s > _LONGEST_S:
                 self._rest_s = _FIRST_S

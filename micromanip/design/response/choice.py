@@ -28,6 +28,8 @@ _FLOOR = 0.01
 _WINDOW = 7
 """Lines over which the model's error is averaged: fewer would be the measurement's noise."""
 _DELAY_ORDER = 6
+_STATIC = (0.5, 2.0)
+"""A model that is right on all lines may be anything below them."""
 _SURE, _KNOWN = 2.0, 0.1
 _TURNS, _MORE = 5, 2.0
 """How often a line of too large an error is trusted more, and by how much at most each time."""
@@ -122,7 +124,7 @@ def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
             modes = fit_rational(hertz, measured.response, trusted, order, delay, dt)
             plain = Identified(modes, delay, dt, measured, np.zeros(len(hertz)), tried, None)
             beside = np.where(_matters(measured, wanted), plain.error / wanted.error, 0.0)
-            if not (beside > 1.0).any():
+            if not (beside > 1.0).any() and _STATIC[0] <= _static(plain) <= _STATIC[1]:
                 return plain
             on_the_whole = on_the_whole or plain
             trusted = trusted / np.clip(beside, 1.0, _MORE)  # as Lawson did
@@ -178,7 +180,18 @@ def _problem(found: Identified, wanted: Wanted) -> str | None:
         if matters[at] and share[at] > allowed:
             worse = said.format(100 * times * share[at], 100 * times * allowed)
             return f"at {measured.frequency_Hz[at]:.3g} Hz {worse}"
+    if not _STATIC[0] <= _static(found) <= _STATIC[1]:
+        return (
+            f"at rest the model of order {found.order} has {_static(found):.2g} times the response that was measured "
+            f"at {measured.frequency_Hz[0]:.3g} Hz"
+        )
     return None
+
+
+def _static(found: Identified) -> float:
+    """The model's gain at rest over the response at the lowest lines: no line asks for it."""
+    lowest = found.measured.response[:_WINDOW].real.mean()
+    return float(found.at(np.zeros(1))[0].real / lowest) if lowest != 0.0 else np.inf
 
 
 __all__ = ["Identified", "Wanted", "identify"]

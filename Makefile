@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp robustness docs site tune clean
+.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp robustness counterfactual docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -103,6 +103,9 @@ surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts a
 
 robustness: $(READY) ## commission 100 cells with drawn plants, and hold their true margins against the claimed ones
 	$(BIN)/python -m tools.robustness
+
+counterfactual: $(READY) ## predictions of 20 drawn tunings on a simulated recording, beside their true re-simulation
+	$(BIN)/python -m tools.counterfactual
 
 tune: $(READY)    ## commission config/factory.yaml, and put the result into config/simulated.yaml
 	$(BIN)/python -m tools.tune_simulated

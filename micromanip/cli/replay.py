@@ -1,4 +1,4 @@
-"""``micromanip replay RECORDING``: a recorded run again, bit for bit."""
+"""``micromanip replay RECORDING``: a recorded run again, bit for bit, or under another tuning."""
 
 from __future__ import annotations
 
@@ -8,18 +8,42 @@ from typing import Any
 
 import click
 
+from micromanip.errors import UsageError
+
 from .options import StrictCommand, json_option, print_answer
+from .recording_options import Cut
 
 
-@click.command("replay", cls=StrictCommand, epilog="Example: micromanip replay out/run.mcap")
+@click.command(
+    "replay",
+    cls=StrictCommand,
+    epilog="Example: micromanip replay out/run.mcap --with tuned.yaml",
+)
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
+@click.option(
+    "--with",
+    "config",
+    type=click.Path(path_type=Path),
+    metavar="CONFIG",
+    help="Another tuning of the same cell: predict its path error, and the limits it would meet.",
+)
+@click.option("--cut", type=Cut(), help="With --with: this part only, in seconds from the first row.")
 @json_option
-def command(file: Path, as_json: bool) -> None:
+def command(file: Path, config: Path | None, cut: tuple[float, float] | None, as_json: bool) -> None:
     """Run the cycles of a recording once more on what came in, and compare each number bit for bit.
 
     Voltages, set-points, estimates, feedforward, feedback, states and faults. Exit code 0 where all are equal, 1 where
     one is not: the first is shown, with what probably made it differ.
+
+    With --with the same forces, noise and path meet another tuning: from the arming on where that is recorded, else
+    from the beginning, or that of --cut. Exit code 1 where the cell would have stopped.
     """
+    if config is not None:
+        from .tried import try_tuning
+
+        try_tuning(file, config, cut, as_json)
+    if cut is not None:
+        raise UsageError("--cut goes with --with; without it the whole recording is compared")
     from micromanip.recordings import open_telemetry
     from micromanip.replay import replay
     from micromanip.rt.jit import Compiler

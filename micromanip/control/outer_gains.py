@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_discrete_are
+from scipy.signal import fftconvolve, lfilter
 
 Matrix = NDArray[np.float64]
 
@@ -211,23 +212,25 @@ def process_innovation(
     What it pushes is `step_um` in terms of the set-point, 95 % of it there after `rise_cycles`; half of it swings on
     top at the tooth-passing frequency. The filter is the one of `gains`, which knows nothing of it beforehand.
     """
-    cycles = np.arange(rise_cycles + 3 * time_cycles)
+    m = outer.sample_cycles
+    samples = -(-(rise_cycles + 3 * time_cycles) // m)
+    cycles = np.arange(samples * m)
     grown = step_um * -np.expm1(-3.0 * cycles / rise_cycles)
     if outer.oscillation_Hz is not None:
         grown = grown + 0.5 * np.sign(grown) * step_um * np.sin(_angle(gains) * cycles)
-    n = len(outer.model.A)
-    b = np.array(outer.model.B, dtype=float)
-    error, mean, largest = np.zeros(len(gains.A)), 0.0, 0.0
-    share = min(1.0, outer.sample_cycles / time_cycles)
-    for cycle, pushed_um in enumerate(grown, start=1):
-        error = gains.A @ error
-        error[:n] += b * pushed_um
-        if cycle % outer.sample_cycles == 0:
-            innovation = float(gains.C @ error)
-            error -= gains.observer * innovation
-            mean += share * (innovation**2 - mean)
-            largest = max(largest, mean)
-    return largest
+    pushes = np.zeros((len(gains.A), m))  # what one cycle's push has become when the next sample is taken
+    pushes[: len(outer.model.A), -1] = outer.model.B
+    for j in range(m - 2, -1, -1):
+        pushes[:, j] = gains.A @ pushes[:, j + 1]
+    step = np.linalg.matrix_power(gains.A, m) @ (np.eye(len(gains.A)) - np.outer(gains.observer, gains.C))
+    seen = gains.C[None, :]  # C F^k from sample to sample, twice as many each time
+    while len(seen) < samples:
+        seen, step = np.concatenate([seen, seen @ step]), step @ step
+    innovation = np.zeros(samples)
+    for j in range(m):
+        innovation += fftconvolve(seen[:samples] @ pushes[:, j], grown[j::m])[:samples]
+    share = min(1.0, m / time_cycles)
+    return float(lfilter([share], [1.0, share - 1.0], innovation**2).max())
 
 
 def _angle(gains: OuterGains) -> float:

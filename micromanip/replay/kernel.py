@@ -1,5 +1,7 @@
 """The loop's own cycle on recorded rows: each row is turned back into the process image that it was written of.
 
+For another tuning, the row is that which its voltages would have left (`difference`).
+
 What a sample that was not usable read is known by its place only (`micromanip.rt.telemetry`): any number at that place
 does the same to the cycle.
 """
@@ -9,14 +11,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from numba import types
 
 from micromanip.rt.cell import cell_cycle, watch_drivers
 from micromanip.rt.exchange import ALL_FOLLOW, FIRST_TAKEN
 from micromanip.rt.jit import Compiler
 from micromanip.rt.loop import supervise
-from micromanip.rt.record import Record
-from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
+from micromanip.rt.record import MAX_AXES, Record
+from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS, array_of
 from micromanip.rt.states import HOST_DEAD
 from micromanip.rt.swap import swap_cell
 from micromanip.rt.telemetry import (
@@ -36,6 +39,7 @@ from micromanip.rt.telemetry import (
     OUTPUTS_ARE_AWAY,
     OUTPUTS_ARE_TAKEN,
     RETRACTED,
+    ROW,
     SAME,
     STAGE_CAME,
     STAGE_FRESH,
@@ -49,8 +53,13 @@ from micromanip.rt.telemetry import (
     write_row,
 )
 
+from .difference import DIFFERENCE_MODEL, DIFFERENCE_STATE, advance_difference, at_age, give_voltage
+
 NO_SWAP, SWAP_BEFORE, SWAP_AFTER = range(3)
 """Another set of parameters in the first row: none, from its cycle on, or behind its cycle, as a promotion does."""
+
+NOTHING_DIFFERS = (np.zeros(MAX_AXES, DIFFERENCE_MODEL), np.zeros(MAX_AXES, DIFFERENCE_STATE), np.zeros(1, ROW))
+"""Models, their state, and room for a row, where the tuning is the recorded one."""
 
 _compiled = Compiler(__file__)
 _ANY = (-math.inf, math.inf)
@@ -171,8 +180,42 @@ def _leave_cell(p: Record, s: Record, row: Record, signals: Any, now_ns: int) ->
         _leave_axis(p["axis"][i], s["axis"][i], row["axis"][i], signals, now_ns)
 
 
+@_compiled
+def _differ(p: Record, models: Any, differences: Any, row: Record, periods: int) -> None:
+    """Go `periods` cycles on, and make of the recorded `row` what the sensors would have said."""
+    period_ns = p["period_ns"]
+    for i in range(p["axes"]):
+        for _ in range(periods):
+            advance_difference(models[i], differences[i])
+    for i in range(p["axes"]):
+        axis, strains = row["axis"][i], differences[i]["strains"]
+        seen, stage = 0.0, 0.0
+        for j in range(p["axes"]):
+            d, share = differences[j], models[i]["coupling"][j]
+            seen += share * at_age(d["stages"], d, axis["stage_age_ns"], period_ns)
+            stage += share * at_age(d["stages"], d, 0, period_ns)
+        axis["strain_um"] += at_age(strains, differences[i], axis["strain_age_ns"], period_ns)
+        axis["stage_um"] += seen
+        axis["true_strain_um"] += at_age(strains, differences[i], 0, period_ns)
+        axis["true_stage_um"] += stage
+        axis["path_error_um"] -= stage
+
+
 @_compiled.entry(
-    types.void(PARAMETERS, STATES, SIGNALS, OUTPUTS, SAMPLES, ROWS, WORDS, ROWS, types.int64),
+    types.void(
+        PARAMETERS,
+        STATES,
+        SIGNALS,
+        OUTPUTS,
+        SAMPLES,
+        ROWS,
+        WORDS,
+        ROWS,
+        types.int64,
+        array_of(DIFFERENCE_MODEL),
+        array_of(DIFFERENCE_STATE),
+        ROWS,
+    ),
 )
 def replay_rows(
     parameters: Any,
@@ -184,14 +227,19 @@ def replay_rows(
     commands: Any,
     replayed: Any,
     swap: int,
+    models: Any,
+    differences: Any,
+    scratch: Any,
 ) -> None:
     """Run the cycles of the rows `recorded` (n,) from `state` (1,) on; their own rows go to `replayed` (n,).
 
     `parameters` (2,) are the set in force and, with `swap`, the one that comes in the first row; `commands` (n,) are
     those that were carried out. The order within a cycle is that of the loop, ``rt/loop.py``; coordinates of a tracker
-    are in the rows as the axes' deviations already.
+    are in the rows as the axes' deviations already. Where `models` (MAX_AXES,) are present, what the voltages do
+    otherwise is added to the rows, its state in `differences` (MAX_AXES,); `scratch` is one row.
     """
     p, s = parameters[0], state[0]
+    differs = models[0]["present"] != 0
     if swap == SWAP_BEFORE:
         swap_cell(p, parameters[1], s)
         p = parameters[1]
@@ -199,6 +247,10 @@ def replay_rows(
         row = recorded[k]
         now_ns, periods = row["time_ns"], row["periods"]
         dead = row["fault"] == HOST_DEAD
+        if differs:
+            scratch[0] = row
+            row = scratch[0]
+            _differ(p, models, differences, row, periods)
         _leave_cell(p, s, row, signals, now_ns)
         supervise(p, s, now_ns - (p["heartbeat_ns"] + 1 if dead else 0), now_ns, periods - 1)
         watch_drivers(p, s, _exchange_code(row["lines"]))
@@ -206,4 +258,7 @@ def replay_rows(
         if swap == SWAP_AFTER and k == 0:
             swap_cell(p, parameters[1], s)
             p = parameters[1]
+        if differs:
+            for i in range(p["axes"]):
+                give_voltage(models[i], differences[i], s["axis"][i]["voltage_V"], recorded[k]["axis"][i]["voltage_V"])
         write_row(p, s, signals, replayed[k], now_ns, row["lateness_ns"], row["compute_ns"], periods)

@@ -18,7 +18,7 @@ from micromanip.rt.telemetry import ROW
 
 from .commands import commands_of
 from .comparison import Unequal, Value, first_unequal
-from .kernel import NO_SWAP, SWAP_AFTER, SWAP_BEFORE, replay_rows
+from .kernel import NO_SWAP, NOTHING_DIFFERS, SWAP_AFTER, SWAP_BEFORE, replay_rows
 from .recorded import Recorded
 
 
@@ -62,7 +62,7 @@ def replay(telemetry: Telemetry) -> Outcome:
     Raises CheckFailed where it lacks what the first of them needs, or is damaged.
     """
     recorded = Recorded(telemetry)
-    run = _Run(recorded)
+    run = Run(recorded)
     for rows in recorded.rows():
         run.outcome.rows += len(rows)
         run.go_on(rows)
@@ -73,7 +73,7 @@ def replay(telemetry: Telemetry) -> Outcome:
     return run.outcome
 
 
-class _Run:
+class Run:
     """The cell as it goes through the rows."""
 
     def __init__(self, recorded: Recorded) -> None:
@@ -153,7 +153,9 @@ class _Run:
         commands = commands_of(rows, int(state["state"][0]), int(state["fault"][0]))
         replayed = np.zeros(len(rows), ROW)
         samples = self.recorded.samples
-        replay_rows(self.sets, state, self.signals, self.outputs, samples, rows, commands, replayed, swap)
+        replay_rows(
+            self.sets, state, self.signals, self.outputs, samples, rows, commands, replayed, swap, *NOTHING_DIFFERS
+        )
         return first_unequal(rows, replayed, self.outcome.axes), commands
 
     def _count(self, rows: NDArray[Any], unequal: Unequal | None, commands: NDArray[np.int64]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import asdict
@@ -26,6 +27,8 @@ from .reference import fill_reference
 
 _BLEND_S = 0.05
 _FIGURES_S = 1.0
+_gains = functools.lru_cache(8)(outer_gains)
+"""Of the axes: a change in one leaves the others."""
 _PROCESS_MARGIN = 2.0
 """The model of the stage is not the stage: so many times the mean square that it expects of the process."""
 _NOISE_SIGMA, _PLAUSIBLE_SIGMA, _GAP_SAMPLES = 3.0, 5.0, 4
@@ -74,7 +77,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_timing(p["axis"][i], name, configuration, wiring)
         if axis.outer is not None:
             tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
-            gains = outer_gains(axis.outer, tracker, period_s)
+            gains = _gains(axis.outer, tracker, period_s)
             _fill_outer(p["axis"][i]["outer"], axis.outer, gains)
             _fill_innovation(p["axis"][i], axis, axis.outer, gains, cycles)
     return record

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from typing import Any
 
@@ -62,4 +63,13 @@ def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -
     h["creeps"] = creeps
     h["creep_gain"][:creeps] = model.creep_gains
     h["creep_step"][:creeps] = -np.expm1(-period_s / np.array(model.creep_s, dtype=float))
+    h["r_hat"], h["rho_hat"] = _inverse(model)
+
+
+@functools.lru_cache(32)
+def _inverse(model: PrandtlIshlinskii) -> tuple[Any, Any]:
+    """Thresholds and weights of the inverse; plain Python here, and asked for again with every change of a tuning."""
+    h, n = np.zeros(1, law.HYSTERESIS_PARAMETERS)[0], len(model.thresholds_um)
+    h["plays"], h["alpha"], h["r"][:n], h["rho"][:n] = n, model.alpha, model.thresholds_um, model.weights
     inverse_parameters(h)
+    return h["r_hat"], h["rho_hat"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import math
 from pathlib import Path
@@ -18,6 +19,8 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from micromanip.settings.text.source import Source
 
+_gain = functools.lru_cache(8)(tracker_gain)
+"""The same for all axes."""
 _JOG_SMOOTHING_S = 0.05
 _MOST_BYTES = 500_000_000
 _MOST_ROWS = 40_000_000
@@ -31,7 +34,7 @@ def fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_hz
     if isinstance(reference, Tracker):
         r["kind"], r["predict"] = law.SIGNAL, reference.predict
         r["oscillator"] = 2 * math.pi * reference.oscillation_Hz
-        r["gain"] = tracker_gain(reference)
+        r["gain"] = _gain(reference)
         r["horizon_s"] = reference.horizon_ms * 1e-3
         r["low_um"], r["high_um"] = reference.range_um
         r["jump_um"] = math.inf if reference.jump_um is None else reference.jump_um

@@ -1,0 +1,96 @@
+"""``replay --with``: what another tuning would have made of a recorded run, as a document and for people."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+from .options import prepare_and_warn, print_answer
+
+
+def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
+    """Predict, print, and exit with 1 where the cell would have stopped."""
+    from micromanip.recordings import open_telemetry
+    from micromanip.replay.comparable import recorded_configuration, require_comparable
+    from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
+    from micromanip.replay.fitting import fit_models
+    from micromanip.replay.window import take_window
+    from micromanip.rt.jit import Compiler
+    from micromanip.settings.commissioned import changes_since
+
+    Compiler.tell = staticmethod(lambda name: click.echo(f"compiling {name} (the first time only)", err=True))
+    telemetry = open_telemetry(file)
+    _, recorded = recorded_configuration(telemetry)
+    tuned = prepare_and_warn(config)
+    require_comparable(recorded, tuned.configuration, file, config)
+    window = take_window(telemetry, cut)
+    found = predict(Rerun(window, fit_models(window, recorded)), tuned.parameters)
+    errors: dict[str, Any] = {}
+    for i, axis in enumerate(window.axes):
+        was = {f"{name}_um": float(um) for name, um in zip(FIGURES, found.recorded[:, i], strict=True)}
+        expected = found.expected
+        will: dict[str, Any] = {f"{name}_um": float(um) for name, um in zip(FIGURES, expected.um[:, i], strict=True)}
+        for name, low, high in zip(FIGURES, expected.low_um[:, i], expected.high_um[:, i], strict=True):
+            will[f"{name}_um_interval"] = [float(low), float(high)]
+        errors[axis] = {"recorded": was, "predicted": will}
+    document = {
+        "file": str(file),
+        "config": str(config),
+        "axes": window.axes,
+        "from_s": window.at_s(window.first),
+        "seconds": window.seconds,
+        "armed": window.first > 0,
+        "settle_s": SETTLE_S,
+        "draws": DRAWS,
+        "errors": errors,
+        "limits": [met._asdict() for met in found.limits],
+        "recorded_limits": [met._asdict() for met in found.recorded_limits],
+        "stopped_s": found.stopped_s,
+        "stops_share": found.stops,
+        "notes": [f"{file}: {change}" for change in changes_since(recorded.axes)],
+    }
+    print_answer(document, _show, as_json)
+    sys.exit(0 if found.stopped_s is None else 1)
+
+
+def _show(document: dict[str, Any]) -> None:
+    from rich.text import Text
+
+    from .tables import Figures, out_console
+
+    console, how = out_console(), "from its arming on" if document["armed"] else "from there on"
+    console.print(
+        Text(
+            f"{document['config']} on {document['seconds']:.1f} s of {document['file']}, tracking from "
+            f"{document['from_s']:.2f} s; in force {how}"
+        )
+    )
+    table = Figures(title="Path error, um", caption="in brackets: as far as the models may be wrong")
+    for heading in ("axis", "rms recorded", "rms", "p99 recorded", "p99", "peak recorded", "peak"):
+        table.add_column(heading, justify="left" if heading == "axis" else "right")
+    for axis, error in document["errors"].items():
+        cells = []
+        for name in ("rms", "p99", "peak"):
+            low, high = error["predicted"][f"{name}_um_interval"]
+            cells += [
+                f"{error['recorded'][f'{name}_um']:.3f}",
+                f"{error['predicted'][f'{name}_um']:.3f} ({low:.3f}..{high:.3f})",
+            ]
+        table.add_row(axis, *cells)
+    console.print(table)
+    limits = Figures("axis", "limit", "at", "cycles", "first, s", "cycles as recorded", title="Limits it meets")
+    before = {(met["axis"], met["limit"]): met["cycles"] for met in document["recorded_limits"]}
+    for met in document["limits"]:
+        was = before.get((met["axis"], met["limit"]), 0)
+        limits.add_row(met["axis"], met["limit"], met["value"], str(met["cycles"]), f"{met['first_s']:.4f}", str(was))
+    console.print(limits if document["limits"] else Text("It meets no limit."))
+    if document["stopped_s"] is not None:
+        console.print(Text(f"The cell would have stopped at {document['stopped_s']:.4f} s; figures are up to there."))
+    elif document["stops_share"] > 0.0:
+        share = 100 * document["stops_share"]
+        console.print(Text(f"With {share:.0f} % of the models that the recording allows, the cell would have stopped."))
+    for note in document["notes"]:
+        console.print(Text(f"note: {note}"))

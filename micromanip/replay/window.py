@@ -1,0 +1,147 @@
+"""The part of a recording that another tuning is tried on: rows that track, and the loop's state before them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+from micromanip.recordings import Telemetry
+from micromanip.rt.states import READY, STAGE, TRACKING
+
+from .commands import commands_of
+from .recorded import Recorded
+from .self_replay import Run
+
+LEAST_S = 0.5
+"""A shorter piece says nothing of a tuning."""
+_MOST_S = 120.0
+"""Rows take 5 MB per second."""
+_MOST_ARMING_S = 30.0
+
+
+@dataclass(frozen=True)
+class Window:
+    """Rows (n,) of ROW, of which those from `first` on track; before all of them stand `state` and `parameters` (1,).
+
+    What comes before `first` is the arming, with its `commands` (n,). `signals` is the process image at the beginning,
+    `samples` (m, MAX_AXES) what the source ``file`` played; `start_s` is the time of the first row in the recording.
+    """
+
+    file: str
+    axes: list[str]
+    period_ns: int
+    configuration: str
+    start_s: float
+    first: int
+    rows: NDArray[Any] = field(repr=False)
+    commands: NDArray[np.int64] = field(repr=False)
+    state: NDArray[Any] = field(repr=False)
+    signals: NDArray[Any] = field(repr=False)
+    parameters: NDArray[Any] = field(repr=False)
+    samples: NDArray[np.float64] = field(repr=False)
+
+    @property
+    def seconds(self) -> float:
+        """How long it tracks; cycles that were missed within it count."""
+        return float(self.rows["periods"][self.first :].sum()) * self.period_ns * 1e-9
+
+    def at_s(self, row: int) -> float:
+        """When `row` was, from the beginning of the recording."""
+        passed = int(self.rows["cycle"][row] - self.rows["cycle"][0])
+        return self.start_s + passed * self.period_ns * 1e-9
+
+
+def take_window(telemetry: Telemetry, cut: tuple[float, float] | None = None, *, arming: bool = True) -> Window:
+    """The first piece of a recording that tracks.
+
+    Before it stands the arming that led to it where that is in the file and `arming` asks for it, unless `cut` (from,
+    to; s from the first row) begins later. It ends where the cell leaves TRACKING, rows are missing, or after two
+    minutes. Raises CheckFailed where there is none of `LEAST_S`, or what the cycle needs from there on is not in it.
+    """
+    file, period_s = telemetry.file, telemetry.period_ns * 1e-9
+    recorded = Recorded(telemetry)
+    first, last, origin = _piece(telemetry, *(cut or (0.0, np.inf)))
+    if (last + 1 - first) * period_s < LEAST_S * (1.0 - 1e-9):
+        where = "" if cut is None else f" from {cut[0]:g} to {cut[1]:g} s"
+        raise CheckFailed(
+            f"{file}: no piece of {LEAST_S:g} s tracks in it{where}; another tuning is tried on a cell that follows "
+            "its reference"
+        )
+    begun = max((cycle for cycle in recorded.states if cycle < first), default=None)
+    if begun is None:
+        raise CheckFailed(f"{file}: no state of the loop from before {(first - origin) * period_s:.3f} s is in it")
+    tracked = first
+    if arming and (cut is None or cut[0] == 0.0) and (at_rest := _before_arming(recorded, first, period_s)) is not None:
+        begun, first = at_rest, at_rest + 1
+    run, taken = Run(recorded), []
+    for rows in recorded.rows():
+        rows = rows[(rows["cycle"] > begun) & (rows["cycle"] <= last)]
+        before, inside = rows[rows["cycle"] < first], rows[rows["cycle"] >= first]
+        run.go_on(before)
+        if len(inside):
+            taken.append(inside.copy())
+    if (difference := run.outcome.difference) is not None:
+        raise CheckFailed(
+            f"{file}: from cycle {difference.cycle} on the recording is not what this version computes: "
+            f"{difference.cause}; `micromanip replay {file}` shows it"
+        )
+    state = run.state if run.state is not None else recorded.states.get(begun)
+    version = -1 if state is None else int(state["version"][0])
+    if state is None or version not in recorded.parameters:
+        raise CheckFailed(f"{file}: {run.outcome.gaps[0] if run.outcome.gaps else 'parameters are not in it'}")
+    parameters = recorded.parameters[version]
+    _require_stage(telemetry, parameters)
+    rows = np.ascontiguousarray(np.concatenate(taken))
+    start_s = (int(rows["cycle"][0]) - origin) * period_s
+    commands = commands_of(rows, int(state["state"][0]), int(state["fault"][0]))
+    return Window(
+        str(file), telemetry.axes, telemetry.period_ns, telemetry.configuration, start_s,
+        int(np.argmax(rows["cycle"] >= tracked)), rows, commands, state, run.signals, parameters, recorded.samples,
+    )  # fmt: skip
+
+
+def _before_arming(recorded: Recorded, first: int, period_s: float) -> int | None:
+    """The cycle of the last state at rest before cycle `first`; None where that is long ago, or not in the file."""
+    at_rest = [cycle for cycle, state in recorded.states.items() if cycle < first and state["state"][0] == READY]
+    begun = max(at_rest, default=None)
+    return begun if begun is not None and (first - begun) * period_s <= _MOST_ARMING_S else None
+
+
+def _piece(telemetry: Telemetry, from_s: float, to_s: float) -> tuple[int, int, int]:
+    """First and last cycle of the first piece that is long enough, else of the longest; and the recording's first."""
+    per_s = 1e9 / telemetry.period_ns
+    found, origin = (0, 0), None
+    for first, last, begin in _pieces(telemetry):
+        origin = begin
+        first = max(first, begin + round(from_s * per_s))
+        last = min(last, begin + round(min(to_s, 1e9) * per_s) - 1, first + round(_MOST_S * per_s) - 1)
+        if last - first > found[1] - found[0]:
+            found = (first, last)
+        if last - first >= LEAST_S * per_s:
+            break
+    return (*found, origin or 0)
+
+
+def _pieces(telemetry: Telemetry) -> Iterator[tuple[int, int, int]]:
+    """First and last cycle of each piece without a gap that tracks, and the first cycle of all."""
+    cycle, periods, state = (telemetry.column(name) for name in ("cycle", "periods", "state"))
+    tracks = state == TRACKING
+    follows = np.append(False, np.diff(cycle) == periods[1:]) & np.append(False, tracks[:-1])
+    starts = np.flatnonzero(tracks & ~follows)
+    ends = np.flatnonzero(tracks & ~np.append(follows[1:] & tracks[1:], False)) + 1
+    for begin, end in zip(starts, ends, strict=True):
+        yield int(cycle[begin]), int(cycle[end - 1]), int(cycle[0])
+
+
+def _require_stage(telemetry: Telemetry, parameters: NDArray[Any]) -> None:
+    for name, axis in zip(telemetry.axes, parameters[0]["axis"], strict=False):
+        if axis["mode"] != STAGE:
+            raise CheckFailed(
+                f"{telemetry.file}: axis {name} was not in mode: stage; another tuning is tried on a stage that is "
+                "held on its path"
+            )

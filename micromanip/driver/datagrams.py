@@ -17,6 +17,7 @@ from micromanip.rt.wire.codec import (
 from micromanip.rt.wire.counting import OLD, RESTARTED, missing_before
 from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive, received_ns, send
 from micromanip.rt.wire.device_clock import forget_clock, taken_ns
+from micromanip.rt.wire.gate import acknowledge, has_rest, has_sent, lose, near, turn
 from micromanip.rt.wire.records import BATCH
 
 __all__ = [
@@ -28,14 +29,19 @@ __all__ = [
     "RESTARTED",
     "WRONG_CHECKSUM",
     "WRONG_LENGTH",
+    "acknowledge",
     "begin_frame",
     "close",
     "code_of",
     "forget_clock",
+    "has_rest",
+    "has_sent",
     "is_from_peer",
     "judged",
     "length_of",
+    "lose",
     "missing_before",
+    "near",
     "put_value",
     "receive",
     "received_ns",
@@ -43,5 +49,6 @@ __all__ = [
     "send",
     "status_of",
     "taken_ns",
+    "turn",
     "value_of",
 ]

@@ -7,6 +7,7 @@ from micromanip.rt.wire.codec import (
     WRONG_CHECKSUM,
     WRONG_LENGTH,
     begin_frame,
+    bits_at,
     code_of,
     judged,
     put_value,
@@ -19,6 +20,7 @@ from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive
 from micromanip.rt.wire.device_clock import forget_clock, taken_ns
 from micromanip.rt.wire.gate import acknowledge, has_rest, has_sent, lose, near, turn
 from micromanip.rt.wire.records import BATCH
+from micromanip.rt.wire.samples import leave_samples
 
 __all__ = [
     "BAD_STATUS",
@@ -31,6 +33,7 @@ __all__ = [
     "WRONG_LENGTH",
     "acknowledge",
     "begin_frame",
+    "bits_at",
     "close",
     "code_of",
     "forget_clock",
@@ -38,6 +41,7 @@ __all__ = [
     "has_sent",
     "is_from_peer",
     "judged",
+    "leave_samples",
     "length_of",
     "lose",
     "missing_before",

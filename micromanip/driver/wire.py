@@ -3,7 +3,7 @@
 ``micromanip.driver.datagrams`` has the compiled functions that walk them.
 """
 
-from micromanip.bus.datagram_socket import hand_over, open_datagrams
+from micromanip.bus.datagram_socket import hand_over, lend, open_datagrams
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.rt.bus_image import DOWN, TAKEN
@@ -11,20 +11,23 @@ from micromanip.rt.record import record
 from micromanip.rt.wire.codec import begin_frame, put_value, seal
 from micromanip.rt.wire.counting import COUNTED
 from micromanip.rt.wire.device_clock import MOST_BITS
-from micromanip.rt.wire.gate import GATE, MAX_OUTPUTS, QUIET, RECENT
-from micromanip.rt.wire.records import DEVICE_CLOCK, FRAME, MAX_GROUPS, SOCKET
+from micromanip.rt.wire.gate import ANSWERS, GATE, MAX_OUTPUTS, QUIET, RECENT, RESTING
+from micromanip.rt.wire.records import DEVICE_CLOCK, FRAME, SOCKET
+from micromanip.rt.wire.samples import SAMPLES
 
 __all__ = [
+    "ANSWERS",
     "COUNTED",
     "DEVICE_CLOCK",
     "DOWN",
     "FRAME",
     "GATE",
-    "MAX_GROUPS",
     "MAX_OUTPUTS",
     "MOST_BITS",
     "QUIET",
     "RECENT",
+    "RESTING",
+    "SAMPLES",
     "SOCKET",
     "TAKEN",
     "FramePlan",
@@ -34,6 +37,7 @@ __all__ = [
     "close_gate",
     "gate_statistics",
     "hand_over",
+    "lend",
     "open_datagrams",
     "put_value",
     "record",

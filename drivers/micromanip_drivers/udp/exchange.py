@@ -6,7 +6,6 @@ the device has acted on last; what may be sent then is the gate's to say (``micr
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numba
@@ -15,7 +14,6 @@ from numba import types
 
 from micromanip.driver import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, SIGNAL, now_ns, sleep_until
 from micromanip.driver.datagrams import (
-    BAD_STATUS,
     BATCH,
     GOOD,
     OLD,
@@ -31,6 +29,7 @@ from micromanip.driver.datagrams import (
     has_sent,
     is_from_peer,
     judged,
+    leave_samples,
     length_of,
     lose,
     missing_before,
@@ -40,10 +39,8 @@ from micromanip.driver.datagrams import (
     received_ns,
     seal,
     send,
-    status_of,
     taken_ns,
     turn,
-    value_of,
 )
 from micromanip.driver.wire import MAX_OUTPUTS, QUIET
 
@@ -98,7 +95,7 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
     came_ns = received_ns(s, k)
     if f["clock"]["present"] != 0:
         came_ns = taken_ns(c["clock"], code_of(f["clock"], data), came_ns)
-    leave_samples(c, data, inputs, missing, min(came_ns, deadline_ns))
+    leave_samples(c["samples"], f, data, inputs, missing, min(came_ns, deadline_ns))
     return acknowledged(c, data)
 
 
@@ -110,35 +107,6 @@ def acknowledged(c: Any, data: Any) -> int:
         return 1
     g = c["gate"]
     return acknowledge(g, (g["sent_count"] - 1 - np.int64(code_of(n, data))) % c["counts"])
-
-
-@compiled
-def leave_samples(c: Any, data: Any, inputs: Any, missing: int, time_ns: int) -> None:
-    """The values of a fresh datagram of `time_ns`, `missing` after the one before, as samples."""
-    f = c["receive"]
-    for g in range(f["groups"]):
-        c["missing"][g] = missing if g == 0 else missing_of_group(c, g, data)
-    status = status_of(f, data)
-    for i in range(f["numbers"]):
-        g = f["group_of"][i]
-        if c["missing"][g] < 0:
-            continue
-        value = value_of(f, f["number"][i], data)
-        signal = inputs[i]
-        signal["value"], signal["time_ns"] = value, time_ns - f["group"][g]["latency_ns"]
-        signal["status"] = status if math.isfinite(value) or status != 0 else BAD_STATUS
-        signal["sequence"] += 1 + c["missing"][g]
-
-
-@compiled
-def missing_of_group(c: Any, g: int, data: Any) -> int:
-    """Samples missing before the one that the datagram brings of a slower group; -1 where it brings none."""
-    n = c["receive"]["group"][g]["counter"]
-    count = np.int64(code_of(n, data))
-    ahead = (count - c["group_count"][g]) % (1 << (8 * n["size"]))
-    known = c["group_known"][g] != 0
-    c["group_count"][g], c["group_known"][g] = count, 1
-    return ahead - 1 if known else 0
 
 
 @compiled

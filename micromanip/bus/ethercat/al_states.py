@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 INIT, PREOP, BOOT, SAFEOP, OP = 1, 2, 3, 4, 8
-STATE_MASK, ERROR = 0x0F, 0x10
-"""Of AL status: the state, and the flag that the slave has refused or left one; in AL control it acknowledges that."""
+STATE_MASK, ERROR, STATUS_MASK = 0x0F, 0x10, 0x1F
+"""Of AL status: the state; the flag that the slave has refused or left one, which AL control acknowledges; both."""
 STATE_NAMES = {INIT: "INIT", PREOP: "PREOP", BOOT: "BOOT", SAFEOP: "SAFEOP", OP: "OP"}
 
 INVALID_CHANGE, UNKNOWN_STATE, NO_BOOT = 0x0011, 0x0012, 0x0013

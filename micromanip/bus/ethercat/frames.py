@@ -34,7 +34,7 @@ class Datagram:
         return DATAGRAM_BYTES + len(self.data) + WKC_BYTES
 
 
-def framed(datagrams: Sequence[Datagram]) -> bytes:
+def framed(datagrams: Sequence[Datagram], sender: bytes = MASTER) -> bytes:
     """An Ethernet frame of at least one datagram, padded to the least that a wire carries."""
     parts = []
     for datagram in datagrams:
@@ -44,7 +44,7 @@ def framed(datagrams: Sequence[Datagram]) -> bytes:
         head = struct.pack("<BB4sHH", datagram.command, datagram.index, where, len(datagram.data) | more, 0)
         parts.append(head + datagram.data + struct.pack("<H", datagram.wkc))
     body = b"".join(parts)
-    ethernet = BROADCAST + MASTER + struct.pack(">H", ETHERTYPE)
+    ethernet = BROADCAST + sender + struct.pack(">H", ETHERTYPE)
     return (ethernet + struct.pack("<H", len(body) | TYPE_DATAGRAMS << 12) + body).ljust(LEAST_BYTES, b"\0")
 
 

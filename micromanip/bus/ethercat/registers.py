@@ -27,8 +27,8 @@ SM_FULL = 0x08
 SM_MAILBOX, SM_FROM_MASTER, SM_WATCHDOG = 0x02, 0x04, 0x40
 """Bits of a sync manager's control byte: it is a mailbox, the master writes it, it feeds the watchdog."""
 
-SII_READ, SII_BUSY, SII_NO_DATA = 0x0100, 0x8000, 0x1000
-"""In ``SII_CONTROL``: read 8 bytes at the address; still at it; nothing is there."""
+SII_READ, SII_BUSY, SII_READS_8 = 0x0100, 0x8000, 0x0040
+"""In ``SII_CONTROL``: read at the address; still at it; it reads 8 bytes at a time, not 4."""
 
 WATCHDOG_DEFAULT_DIVIDER, WATCHDOG_TICK_NS = 2498, 40
 """A watchdog's unit is (divider + 2) of these ticks: 100 us by default."""

@@ -38,6 +38,7 @@ from micromanip.bus.ethercat.registers import (
     SII_CONTROL,
     SII_DATA,
     SII_READ,
+    SII_READS_8,
     SM,
     SM_ACTIVATE,
     SM_BYTES,
@@ -64,7 +65,6 @@ from .terminal import INPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, T
 _ESC_KIND, _RAM_KB, _PORTS = 0x11, 8, 0x0F
 _BYTE_FMMU_WITH_CLOCK = 0x000D
 """Features: FMMUs map whole bytes, there is a distributed clock, of 64 bits."""
-_NO_EEPROM_ERROR, _READS_8_BYTES = 0x0000, 0x0040
 _WATCHDOG_DEFAULT = 1000
 _REPEAT = 0x02
 _UPWARDS = {(INIT, PREOP), (PREOP, SAFEOP), (SAFEOP, OP)}
@@ -92,9 +92,8 @@ class Application:
 
     def __init__(self, record: Any, terminal: Terminal, left_op: Callable[[], None] = lambda: None) -> None:
         """`left_op` is called whenever it stops to follow its outputs."""
-        self.terminal, self._esc, self._left_op = terminal, record, left_op
+        self._esc, self._left_op = record, left_op
         self.memory = record["memory"]
-        self._eeprom = eeprom_of(terminal)
         writable = record["writable"]
         for start, length in _WRITABLE:
             writable[start : start + length] = 1
@@ -102,7 +101,12 @@ class Application:
             at = SM + k * SM_BYTES
             writable[at : at + SM_BYTES] = 1
             writable[at + SM_STATUS] = writable[at + SM_PDI] = 0
-        self.switch_on(0)
+        self.become(terminal, 0)
+
+    def become(self, terminal: Terminal, now_ns: int) -> None:
+        """Be this one from now on, and switched on just now."""
+        self.terminal, self._eeprom = terminal, eeprom_of(terminal)
+        self.switch_on(now_ns)
 
     def switch_on(self, now_ns: int) -> None:
         """As after the power has come: INIT, nothing configured, the clock from 0."""
@@ -113,7 +117,7 @@ class Application:
         self._put(WATCHDOG_DIVIDER, WATCHDOG_DEFAULT_DIVIDER)
         self._put(WATCHDOG_PDI, _WATCHDOG_DEFAULT)
         self._put(WATCHDOG_SM, _WATCHDOG_DEFAULT)
-        self._put(SII_CONTROL, _READS_8_BYTES)
+        self._put(SII_CONTROL, SII_READS_8)
         self._put(AL_STATUS, INIT)
         self._put(AL_CONTROL, INIT)
         esc["clock_began_ns"], esc["clock_adjusted_ns"] = now_ns, 0
@@ -164,6 +168,14 @@ class Application:
             self.memory[WATCHDOG_COUNT] = min(255, int(self.memory[WATCHDOG_COUNT]) + 1)
             self.drop(WATCHDOG)
 
+    def be_absent(self) -> None:
+        """Take no part in the process data."""
+        self._hold_process_data(True)
+
+    def take_part(self) -> None:
+        """Take part in the process data, where the state has any."""
+        self._hold_process_data(self.state < SAFEOP)
+
     def drop(self, code: int, state: int = SAFEOP) -> None:
         """Leave the state by itself, for the reason that the code says."""
         self._enter(state, code)
@@ -210,10 +222,13 @@ class Application:
         self.state = state
         self._put(AL_STATUS, state | (ERROR if code else 0))
         self._put(AL_CODE, code)
-        for k in (2, 3):
-            self.memory[SM + k * SM_BYTES + SM_PDI] = int(state < SAFEOP)
+        self.take_part()
         if leaves:
             self._left_op()
+
+    def _hold_process_data(self, held: bool) -> None:
+        for k in (2, 3):
+            self.memory[SM + k * SM_BYTES + SM_PDI] = int(held)
 
     def _read_eeprom(self) -> None:
         command = self._get(SII_CONTROL)
@@ -221,7 +236,7 @@ class Application:
             start = 2 * self._get(SII_ADDRESS)
             data = self._eeprom[start : start + 8].ljust(8, b"\xff")
             self.memory[SII_DATA : SII_DATA + 8] = np.frombuffer(data, np.uint8)
-        self._put(SII_CONTROL, _READS_8_BYTES | _NO_EEPROM_ERROR)
+        self._put(SII_CONTROL, SII_READS_8)
 
     def _repeat_mail(self) -> None:
         """The master may ask for the last mail once more: the frame that had it was lost."""

@@ -32,6 +32,14 @@ class Line:
         self.relink()
         prepare(passed)
 
+    def swap(self, k: int, now_ns: int) -> None:
+        """Slave `k` and the one behind it change places, which takes both from the power."""
+        first, second = self.applications[k : k + 2]
+        one, other = first.terminal, second.terminal
+        for application, terminal in ((first, other), (second, one)):
+            application.become(terminal, now_ns)
+        self.relink()
+
     def relink(self) -> None:
         """See anew who has a neighbour behind it."""
         powered = [bool(controller["powered"]) for controller in self.controllers]

@@ -38,6 +38,7 @@ _WIRE_BYTES = 24
 _BIT_S = 1e-8
 """EtherCAT has 100 Mbit/s."""
 _UNSAFE = 1
+_MOST_OF_A_CYCLE = 0.8
 _COUNTS = 1 << 32
 
 
@@ -56,6 +57,11 @@ class Ethercat(CyclicDriver):
             raise ConfigError(
                 f"cyclic_safe: {1e9 / period_ns:g} writes a second wear out a terminal that keeps them in flash "
                 "memory; say cyclic_safe: true if the manuals allow them for ever"
+            )
+        if options.wait_us * 1e3 > _MOST_OF_A_CYCLE * period_ns:
+            raise ConfigError(
+                f"wait_us: {options.wait_us:g} us is more than {100 * _MOST_OF_A_CYCLE:g} % of the cycle of "
+                f"{1e-3 * period_ns:g} us: the laws need the rest"
             )
         if len(options.outputs) > MAX_OUTPUTS:
             raise ConfigError(f"terminals: {len(options.outputs)} outputs, at most {MAX_OUTPUTS} are possible")
@@ -84,13 +90,14 @@ class Ethercat(CyclicDriver):
 
     @property
     def slow_inputs(self) -> tuple[Channel, ...]:
-        """The frame of one cycle is taken in the next."""
-        period_s = self.period_ns * 1e-9
+        """The frame of one cycle is taken in the next, or spun for."""
+        period_s, waits = self.period_ns * 1e-9, self.options.wait_us > 0
+        age_s = 0.0 if waits else period_s
         rates: dict[str, tuple[float, float]] = {}
         for terminal in self.options.terminals.values():
             for pdo in terminal.inputs.values():
                 rate_hz = 1 / period_s if pdo.rate_hz is None else pdo.rate_hz
-                rates |= dict.fromkeys(pdo.fields, (rate_hz, period_s + pdo.latency_us * 1e-6))
+                rates |= dict.fromkeys(pdo.fields, (rate_hz, age_s + pdo.latency_us * 1e-6))
         return tuple(Channel(name, *rates[name]) for name in self.inputs)
 
     @property
@@ -115,7 +122,7 @@ class Ethercat(CyclicDriver):
         c["socket"]["descriptor"] = -1
         c["terminals"], c["working_counter"] = len(options.terminals), image.working_counter
         c["working_counter_at"], c["status_at"] = image.image_at + image.bytes, image.status_at
-        c["counted"]["counts"] = _COUNTS
+        c["counted"]["counts"], c["wait_ns"] = _COUNTS, round(1e3 * options.wait_us)
         c["clock"]["unit_ns"], c["clock"]["bits"] = 1.0, MOST_BITS
         watchdog = options.watchdog
         close_gate(

@@ -128,12 +128,26 @@ def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int) -> int:
     if c["opened"] == 0:
         return NOT_OPEN
     g = c["gate"]
-    code = turn(g, take(c, inputs, deadline_ns), outputs, deadline_ns)
+    code = turn(g, c["news"] + take(c, inputs, deadline_ns), outputs, deadline_ns)
+    c["news"] = 0
     if code == 0:
         give(c, outputs, deadline_ns)
     elif g["state"] != QUIET:
         give(c, g["rest"], deadline_ns)
+    wait_for_frame(c, inputs, deadline_ns)
     return code
+
+
+@compiled
+def wait_for_frame(c: Any, inputs: Any, deadline_ns: int) -> None:
+    """Spin until the frame that was just sent is back, for `wait_ns` at most; what it acknowledges is of the next turn.
+
+    One that takes longer is taken in the next cycle, as without waiting.
+    """
+    g, timespec, end_ns = c["gate"], c["socket"]["timespec"], deadline_ns + c["wait_ns"]
+    sent = (g["sent_count"] - 1) % _COUNTS
+    while c["counted"]["last"] != sent and g["state"] != QUIET and now_ns(timespec) < end_ns:
+        c["news"] += take(c, inputs, deadline_ns)
 
 
 _CONTEXT_POINTER = types.CPointer(numba.from_dtype(CONTEXT))

@@ -200,6 +200,11 @@ class EthercatOptions(Section):
         default=5.0, description="No frame came back complete for so long: the link is lost."
     )
     watchdog: Watchdog | None = Field(default=None, description="Must be given where there are outputs.")
+    wait_us: Annotated[float, Field(strict=True, ge=0, le=1000)] = Field(
+        default=0.0,
+        description="Spin for the frame of this very cycle until so long after the deadline; 0: take that of the cycle "
+        "before.",
+    )
     clocks: bool = Field(
         default=True,
         strict=True,

@@ -17,6 +17,8 @@ CONTEXT = record(
     ("status_at", "i8"),
     ("al_status", "i8"),
     ("bring_ups", "i8"),
+    ("wait_ns", "i8"),
+    ("news", "i8"),
     ("gate", GATE),
     ("samples", SAMPLES),
     ("counted", COUNTED),
@@ -27,4 +29,4 @@ CONTEXT = record(
     *((name, "i8") for name in COUNTERS),
 )
 """``al_status`` is that of all slaves, merged by `or`, as the last frame told it; ``bring_ups`` counts how often the
-line was brought to OP."""
+line was brought to OP. The loop waits for its frame until `wait_ns` after the deadline; `news` were acknowledged so."""

@@ -1,6 +1,7 @@
 """Whatever befalls frames and terminals: it is seen, no false value is taken, and no output steps."""
 
 import random
+import time
 from itertools import pairwise
 
 import pytest
@@ -13,7 +14,7 @@ from tests.emulation.ethercat.wire import until, veth
 
 from .bench import AMPLIFIER, GAUGE, SILENT_CYCLES, STILL_CYCLES, Bench
 
-pytestmark = [pytest.mark.live, pytest.mark.compiled_only]
+pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_group("ethercat")]
 
 
 @pytest.fixture(scope="module")
@@ -245,3 +246,16 @@ def terminal(keys, **changes):
     from micromanip_drivers.ethercat.options import Terminal
 
     return Terminal.model_validate(keys | changes)
+
+
+def test_a_loop_that_waits_has_the_samples_of_its_own_cycle(ends):
+    with Bench(ends, wait_us=70.0) as bench:
+        bench.open()
+        bench.c["wait_ns"] = 10_000_000_000  # the slaves are a thread of this process
+        bench.now_ns = time.monotonic_ns()
+        bench.follow()
+        with bench.lock:
+            bench.measure(strain=2.5, count=1, deviation=0.0)
+        bench.exchange(0.0, 1.0)
+        assert bench.sample("strain")["value"] == pytest.approx(2.5)
+        assert bench.c["gate"]["acknowledged"] == bench.c["gate"]["sent_count"]

@@ -10,7 +10,7 @@ from .wire import slaves, until, veth
 
 pysoem = pytest.importorskip("pysoem")
 kickcat = pytest.importorskip("kickcat")
-pytestmark = [pytest.mark.live, pytest.mark.compiled_only]
+pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_group("ethercat")]
 
 LONG = bytes(range(256)) + bytes(44)
 OUTPUTS = struct.pack("<iiiBB", 100, -200, 300, 1, 0)

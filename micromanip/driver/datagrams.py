@@ -18,7 +18,8 @@ from micromanip.rt.wire.codec import (
 from micromanip.rt.wire.counting import OLD, RESTARTED, missing_before
 from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive, received_ns, send
 from micromanip.rt.wire.device_clock import forget_clock, taken_ns
-from micromanip.rt.wire.gate import acknowledge, has_rest, has_sent, lose, near, turn
+from micromanip.rt.wire.gate import acknowledge, has_rest, lose, turn
+from micromanip.rt.wire.giving import give
 from micromanip.rt.wire.records import BATCH
 from micromanip.rt.wire.samples import leave_samples
 
@@ -37,15 +38,14 @@ __all__ = [
     "close",
     "code_of",
     "forget_clock",
+    "give",
     "has_rest",
-    "has_sent",
     "is_from_peer",
     "judged",
     "leave_samples",
     "length_of",
     "lose",
     "missing_before",
-    "near",
     "put_value",
     "receive",
     "received_ns",

@@ -18,22 +18,18 @@ from micromanip.driver.datagrams import (
     GOOD,
     WRONG_LENGTH,
     acknowledge,
-    begin_frame,
     bits_at,
     close,
     code_of,
+    give,
     has_rest,
-    has_sent,
     judged,
     leave_samples,
     length_of,
     lose,
     missing_before,
-    near,
-    put_value,
     receive,
     received_ns,
-    send,
     taken_ns,
     turn,
 )
@@ -101,24 +97,9 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
 
 
 @compiled
-def give(c: Any, outputs: Any, deadline_ns: int) -> None:
-    """Send `outputs`, or what is next to them and near enough to what the slaves have.
-
-    One that is not finite or out of range stays as it was.
-    """
-    f, g, data = c["send"], c["gate"], c["socket"]["sent"]
-    begin_frame(f, data, g["sent_count"] % _COUNTS)
-    for i in range(g["outputs"]):
-        value = near(g, i, outputs[i])
-        if put_value(f, f["number"][i], data, value):
-            g["given"][i] = value
-        else:
-            g["refused_values"] += 1
-            put_value(f, f["number"][i], data, g["given"][i])
-    g["sent_ns"] = deadline_ns  # also where the system did not take it: then the slaves are at rest the earlier
-    if send(c["socket"], f["length"]) == 0:
-        has_sent(g)
-    else:
+def send_outputs(c: Any, outputs: Any, deadline_ns: int) -> None:
+    """Send `outputs`, as far as the gate lets them."""
+    if give(c["gate"], c["send"], c["socket"], _COUNTS, outputs, deadline_ns) != 0:
         c["not_sent"] += 1
 
 
@@ -131,9 +112,9 @@ def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int) -> int:
     code = turn(g, c["news"] + take(c, inputs, deadline_ns), outputs, deadline_ns)
     c["news"] = 0
     if code == 0:
-        give(c, outputs, deadline_ns)
+        send_outputs(c, outputs, deadline_ns)
     elif g["state"] != QUIET:
-        give(c, g["rest"], deadline_ns)
+        send_outputs(c, g["rest"], deadline_ns)
     wait_for_frame(c, inputs, deadline_ns)
     return code
 

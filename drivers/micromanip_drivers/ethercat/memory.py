@@ -13,7 +13,6 @@ from .scan import Slave
 _MAILBOX_OUT, _MAILBOX_IN, _OUTPUTS, _INPUTS = 0x26, 0x22, 0x64, 0x20
 """Control bytes of the sync managers; that of the outputs feeds the watchdog."""
 _READ, _WRITE = 1, 2
-_MS_TICK_DIVIDER = 2498
 _TICKS_PER_MS = 10
 
 
@@ -40,7 +39,7 @@ def lay_out(link: Link, slave: Slave, placed: Placed) -> None:
 
 def set_watchdog(link: Link, station: int, watchdog_ms: float) -> None:
     """The time without outputs after which the slave leaves OP by itself."""
-    link.station_write(station, registers.WATCHDOG_DIVIDER, struct.pack("<H", _MS_TICK_DIVIDER))
+    link.station_write(station, registers.WATCHDOG_DIVIDER, struct.pack("<H", registers.WATCHDOG_DEFAULT_DIVIDER))
     link.station_write(station, registers.WATCHDOG_SM, struct.pack("<H", round(_TICKS_PER_MS * watchdog_ms)))
 
 

@@ -21,24 +21,19 @@ from micromanip.driver.datagrams import (
     WRONG_CHECKSUM,
     WRONG_LENGTH,
     acknowledge,
-    begin_frame,
     close,
     code_of,
     forget_clock,
+    give,
     has_rest,
-    has_sent,
     is_from_peer,
     judged,
     leave_samples,
     length_of,
     lose,
     missing_before,
-    near,
-    put_value,
     receive,
     received_ns,
-    seal,
-    send,
     taken_ns,
     turn,
 )
@@ -110,25 +105,9 @@ def acknowledged(c: Any, data: Any) -> int:
 
 
 @compiled
-def give(c: Any, outputs: Any, deadline_ns: int) -> None:
-    """Send `outputs`, or what is next to them and near enough to what the device has.
-
-    One that is not finite or out of range stays as it was.
-    """
-    f, g, data = c["send"], c["gate"], c["socket"]["sent"]
-    begin_frame(f, data, g["sent_count"] % c["counts"])
-    for i in range(g["outputs"]):
-        value = near(g, i, outputs[i])
-        if put_value(f, f["number"][i], data, value):
-            g["given"][i] = value
-        else:
-            g["refused_values"] += 1
-            put_value(f, f["number"][i], data, g["given"][i])
-    seal(f, data)
-    g["sent_ns"] = deadline_ns  # also where the system did not take it: then the device is at rest the earlier
-    if send(c["socket"], f["length"]) == 0:
-        has_sent(g)
-    else:
+def send_outputs(c: Any, outputs: Any, deadline_ns: int) -> None:
+    """Send `outputs`, as far as the gate lets them."""
+    if give(c["gate"], c["send"], c["socket"], c["counts"], outputs, deadline_ns) != 0:
         c["not_sent"] += 1
 
 
@@ -140,9 +119,9 @@ def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int) -> int:
     g = c["gate"]
     code = turn(g, take(c, inputs, deadline_ns), outputs, deadline_ns)
     if code == 0:
-        give(c, outputs, deadline_ns)
+        send_outputs(c, outputs, deadline_ns)
     elif g["state"] != QUIET:
-        give(c, g["rest"], deadline_ns)
+        send_outputs(c, g["rest"], deadline_ns)
     return code
 
 

@@ -152,7 +152,7 @@ def test_a_terminal_that_leaves_OP_loses_the_line_at_once_and_comes_back_at_rest
     assert DOWN in [bench.exchange(20.0, 0.0) for _ in range(3)]
     bench.until_code(TAKEN, 20.0, 0.0)
     assert bench.voltage == 0.0
-    assert bench.statistics["bring_ups"] == 2
+    assert until(lambda: bench.statistics["bring_ups"] == 2)
     bench.follow()
 
 

@@ -30,8 +30,8 @@ Response = Callable[[Array], Complex]
 AGREEMENT = 0.2
 """How far the measured distance to -1 may be from the predicted one, beyond its confidence, as a share."""
 _SURE, _UNKNOWN = 2.0, 20.0
-WINDOW = 7
-"""Lines over which measured and modelled plant are compared by default."""
+WINDOW, _NARROW = 7, 3
+"""Lines over which measured and modelled plant are compared by default; by fewer it is seen what that flattens."""
 _JUDGED = 1.25
 """Where 1/|S| is below this, the sensitivity matters: further away from -1 nothing happens."""
 
@@ -109,11 +109,11 @@ def judge_loop(
     """
     lines = 2 * np.pi * plant.frequency_Hz
     G = model.response(lines)
-    ratio = plant.response / G
-    smooth = np.array([uniform_filter1d(part, window, mode="nearest") for part in (ratio.real, ratio.imag)])
-    ratio = smooth[0] + 1j * smooth[1]
+    single = plant.response / G
+    ratio, narrow = _smooth(single, window), _smooth(single, _NARROW)
     scatter = uniform_filter1d((plant.deviation / np.abs(G)) ** 2, window, mode="nearest")
-    relative = np.sqrt(scatter / window)  # a mean of lines whose errors are independent
+    # of a mean of lines whose errors are independent; and where the model lacks something, a mean flattens it
+    relative = np.sqrt(scatter / window) + np.abs(ratio - narrow) / _SURE
     # between the lines, too: a light mode's peak need not stand on one
     omega, L = refined(lambda w: np.asarray(loop.response(w) * np.interp(w, lines, ratio)), lines)
     expected = loop.response(omega)
@@ -136,3 +136,8 @@ def judge_loop(
         float(beyond[k]),
         float(omega[k] / (2 * np.pi)),
     )
+
+
+def _smooth(curve: Complex, lines: int) -> Complex:
+    parts = [uniform_filter1d(part, lines, mode="nearest") for part in (curve.real, curve.imag)]
+    return np.asarray(parts[0] + 1j * parts[1])

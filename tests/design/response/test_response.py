@@ -7,9 +7,10 @@ from scipy.signal import cont2discrete, dlsim
 from micromanip.control.margins import margins
 from micromanip.control.pid import pid_system
 from micromanip.control.system import System, delay
+from micromanip.design.linear.modal import Modes
 from micromanip.design.loops import over_path, strain_loop
 from micromanip.design.paper import ANCHOR_PID
-from micromanip.design.response import Measured, Wanted, identify, measure, multisine
+from micromanip.design.response import Measured, Wanted, choice, identify, measure, multisine
 from micromanip.design.sensitivity import judge_loop
 from micromanip.settings.wiring.timing import FeedbackPath
 
@@ -103,6 +104,23 @@ def test_a_mode_that_no_allowed_order_holds_is_told_with_its_frequency(wave):
     assert "beside the measured response" in found.problem
     hertz = float(found.problem.split("at ")[1].split(" Hz")[0])
     assert 150.0 < hertz < 400.0
+
+
+def test_a_model_that_is_wrong_below_all_lines_is_told(wave, monkeypatch):
+    """Seen: right to 11 % on all lines, and at rest -2.3 times the response. The loop would have run away."""
+    fitted = choice.fit_rational
+
+    def turned(*about):
+        right, pole = fitted(*about), np.exp(-2 * np.pi * 0.05 * T)
+        static = right.frequency_response(np.ones(1))[0, 0, 0]
+        poles, C = np.append(right.poles, pole), np.append(right.C, [[-3.0 * static * (1.0 - pole)]], axis=1)
+        return Modes(poles, np.append(right.B, [[1.0]], axis=0), C, right.D)
+
+    monkeypatch.setattr(choice, "fit_rational", turned)
+    found = identify(measure(wave, wave.samples, record(ONE, wave, 0.05)), T, WANTED)
+    assert found.error[found.measured.frequency_Hz < 200.0].max() < WANTED.error
+    assert found.problem.startswith("at rest the model of order ")
+    assert " has -2 times the response that was measured at 5 Hz" in found.problem
 
 
 def test_noise_alone_is_no_response(wave):

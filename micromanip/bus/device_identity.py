@@ -1,7 +1,7 @@
 """Which device a name leads to: two names of one piece of hardware are one device.
 
-A driver calls its device by a path, "tcp HOST:PORT", "udp HOST:PORT", "socketcan-INTERFACE", or by any other text, of
-which nothing more is known.
+A driver calls its device by a path, "tcp HOST:PORT", "udp HOST:PORT", "socketcan-INTERFACE", "ethercat INTERFACE", or
+by any other text, of which nothing more is known.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from .link_kind import VIRTUAL_KINDS, kind_of_link
 
 _PTS = Path("/dev/pts")
 _INTERFACES = Path("/sys/class/net")
-_CAN = "socketcan-"
+_CAN, _ETHERCAT = "socketcan-", "ethercat "
+_PAIR = "veth"
 _ARPHRD_CAN = "280"
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
@@ -33,7 +34,7 @@ def identities(device: str) -> frozenset[str]:
 
 def identity(device: str) -> str:
     """The one of its identities that has least to do with how it was called, for what is remembered of it."""
-    return device if device.startswith(_CAN) else min(_leads_to(device), default=device)
+    return device if _interface(device) else min(_leads_to(device), default=device)
 
 
 def real_because(device: str) -> str | None:
@@ -45,6 +46,8 @@ def real_because(device: str) -> str | None:
         if not found:
             return f"{host[1]} can't be looked up, so it is not seen to be this machine"
         return None if all(map(_is_loopback, found)) else f"{host[1]} is not this machine"
+    if device.startswith(_ETHERCAT):
+        return _real_line(device.removeprefix(_ETHERCAT))
     return _real_interface(device.removeprefix(_CAN)) if device.startswith(_CAN) else None
 
 
@@ -55,12 +58,17 @@ def _leads_to(device: str) -> set[str]:
         protocol, name, port = host
         found = _addresses(name)
         return {f"{protocol} {'loopback' if _is_loopback(address) else address}:{port}" for address in found}
-    if device.startswith(_CAN):
+    if interface := _interface(device):
         try:
-            return {f"interface {socket.if_nametoindex(device.removeprefix(_CAN))}"}
+            return {f"interface {socket.if_nametoindex(interface)}"}
         except OSError:
             return set()
     return set()
+
+
+def _interface(device: str) -> str | None:
+    """The network interface of such a name; None for another kind of name."""
+    return next((device.removeprefix(kind) for kind in (_CAN, _ETHERCAT) if device.startswith(kind)), None)
 
 
 def _host(device: str) -> tuple[str, str, str] | None:
@@ -94,6 +102,13 @@ def _real_path(path: Path) -> str | None:
         return f"{name} is no pseudo terminal"
     # a link that simulate-device has not made yet leads nowhere
     return f"{name} is not there, so it is not seen to be a pseudo terminal" if real.is_relative_to("/dev") else None
+
+
+def _real_line(name: str) -> str | None:
+    """Terminals are emulated at the far end of a veth pair, and only there."""
+    if not (_INTERFACES / name).is_dir() or kind_of_link(name) == _PAIR:
+        return None
+    return f"{name} is not seen to be a veth pair"
 
 
 def _real_interface(name: str) -> str | None:

@@ -7,6 +7,7 @@ from micromanip.rt.wire.codec import (
     WRONG_CHECKSUM,
     WRONG_LENGTH,
     begin_frame,
+    bits_at,
     code_of,
     judged,
     put_value,
@@ -17,7 +18,10 @@ from micromanip.rt.wire.codec import (
 from micromanip.rt.wire.counting import OLD, RESTARTED, missing_before
 from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive, received_ns, send
 from micromanip.rt.wire.device_clock import forget_clock, taken_ns
+from micromanip.rt.wire.gate import acknowledge, has_rest, lose, turn
+from micromanip.rt.wire.giving import give
 from micromanip.rt.wire.records import BATCH
+from micromanip.rt.wire.samples import leave_samples
 
 __all__ = [
     "BAD_STATUS",
@@ -28,13 +32,19 @@ __all__ = [
     "RESTARTED",
     "WRONG_CHECKSUM",
     "WRONG_LENGTH",
+    "acknowledge",
     "begin_frame",
+    "bits_at",
     "close",
     "code_of",
     "forget_clock",
+    "give",
+    "has_rest",
     "is_from_peer",
     "judged",
+    "leave_samples",
     "length_of",
+    "lose",
     "missing_before",
     "put_value",
     "receive",
@@ -43,5 +53,6 @@ __all__ = [
     "send",
     "status_of",
     "taken_ns",
+    "turn",
     "value_of",
 ]

@@ -3,36 +3,45 @@
 ``micromanip.driver.datagrams`` has the compiled functions that walk them.
 """
 
-from micromanip.bus.datagram_socket import hand_over, open_datagrams
+from micromanip.bus.datagram_socket import hand_over, lend, open_datagrams
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
-from micromanip.rt.bus_image import DOWN, FOLLOWING, OUTPUT_NAMES, RESTING, TAKEN, UNKNOWN
+from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
+from micromanip.rt.bus_image import DOWN, TAKEN
 from micromanip.rt.record import record
 from micromanip.rt.wire.codec import begin_frame, put_value, seal
 from micromanip.rt.wire.counting import COUNTED
 from micromanip.rt.wire.device_clock import MOST_BITS
-from micromanip.rt.wire.records import DEVICE_CLOCK, FRAME, MAX_GROUPS, SOCKET
-
-OUTPUTS_REST, OUTPUTS_FOLLOW, OUTPUTS_UNKNOWN = (OUTPUT_NAMES[each] for each in (RESTING, FOLLOWING, UNKNOWN))
-"""What a driver says of its outputs (``Wire``)."""
+from micromanip.rt.wire.gate import ANSWERS, GATE, MAX_OUTPUTS, QUIET, RECENT, RESTING
+from micromanip.rt.wire.records import DEVICE_CLOCK, FRAME, SOCKET
+from micromanip.rt.wire.samples import SAMPLES
 
 __all__ = [
+    "ANSWERS",
     "COUNTED",
     "DEVICE_CLOCK",
     "DOWN",
     "FRAME",
-    "MAX_GROUPS",
+    "GATE",
+    "MAX_OUTPUTS",
     "MOST_BITS",
-    "OUTPUTS_FOLLOW",
-    "OUTPUTS_REST",
-    "OUTPUTS_UNKNOWN",
+    "QUIET",
+    "RECENT",
+    "RESTING",
+    "SAMPLES",
     "SOCKET",
     "TAKEN",
     "FramePlan",
     "GroupPlan",
+    "adopt_limits",
     "begin_frame",
+    "close_gate",
+    "gate_statistics",
     "hand_over",
+    "lend",
     "open_datagrams",
     "put_value",
     "record",
     "seal",
+    "wait_for_rest",
+    "wire_of",
 ]

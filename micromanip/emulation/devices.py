@@ -12,6 +12,7 @@ from micromanip.bus.registry import driver_class
 from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memory
 from micromanip.emulation.can.canbus import emulate_canbus
 from micromanip.emulation.can.canopen import emulate_canopen
+from micromanip.emulation.ethercat.device import emulate_ethercat
 from micromanip.emulation.line.device_of_a_line import emulate_line
 from micromanip.emulation.modbus.units_on_a_port import emulate_modbus
 from micromanip.emulation.udp.device import emulate_udp
@@ -43,6 +44,7 @@ _ENABLE = "amplifier_enable"
 BUILDERS: dict[str, Builder] = {
     "canbus": emulate_canbus,
     "canopen": emulate_canopen,
+    "ethercat": emulate_ethercat,
     "line": emulate_line,
     "modbus": emulate_modbus,
     "udp": emulate_udp,

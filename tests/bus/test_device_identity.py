@@ -21,6 +21,7 @@ def test_names_that_lead_to_the_same_device_share_an_identity(tmp_path):
     assert identities("bench") == {"bench"}
     assert identities("socketcan-lo") == {"socketcan-lo", f"interface {socket.if_nametoindex('lo')}"}
     assert identities("socketcan-nosuchcan0") == {"socketcan-nosuchcan0"}
+    assert identities("ethercat lo") == {"ethercat lo", f"interface {socket.if_nametoindex('lo')}"}
     assert identity("socketcan-lo") == "socketcan-lo", "a replugged adapter has another number"
 
 
@@ -33,6 +34,7 @@ def test_names_that_lead_to_the_same_device_share_an_identity(tmp_path):
         ("tcp 192.0.2.1:502", "192.0.2.1 is not this machine"),
         ("udp no-such-host.invalid:5", "no-such-host.invalid can't be looked up, so it is not seen to be this machine"),
         ("socketcan-lo", "lo is no virtual interface"),
+        ("ethercat lo", "lo is not seen to be a veth pair"),
     ],
 )
 def test_what_may_be_real(device, said):
@@ -49,7 +51,14 @@ def test_a_link_is_judged_by_what_it_leads_to(tmp_path):
 
 
 def test_what_is_emulated_or_not_there_yet():
-    for device in ("tcp localhost:5020", "udp 127.0.0.1:5500", "/tmp/no-such-board-yet", "socketcan-none0", "bench"):
+    for device in (
+        "tcp localhost:5020",
+        "udp 127.0.0.1:5500",
+        "/tmp/no-such-board-yet",
+        "socketcan-none0",
+        "ethercat none0",
+        "bench",
+    ):
         assert real_because(device) is None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import ClassVar
 
@@ -12,17 +11,25 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from micromanip.driver import Answer, Channel, ConfigError, CyclicDriver, Functions, Load, SafeOutput, Wire
-from micromanip.driver.wire import MOST_BITS, OUTPUTS_FOLLOW, OUTPUTS_REST, OUTPUTS_UNKNOWN, hand_over
+from micromanip.driver.wire import (
+    MAX_OUTPUTS,
+    MOST_BITS,
+    RECENT,
+    adopt_limits,
+    close_gate,
+    gate_statistics,
+    hand_over,
+    wait_for_rest,
+    wire_of,
+)
 
 from .opening import Opening
 from .options import UdpOptions
 from .plan import Datagrams
-from .records import ANSWERS, CONTEXT, COUNTERS, FOLLOWING, MAX_OUTPUTS, QUIET, RECENT, RESTING
+from .records import CONTEXT, COUNTERS
 
 _OVERHEAD_BYTES = 66
 """Ethernet with its gap, IP and UDP."""
-_WATCHDOG_SHARE = 0.9
-"""A loop that was away for this part of the watchdog's time can't know that the device still follows."""
 _UNSAFE = 1
 
 
@@ -98,26 +105,22 @@ class Udp(CyclicDriver):
         context = np.zeros(1, CONTEXT)
         c, options = context[0], self.options
         c["receive"], c["send"] = self._tables[0][0], self._tables[1][0]
-        c["state"], c["socket"]["descriptor"] = RESTING, -1
-        c["outputs"] = len(self.outputs)
-        c["silent_cycles"] = self._silent_cycles
-        watchdog = options.watchdog
-        c["watchdog_ns"] = round(_WATCHDOG_SHARE * 1e6 * watchdog.ms) if watchdog else np.iinfo(np.int64).max
-        c["still_ns"] = round(1e6 * (watchdog.ms + watchdog.rest_ms)) if watchdog else 0
+        c["socket"]["descriptor"] = -1
+        watchdog, fields = options.watchdog, options.send.fields.values()
+        close_gate(
+            c["gate"],
+            [(field.safe, field.switch) for field in fields],
+            self._silent_cycles,
+            (watchdog.ms, watchdog.rest_ms) if watchdog else None,
+        )
         c["counts"] = self._counts
         c["counted"]["counts"] = 1 << 8 * options.receive.counter.size
         if clock := options.receive.clock:
             c["clock"]["unit_ns"], c["clock"]["bits"] = clock.unit_us * 1e3, min(8 * clock.size, MOST_BITS)
-        for i, field in enumerate(options.send.fields.values()):
-            c["rest"][i], c["switch"][i], c["given"][i] = field.safe, field.switch, field.safe
-            c["step"][i] = math.inf if field.switch else 0.0  # until `adopt` has told
         return context.view(np.uint8)
 
     def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:
-        c = context.view(CONTEXT)[0]
-        for i, (field, output) in enumerate(zip(self.options.send.fields.values(), outputs, strict=True)):
-            if not field.switch:
-                c["step"][i] = output.slew_V_per_s * self.period_ns * 1e-9
+        adopt_limits(context.view(CONTEXT)[0]["gate"], outputs, self.period_ns)
 
     def begin(self, context: NDArray[np.uint8]) -> None:
         hand_over(self._opening.rest_then_ask(), context.view(CONTEXT)[0]["socket"])
@@ -135,26 +138,18 @@ class Udp(CyclicDriver):
     def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
         c = context.view(CONTEXT)[0]
         counted = {name: int(c["counted"][name]) for name in ("lost", "doubled", "late", "restarts")}
-        counts = {name: int(c[name]) for name in COUNTERS}
+        counts = {name: int(c[name]) for name in COUNTERS} | gate_statistics(c["gate"])
         bad = sum(counts[name] for name in ("wrong_length", "wrong_checksum", "not_this_datagram", "not_sent"))
-        totals = {"performed": int(c["sent_count"]), "errors": bad}
+        totals = {"performed": int(c["gate"]["sent_count"]), "errors": bad}
         return {**counts, **counted, "clock_steps": int(c["clock"]["steps"]), **totals}
 
     def wire(self, context: NDArray[np.uint8]) -> Wire:
-        c = context.view(CONTEXT)[0]
-        sent_ns, following = int(c["sent_ns"]), int(c["state"]) == FOLLOWING
-        quiet = int(c["state"]) == QUIET or time.monotonic_ns() - sent_ns > int(c["watchdog_ns"])  # or the loop is dead
-        given = tuple(float(value) for value in c["given"][: len(self.outputs)])
-        up = not quiet and int(c["answers"]) >= ANSWERS
-        outputs = OUTPUTS_UNKNOWN if quiet else OUTPUTS_FOLLOW if following else OUTPUTS_REST
-        return Wire(up, outputs, given, sent_ns, int(c["begun"]))
+        return wire_of(context.view(CONTEXT)[0]["gate"])
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         return self._opening.found(seconds)
 
     def _made_safe(self, context: NDArray[np.uint8]) -> int:
         """Its watchdog has brought it to rest by then; whether it is there, and takes that."""
-        c = context.view(CONTEXT)[0]
-        until_ns = int(c["sent_ns"]) + int(c["still_ns"])
-        time.sleep(max(0, until_ns - time.monotonic_ns()) * 1e-9)
+        wait_for_rest(context.view(CONTEXT)[0]["gate"])
         return 0 if self._opening.confirms_rest() else _UNSAFE

@@ -14,7 +14,8 @@ import numpy as np
 
 from micromanip.bus.datagram_socket import lend
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
-from micromanip.emulation.amplifier import Amplifier, Arrived
+from micromanip.emulation.amplifier import Amplifier
+from micromanip.emulation.arrivals import gathered
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.line.device_line import DeviceLine
@@ -171,14 +172,7 @@ class UdpDevice:
         if self._amplifier is not None:
             self._amplifier.refused += int(d["refused"])
             d["refused"] = 0
-            self._amplifier.has_taken(dict(self._arrived(d["arrived"])), self._heard_ns)
-
-    def _arrived(self, records: Any) -> Iterator[tuple[str, Arrived]]:
-        for name, a in zip(self._outputs, records, strict=False):
-            if name is not None and a["samples"] > 0:
-                low, high, step = float(a["minimum"]), float(a["maximum"]), float(a["largest_step"])
-                yield name, Arrived(low, high, step, int(a["samples"]), float(a["last"]))
-                a["samples"], a["largest_step"] = 0, 0.0
+            self._amplifier.has_taken(dict(gathered(self._outputs, d["arrived"])), self._heard_ns)
 
     def _hear(self, data: bytes, peer: Peer) -> None:
         """One datagram, through Python."""

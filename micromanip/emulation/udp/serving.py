@@ -21,13 +21,12 @@ from micromanip.rt.wire.counting import COUNTED, OLD, missing_before
 from micromanip.rt.wire.datagrams import length_of, receive, send_back
 from micromanip.rt.wire.records import FRAME, MAX_GROUPS, SOCKET
 
+from ..arrivals import ARRIVED, note
+
 compiled = Compiler(__file__)
 
 BAD = -1000
 """What ``understand`` returns for what is no command."""
-
-ARRIVED = record(("samples", "i8"), ("minimum", "f8"), ("maximum", "f8"), ("largest_step", "f8"), ("last", "f8"))
-"""What came for one output: ``amplifier.Arrived`` in numbers."""
 
 SERVED = record(
     ("exchange", "i8"),
@@ -90,18 +89,6 @@ def take_command(d: Any, k: int, outputs: Any) -> bool:
                 outputs[d["output"][i]] = d["value"][i]
                 note(d["arrived"][i], d["value"][i])
     return True
-
-
-@compiled
-def note(a: Any, value: float) -> None:
-    """One more command for an output."""
-    if a["samples"] == 0:
-        a["minimum"] = a["maximum"] = value
-    a["minimum"], a["maximum"] = min(a["minimum"], value), max(a["maximum"], value)
-    if math.isfinite(a["last"]):
-        a["largest_step"] = max(a["largest_step"], abs(value - a["last"]))
-    a["last"] = value
-    a["samples"] += 1
 
 
 @compiled

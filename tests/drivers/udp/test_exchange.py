@@ -230,7 +230,9 @@ def test_garbage_changes_no_sample_and_no_output(bench, request):
     bench.follow()
     chance = random.Random(3)
     before, received = bench.signals.copy(), bench.statistics["received"]
-    bench.c["silent_cycles"] = bench.c["watchdog_ns"] = np.iinfo(np.int64).max  # as slow as the machine may be
+    bench.c["gate"]["silent_cycles"] = bench.c["gate"]["watchdog_ns"] = np.iinfo(
+        np.int64
+    ).max  # as slow as the machine may be
     bench.say()
     bench.exchange(7.0, 0)
     before = bench.signals.copy()
@@ -279,7 +281,7 @@ def test_the_host_sees_that_the_device_rests(bench):
     bench.follow()
     bench.say()
     bench.exchange(30.0, 0)
-    bench.c["sent_ns"] = time.monotonic_ns()
+    bench.c["gate"]["sent_ns"] = time.monotonic_ns()
     bench.commands()
     safe = bench.driver.safe_in_host()
     begin = time.monotonic()
@@ -292,7 +294,7 @@ def test_the_host_sees_that_the_device_rests(bench):
 
 def test_safe_waits_for_the_watchdog(bench):
     begin_ns = time.monotonic_ns()
-    bench.c["sent_ns"] = begin_ns
+    bench.c["gate"]["sent_ns"] = begin_ns
     assert call_context(bench.driver.functions().safe, bench.context.ctypes.data) == 0
     assert time.monotonic_ns() - begin_ns >= 15_000_000
     assert bench.exchange(0, 0) == 1

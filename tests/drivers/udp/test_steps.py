@@ -87,12 +87,12 @@ def test_answers_that_say_nothing_new_are_silence(wire):
 
 def test_a_count_of_another_time_acknowledges_nothing(wire):
     for ago in (70, 1000, 30_000, 65_000):
-        sent = int(wire.bench.c["sent_count"])
+        sent = int(wire.bench.c["gate"]["sent_count"])
         wire.bench.acted_on = (sent - ago) % 65536
-        known = int(wire.bench.c["acknowledged"])
+        known = int(wire.bench.c["gate"]["acknowledged"])
         wire.bench.device.sendto(wire.bench.datagram(), wire.bench.controller)
         wire.bench.exchange(1.0, 0)
-        assert wire.bench.c["acknowledged"] == known
+        assert wire.bench.c["gate"]["acknowledged"] == known
 
 
 def test_until_the_limits_are_told_nothing_moves():

@@ -1,0 +1,45 @@
+"""From whatever state the line is in to one that operates: the steps in their order, each in a file of its own."""
+
+from __future__ import annotations
+
+from micromanip.driver.ethercat import OP, PREOP, SAFEOP
+
+from .clocks import set_clocks
+from .image import Image
+from .link import Link
+from .mailbox import Mailbox
+from .mapping import apply_mapping
+from .memory import lay_out, open_mailboxes, set_watchdog
+from .options import EthercatOptions
+from .scan import FIRST_STATION, require, reset
+from .states import go
+
+
+def bring_to_safeop(link: Link, options: EthercatOptions, image: Image) -> None:
+    """INIT, scan and compare, clocks, PREOP, settings and mapping, SAFEOP. No output moves.
+
+    Raises LinkError, IdentityMismatch, DeviceFault.
+    """
+    reset(link)
+    slaves = require(link, options.terminals)
+    if options.clocks:
+        set_clocks(link, [slave.station for slave in slaves])
+    for slave, (name, terminal) in zip(slaves, options.terminals.items(), strict=True):
+        open_mailboxes(link, slave)
+        go(link, slave.station, name, PREOP)
+        if slave.mailbox_out is not None:
+            mailbox = Mailbox(link, slave, name)
+            for setting in terminal.settings.values():
+                mailbox.write(setting.index, setting.subindex, setting.data)
+            apply_mapping(mailbox, name, "outputs", terminal.outputs)
+            apply_mapping(mailbox, name, "inputs", terminal.inputs)
+        lay_out(link, slave, image.placed[name])
+        if terminal.outputs and options.watchdog is not None:
+            set_watchdog(link, slave.station, options.watchdog.ms)
+        go(link, slave.station, name, SAFEOP)
+
+
+def bring_to_op(link: Link, options: EthercatOptions) -> None:
+    """SAFEOP to OP, while the loop sends the safe values in every cycle. Raises LinkError, DeviceFault."""
+    for k, name in enumerate(options.terminals):
+        go(link, FIRST_STATION + k, name, OP)

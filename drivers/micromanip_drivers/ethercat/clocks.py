@@ -1,0 +1,44 @@
+"""Distributed clocks of a line: the way to each slave measured, all clocks set to the first one's (ETG.1000.4)."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Sequence
+
+from micromanip.driver.ethercat import registers
+
+from .link import Link
+
+_SINCE_2000_S = 946_684_800
+"""EtherCAT counts from the year 2000."""
+_DC = 0x04
+"""Feature bit of a slave that has a clock."""
+
+
+def set_clocks(link: Link, stations: Sequence[int]) -> int | None:
+    """Write offset and delay of each slave that has a clock; the station of the first of them, None for no clock.
+
+    The first slave passes a frame on at its port 1 and gets it back there: what lies between is twice the way to the
+    last. For slave k, delay = (what lies between at the reference - the same at slave k) / 2, which holds for a line
+    without branches.
+    """
+    with_clock = [station for station in stations if link.station_read(station, registers.FEATURES, 1)[0] & _DC]
+    if not with_clock:
+        return None
+    link.write(registers.BWR, 0, registers.DC_PORTS, bytes(4))
+    now_ns = time.time_ns() - _SINCE_2000_S * 1_000_000_000
+    latched = [struct.unpack("<II", link.station_read(station, registers.DC_PORTS, 8)) for station in with_clock]
+    local = [struct.unpack("<q", link.station_read(station, registers.DC_UNIT, 8))[0] for station in with_clock]
+    for station, ports, local_ns in zip(with_clock, latched, local, strict=True):
+        delay_ns = max(0, (_between(latched[0]) - _between(ports)) // 2)
+        offset_ns = now_ns + delay_ns - local_ns
+        link.station_write(station, registers.DC_OFFSET, struct.pack("<q", offset_ns))
+        link.station_write(station, registers.DC_DELAY, struct.pack("<I", delay_ns))
+    return with_clock[0]
+
+
+def _between(ports: tuple[int, int]) -> int:
+    """Ns from passing a frame on to getting it back; 0 at the last slave, which has nothing at port 1."""
+    there, back = ports
+    return (back - there) % 2**32 if back else 0

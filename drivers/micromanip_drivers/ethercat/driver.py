@@ -1,0 +1,204 @@
+"""The driver ``ethercat``: a line of terminals whose process data the loop itself exchanges; see docs/ethercat.md."""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from micromanip.driver import Answer, BusError, Channel, ConfigError, CyclicDriver, Functions, Load, SafeOutput, Wire
+from micromanip.driver.ethercat import INIT, OP, STATE_MASK, registers
+from micromanip.driver.wire import (
+    MAX_OUTPUTS,
+    MOST_BITS,
+    adopt_limits,
+    close_gate,
+    gate_statistics,
+    lend,
+    wait_for_rest,
+    wire_of,
+)
+
+from .bring_up import bring_to_safeop
+from .image import Image
+from .link import LOOP_SENDER, Link, open_interface
+from .options import EthercatOptions
+from .records import CONTEXT, COUNTERS
+from .scan import differences, found
+from .tender import Tender
+
+_WIRE_BYTES = 24
+"""Of each frame besides its own: preamble, checksum, gap."""
+_BIT_S = 1e-8
+"""EtherCAT has 100 Mbit/s."""
+_UNSAFE = 1
+_MOST_OF_A_CYCLE = 0.8
+_COUNTS = 1 << 32
+
+
+class Ethercat(CyclicDriver):
+    """The master of a line of terminals."""
+
+    Options: ClassVar[type[BaseModel]] = EthercatOptions
+
+    def __init__(self, options: EthercatOptions, period_ns: int) -> None:
+        self.options, self.period_ns = options, period_ns
+        self.simulated = options.simulated  # type: ignore[misc]
+        self.watchdog = None if options.watchdog is None else options.watchdog.does  # type: ignore[misc]
+        self._image = Image(options)
+        _require_own_names(options)
+        if options.outputs and not options.cyclic_safe:
+            raise ConfigError(
+                f"cyclic_safe: {1e9 / period_ns:g} writes a second wear out a terminal that keeps them in flash "
+                "memory; say cyclic_safe: true if the manuals allow them for ever"
+            )
+        if options.wait_us * 1e3 > _MOST_OF_A_CYCLE * period_ns:
+            raise ConfigError(
+                f"wait_us: {options.wait_us:g} us is more than {100 * _MOST_OF_A_CYCLE:g} % of the cycle of "
+                f"{1e-3 * period_ns:g} us: the laws need the rest"
+            )
+        if len(options.outputs) > MAX_OUTPUTS:
+            raise ConfigError(f"terminals: {len(options.outputs)} outputs, at most {MAX_OUTPUTS} are possible")
+        self._tables = self._image.received(), self._image.sent()
+        if self._wire_s > 1e-9 * period_ns:
+            raise ConfigError(
+                f"terminals: a frame of {len(self._image.frame)} bytes takes {1e6 * self._wire_s:.0f} us on the wire, "
+                f"longer than the cycle of {1e-3 * period_ns:g} us"
+            )
+
+    @property
+    def virtual(self) -> bool:
+        return False
+
+    @property
+    def device(self) -> str:
+        return f"ethercat {self.options.interface}"
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return tuple(self._image.inputs)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return tuple(self.options.outputs)
+
+    @property
+    def slow_inputs(self) -> tuple[Channel, ...]:
+        """The frame of one cycle is taken in the next, or spun for."""
+        period_s, waits = self.period_ns * 1e-9, self.options.wait_us > 0
+        age_s = 0.0 if waits else period_s
+        rates: dict[str, tuple[float, float]] = {}
+        for terminal in self.options.terminals.values():
+            for pdo in terminal.inputs.values():
+                rate_hz = 1 / period_s if pdo.rate_hz is None else pdo.rate_hz
+                rates |= dict.fromkeys(pdo.fields, (rate_hz, age_s + pdo.latency_us * 1e-6))
+        return tuple(Channel(name, *rates[name]) for name in self.inputs)
+
+    @property
+    def slow_outputs(self) -> tuple[Channel, ...]:
+        fields = self.options.outputs.items()
+        return tuple(Channel(name, 1e9 / self.period_ns, 0.0, field.safe) for name, field in fields)
+
+    def loads(self) -> Sequence[Load]:
+        """The line is a ring: a frame is on it once, both ways at the same time."""
+        rate_hz, length = 1e9 / self.period_ns, len(self._image.frame)
+        what = f"{rate_hz:g} x {1e6 * self._wire_s:.3g} us, {length} bytes, {len(self.options.terminals)} terminals"
+        return [Load("line", rate_hz * self._wire_s, what)]
+
+    @property
+    def _wire_s(self) -> float:
+        return 8 * (len(self._image.frame) + _WIRE_BYTES) * _BIT_S
+
+    def context(self) -> NDArray[np.uint8]:
+        context = np.zeros(1, CONTEXT)
+        c, options, image = context[0], self.options, self._image
+        c["receive"], c["send"] = self._tables[0][0], self._tables[1][0]
+        c["socket"]["descriptor"] = -1
+        c["terminals"], c["working_counter"] = len(options.terminals), image.working_counter
+        c["working_counter_at"], c["status_at"] = image.image_at + image.bytes, image.status_at
+        c["counted"]["counts"], c["wait_ns"] = _COUNTS, round(1e3 * options.wait_us)
+        c["clock"]["unit_ns"], c["clock"]["bits"] = 1.0, MOST_BITS
+        watchdog = options.watchdog
+        close_gate(
+            c["gate"],
+            [(field.safe, field.switch) for field in options.outputs.values()],
+            math.ceil(options.silence_ms * 1e6 / self.period_ns),
+            (watchdog.ms, watchdog.rest_ms) if watchdog else None,
+        )
+        return context.view(np.uint8)
+
+    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:
+        adopt_limits(context.view(CONTEXT)[0]["gate"], outputs, self.period_ns)
+
+    def begin(self, context: NDArray[np.uint8]) -> None:
+        """Slaves that somebody left operating come to rest by INIT, in which nothing is put out."""
+        c = context.view(CONTEXT)[0]
+        with Link(self.options.interface) as link:
+            bring_to_safeop(link, self.options, self._image)
+        if self.options.watchdog is not None:
+            time.sleep(self.options.watchdog.rest_ms * 1e-3)
+        lend(open_interface(self.options.interface, LOOP_SENDER).detach(), c["socket"])
+        Tender(self.options, self._image, c).start()
+
+    def functions(self) -> Functions:
+        from . import exchange  # compiled: loaded only where it is going to be called
+
+        return Functions(
+            exchange.open_c.address, exchange.exchange_c.address, exchange.safe_c.address, exchange.close_c.address
+        )
+
+    def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
+        return self._made_safe
+
+    def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
+        c = context.view(CONTEXT)[0]
+        counted = {name: int(c["counted"][name]) for name in ("lost", "doubled", "late")}
+        counts = {name: int(c[name]) for name in (*COUNTERS, "bring_ups")} | gate_statistics(c["gate"])
+        bad = sum(counts[name] for name in COUNTERS if name != "received")
+        totals = {"performed": int(c["gate"]["sent_count"]), "errors": bad}
+        return {**counts, **counted, "clock_steps": int(c["clock"]["steps"]), **totals}
+
+    def wire(self, context: NDArray[np.uint8]) -> Wire:
+        return wire_of(context.view(CONTEXT)[0]["gate"])
+
+    def probe(self, seconds: float) -> Iterator[Answer]:  # noqa: ARG002 (it is asked once)
+        """Who is on the line, by the EEPROMs; station addresses are given, states and outputs stay."""
+        terminals = list(self.options.terminals.items())
+        with Link(self.options.interface) as link:
+            for place, slave in enumerate(found(link)):
+                note = "not configured"
+                if place < len(terminals):
+                    name, terminal = terminals[place]
+                    note = "; ".join(differences(slave, terminal)) or name
+                numbers = {key: f"0x{value:08x}" for key, value in slave.identity.items()}
+                yield Answer(f"{self.device} slave {place + 1}", numbers, note)
+
+    def _made_safe(self, context: NDArray[np.uint8]) -> int:
+        """The watchdogs have brought the slaves to rest by then; whether all are there, and none operates."""
+        wait_for_rest(context.view(CONTEXT)[0]["gate"])
+        try:
+            with Link(self.options.interface) as link:
+                link.write(registers.BWR, 0, registers.AL_CONTROL, struct.pack("<H", INIT))
+                back = link.read(registers.BRD, 0, registers.AL_STATUS, 2)
+        except BusError:
+            return _UNSAFE
+        (status,) = struct.unpack("<H", back.data)
+        return 0 if back.wkc == len(self.options.terminals) and not status & STATE_MASK & OP else _UNSAFE
+
+
+def _require_own_names(options: EthercatOptions) -> None:
+    """Raises ConfigError for two fields of the same name and direction."""
+    for direction in ("outputs", "inputs"):
+        seen: dict[str, str] = {}
+        for terminal, keys in options.terminals.items():
+            for pdo in getattr(keys, direction).values():
+                for name in pdo.fields:
+                    if name in seen:
+                        raise ConfigError(f"terminals.{terminal}.{direction}: {name} is a field of {seen[name]} too")
+                    seen[name] = terminal

@@ -1,0 +1,106 @@
+"""The master's end of a slave's mailbox: SDOs expedited, normal, in segments, with complete access."""
+
+from __future__ import annotations
+
+import struct
+import time
+from itertools import count
+
+from micromanip.driver import DeviceFault, LinkError
+from micromanip.driver.ethercat import abort_in_words, coe, registers
+
+from .link import Link
+from .scan import Slave
+
+_ANSWER_S = 2.0
+_HEADERS_BYTES = 16
+"""Of mailbox, CoE and SDO, with the length of a normal transfer."""
+_SEGMENT_HEADERS_BYTES = 9
+_SDO = struct.Struct(coe.SDO_HEADER)
+_EMERGENCY = 1
+
+
+class Mailbox:
+    """Of one slave, which must be in PREOP at least."""
+
+    def __init__(self, link: Link, slave: Slave, name: str) -> None:
+        """`name` is for messages. Raises DeviceFault for a slave without CoE."""
+        if slave.mailbox_out is None or slave.mailbox_in is None:
+            raise DeviceFault(f"{link.name}: terminal {name} has no CoE mailbox")
+        self._link, self._station, self._name = link, slave.station, name
+        self._out, self._in = slave.mailbox_out, slave.mailbox_in
+        self._counter = count()
+
+    def read(self, index: int, subindex: int, *, complete: bool = False) -> bytes:
+        """An object's entry, or with `complete` all from that one on. Raises DeviceFault with the abort code."""
+        command = coe.UPLOAD << 5 | (coe.COMPLETE if complete else 0)
+        said, body = self._asked(index, subindex, _SDO.pack(command, index, subindex) + bytes(4))
+        if said & coe.EXPEDITED:
+            return body[: 4 - (said >> 2 & 3)] if said & coe.SIZE_GIVEN else body[:4]
+        (length,) = struct.unpack_from("<I", body)
+        data, toggle = body[4 : 4 + length], 0
+        while len(data) < length:
+            request = struct.pack("<B7x", coe.UPLOAD_SEGMENT << 5 | toggle)
+            said, part = self._asked(index, subindex, request, segment=True)
+            data += part[: 7 - (said >> 1 & 7)] if len(part) <= 7 else part
+            toggle ^= coe.TOGGLE
+            if said & coe.LAST_SEGMENT:
+                break
+        return data[:length]
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Write an object's entry. Raises DeviceFault with the abort code."""
+        if 1 <= len(data) <= 4:
+            command = coe.DOWNLOAD << 5 | coe.EXPEDITED | coe.SIZE_GIVEN | (4 - len(data)) << 2
+            self._asked(index, subindex, _SDO.pack(command, index, subindex) + data.ljust(4, b"\0"))
+            return
+        room = self._out[1] - _HEADERS_BYTES
+        command = coe.DOWNLOAD << 5 | coe.SIZE_GIVEN
+        head = _SDO.pack(command, index, subindex) + struct.pack("<I", len(data))
+        self._asked(index, subindex, head + data[:room])
+        at, toggle, room = room, 0, self._out[1] - _SEGMENT_HEADERS_BYTES
+        while at < len(data):
+            part, at = data[at : at + room], at + room
+            command = coe.DOWNLOAD_SEGMENT << 5 | toggle | max(0, 7 - len(part)) << 1
+            command |= coe.LAST_SEGMENT if at >= len(data) else 0
+            self._asked(index, subindex, bytes([command]) + part.ljust(7, b"\0"), segment=True)
+            toggle ^= coe.TOGGLE
+
+    def _asked(self, index: int, subindex: int, sdo: bytes, *, segment: bool = False) -> tuple[int, bytes]:
+        """Command and data of the answer to a request."""
+        body = struct.pack(coe.COE_HEADER, coe.SDO_REQUEST << 12) + sdo
+        head = struct.pack(coe.MAILBOX_HEADER, len(body), 0, 0, coe.COE | (next(self._counter) % 7 + 1) << 4)
+        self._send((head + body).ljust(self._out[1], b"\0"))
+        end = time.monotonic() + _ANSWER_S
+        while True:
+            mail = self._next(end)
+            length, _, _, kind = struct.unpack_from(coe.MAILBOX_HEADER, mail)
+            answer = mail[6 : 6 + length]
+            if kind & 0x0F != coe.COE or len(answer) < 3 or answer[1] >> 4 == _EMERGENCY:
+                continue  # of another protocol, or the device's own: the AL state tells of what matters
+            said = answer[2]
+            if said >> 5 == coe.ABORT and len(answer) >= 10:
+                (code,) = struct.unpack_from("<I", answer, 6)
+                raise DeviceFault(
+                    f"{self._link.name}: terminal {self._name} refuses object 0x{index:04x}:{subindex:02x}: "
+                    f"{abort_in_words(code)} (0x{code:08x})"
+                )
+            if segment:
+                return said, answer[3:]
+            if len(answer) >= 10 and _SDO.unpack_from(answer, 2)[1:] == (index, subindex):
+                return said, answer[6:]
+
+    def _send(self, mail: bytes) -> None:
+        end = time.monotonic() + _ANSWER_S
+        while self._link.write(registers.FPWR, self._station, self._out[0], mail).wkc != 1:
+            if time.monotonic() > end:
+                raise LinkError(f"{self._link.name}: the mailbox of terminal {self._name} takes nothing")
+
+    def _next(self, end: float) -> bytes:
+        start, length = self._in
+        while True:
+            back = self._link.read(registers.FPRD, self._station, start, length)
+            if back.wkc == 1:
+                return back.data
+            if time.monotonic() > end:
+                raise LinkError(f"{self._link.name}: the mailbox of terminal {self._name} does not answer")

@@ -1,0 +1,70 @@
+"""PDO assignment and mapping of a terminal: read, written where they differ, and read again."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+
+from micromanip.driver import DeviceFault, IdentityMismatch
+
+from .mailbox import Mailbox
+from .options import InputPdo, OutputPdo
+
+_ASSIGNED = {"outputs": 0x1C12, "inputs": 0x1C13}
+
+Pdos = Sequence[tuple[int, Sequence[int]]]
+"""Index of each PDO, with the entries that it maps (index << 16 | subindex << 8 | bits)."""
+
+
+def apply_mapping(mailbox: Mailbox, name: str, direction: str, pdos: Mapping[str, OutputPdo | InputPdo]) -> None:
+    """Let the terminal's process data of one direction be those of the configuration.
+
+    Raises IdentityMismatch where the terminal keeps to others.
+    """
+    wanted = [(pdo.pdo, [field.mapping for field in pdo.fields.values()]) for pdo in pdos.values()]
+    assigned = _ASSIGNED[direction]
+    there = _mapped(mailbox, assigned)
+    if there == wanted:
+        return
+    try:
+        _write(mailbox, assigned, wanted)
+        there = _mapped(mailbox, assigned)
+        refusal = ""
+    except DeviceFault as refused:
+        refusal = f" and it can't be changed: {refused}"
+    if there != wanted:
+        raise IdentityMismatch(
+            f"terminal {name}: its {direction} are {_in_words(there)}, configured are {_in_words(wanted)}{refusal}"
+        )
+
+
+def _mapped(mailbox: Mailbox, assigned: int) -> Pdos:
+    try:
+        pdos = _numbers(mailbox, assigned, "<H")
+    except DeviceFault:  # it has none of this direction
+        return []
+    return [(pdo, _numbers(mailbox, pdo, "<I")) for pdo in pdos]
+
+
+def _numbers(mailbox: Mailbox, index: int, form: str) -> Sequence[int]:
+    count = mailbox.read(index, 0)[0]
+    return [struct.unpack(form, mailbox.read(index, place + 1))[0] for place in range(count)]
+
+
+def _write(mailbox: Mailbox, assigned: int, pdos: Pdos) -> None:
+    """Nothing may be assigned while a PDO is mapped, nor mapped while it has entries."""
+    mailbox.write(assigned, 0, b"\0")
+    for index, entries in pdos:
+        if _numbers(mailbox, index, "<I") == entries:
+            continue
+        mailbox.write(index, 0, b"\0")
+        for place, entry in enumerate(entries, 1):
+            mailbox.write(index, place, struct.pack("<I", entry))
+        mailbox.write(index, 0, bytes([len(entries)]))
+    for place, (index, _) in enumerate(pdos, 1):
+        mailbox.write(assigned, place, struct.pack("<H", index))
+    mailbox.write(assigned, 0, bytes([len(pdos)]))
+
+
+def _in_words(pdos: Pdos) -> str:
+    return "; ".join(f"0x{i:04x}: {' '.join(f'0x{entry:08x}' for entry in entries)}" for i, entries in pdos) or "none"

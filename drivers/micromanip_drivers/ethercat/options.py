@@ -1,0 +1,239 @@
+"""Keys of the driver ``ethercat``: the terminals of a line, in their order from the master, and what they exchange.
+
+    drivers:
+      cell:
+        driver: ethercat
+        interface: eth1
+        silence_ms: 5
+        watchdog: {ms: 100, rest_ms: 250, does: the terminals switch their outputs off}
+        terminals:
+          amplifier:
+            vendor: 0x4d4d
+            product: 0x1003
+            revision: 1
+            serial: 20417
+            settings:
+              range: {index: 0x8000, subindex: 1, type: uint16, value: 2}
+            outputs:
+              voltages:
+                pdo: 0x1600
+                fields:
+                  voltage_x: {index: 0x7000, subindex: 1, type: int32, scale: 1.0e-4, range: [-20, 150]}
+          tracker:
+            vendor: 0x4d4d
+            product: 0x1006
+            inputs:
+              deviations:
+                pdo: 0x1a00
+                counter: cycle
+                rate_hz: 1000
+                latency_us: 1000
+                fields:
+                  cycle: {index: 0x6000, subindex: 1, type: uint8}
+                  deviation_x: {index: 0x6001, subindex: 1, type: int32, scale: 1.0e-3}
+
+Fields stand in the order of the PDO's mapping; channels have their names.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, field_validator, model_validator
+
+from micromanip.driver import did_you_mean
+from micromanip.driver.quantities import Latency, Range, Real, SampleRate, Scale
+from micromanip_drivers.line.frame_options import SIZES
+from micromanip_drivers.line.section import Name, Section, Whole
+
+Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
+Number32 = Annotated[int, Field(strict=True, ge=0, le=0xFFFF_FFFF)]
+Index = Annotated[int, Field(strict=True, ge=0, le=0xFFFF)]
+Subindex = Annotated[int, Field(strict=True, ge=0, le=0xFF)]
+
+
+class Object(Section):
+    """An entry of a terminal's object dictionary; EtherCAT's byte order is little."""
+
+    index: Index = Field(description="Of the object; 0 in a PDO for bytes that mean nothing.")
+    subindex: Subindex = Field(default=0, description="Of the entry.")
+    type: str = Field(description=f"One of {', '.join(SIZES)}.")
+
+    @field_validator("type")
+    @classmethod
+    def _is_known(cls, kind: str) -> str:
+        if kind not in SIZES:
+            raise ValueError(f"there is no type {kind}; {did_you_mean(kind, SIZES, 'there are')}")
+        return kind
+
+    @property
+    def size(self) -> int:
+        """How many bytes it has."""
+        return SIZES[self.type]
+
+    @property
+    def mapping(self) -> int:
+        """As a PDO's mapping holds it."""
+        return self.index << 16 | self.subindex << 8 | 8 * self.size
+
+
+class Setting(Object):
+    """An object that is written before the terminal operates."""
+
+    value: Whole = Field(description="What is written; whole numbers only.")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Setting:
+        if self.type.startswith("float"):
+            raise ValueError("a setting is a whole number")
+        try:
+            self.data  # noqa: B018 (it is computed)
+        except OverflowError:
+            raise ValueError(f"{self.value} does not fit into {self.type}") from None
+        return self
+
+    @property
+    def data(self) -> bytes:
+        """As it is written."""
+        return self.value.to_bytes(self.size, "little", signed=self.type.startswith("int"))
+
+
+class Input(Object):
+    """A value that a terminal measures."""
+
+    scale: Scale = Field(default=1.0, description="Physical unit per count.")
+    offset: Real = Field(default=0.0, description="Value at a number of 0.")
+
+    @model_validator(mode="after")
+    def _scale_is_not_zero(self) -> Input:
+        if self.scale == 0.0:
+            raise ValueError("a scale of 0 makes every value the same")
+        return self
+
+
+class Output(Input):
+    """A value that a terminal is given."""
+
+    range: Range | None = Field(
+        default=None, description="Lowest and highest value that may be sent; null: what the type holds."
+    )
+    safe: Real = Field(default=0.0, description="What it gets while the outputs do not follow the loop.")
+    switch: bool = Field(
+        default=False,
+        strict=True,
+        description="A line that is on or off: need not be at rest before the outputs follow the loop again.",
+    )
+
+    @model_validator(mode="after")
+    def _safe_is_in_range(self) -> Output:
+        if self.range is not None and not self.range[0] <= self.safe <= self.range[1]:
+            raise ValueError(f"safe {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
+        return self
+
+
+class OutputPdo(Section):
+    """A PDO that the terminal receives."""
+
+    pdo: Index = Field(description="Its index, 0x1600 and up.")
+    fields: dict[Name, Output] = Field(min_length=1, description="What it maps, in its order.")
+
+
+class InputPdo(Section):
+    """A PDO that the terminal sends."""
+
+    pdo: Index = Field(description="Its index, 0x1a00 and up.")
+    counter: Name | None = Field(
+        default=None, description="The field that is incremented with each sample; null: each cycle brings a new one."
+    )
+    rate_hz: SampleRate | None = Field(default=None, description="How often that is; must be given with `counter`.")
+    latency_us: Latency = Field(default=0.0, description="From being sampled to lying in the terminal.")
+    fields: dict[Name, Input] = Field(min_length=1, description="What it maps, in its order.")
+
+    @model_validator(mode="after")
+    def _counter_is_a_field(self) -> InputPdo:
+        if (self.counter is None) != (self.rate_hz is None):
+            raise ValueError("counter and rate_hz belong together: give both, or none")
+        if self.counter is not None:
+            if self.counter not in self.fields:
+                raise ValueError(
+                    f"counter: there is no field {self.counter}; {did_you_mean(self.counter, self.fields, 'there are')}"
+                )
+            if not self.fields[self.counter].type.startswith("uint"):
+                raise ValueError("counter: its field must be of a type uint8 to uint64")
+        return self
+
+
+class Terminal(Section):
+    """A slave at its place in the line."""
+
+    vendor: Number32 = Field(description="Vendor identity, of its EEPROM.")
+    product: Number32 = Field(description="Product code.")
+    revision: Number32 | None = Field(default=None, description="Revision number; null: any.")
+    serial: Number32 | None = Field(default=None, description="Serial number; null: any.")
+    settings: dict[Name, Setting] = Field(default={}, description="What is written by SDO in PREOP, in this order.")
+    outputs: dict[Name, OutputPdo] = Field(default={}, description="PDOs that it receives, in the order of 0x1c12.")
+    inputs: dict[Name, InputPdo] = Field(default={}, description="PDOs that it sends, in the order of 0x1c13.")
+
+
+class Watchdog(Section):
+    """Set in every terminal with outputs: it is what brings them to rest, whoever has died."""
+
+    ms: Milliseconds = Field(description="After so long without outputs the terminal leaves OP.")
+    rest_ms: Annotated[float, Field(strict=True, ge=0, le=10_000)] = Field(
+        description="Then its outputs are at rest after so long."
+    )
+    does: str = Field(min_length=1, description="What the terminal does by then, in a few words.")
+
+
+class EthercatOptions(Section):
+    """A line of terminals."""
+
+    interface: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,15}$")] = Field(
+        description="Network interface; nothing but the line is connected to it."
+    )
+    simulated: bool = Field(
+        default=False,
+        strict=True,
+        description="What answers is `micromanip simulate-device`: nothing real moves. Refused for a real interface.",
+    )
+    silence_ms: Milliseconds = Field(
+        default=5.0, description="No frame came back complete for so long: the link is lost."
+    )
+    watchdog: Watchdog | None = Field(default=None, description="Must be given where there are outputs.")
+    wait_us: Annotated[float, Field(strict=True, ge=0, le=1000)] = Field(
+        default=0.0,
+        description="Spin for the frame of this very cycle until so long after the deadline; 0: take that of the cycle "
+        "before.",
+    )
+    clocks: bool = Field(
+        default=True,
+        strict=True,
+        description="Distributed clocks: the terminals' clocks follow the first one's, which times the samples.",
+    )
+    cyclic_safe: bool = Field(
+        default=False,
+        strict=True,
+        description="The manuals say that the outputs may be written for ever: no flash memory is written.",
+    )
+    terminals: dict[Name, Terminal] = Field(min_length=1, max_length=8, description="In their order from the master.")
+
+    @model_validator(mode="after")
+    def _outputs_are_watched(self) -> EthercatOptions:
+        if self.outputs and self.watchdog is None:
+            raise ValueError("watchdog must be given: it brings the outputs to rest when the loop has died")
+        if self.watchdog is not None and self.silence_ms > 0.5 * self.watchdog.ms:
+            raise ValueError(
+                f"silence_ms: {self.silence_ms:g} ms must be at most half of the watchdog's {self.watchdog.ms:g} ms: "
+                "the loop must know that the link is lost before the terminals move by themselves"
+            )
+        return self
+
+    @property
+    def outputs(self) -> dict[str, Output]:
+        """All of them, by name, in the order of the process image."""
+        return {n: f for t in self.terminals.values() for pdo in t.outputs.values() for n, f in pdo.fields.items()}
+
+    @property
+    def inputs(self) -> dict[str, Input]:
+        """All of them, by name, in the order of the process image."""
+        return {n: f for t in self.terminals.values() for pdo in t.inputs.values() for n, f in pdo.fields.items()}

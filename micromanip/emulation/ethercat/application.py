@@ -1,0 +1,262 @@
+"""What runs on a slave's own processor: the AL state machine, mailbox, EEPROM and watchdog (ETG.1000.6, ETG.1020)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from micromanip.bus.ethercat.al_states import (
+    BOOT,
+    ERROR,
+    INIT,
+    INVALID_CHANGE,
+    INVALID_INPUTS,
+    INVALID_MAILBOX,
+    INVALID_OUTPUTS,
+    NO_BOOT,
+    OP,
+    PREOP,
+    SAFEOP,
+    STATE_MASK,
+    UNKNOWN_STATE,
+    WATCHDOG,
+)
+from micromanip.bus.ethercat.registers import (
+    AL_CODE,
+    AL_CONTROL,
+    AL_STATUS,
+    DC_OFFSET,
+    DL_CONTROL,
+    DL_STATUS,
+    ESC_TYPE,
+    FMMU,
+    SII_ADDRESS,
+    SII_CONFIG,
+    SII_CONTROL,
+    SII_DATA,
+    SII_READ,
+    SII_READS_8,
+    SM,
+    SM_ACTIVATE,
+    SM_BYTES,
+    SM_FULL,
+    SM_PDI,
+    SM_STATUS,
+    SM_WATCHDOG,
+    STATION,
+    WATCHDOG_COUNT,
+    WATCHDOG_DEFAULT_DIVIDER,
+    WATCHDOG_DIVIDER,
+    WATCHDOG_PDI,
+    WATCHDOG_SM,
+    WATCHDOG_STATUS,
+    WATCHDOG_TICK_NS,
+)
+
+from .controller import AL_ASKED, MAIL_CAME, MAIL_TAKEN, MEMORY_BYTES, SII_ASKED, SM_CHANGED
+from .eeprom import eeprom_of
+from .mailbox import Mailbox
+from .objects import Objects
+from .terminal import INPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, Terminal
+
+_ESC_KIND, _RAM_KB, _PORTS = 0x11, 8, 0x0F
+_BYTE_FMMU_WITH_CLOCK = 0x000D
+"""Features: FMMUs map whole bytes, there is a distributed clock, of 64 bits."""
+_WATCHDOG_DEFAULT = 1000
+_REPEAT = 0x02
+_UPWARDS = {(INIT, PREOP), (PREOP, SAFEOP), (SAFEOP, OP)}
+_WRITABLE = (
+    (STATION, 2),
+    (DL_CONTROL, 4),
+    (AL_CONTROL, 2),
+    (0x0200, 2),
+    (0x0300, 20),
+    (WATCHDOG_DIVIDER, 2),
+    (WATCHDOG_PDI, 2),
+    (WATCHDOG_SM, 2),
+    (WATCHDOG_COUNT, 2),
+    (SII_CONFIG, 16),
+    (FMMU, 128),
+    (DC_OFFSET, 12),
+    (0x0930, 6),
+    (0x0980, 48),
+    (MAILBOX_OUT, MEMORY_BYTES - MAILBOX_OUT),
+)
+
+
+class Application:
+    """One slave: `record` is its controller."""
+
+    def __init__(self, record: Any, terminal: Terminal, left_op: Callable[[], None] = lambda: None) -> None:
+        """`left_op` is called whenever it stops to follow its outputs."""
+        self._esc, self._left_op = record, left_op
+        self.memory = record["memory"]
+        writable = record["writable"]
+        for start, length in _WRITABLE:
+            writable[start : start + length] = 1
+        for k in range(8):
+            at = SM + k * SM_BYTES
+            writable[at : at + SM_BYTES] = 1
+            writable[at + SM_STATUS] = writable[at + SM_PDI] = 0
+        self.become(terminal, 0)
+
+    def become(self, terminal: Terminal, now_ns: int) -> None:
+        """Be this one from now on, and switched on just now."""
+        self.terminal, self._eeprom = terminal, eeprom_of(terminal)
+        self.switch_on(now_ns)
+
+    def switch_on(self, now_ns: int) -> None:
+        """As after the power has come: INIT, nothing configured, the clock from 0."""
+        m, esc = self.memory, self._esc
+        m[:] = 0
+        head = (_ESC_KIND, 0, 0, 0, 8, 8, _RAM_KB, _PORTS)
+        m[ESC_TYPE : ESC_TYPE + 10] = np.frombuffer(bytes(head) + struct.pack("<H", _BYTE_FMMU_WITH_CLOCK), np.uint8)
+        self._put(WATCHDOG_DIVIDER, WATCHDOG_DEFAULT_DIVIDER)
+        self._put(WATCHDOG_PDI, _WATCHDOG_DEFAULT)
+        self._put(WATCHDOG_SM, _WATCHDOG_DEFAULT)
+        self._put(SII_CONTROL, SII_READS_8)
+        self._put(AL_STATUS, INIT)
+        self._put(AL_CONTROL, INIT)
+        esc["clock_began_ns"], esc["clock_adjusted_ns"] = now_ns, 0
+        esc["outputs_ns"] = esc["outputs_count"] = esc["events"] = 0
+        esc["powered"] = 1
+        self.state, self._said, self._last_mail = INIT, b"", b""
+        self._repeated = 0
+        self._ticked_ns = now_ns
+        self.objects = Objects(self.terminal, lambda: self.state == PREOP)
+        self._mailbox = Mailbox(self.objects, MAILBOX_BYTES)
+        self.mailbox_silent = False
+
+    def link(self, is_last: bool) -> None:
+        """Whether nothing more is connected behind it."""
+        self._esc["is_last"] = int(is_last)
+        ports = 0x0210 | (0x0400 if is_last else 0x0820)  # port 0 open with a link, port 1 closed or the same
+        self._put(DL_STATUS, 0x5000 | ports | 0x03)
+
+    def serve(self, now_ns: int) -> None:
+        """Do what the controller has kept for it."""
+        esc = self._esc
+        events, esc["events"] = int(esc["events"]), 0
+        if events & SII_ASKED:
+            self._read_eeprom()
+        if events & AL_ASKED:
+            self._asked(self._get(AL_CONTROL), now_ns)
+        if events & SM_CHANGED:
+            self._repeat_mail()
+        if events & MAIL_CAME and self.state != INIT and not self.mailbox_silent:
+            self._said = self._mailbox.answer(self.memory[MAILBOX_OUT : MAILBOX_OUT + MAILBOX_BYTES].tobytes())
+            self.memory[SM + SM_STATUS] &= 0xFF ^ SM_FULL
+        if events & (MAIL_CAME | MAIL_TAKEN) and self._said and not self._full(1):
+            self._lay_out(self._said)
+            self._last_mail, self._said = self._said, b""
+
+    def tick(self, now_ns: int) -> None:
+        """Time passes: look after the watchdog, but not for a time in which this very process stood still."""
+        gap_ns, self._ticked_ns = now_ns - self._ticked_ns, now_ns
+        esc = self._esc
+        if gap_ns > 10_000_000:
+            esc["outputs_ns"] += gap_ns
+        unit_ns = (self._get(WATCHDOG_DIVIDER) + 2) * WATCHDOG_TICK_NS
+        patience_ns = self._get(WATCHDOG_SM) * unit_ns
+        watched = self.memory[SM + 2 * SM_BYTES + 4] & SM_WATCHDOG and patience_ns > 0
+        late = watched and now_ns - int(esc["outputs_ns"]) > patience_ns
+        self._put(WATCHDOG_STATUS, int(not late))
+        if late and self.state == OP and self.terminal.output_bytes:
+            self.memory[WATCHDOG_COUNT] = min(255, int(self.memory[WATCHDOG_COUNT]) + 1)
+            self.drop(WATCHDOG)
+
+    def be_absent(self) -> None:
+        """Take no part in the process data."""
+        self._hold_process_data(True)
+
+    def take_part(self) -> None:
+        """Take part in the process data, where the state has any."""
+        self._hold_process_data(self.state < SAFEOP)
+
+    def drop(self, code: int, state: int = SAFEOP) -> None:
+        """Leave the state by itself, for the reason that the code says."""
+        self._enter(state, code)
+
+    def _asked(self, control: int, now_ns: int) -> None:
+        wanted = control & STATE_MASK
+        if self._get(AL_STATUS) & ERROR and not control & ERROR and wanted != INIT:
+            return  # the error has to be acknowledged first
+        code = self._refusal(wanted)
+        if wanted == OP and not code:
+            self._esc["outputs_ns"] = now_ns
+        self._enter(self.state if code else wanted, code)
+
+    def _refusal(self, wanted: int) -> int:
+        """The code with which a state is refused; 0 for none."""
+        if wanted == BOOT:
+            return NO_BOOT
+        if wanted not in (INIT, PREOP, SAFEOP, OP):
+            return UNKNOWN_STATE
+        if wanted > self.state and (self.state, wanted) not in _UPWARDS:
+            return INVALID_CHANGE
+        if wanted >= PREOP and not all(
+            self._manages(k, at, MAILBOX_BYTES) for k, at in ((0, MAILBOX_OUT), (1, MAILBOX_IN))
+        ):
+            return INVALID_MAILBOX
+        if wanted >= SAFEOP:
+            outputs, inputs = self.objects.mapped_outputs, self.objects.mapped_inputs
+            if not self._manages(2, OUTPUTS, sum(entry.bits for entry in outputs) // 8):
+                return INVALID_OUTPUTS
+            if not self._manages(3, INPUTS, sum(entry.bits for entry in inputs) // 8):
+                return INVALID_INPUTS
+        return 0
+
+    def _manages(self, k: int, start: int, length: int) -> bool:
+        """Whether sync manager `k` is set to just this area; on nothing it must be off."""
+        at = SM + k * SM_BYTES
+        on = bool(self.memory[at + SM_ACTIVATE] & 1)
+        if length == 0:
+            return not on or self._get(at + 2) == 0
+        return on and (self._get(at), self._get(at + 2)) == (start, length)
+
+    def _enter(self, state: int, code: int = 0) -> None:
+        leaves = self.state == OP != state
+        self.state = state
+        self._put(AL_STATUS, state | (ERROR if code else 0))
+        self._put(AL_CODE, code)
+        self.take_part()
+        if leaves:
+            self._left_op()
+
+    def _hold_process_data(self, held: bool) -> None:
+        for k in (2, 3):
+            self.memory[SM + k * SM_BYTES + SM_PDI] = int(held)
+
+    def _read_eeprom(self) -> None:
+        command = self._get(SII_CONTROL)
+        if command & SII_READ:
+            start = 2 * self._get(SII_ADDRESS)
+            data = self._eeprom[start : start + 8].ljust(8, b"\xff")
+            self.memory[SII_DATA : SII_DATA + 8] = np.frombuffer(data, np.uint8)
+        self._put(SII_CONTROL, SII_READS_8)
+
+    def _repeat_mail(self) -> None:
+        """The master may ask for the last mail once more: the frame that had it was lost."""
+        at = SM + SM_BYTES
+        asked = int(self.memory[at + SM_ACTIVATE]) & _REPEAT
+        if asked != self._repeated:
+            self._repeated = asked
+            if self._last_mail:
+                self._lay_out(self._last_mail)
+            self.memory[at + SM_PDI] = asked
+
+    def _lay_out(self, mail: bytes) -> None:
+        self.memory[MAILBOX_IN : MAILBOX_IN + len(mail)] = np.frombuffer(mail, np.uint8)
+        self.memory[SM + SM_BYTES + SM_STATUS] |= SM_FULL
+
+    def _full(self, k: int) -> bool:
+        return bool(self.memory[SM + k * SM_BYTES + SM_STATUS] & SM_FULL)
+
+    def _get(self, at: int) -> int:
+        return int(self.memory[at]) | int(self.memory[at + 1]) << 8
+
+    def _put(self, at: int, value: int) -> None:
+        self.memory[at], self.memory[at + 1] = value & 0xFF, value >> 8

@@ -1,0 +1,302 @@
+"""The slave controllers (ESC) of a line: what hardware does with a frame as it passes, in compiled code.
+
+A controller answers datagrams from its memory, maps logical addresses by its FMMUs, guards the mailboxes by its sync
+managers, counts the working counter, and latches times. Whatever needs thought is left to the slave's application
+(``application.py``) as an event. FMMUs map whole bytes, as the feature register says.
+
+What it lacks of a real one: the three buffers of a sync manager (a frame passes as a whole, so nothing is torn), two
+logical areas in one FMMU, commands that read and write the same registers (APRW, FPRW, BRW), SYNC signals and latch
+inputs, and the host's side of the EEPROM.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from micromanip.bus.ethercat.registers import (
+    AL_CONTROL,
+    APRD,
+    APWR,
+    ARMW,
+    BRD,
+    BWR,
+    DC_DELAY,
+    DC_DIFFERENCE,
+    DC_OFFSET,
+    DC_PORTS,
+    DC_SYSTEM,
+    DC_UNIT,
+    ETHERTYPE,
+    FMMU,
+    FMMU_BYTES,
+    FPRD,
+    FPWR,
+    FRMW,
+    LRD,
+    LRW,
+    LWR,
+    SII_CONTROL,
+    SM,
+    SM_ACTIVATE,
+    SM_BYTES,
+    SM_FROM_MASTER,
+    SM_FULL,
+    SM_MAILBOX,
+    SM_PDI,
+    SM_STATUS,
+    STATION,
+    TYPE_DATAGRAMS,
+)
+from micromanip.rt.jit import Compiler
+from micromanip.rt.record import record
+from micromanip.rt.signatures import array_of
+
+compiled = Compiler(__file__)
+
+MEMORY_BYTES = 0x3000
+FMMU_COUNT, SM_COUNT = 8, 8
+NOT_ETHERCAT = -1
+"""What ``pass_frame`` returns for a frame that slaves let through untouched."""
+AL_ASKED, SII_ASKED, MAIL_CAME, MAIL_TAKEN, SM_CHANGED = 1, 2, 4, 8, 16
+"""Events for the application."""
+_HEADER, _DATAGRAM = 16, 10
+_DRIFT_SHIFT = 4
+"""A slave's clock makes up for a 16th of the difference to the reference clock each time that it is told."""
+
+ESC = record(
+    ("memory", "u1", (MEMORY_BYTES,)),
+    ("writable", "u1", (MEMORY_BYTES,)),
+    ("powered", "i8"),
+    ("events", "i8"),
+    ("outputs_ns", "i8"),
+    ("outputs_count", "i8"),
+    ("clock_began_ns", "i8"),
+    ("clock_ppb", "i8"),
+    ("clock_adjusted_ns", "i8"),
+    ("to_ns", "i8"),
+    ("back_ns", "i8"),
+    ("is_last", "i8"),
+    ("last_wkc", "i8"),
+)
+"""One controller. Where `writable` is 1 a master may write. Its clock began at `clock_began_ns`, gains `clock_ppb` and
+was adjusted by so much; a frame reaches it `to_ns` after the first one, and comes by on its way back `back_ns` after
+that. `outputs_count` frames have brought outputs, the last one at `outputs_ns`."""
+
+
+@compiled
+def number(data: Any, at: int, size: int) -> int:
+    """An unsigned number of at most 7 bytes, or a signed one of 8."""
+    found = np.int64(0)
+    for i in range(size):
+        found |= np.int64(data[at + i]) << (8 * i)
+    return found  # type: ignore[return-value]
+
+
+@compiled
+def put_number(data: Any, at: int, size: int, value: int) -> None:
+    """Write the lowest bytes of `value`."""
+    for i in range(size):
+        data[at + i] = np.uint8((value >> (8 * i)) & 0xFF)
+
+
+@compiled
+def local_ns(s: Any, now_ns: int) -> int:
+    """The controller's own clock."""
+    passed = now_ns - s["clock_began_ns"]
+    return passed + passed * s["clock_ppb"] // 1_000_000_000
+
+
+@compiled
+def system_ns(s: Any, now_ns: int) -> int:
+    """Its copy of the time that all clocks share."""
+    return local_ns(s, now_ns) + number(s["memory"], DC_OFFSET, 8) + s["clock_adjusted_ns"]
+
+
+@compiled
+def latch(s: Any, now_ns: int) -> None:
+    """Keep the times at which this frame comes to each port."""
+    there, back = local_ns(s, now_ns + s["to_ns"]), local_ns(s, now_ns + s["to_ns"] + s["back_ns"])
+    put_number(s["memory"], DC_PORTS, 4, there)
+    put_number(s["memory"], DC_PORTS + 4, 4, 0 if s["is_last"] != 0 else back)
+    put_number(s["memory"], DC_UNIT, 8, there)
+
+
+@compiled
+def follow_clock(s: Any, reference_ns: int, now_ns: int) -> None:
+    """The reference clock has said its time: come nearer to it."""
+    ahead = system_ns(s, now_ns) - (reference_ns + number(s["memory"], DC_DELAY, 4))
+    put_number(s["memory"], DC_DIFFERENCE, 4, min(abs(ahead), 0x7FFFFFFF) | (0 if ahead >= 0 else 0x80000000))
+    s["clock_adjusted_ns"] -= ahead >> _DRIFT_SHIFT
+
+
+@compiled
+def guard_of(s: Any, start: int, length: int) -> int:
+    """The sync manager that guards any of these bytes; -1 if none does."""
+    m = s["memory"]
+    for k in range(SM_COUNT):
+        at = SM + k * SM_BYTES
+        first, size = number(m, at, 2), number(m, at + 2, 2)
+        if m[at + SM_ACTIVATE] & 1 != 0 and start < first + size and first < start + length:
+            return k
+    return -1
+
+
+@compiled
+def may_pass(s: Any, start: int, length: int, writing: bool) -> bool:
+    """Whether the sync manager of these bytes lets the master at them, this way and now."""
+    k = guard_of(s, start, length)
+    if k < 0:
+        return True
+    m, at = s["memory"], SM + k * SM_BYTES
+    for_writing = m[at + 4] & SM_FROM_MASTER != 0
+    if for_writing != writing or m[at + SM_PDI] & 1 != 0:
+        return False
+    if m[at + 4] & SM_MAILBOX == 0:
+        return True
+    full = m[at + SM_STATUS] & SM_FULL != 0
+    return full != writing and start <= number(m, at, 2)
+
+
+@compiled
+def has_passed(s: Any, start: int, length: int, writing: bool, now_ns: int) -> None:
+    """The last byte of a sync manager's area hands it over."""
+    k = guard_of(s, start, length)
+    if k < 0:
+        return
+    m, at = s["memory"], SM + k * SM_BYTES
+    if start + length < number(m, at, 2) + number(m, at + 2, 2):
+        return
+    if m[at + 4] & SM_MAILBOX != 0:
+        if writing:
+            m[at + SM_STATUS] |= np.uint8(SM_FULL)
+            s["events"] |= MAIL_CAME
+        else:
+            m[at + SM_STATUS] &= np.uint8(0xFF ^ SM_FULL)
+            s["events"] |= MAIL_TAKEN
+    elif writing:
+        s["outputs_ns"] = now_ns
+        s["outputs_count"] += 1
+
+
+@compiled
+def write(s: Any, start: int, data: Any, at: int, length: int, now_ns: int) -> int:
+    """Take bytes of a datagram into the memory: 1 where any of them may be written."""
+    if start + length > MEMORY_BYTES or not may_pass(s, start, length, True):
+        return 0
+    m, taken = s["memory"], 0
+    for i in range(length):
+        if s["writable"][start + i] != 0:
+            m[start + i] = data[at + i]
+            taken = 1
+    end = start + length
+    if start <= AL_CONTROL < end:
+        s["events"] |= AL_ASKED
+    if start <= SII_CONTROL + 1 < end:
+        s["events"] |= SII_ASKED
+    if start < SM + SM_COUNT * SM_BYTES and end > SM:
+        s["events"] |= SM_CHANGED
+    if start <= DC_PORTS < end:
+        latch(s, now_ns)
+        taken = 1
+    if start == DC_SYSTEM and length >= 4:
+        told, mask = number(data, at, length), -1 if length >= 8 else (1 << 8 * length) - 1
+        near = system_ns(s, now_ns)
+        follow_clock(s, told if length >= 8 else (near & ~mask) | told, now_ns)
+        taken = 1
+    has_passed(s, start, length, True, now_ns)
+    return taken
+
+
+@compiled
+def read(s: Any, start: int, data: Any, at: int, length: int, merged: bool, now_ns: int) -> int:
+    """Put bytes of the memory into a datagram, or merge them by `or`: 1 where they may be read."""
+    if start + length > MEMORY_BYTES or not may_pass(s, start, length, False):
+        return 0
+    m = s["memory"]
+    if start < DC_SYSTEM + 8 and start + length > DC_SYSTEM:
+        put_number(m, DC_SYSTEM, 8, system_ns(s, now_ns))
+    for i in range(length):
+        data[at + i] = data[at + i] | m[start + i] if merged else m[start + i]
+    has_passed(s, start, length, False, now_ns)
+    return 1
+
+
+@compiled
+def map_logical(s: Any, command: int, logical: int, data: Any, at: int, length: int, now_ns: int) -> int:
+    """What the FMMUs do with a logical datagram; by how much the working counter grows."""
+    m, taken, put = s["memory"], 0, 0
+    for reading in range(2):  # what is read replaces what is written: writing comes first
+        if (reading == 1 and command == LWR) or (reading == 0 and command == LRD):
+            continue
+        for k in range(FMMU_COUNT):
+            f = FMMU + k * FMMU_BYTES
+            if m[f + 12] & 1 == 0 or m[f + 11] & (1 if reading == 1 else 2) == 0:
+                continue
+            first, physical = number(m, f, 4), number(m, f + 8, 2)
+            low, high = max(first, logical), min(first + number(m, f + 4, 2), logical + length)
+            if low >= high:
+                continue
+            if reading == 1:
+                put |= read(s, physical + low - first, data, at + low - logical, high - low, False, now_ns)
+            else:
+                taken |= write(s, physical + low - first, data, at + low - logical, high - low, now_ns)
+    return put + (2 if command == LRW else 1) * taken
+
+
+@compiled
+def pass_datagram(s: Any, data: Any, at: int, length: int, now_ns: int) -> None:
+    """Let one controller act on a datagram whose header is at `at`."""
+    command, body, wkc_at = int(data[at]), at + _DATAGRAM, at + _DATAGRAM + length
+    wkc = 0
+    if LRD <= command <= LRW:
+        wkc = map_logical(s, command, number(data, at + 2, 4), data, body, length, now_ns)
+    elif APRD <= command <= FRMW:
+        slave, start = number(data, at + 2, 2), number(data, at + 4, 2)
+        if command in (FPRD, FPWR, FRMW):
+            here = slave == number(s["memory"], STATION, 2)
+        else:
+            here = slave == 0 or command in (BRD, BWR)
+            put_number(data, at + 2, 2, slave + 1)
+        reads = command in (APRD, FPRD, BRD)
+        writes = command in (APWR, FPWR, BWR)
+        if command in (ARMW, FRMW):
+            reads, writes, here = here, not here, True
+        if here and writes:
+            wkc = write(s, start, data, body, length, now_ns)
+        elif here and reads:
+            wkc = read(s, start, data, body, length, command == BRD, now_ns)
+    s["last_wkc"] = wkc
+    put_number(data, wkc_at, 2, number(data, wkc_at, 2) + wkc)
+
+
+@compiled
+def pass_frame(slaves: Any, data: Any, length: int, now_ns: int) -> int:
+    """Let a frame pass all controllers up to the first without power: how many datagrams it had, or NOT_ETHERCAT."""
+    if length < _HEADER or (int(data[12]) << 8 | int(data[13])) != ETHERTYPE:
+        return NOT_ETHERCAT
+    head = number(data, 14, 2)
+    end, at, count, more = min(length, _HEADER + (head & 0x7FF)), _HEADER, 0, 1
+    if head >> 12 != TYPE_DATAGRAMS:
+        return NOT_ETHERCAT
+    while more != 0 and at + _DATAGRAM + 2 <= end:
+        size = number(data, at + 6, 2)
+        more, size = size >> 15, size & 0x7FF
+        if at + _DATAGRAM + size + 2 > end:
+            break
+        for k in range(len(slaves)):
+            if slaves[k]["powered"] == 0:
+                break
+            pass_datagram(slaves[k], data, at, size, now_ns)
+        count += 1
+        at += _DATAGRAM + size + 2
+    data[6] |= np.uint8(2)
+    return count
+
+
+@compiled.entry(types.int64(array_of(ESC), types.uint8[::1], types.int64, types.int64))
+def passed(slaves: Any, data: Any, length: int, now_ns: int) -> int:
+    """``pass_frame`` by itself."""
+    return pass_frame(slaves, data, length, now_ns)

@@ -1,0 +1,325 @@
+"""The terminals of one driver `ethercat`, with the plant behind them.
+
+While nothing is amiss compiled code serves the line (``serving.py``); what is rare, and every fault of the line, goes
+through Python. Both ways use the same controllers, plant and amplifier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from micromanip.bus.datagram_socket import lend
+from micromanip.bus.frame_plan import FramePlan, GroupPlan
+from micromanip.emulation.amplifier import Amplifier
+from micromanip.emulation.arrivals import gathered
+from micromanip.emulation.cell import EmulatedCell
+from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
+from micromanip.emulation.line.device_line import DeviceLine
+from micromanip.emulation.line.fault import Delay, Drop, Duplicate, LineFault, Reorder
+from micromanip.emulation.line.faults import Hang, Unplug
+from micromanip.emulation.line.faults import parsed as line_fault
+from micromanip.emulation.line.port import Hear, Peer
+from micromanip.emulation.messages import MessageFigures
+from micromanip.emulation.plant import MOST_PERIODS, PERIOD_NS
+from micromanip.errors import UsageError
+from micromanip.rt.jit import prepare
+from micromanip.testbus.event_loop import EventLoop
+
+from .faults import KINDS, Absent, LeftOp, MailboxSilent, Order, Power, TerminalFault, parsed
+from .line import Line
+from .port import EthernetPort
+from .process_data import Number, numbers, terminal_of
+from .serving import COUNTS, NOBODYS, SERVED, lay_out_readings, outputs_taken, serve
+
+FRAMES = "frames"
+"""What the device sends, by the name that commands use."""
+_TICK_NS = 1_000_000
+_PAUSE_NS = 50_000_000
+"""Who has said nothing for so long begins anew."""
+_PHASE_NS = 30_000
+"""So old is the plant's state when it is asked for: a frame that comes a little early still finds a new one."""
+_OF_FRAMES = (Drop, Delay, Duplicate, Reorder, Hang, Unplug)
+
+
+class EthercatDevice:
+    """The line of one driver `ethercat`."""
+
+    def __init__(
+        self, keys: Any, loop: EventLoop, cell: EmulatedCell, wires: Wires, amplifier: Amplifier | None
+    ) -> None:
+        """`keys` are the driver's options. Raises DeviceUnavailable where no veth pair can be had."""
+        self._loop, self._cell, self._amplifier, self._keys = loop, cell, amplifier, keys
+        self._names = list(keys.terminals)
+        self.figures = MessageFigures()
+        self.slaves = Line([terminal_of(name, keys.terminals[name]) for name in self._names], self._left_op)
+        self._served = np.zeros(1, SERVED)
+        self.signals: list[str] = []
+        self._signal: list[list[tuple[str, bool]]] = []
+        self._output: list[list[str | None]] = []
+        self._fill(self._served[0], wires)
+        self._silent_until_ns, self._lent = 0.0, -1
+        self._began_ns, self._heard_ns = loop.now_ns(), 0
+        prepare(serve, lay_out_readings, outputs_taken)
+        self._line = DeviceLine(loop, self._make_port)
+        self._line.attach(self._hear)
+
+    def _make_port(self, hear: Hear) -> EthernetPort:
+        self._port = EthernetPort(self._loop, self._keys.interface, hear)
+        return self._port
+
+    def _fill(self, d: Any, wires: Wires) -> None:
+        plant = self._cell.plant
+        d["exchange"], d["context"] = plant.addresses
+        d["period_ns"], d["most_periods"] = PERIOD_NS, MOST_PERIODS
+        d["output"] = -1
+        d["arrived"]["last"] = np.nan
+        for k, name in enumerate(self._names):
+            keys = self._keys.terminals[name]
+            outputs, inputs = dict(numbers(keys.outputs)), dict(numbers(keys.inputs))
+            d["outputs"][k], d["inputs"][k] = _table(outputs), _table(inputs)
+            self._output.append([wires.outputs.get(channel) for channel in outputs])
+            d["output"][k][: len(outputs)] = [plant.outputs.get(each or "", -1) for each in self._output[k]]
+            self._signal.append(list(_readings(keys, wires)))
+            d["signal"][k][: len(inputs)] = [self._index(*each) for each in self._signal[k]]
+            self.signals += [signal for signal, counts in self._signal[k] if not counts]
+
+    def _index(self, signal: str, counts: bool) -> int:
+        at = self._cell.plant.inputs.get(signal)
+        return NOBODYS if at is None else COUNTS + at if counts else at
+
+    @property
+    def ready(self) -> str:
+        outputs = sum(map(len, self._output))
+        return f"{self._port.name}: {len(self._names)} terminals, {len(self.signals)} signals, {outputs} outputs"
+
+    @property
+    def messages(self) -> list[str]:
+        return [FRAMES]
+
+    def start(self, now_ns: int) -> None:
+        self._began_ns = now_ns
+        for application in self.slaves.applications:
+            application.switch_on(now_ns)
+        self.slaves.relink()
+        self._tick()
+
+    def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
+        raise UsageError(f"{self._port.name}: the master counts the frames, terminals send them back as they come")
+
+    def silence(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
+        self._silent_until_ns = self._loop.end_ns(for_s)
+
+    def reboot(self, for_s: float) -> None:
+        for k in range(len(self._names)):
+            self._switch_off(k)
+            self._loop.call_at(self._loop.now_ns() + round(for_s * 1e9), lambda k=k: self._switch_on(k))  # type: ignore[misc]
+
+    def inject(self, fault: Mapping[str, Any]) -> None:
+        if fault.get("kind") in KINDS:
+            self._befall(parsed(dict(fault)))
+            return
+        injected = line_fault(dict(fault))
+        if not isinstance(injected, _OF_FRAMES):
+            raise UsageError(f"fault {injected.kind}: {self.ready} has nothing of the kind")
+        self._line.inject(injected)
+
+    def _befall(self, fault: TerminalFault) -> None:
+        if fault.terminal not in self._names:
+            raise UsageError(f"fault {fault.kind}: there is no terminal {fault.terminal}: {', '.join(self._names)}")
+        k = self._names.index(fault.terminal)
+        application = self.slaves.applications[k]
+        end_ns = self._loop.now_ns() + round((fault.for_s or 0) * 1e9)
+        match fault:
+            case Power():
+                self._switch_off(k)
+                if fault.for_s is not None:
+                    self._loop.call_at(end_ns, lambda: self._switch_on(k))
+            case LeftOp():
+                application.drop(fault.code)
+            case Absent():
+                application.be_absent()
+                if fault.for_s is not None:
+                    self._loop.call_at(end_ns, application.take_part)
+            case MailboxSilent():
+                application.mailbox_silent = True
+            case Order():
+                if k + 1 == len(self._names):
+                    raise UsageError(f"fault order: behind {fault.terminal} there is no terminal")
+                self.slaves.swap(k, self._loop.now_ns())
+                self._left_op()
+
+    def _switch_off(self, k: int) -> None:
+        self.slaves.controllers[k]["powered"] = 0
+        self.slaves.relink()
+        self._left_op()
+
+    def _switch_on(self, k: int) -> None:
+        self.slaves.applications[k].switch_on(self._loop.now_ns())
+        self.slaves.relink()
+
+    def clear(self) -> None:
+        self._line.clear()
+        self._silent_until_ns = 0.0
+        for k, application in enumerate(self.slaves.applications):
+            application.take_part()
+            application.mailbox_silent = False
+            if not self.slaves.controllers[k]["powered"]:
+                self._switch_on(k)
+
+    def report(self) -> dict[str, Any]:
+        self._gather()
+        elapsed_ns = max(1, self._loop.now_ns() - self._began_ns)
+        return {
+            "frames": self.figures.sent + self.figures.received,
+            **vars(self.figures),
+            **vars(self._port.figures),
+            "states": {n: a.state for n, a in zip(self._names, self.slaves.applications, strict=True)},
+            "bus_load_percent": round(100 * self._port.figures.busy_ns / elapsed_ns, 2),
+        }
+
+    def close(self) -> None:
+        self._line.close()
+
+    def _left_op(self) -> None:
+        if self._amplifier is not None:
+            self._amplifier.trip(self._cell.plant.time_ns)
+
+    def _readable(self) -> None:
+        plant, now_ns = self._cell.plant, self._loop.now_ns()
+        d = self._served[0]
+        if not self._is_plain(now_ns) and d["next"] >= d["waiting"]:
+            self._gather()
+            self._port.read()
+            return
+        d["time_ns"], d["follows"] = plant.time_ns, self._amplifier is None or self._amplifier.follows
+        more = True
+        while more:
+            more = serve(self._served, self.slaves.controllers, *plant.arrays)
+            plant.time_ns = int(d["time_ns"])
+            if more:
+                self._gather()
+                self.slaves.serve(now_ns)
+                d["follows"] = self._amplifier is None or self._amplifier.follows
+
+    def _is_plain(self, now_ns: int) -> bool:
+        """Whether a conversation is under way, and nothing is amiss."""
+        return (
+            now_ns - self._heard_ns < _PAUSE_NS
+            and now_ns >= self._silent_until_ns
+            and not self._cell.faults.any
+            and not self._cell.wired_on
+            and all(amplifier.follows for amplifier in self._cell.amplifiers)
+            and self._line.active(LineFault) is None
+        )
+
+    def _gather(self) -> None:
+        """Take over what compiled code has done since the last time."""
+        d = self._served[0]
+        frames = int(d["frames"])
+        self.figures.not_understood += int(d["strange"])
+        d["strange"] = 0
+        if frames == 0:
+            return
+        self.figures.received += frames
+        self.figures.sent += frames
+        self._port.carried(frames, int(d["bytes"]))
+        d["frames"] = d["bytes"] = 0
+        self._heard_ns = max(self._heard_ns, int(d["heard_ns"]))
+        self._cell.plant.is_at(self._cell.plant.time_ns)
+        if self._amplifier is not None:
+            self._amplifier.refused += int(d["refused"])
+            d["refused"] = 0
+            for names, records in zip(self._output, d["arrived"], strict=False):
+                if arrived := dict(gathered(names, records)):
+                    self._amplifier.has_taken(arrived, self._heard_ns)
+
+    def _hear(self, data: bytes, peer: Peer) -> None:
+        """One frame, through Python."""
+        now_ns, d = self._loop.now_ns(), self._served[0]
+        self._cell.advance_to(now_ns)
+        self._read()
+        before = int(self.slaves.controllers["outputs_count"].sum())
+        back = self.slaves.passed(data, now_ns)
+        if back is None:
+            self.figures.not_understood += 1
+            return
+        self.figures.received += 1
+        if int(self.slaves.controllers["outputs_count"].sum()) != before:
+            if now_ns - self._heard_ns > _PAUSE_NS:
+                self._cell.plant.begin(now_ns - _PHASE_NS)
+            self._heard_ns = now_ns
+        d["follows"] = 0  # the amplifier sees to it
+        if outputs_taken(self._served, self.slaves.controllers, self._cell.plant.arrays[0]):
+            self._command(now_ns)
+        if now_ns < self._silent_until_ns:
+            self.figures.silent += 1
+            return
+        self._line.answer(peer, back)
+        self.figures.sent += 1
+
+    def _command(self, now_ns: int) -> None:
+        d = self._served[0]
+        values = {
+            name: float(d["value"][k][i])
+            for k, names in enumerate(self._output)
+            for i, name in enumerate(names)
+            if name is not None
+        }
+        if self._amplifier is not None:
+            self._amplifier.take(values, now_ns)
+            for k, names in enumerate(self._output):
+                d["arrived"][k]["last"][: len(names)] = d["value"][k][: len(names)]
+        self._cell.advance_to(now_ns)
+
+    def _read(self) -> None:
+        d, cell = self._served[0], self._cell
+        for k, signals in enumerate(self._signal):
+            d["reading"][k][: len(signals)] = [
+                self._samples(signal) if counts else cell.read(signal) for signal, counts in signals
+            ]
+        lay_out_readings(self._served, self.slaves.controllers)
+
+    def _samples(self, signal: str) -> float:
+        return float(self._cell.plant.samples(signal)) if signal in self._cell.plant.inputs else 0.0
+
+    def _tick(self) -> None:
+        """Watchdogs, amplifier and plant go on also while nobody asks."""
+        self._gather()
+        now_ns = self._loop.now_ns()
+        self._cell.advance_to(now_ns)
+        self.slaves.tick(now_ns)
+        descriptor = self._port.descriptor
+        if descriptor is not None and descriptor != self._lent:
+            lend(descriptor, self._served[0]["socket"])
+            self._served[0]["waiting"] = self._served[0]["next"] = 0
+            self._loop.add_reader(descriptor, self._readable)
+        self._lent = -1 if descriptor is None else descriptor
+        self._loop.call_at(now_ns + _TICK_NS, self._tick)
+
+
+def emulate_ethercat(name: str, surroundings: Surroundings) -> EmulatedDevice:
+    """The terminals of the driver called `name`; their own watchdog is the amplifier's too."""
+    wires = surroundings.wires(name)
+    amplifier = None
+    if wires.outputs:
+        amplifier = Amplifier(surroundings.cell.plant, wires.rest_V, None)
+        surroundings.cell.amplifiers.append(amplifier)
+    return EthercatDevice(surroundings.options(name), surroundings.loop, surroundings.cell, wires, amplifier)
+
+
+def _table(placed: Mapping[str, Number]) -> Any:
+    """The numbers of a terminal's outputs or inputs, for compiled code."""
+    return FramePlan(0, [GroupPlan(placed)]).record()[0]
+
+
+def _readings(keys: Any, wires: Wires) -> Iterator[tuple[str, bool]]:
+    """For each number of a terminal's inputs the signal that it says, or whose samples it counts."""
+    for pdo in keys.inputs.values():
+        measured = next((name for name in pdo.fields if name != pdo.counter), "")
+        for name in pdo.fields:
+            counts = name == pdo.counter
+            signal = measured if counts else name
+            yield wires.signals.get(signal, signal), counts

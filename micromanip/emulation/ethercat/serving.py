@@ -1,0 +1,185 @@
+"""One frame after the other in compiled code: plant on, inputs laid out, the frame through all slaves, outputs taken.
+
+What Python has to look after, it does once a millisecond (``device.py``), and when a slave's application has something
+to do: states, mailbox, EEPROM.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from micromanip.bus.ethercat.al_states import OP, STATUS_MASK
+from micromanip.bus.ethercat.registers import AL_STATUS
+from micromanip.rt.intrinsics import call_exchange
+from micromanip.rt.record import record
+from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+from micromanip.rt.signatures import array_of
+from micromanip.rt.wire.codec import put_bits, put_value, value_of
+from micromanip.rt.wire.datagrams import length_of, receive, send
+from micromanip.rt.wire.records import FRAME, SOCKET
+
+from ..arrivals import ARRIVED, note
+from .controller import ESC, NOT_ETHERCAT, compiled, pass_frame
+from .terminal import INPUTS, OUTPUTS
+
+MOST_TERMINALS = 8
+NOBODYS, COUNTS = -1, 1000
+"""Of a number in the inputs: no signal of the plant, it reads 1; COUNTS + the signal whose samples it counts."""
+
+SERVED = record(
+    ("exchange", "i8"),
+    ("context", "i8"),
+    ("period_ns", "i8"),
+    ("most_periods", "i8"),
+    ("time_ns", "i8"),
+    ("heard_ns", "i8"),
+    ("phase_ns", "i8"),
+    ("follows", "i8"),
+    ("refused", "i8"),
+    ("waiting", "i8"),
+    ("next", "i8"),
+    ("frames", "i8"),
+    ("bytes", "i8"),
+    ("strange", "i8"),
+    ("taken", "i8", (MOST_TERMINALS,)),
+    ("signal", "i8", (MOST_TERMINALS, MAX_SIGNALS)),
+    ("reading", "f8", (MOST_TERMINALS, MAX_SIGNALS)),
+    ("output", "i8", (MOST_TERMINALS, MAX_OUTPUTS)),
+    ("value", "f8", (MOST_TERMINALS, MAX_OUTPUTS)),
+    ("arrived", ARRIVED, (MOST_TERMINALS, MAX_OUTPUTS)),
+    ("inputs", FRAME, (MOST_TERMINALS,)),
+    ("outputs", FRAME, (MOST_TERMINALS,)),
+    ("socket", SOCKET),
+)
+"""Plant and line: where the plant's function and context are, which of its signals and outputs each number is, and what
+came; `waiting` frames of a batch are served from `next` on. `taken` are the outputs of a terminal that were seen."""
+
+
+@compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), types.float64[::1], array_of(SIGNAL)))
+def serve(served: Any, slaves: Any, outputs: Any, signals: Any) -> bool:
+    """Serve what has come, up to the first frame that gives an application something to do: whether there is more.
+
+    `outputs` and `signals` are the plant's.
+    """
+    d = served[0]
+    s = d["socket"]
+    if d["next"] >= d["waiting"]:
+        d["waiting"], d["next"] = receive(s), 0
+    while d["next"] < d["waiting"]:
+        k = d["next"]
+        d["next"] += 1
+        length, data = length_of(s, k), s["received"][k]
+        if length < 0:
+            d["strange"] += 1
+            continue
+        advance(d, s["now_ns"], outputs, signals)
+        read_plant(d, slaves, signals)
+        lay_out(d, slaves)
+        if pass_frame(slaves, data, length, s["now_ns"]) == NOT_ETHERCAT:
+            d["strange"] += 1
+            continue
+        if take_outputs(d, slaves, outputs):
+            d["heard_ns"] = s["now_ns"]
+            advance(d, s["now_ns"], outputs, signals)
+        for i in range(length):
+            s["sent"][i] = data[i]
+        send(s, length)
+        d["frames"] += 1
+        d["bytes"] += length
+        if has_events(slaves):
+            return True
+    return False
+
+
+@compiled
+def has_events(slaves: Any) -> bool:
+    """Whether any application has something to do."""
+    events = 0
+    for k in range(len(slaves)):
+        events |= slaves[k]["events"]
+    return events != 0
+
+
+@compiled
+def advance(d: Any, now_ns: int, outputs: Any, signals: Any) -> None:
+    """Let the plant's periods up to now pass with what was in force, then put in force what is in `outputs`."""
+    periods = max(0, (now_ns - d["time_ns"]) // d["period_ns"])
+    d["time_ns"] += periods * d["period_ns"]
+    passed = min(periods, d["most_periods"])
+    call_exchange(d["exchange"], d["context"], outputs.ctypes.data, signals.ctypes.data, d["time_ns"], passed)
+
+
+@compiled
+def read_plant(d: Any, slaves: Any, signals: Any) -> None:
+    """What each number of the inputs is now."""
+    for k in range(len(slaves)):
+        for i in range(d["inputs"][k]["numbers"]):
+            which = d["signal"][k][i]
+            if which >= COUNTS:
+                d["reading"][k][i] = float(signals[which - COUNTS]["sequence"])
+            else:
+                d["reading"][k][i] = signals[which]["value"] if which >= 0 else 1.0
+
+
+@compiled
+def lay_out(d: Any, slaves: Any) -> None:
+    """Write `reading` into the slaves' memories; what a number can't hold is the nearest that it can, NaN the highest.
+
+    A counter wraps.
+    """
+    for k in range(len(slaves)):
+        f, memory = d["inputs"][k], slaves[k]["memory"][INPUTS:]
+        for i in range(f["numbers"]):
+            n, value = f["number"][i], d["reading"][k][i]
+            if d["signal"][k][i] >= COUNTS:
+                put_bits(memory, n["at"], n["size"], 0, np.uint64(np.int64(value)))
+            else:
+                put_value(f, n, memory, n["high"] if math.isnan(value) else max(n["low"], min(n["high"], value)))
+
+
+@compiled
+def take_outputs(d: Any, slaves: Any, outputs: Any) -> bool:
+    """Put what terminals in OP were given since the last time into the plant's `outputs`; whether there was any."""
+    came = 0
+    for k in range(len(slaves)):
+        if not is_given(d, slaves, k):
+            continue
+        f, memory, finite = d["outputs"][k], slaves[k]["memory"][OUTPUTS:], 1
+        for i in range(f["numbers"]):
+            d["value"][k][i] = value_of(f, f["number"][i], memory)
+            finite &= 1 if math.isfinite(d["value"][k][i]) else 0
+        if finite == 0:
+            d["refused"] += 1
+            continue
+        came = 1
+        if d["follows"] == 0:
+            continue
+        for i in range(f["numbers"]):
+            if d["output"][k][i] >= 0:
+                outputs[d["output"][k][i]] = d["value"][k][i]
+                note(d["arrived"][k][i], d["value"][k][i])
+    return came != 0
+
+
+@compiled
+def is_given(d: Any, slaves: Any, k: int) -> bool:
+    """Whether slave `k` is in OP and has got outputs since the last time."""
+    fresh = slaves[k]["outputs_count"] != d["taken"][k]
+    d["taken"][k] = slaves[k]["outputs_count"]
+    return fresh and d["outputs"][k]["numbers"] > 0 and int(slaves[k]["memory"][AL_STATUS]) & STATUS_MASK == OP
+
+
+@compiled.entry(types.void(array_of(SERVED), array_of(ESC)))
+def lay_out_readings(served: Any, slaves: Any) -> None:
+    """``lay_out`` by itself: `reading` is filled."""
+    lay_out(served[0], slaves)
+
+
+@compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), types.float64[::1]))
+def outputs_taken(served: Any, slaves: Any, outputs: Any) -> bool:
+    """``take_outputs`` by itself; the values are in `value`."""
+    return take_outputs(served[0], slaves, outputs)

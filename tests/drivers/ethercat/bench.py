@@ -1,0 +1,172 @@
+"""The driver `ethercat` without a loop, and slaves in a thread at the far end of a veth pair, whose wire may be bad."""
+
+import ctypes
+import select
+import threading
+import time
+
+import numpy as np
+from micromanip_drivers.ethercat.driver import Ethercat
+from micromanip_drivers.ethercat.options import EthercatOptions
+from micromanip_drivers.ethercat.records import CONTEXT
+
+from micromanip.bus.cyclic import call_context
+from micromanip.bus.ethercat.registers import NOP
+from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
+from micromanip.emulation.ethercat.line import Line
+from micromanip.emulation.ethercat.process_data import terminal_of
+from micromanip.emulation.ethercat.terminal import INPUTS, OUTPUTS
+from micromanip.rt.records import SIGNAL
+from tests.emulation.ethercat.wire import raw, until
+
+PERIOD_NS = 100_000
+SILENT_CYCLES, STILL_CYCLES = 20, 150
+_EXCHANGE = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
+)
+AMPLIFIER = {
+    "vendor": 0x4D4D,
+    "product": 0x10,
+    "serial": 7,
+    "settings": {"range": {"index": 0x8000, "subindex": 1, "type": "uint16", "value": 513}},
+    "outputs": {
+        "voltages": {
+            "pdo": 0x1600,
+            "fields": {
+                "voltage": {"index": 0x7000, "subindex": 1, "type": "int32", "scale": 1e-4, "range": (-20, 150)},
+                "feed_hold": {"index": 0x7001, "subindex": 1, "type": "uint8", "switch": True, "safe": 1},
+            },
+        }
+    },
+    "inputs": {"state": {"pdo": 0x1A00, "fields": {"ok": {"index": 0x6000, "subindex": 1, "type": "uint8"}}}},
+}
+GAUGE = {
+    "vendor": 0x4D4D,
+    "product": 0x20,
+    "inputs": {
+        "tracker": {
+            "pdo": 0x1A01,
+            "counter": "count",
+            "rate_hz": 1000,
+            "latency_us": 1000,
+            "fields": {
+                "count": {"index": 0x6010, "subindex": 1, "type": "uint8"},
+                "deviation": {"index": 0x6010, "subindex": 2, "type": "int32", "scale": 1e-3},
+            },
+        },
+        "strain": {
+            "pdo": 0x1A00,
+            "fields": {"strain": {"index": 0x6000, "subindex": 1, "type": "int32", "scale": 1e-4}},
+        },
+    },
+}
+
+
+def options(interface="none0", **changes):
+    """An amplifier, and behind it a gauge that passes a tracker on."""
+    keys = {
+        "interface": interface,
+        "simulated": True,
+        "silence_ms": 2,
+        "watchdog": {"ms": 1000, "rest_ms": 5, "does": "ramps to 0 V"},
+        "cyclic_safe": True,
+        "terminals": {"amplifier": AMPLIFIER, "gauge": GAUGE},
+    }
+    return EthercatOptions.model_validate(keys | changes)
+
+
+class Bench:
+    """A driver, and its slaves; `meddle` gets each cyclic frame on its way back and gives those that arrive."""
+
+    def __init__(self, ends, step_V=1e3, slaves=None, **changes):
+        here, there = ends
+        self.options = options(here, **changes)
+        self.driver = Ethercat(self.options, PERIOD_NS)
+        self.context = self.driver.context()
+        c = self.context.view(CONTEXT)[0]
+        c["gate"]["still_ns"] = STILL_CYCLES * PERIOD_NS  # in cycles, whatever the slaves' own watchdog may be
+        voltage = SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, step_V / (1e-9 * PERIOD_NS))
+        self.driver.adopt(self.context, [voltage, SafeOutput(SWITCH, 1.0, 0.0, 1.0)])
+        self.signals, self.outputs = np.zeros(48, SIGNAL), np.zeros(8)
+        slaves = self.options.terminals if slaves is None else slaves
+        self.line = Line([terminal_of(name, keys) for name, keys in slaves.items()])
+        self.meddle = lambda frame: [frame]
+        self._functions = self.driver.functions()
+        self._exchange = _EXCHANGE(self._functions.exchange)
+        self._far, self._done, self.lock = raw(there), threading.Event(), threading.Lock()
+        self.came = 0
+        self._thread = threading.Thread(target=self._play)
+        self._thread.start()
+        self.now_ns = time.monotonic_ns()
+
+    def _play(self):
+        while not self._done.is_set():
+            if select.select([self._far], [], [], 0.02)[0]:
+                frame = self._far.recv(2048)
+                with self.lock:
+                    back = self.line.passed(frame, time.monotonic_ns())
+                    is_cyclic = frame[16] == NOP
+                    for each in self.meddle(back) if is_cyclic else [back]:
+                        self._far.send(each)
+                    self.came += is_cyclic
+
+    def close(self):
+        call_context(self._functions.close, self.context.ctypes.data)
+        self._done.set()
+        self._thread.join()
+        self._far.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def open(self):
+        self.driver.begin(self.context)
+        assert call_context(self._functions.open, self.context.ctypes.data) == 0
+        return self
+
+    @property
+    def c(self):
+        return self.context.view(CONTEXT)[0]
+
+    @property
+    def statistics(self):
+        return self.driver.statistics(self.context)
+
+    def exchange(self, *outputs):
+        """One cycle of the loop; what it sends has been through the slaves before this returns."""
+        self.outputs[: len(outputs)] = outputs
+        self.now_ns += PERIOD_NS  # not by the clock: a machine that stalls would be a lost link
+        sent, came = int(self.c["gate"]["sent_count"]), self.came
+        code = self._exchange(
+            self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data, self.now_ns, 1
+        )
+        if int(self.c["gate"]["sent_count"]) > sent:
+            assert until(lambda: self.came > came)
+        return code
+
+    def until_code(self, code, *outputs):
+        """Cycles until that is what they return."""
+        assert until(lambda: self.exchange(*outputs) == code)
+        return self
+
+    def follow(self):
+        """Cycles at rest until the outputs follow."""
+        return self.until_code(0, 0.0, 1.0)
+
+    @property
+    def voltage(self):
+        """What the amplifier was given last."""
+        return self.line.applications[0].memory[OUTPUTS : OUTPUTS + 4].view(np.int32)[0] * 1e-4
+
+    def measure(self, strain, count, deviation):
+        """Let the gauge and its tracker say that."""
+        memory = self.line.applications[1].memory
+        memory[INPUTS] = count
+        memory[INPUTS + 1 : INPUTS + 5].view(np.uint8)[:] = np.frombuffer(np.int32(round(deviation * 1e3)), np.uint8)
+        memory[INPUTS + 5 : INPUTS + 9].view(np.uint8)[:] = np.frombuffer(np.int32(round(strain * 1e4)), np.uint8)
+
+    def sample(self, name):
+        return self.signals[self.driver.inputs.index(name)]

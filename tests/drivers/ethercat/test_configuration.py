@@ -1,0 +1,82 @@
+"""What the keys of `ethercat` refuse, and the frame that they make."""
+
+import pytest
+from micromanip_drivers.ethercat.driver import Ethercat
+from micromanip_drivers.ethercat.image import Image
+from pydantic import ValidationError
+
+from micromanip.bus.ethercat.frames import unframed
+from micromanip.bus.ethercat.registers import AL_STATUS, BRD, DC_SYSTEM, FRMW, LRW, NOP
+from micromanip.errors import ConfigError
+
+from .bench import AMPLIFIER, GAUGE, PERIOD_NS, options
+
+
+def test_a_frame_holds_count_image_states_and_time():
+    image = Image(options())
+    datagrams = list(unframed(image.frame))
+    assert [(d.command, d.address, len(d.data)) for d in datagrams] == [
+        (NOP, (0, 0), 4),
+        (LRW, 0, 5 + 1 + 9),
+        (BRD, (0, AL_STATUS), 2),
+        (FRMW, (0x1001, DC_SYSTEM), 8),
+    ]
+    assert image.working_counter == 3 + 1
+    assert (image.placed["gauge"].inputs_at, image.placed["gauge"].input_bytes) == (6, 9)
+
+
+def test_slower_inputs_come_after_those_of_each_cycle():
+    driver = Ethercat(options(), PERIOD_NS)
+    assert driver.inputs == ("ok", "strain", "count", "deviation")
+    rates = {channel.name: channel.rate_hz for channel in driver.slow_inputs}
+    assert rates == {"ok": 10_000, "strain": 10_000, "count": 1000, "deviation": 1000}
+
+
+def without(keys, *path):
+    """The keys but for one."""
+    first, *rest = path
+    return {k: without(v, *rest) if k == first and rest else v for k, v in keys.items() if k != first or rest}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"watchdog": None}, "watchdog must be given"),
+        ({"silence_ms": 600}, "silence_ms: 600 ms must be at most half of the watchdog's 1000 ms"),
+        ({"terminals": {}}, "at least 1"),
+        ({"interface": "eth 0"}, "pattern"),
+        (
+            {"terminals": {"gauge": without(GAUGE, "inputs", "tracker", "rate_hz")}},
+            "counter and rate_hz belong",
+        ),
+        ({"terminals": {"gauge": without(GAUGE, "inputs", "tracker", "fields", "count")}}, "there is no field count"),
+        (
+            {"terminals": {"a": AMPLIFIER | {"settings": {"range": {"index": 1, "type": "uint8", "value": 256}}}}},
+            "256 does not fit into uint8",
+        ),
+    ],
+)
+def test_keys_that_make_no_sense_are_refused(changes, said):
+    with pytest.raises(ValidationError, match=said):
+        options(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"cyclic_safe": False}, "cyclic_safe: 10000 writes a second"),
+        ({"wait_us": 90.0}, "wait_us: 90 us is more than 80 % of the cycle of 100 us"),
+        ({"terminals": {"gauge": GAUGE, "other": GAUGE}}, "terminals.other.inputs: count is a field of gauge too"),
+    ],
+)
+def test_what_only_the_driver_knows_is_refused(changes, said):
+    with pytest.raises(ConfigError, match=said):
+        Ethercat(options(**changes), PERIOD_NS)
+
+
+def test_a_frame_that_is_longer_than_the_cycle_is_refused():
+    fields = {f"v{k}": {"index": 0x6000, "subindex": k, "type": "float64"} for k in range(40)}
+    long = {"a": GAUGE | {"inputs": {"all": {"pdo": 0x1A00, "fields": fields}}}}
+    Ethercat(options(terminals=long, watchdog=None), PERIOD_NS)
+    with pytest.raises(ConfigError, match="398 bytes takes 34 us on the wire, longer than the cycle of 25 us"):
+        Ethercat(options(terminals=long, watchdog=None), 25_000)

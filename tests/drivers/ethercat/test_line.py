@@ -1,0 +1,261 @@
+"""Whatever befalls frames and terminals: it is seen, no false value is taken, and no output steps."""
+
+import random
+import time
+from itertools import pairwise
+
+import pytest
+from micromanip_drivers.ethercat.link import LinkError
+
+from micromanip.bus.errors import DeviceFault, IdentityMismatch
+from micromanip.bus.ethercat.al_states import INVALID_OUTPUTS, OP, SAFEOP
+from micromanip.rt.bus_image import DOWN, TAKEN
+from tests.emulation.ethercat.wire import until, veth
+
+from .bench import AMPLIFIER, GAUGE, SILENT_CYCLES, STILL_CYCLES, Bench
+
+pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_group("ethercat")]
+
+
+@pytest.fixture(scope="module")
+def ends():
+    with veth("ecd") as ends:
+        yield ends
+
+
+@pytest.fixture
+def bench(ends):
+    with Bench(ends) as bench:
+        yield bench.open()
+
+
+def test_the_line_is_brought_to_OP_and_the_outputs_follow(bench):
+    assert bench.exchange(0.0, 1.0) == DOWN
+    bench.follow()
+    assert {application.state for application in bench.line.applications} == {OP}
+    assert bench.line.applications[0].objects.settings[0x8000, 1] == (513).to_bytes(2, "little")
+    bench.exchange(12.5, 0.0)
+    assert bench.voltage == pytest.approx(12.5)
+
+
+def test_it_stays_at_rest_until_the_loop_asks_for_rest(bench):
+    bench.until_code(TAKEN, 30.0, 0.0)
+    for _ in range(20):
+        assert bench.exchange(30.0, 0.0) == TAKEN
+        assert bench.voltage == 0.0
+    bench.follow()
+
+
+def test_samples_come_with_the_frame_of_the_cycle_before(bench):
+    bench.follow()
+    bench.measure(strain=1.5, count=7, deviation=-0.25)
+    for _ in range(2):
+        bench.exchange(0.0, 1.0)
+    before = {name: int(bench.sample(name)["sequence"]) for name in ("strain", "deviation")}
+    bench.exchange(0.0, 1.0)
+    assert bench.sample("strain")["value"] == pytest.approx(1.5)
+    assert bench.sample("deviation")["value"] == pytest.approx(-0.25)
+    assert bench.sample("strain")["sequence"] == before["strain"] + 1
+    assert bench.sample("deviation")["sequence"] == before["deviation"], "its counter stands still"
+    bench.measure(strain=1.5, count=9, deviation=0.5)
+    for _ in range(2):
+        bench.exchange(0.0, 1.0)
+    assert bench.sample("deviation")["sequence"] == before["deviation"] + 2, "one is missing"
+    assert bench.sample("strain")["time_ns"] - bench.sample("deviation")["time_ns"] == 1_000_000
+
+
+def test_a_lost_frame_is_counted_and_nothing_steps(ends):
+    with Bench(ends, step_V=1.0) as bench:
+        bench.open().follow()
+        chance, wanted, given = random.Random(1), 0.0, [0.0]
+        bench.meddle = lambda frame: [frame] if chance.random() < 0.5 else []
+        for _ in range(300):
+            wanted += chance.uniform(-1, 1)
+            bench.exchange(max(0.0, min(100.0, wanted)), 0.0)
+            given.append(float(bench.voltage))
+        assert bench.statistics["lost"] > 50
+        assert max(abs(b - a) for a, b in pairwise(given)) <= 1.0 + 1e-4
+        assert max(given) > 3.0, "it did move"
+
+
+def test_all_frames_lost_end_at_rest_and_come_back_there(bench):
+    bench.follow()
+    bench.exchange(20.0, 0.0)
+    bench.meddle = lambda frame: []
+    codes = [bench.exchange(20.0, 0.0) for _ in range(SILENT_CYCLES + 5)]
+    assert codes[0] == 0
+    assert codes[-1] == DOWN
+    sent = bench.came
+    for _ in range(STILL_CYCLES - 10):
+        assert bench.exchange(20.0, 0.0) == DOWN
+    assert bench.came == sent, "nothing is sent while the slaves come to rest"
+    bench.meddle = lambda frame: [frame]
+    bench.until_code(TAKEN, 20.0, 0.0)
+    assert bench.voltage == 0.0
+    bench.follow()
+    assert bench.statistics["losses"] == 1
+
+
+@pytest.mark.parametrize(
+    ("counter", "meddle"),
+    [
+        ("doubled", lambda frame: [frame, frame]),
+        ("not_this_frame", lambda frame: [bytes([*frame[:17], frame[17] ^ 1, *frame[18:]]), frame]),
+        ("not_this_frame", lambda frame: [bytes([*frame[:32], 8, *frame[33:]]), frame]),
+        ("wrong_length", lambda frame: [frame + b"\0", frame]),
+    ],
+)
+def test_what_came_twice_or_is_damaged_is_counted_and_becomes_no_sample(bench, counter, meddle):
+    bench.follow()
+    bench.exchange(0.0, 1.0)
+    before = int(bench.sample("strain")["sequence"])
+    counted = bench.statistics[counter]
+    bench.meddle = meddle
+    for _ in range(10):
+        assert bench.exchange(5.0, 0.0) == 0
+    bench.meddle = lambda frame: [frame]
+    bench.exchange(5.0, 0.0)
+    assert int(bench.sample("strain")["sequence"]) - before <= 11
+    assert bench.statistics[counter] - counted >= 5
+
+
+def test_a_late_frame_is_no_sample_and_no_acknowledgement_of_the_next(bench):
+    bench.follow()
+    held = []
+
+    def late(frame):
+        held.append(frame)
+        return [held.pop(0)] if len(held) > 3 else []
+
+    bench.meddle = late
+    for _ in range(30):
+        assert bench.exchange(5.0, 0.0) == 0
+    assert bench.c["gate"]["sent_count"] - bench.c["gate"]["acknowledged"] >= 3
+    assert bench.statistics["losses"] == 0
+
+
+def test_a_terminal_that_takes_no_part_loses_the_line_by_its_working_counter(bench):
+    bench.follow()
+    bench.exchange(20.0, 0.0)
+    with bench.lock:
+        bench.line.applications[1].be_absent()
+    codes = [bench.exchange(20.0, 0.0) for _ in range(SILENT_CYCLES + 5)]
+    assert (codes[0], codes[-1]) == (0, DOWN)
+    assert bench.statistics["wrong_working_counter"] >= SILENT_CYCLES
+
+
+def test_a_terminal_that_leaves_OP_loses_the_line_at_once_and_comes_back_at_rest(bench):
+    bench.follow()
+    bench.exchange(20.0, 0.0)
+    with bench.lock:
+        bench.line.applications[0].drop(INVALID_OUTPUTS, SAFEOP)
+    assert DOWN in [bench.exchange(20.0, 0.0) for _ in range(3)]
+    bench.until_code(TAKEN, 20.0, 0.0)
+    assert bench.voltage == 0.0
+    assert until(lambda: bench.statistics["bring_ups"] == 2)
+    bench.follow()
+
+
+def test_a_terminal_that_was_without_power_is_set_up_anew_and_at_rest(bench):
+    bench.follow()
+    bench.exchange(20.0, 0.0)
+    with bench.lock:
+        bench.line.applications[0].switch_on(bench.now_ns)
+        bench.line.relink()
+    bench.until_code(TAKEN, 20.0, 0.0)
+    assert bench.voltage == 0.0
+    assert bench.line.applications[0].objects.settings[0x8000, 1] == (513).to_bytes(2, "little")
+
+
+def test_terminals_that_changed_places_stay_at_rest(bench, capfd):
+    bench.follow()
+    bench.exchange(20.0, 0.0)
+    with bench.lock:
+        bench.line.swap(0, bench.now_ns)
+    said = []
+
+    def is_told():
+        said.append(capfd.readouterr().err)
+        return bench.exchange(20.0, 0.0) == DOWN and "the order has changed" in "".join(said)
+
+    assert until(is_told)
+    assert bench.exchange(20.0, 0.0) == DOWN
+    with bench.lock:
+        bench.line.swap(0, bench.now_ns)
+    bench.until_code(TAKEN, 20.0, 0.0)
+
+
+def test_a_wrong_line_is_refused_at_the_start(ends):
+    with (
+        Bench(ends, slaves={"amplifier": terminal(AMPLIFIER, serial=8), "gauge": terminal(GAUGE)}) as bench,
+        pytest.raises(IdentityMismatch, match="terminal amplifier, has serial 0x8 instead of 0x7"),
+    ):
+        bench.open()
+    with (
+        Bench(ends, slaves={"amplifier": terminal(AMPLIFIER)}) as bench,
+        pytest.raises(LinkError, match="1 slaves answer, but 2 terminals are configured"),
+    ):
+        bench.open()
+
+
+def test_a_setting_that_is_refused_is_told_in_words(ends):
+    amplifier = AMPLIFIER | {"settings": {"range": {"index": 0x8005, "type": "uint8", "value": 1}}}
+    slaves = {"amplifier": terminal(AMPLIFIER), "gauge": terminal(GAUGE)}
+    with (
+        Bench(ends, slaves=slaves, terminals={"amplifier": amplifier, "gauge": GAUGE}) as bench,
+        pytest.raises(DeviceFault, match="refuses object 0x8005:00: there is no such object"),
+    ):
+        bench.open()
+
+
+def test_a_mapping_that_the_terminal_does_not_have_is_told(ends):
+    fields = {"strain": {"index": 0x6003, "subindex": 1, "type": "int32"}}
+    gauge = GAUGE | {"inputs": {"strain": {"pdo": 0x1A00, "fields": fields}}}
+    slaves = {"amplifier": terminal(AMPLIFIER), "gauge": terminal(GAUGE)}
+    with (
+        Bench(ends, slaves=slaves, terminals={"amplifier": AMPLIFIER, "gauge": gauge}) as bench,
+        pytest.raises(IdentityMismatch, match=r"0x60030120.*can't be mapped into a PDO"),
+    ):
+        bench.open()
+
+
+def test_a_mapping_is_changed_where_the_terminal_lets_it(ends):
+    gauge = GAUGE | {"inputs": {"strain": GAUGE["inputs"]["strain"]}}
+    slaves = {"amplifier": terminal(AMPLIFIER), "gauge": terminal(GAUGE)}
+    with Bench(ends, slaves=slaves, terminals={"amplifier": AMPLIFIER, "gauge": gauge}) as bench:
+        bench.open().follow()
+        assert [entry.mapping for entry in bench.line.applications[1].objects.mapped_inputs] == [0x60000120]
+
+
+def test_a_loop_that_died_leaves_a_line_that_is_seen_to_be_safe(bench):
+    bench.follow()
+    bench.exchange(20.0, 0.0)
+    assert bench.driver.safe_in_host()(bench.context) == 0
+    assert OP not in {application.state for application in bench.line.applications}
+    bench.line.controllers["powered"] = 0
+    assert bench.driver.safe_in_host()(bench.context) != 0
+
+
+def test_a_probe_lists_what_is_there_and_moves_nothing(bench):
+    found = list(bench.driver.probe(1.0))
+    assert [answer.note for answer in found] == ["amplifier", "gauge"]
+    assert found[0].values["serial"] == "0x00000007"
+
+
+def terminal(keys, **changes):
+    from micromanip_drivers.ethercat.options import Terminal
+
+    return Terminal.model_validate(keys | changes)
+
+
+def test_a_loop_that_waits_has_the_samples_of_its_own_cycle(ends):
+    with Bench(ends, wait_us=70.0) as bench:
+        bench.open()
+        bench.c["wait_ns"] = 10_000_000_000  # the slaves are a thread of this process
+        bench.now_ns = time.monotonic_ns()
+        bench.follow()
+        with bench.lock:
+            bench.measure(strain=2.5, count=1, deviation=0.0)
+        bench.exchange(0.0, 1.0)
+        assert bench.sample("strain")["value"] == pytest.approx(2.5)
+        assert bench.c["gate"]["acknowledged"] == bench.c["gate"]["sent_count"]

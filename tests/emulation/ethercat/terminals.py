@@ -1,0 +1,25 @@
+"""Two terminals: one that is written and read, one that is only read."""
+
+from micromanip.emulation.ethercat.terminal import Entry, Terminal
+
+AMPLIFIER = Terminal(
+    "Piezo amplifier",
+    vendor=0x1234,
+    product=0x10,
+    revision=3,
+    serial=1001,
+    outputs={
+        0x1600: [Entry(0x7000, k, 32, f"voltage_{k}") for k in (1, 2, 3)],
+        0x1601: [Entry(0x7001, 1, 8, "enable"), Entry(0x7001, 2, 8, "feed_hold")],
+    },
+    inputs={0x1A00: [Entry(0x6000, 1, 8, "ok"), Entry(0x6000, 2, 8, "cool")]},
+    settings={(0x8000, 1): b"\1\0", (0x8001, 1): bytes(300)},
+)
+GAUGE = Terminal(
+    "Strain gauge",
+    vendor=0x1234,
+    product=0x20,
+    revision=2,
+    serial=1002,
+    inputs={0x1A00: [Entry(0x6000, k, 32, f"strain_{k}") for k in (1, 2, 3)]},
+)

@@ -1,0 +1,232 @@
+"""The slave controllers alone, frame by frame: addressing, working counter, mailboxes, states, clocks."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from micromanip.bus.ethercat.al_states import (
+    ERROR,
+    INIT,
+    INVALID_CHANGE,
+    INVALID_MAILBOX,
+    INVALID_OUTPUTS,
+    NO_BOOT,
+    OP,
+    PREOP,
+    SAFEOP,
+    WATCHDOG,
+)
+from micromanip.bus.ethercat.frames import Datagram, framed, unframed
+from micromanip.bus.ethercat.registers import (
+    AL_CONTROL,
+    AL_STATUS,
+    APRD,
+    APWR,
+    BRD,
+    BWR,
+    DC_PORTS,
+    DC_SYSTEM,
+    FMMU,
+    FPRD,
+    FPWR,
+    FRMW,
+    LRW,
+    SII_ADDRESS,
+    SII_CONTROL,
+    SII_DATA,
+    SM,
+    STATION,
+)
+from micromanip.emulation.ethercat.line import Line
+from micromanip.emulation.ethercat.terminal import INPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, OUTPUTS
+
+from .terminals import AMPLIFIER, GAUGE
+
+MS = 1_000_000
+
+
+class Bench:
+    """The line, and a master that says what a test wants; its time goes on with each frame."""
+
+    def __init__(self):
+        self.left = 0
+        self.line, self.now_ns = Line([AMPLIFIER, GAUGE], self.leave), 1_000 * MS
+        for application in self.line.applications:
+            application.switch_on(self.now_ns)
+        self.line.relink()
+
+    def leave(self):
+        self.left += 1
+
+    def send(self, command, address, data):
+        """The datagram as it comes back."""
+        self.now_ns += 1000
+        (back,) = unframed(self.line.passed(framed([Datagram(command, address, data)]), self.now_ns))
+        return back
+
+    def stations(self):
+        for k in range(2):
+            assert self.send(APWR, (-k & 0xFFFF, STATION), struct.pack("<H", 0x1001 + k)).wkc == 1
+        return self
+
+    def manage(self, k, start, length, control, station=0x1001):
+        self.send(FPWR, (station, SM + 8 * k), struct.pack("<HHBBBB", start, length, control, 0, 1, 0))
+
+    def mailboxes(self):
+        for station in (0x1001, 0x1002):
+            self.manage(0, MAILBOX_OUT, MAILBOX_BYTES, 0x26, station)
+            self.manage(1, MAILBOX_IN, MAILBOX_BYTES, 0x22, station)
+        return self
+
+    def ask(self, state, station=0x1001):
+        """AL status and code after the state was asked for."""
+        self.send(FPWR, (station, AL_CONTROL), struct.pack("<H", state))
+        return self.status(station)
+
+    def status(self, station=0x1001):
+        return struct.unpack("<H2xH", self.send(FPRD, (station, AL_STATUS), bytes(6)).data)
+
+    def operate(self):
+        self.stations().mailboxes()
+        assert self.ask(PREOP) == (PREOP, 0)
+        self.manage(2, OUTPUTS, 14, 0x64)
+        self.manage(3, INPUTS, 2, 0x20)
+        for k, (logical, length, start, kind) in enumerate(((0, 14, OUTPUTS, 2), (14, 2, INPUTS, 1))):
+            fmmu = struct.pack("<IHBBHBBB3x", logical, length, 0, 7, start, 0, kind, 1)
+            self.send(FPWR, (0x1001, FMMU + 16 * k), fmmu)
+        assert self.ask(SAFEOP) == (SAFEOP, 0)
+        assert self.ask(OP) == (OP, 0)
+        return self
+
+
+def test_a_broadcast_reads_all_slaves_merged_and_counts_them():
+    back = Bench().send(BRD, (0, AL_STATUS), bytes(2))
+    assert (back.data, back.wkc, back.address) == (bytes([INIT, 0]), 2, (2, AL_STATUS))
+
+
+def test_positions_count_up_and_stations_stay():
+    bench = Bench().stations()
+    assert bench.send(APRD, (0xFFFF, STATION), bytes(2)).data == struct.pack("<H", 0x1002)
+    back = bench.send(FPRD, (0x1002, STATION), bytes(2))
+    assert (back.data, back.wkc, back.address) == (b"\x02\x10", 1, (0x1002, STATION))
+    assert bench.send(FPRD, (0x1003, STATION), bytes(2)).wkc == 0
+
+
+def test_what_only_the_slave_writes_stays_and_does_not_count():
+    bench = Bench().stations()
+    assert bench.send(FPWR, (0x1001, AL_STATUS), b"\x08\x00").wkc == 0
+    assert bench.status() == (INIT, 0)
+
+
+def test_the_eeprom_holds_the_identity():
+    bench = Bench().stations()
+    bench.send(FPWR, (0x1001, SII_ADDRESS), struct.pack("<I", 8))
+    bench.send(FPWR, (0x1001, SII_CONTROL), struct.pack("<H", 0x0100))
+    assert struct.unpack("<II", bench.send(FPRD, (0x1001, SII_DATA), bytes(8)).data) == (0x1234, 0x10)
+
+
+def test_states_are_refused_with_their_reasons():
+    bench = Bench().stations()
+    assert bench.ask(PREOP) == (INIT | ERROR, INVALID_MAILBOX)
+    bench.mailboxes()
+    assert bench.ask(PREOP) == (INIT | ERROR, INVALID_MAILBOX), "the error was not acknowledged"
+    assert bench.ask(PREOP | ERROR) == (PREOP, 0)
+    assert bench.ask(OP) == (PREOP | ERROR, INVALID_CHANGE)
+    assert bench.ask(3 | ERROR) == (PREOP | ERROR, NO_BOOT)
+    assert bench.ask(SAFEOP | ERROR) == (PREOP | ERROR, INVALID_OUTPUTS)
+    assert bench.ask(INIT) == (INIT, 0)
+
+
+def test_a_mailbox_takes_one_mail_and_gives_one():
+    bench = Bench().stations().mailboxes()
+    assert bench.ask(PREOP) == (PREOP, 0)
+    request = struct.pack("<HHBBHBHB4x", 10, 0, 0, 0x13, 2 << 12, 0x40, 0x1018, 1).ljust(MAILBOX_BYTES, b"\0")
+    empty = bench.send(FPRD, (0x1001, MAILBOX_IN), bytes(MAILBOX_BYTES))
+    assert empty.wkc == 0
+    assert bench.send(FPWR, (0x1001, MAILBOX_OUT), request).wkc == 1
+    assert bench.send(FPRD, (0x1001, SM + 8 + 5), b"\0").data[0] & 8
+    answer = bench.send(FPRD, (0x1001, MAILBOX_IN), bytes(MAILBOX_BYTES))
+    assert answer.wkc == 1
+    assert struct.unpack_from("<BHBI", answer.data, 8) == (0x43, 0x1018, 1, 0x1234)
+    assert bench.send(FPRD, (0x1001, MAILBOX_IN), bytes(MAILBOX_BYTES)).wkc == 0
+
+
+def test_process_data_cross_by_logical_address_and_count_three():
+    bench = Bench().operate()
+    memory = bench.line.applications[0].memory
+    memory[INPUTS : INPUTS + 2] = (1, 1)
+    outputs = bytes(range(14))
+    back = bench.send(LRW, 0, outputs + bytes(2))
+    assert (back.data, back.wkc) == (outputs + b"\1\1", 3)
+    assert memory[OUTPUTS : OUTPUTS + 14].tobytes() == outputs
+
+
+def test_the_watchdog_ends_OP_unless_the_machine_stood_still():
+    bench = Bench().operate()
+    for k in range(1, 100):
+        bench.line.tick(bench.now_ns + k * MS)
+        assert bench.status() == (OP, 0)
+    bench.line.tick(bench.now_ns + 120 * MS)  # 20 ms in which nothing could be heard
+    assert bench.status() == (OP, 0)
+    bench.line.tick(bench.now_ns + 128 * MS)
+    assert bench.status() == (SAFEOP | ERROR, WATCHDOG)
+    assert bench.left == 1
+
+
+def test_power_lost_ends_the_line_and_takes_the_set_up():
+    bench = Bench().operate()
+    bench.line.controllers[1]["powered"] = 0
+    assert bench.send(BRD, (0, AL_STATUS), bytes(2)).wkc == 1
+    bench.line.applications[0].switch_on(bench.now_ns)
+    assert bench.send(LRW, 0, bytes(16)).wkc == 0
+    assert bench.send(FPRD, (0x1001, STATION), bytes(2)).wkc == 0
+
+
+def test_the_clocks_follow_the_reference():
+    bench = Bench().stations()
+    bench.line.controllers[1]["clock_ppb"] = 50_000
+
+    def system(station):
+        return struct.unpack("<q", bench.send(FPRD, (station, DC_SYSTEM), bytes(8)).data)[0]
+
+    for _ in range(2000):
+        bench.now_ns += MS
+        assert bench.send(FRMW, (0x1001, DC_SYSTEM), bytes(8)).wkc == 2
+    assert abs(system(0x1002) - system(0x1001) - 1000) < 1500  # 50 ns a ms ahead, of which a 16th is taken each time
+    bench.now_ns += 1000 * MS
+    assert system(0x1002) - system(0x1001) > 40_000, "left alone it runs away"
+
+
+def test_receive_times_tell_the_way_to_the_last_slave():
+    bench = Bench().stations()
+    assert bench.send(BWR, (0, DC_PORTS), bytes(4)).wkc == 2
+    there, back = struct.unpack("<II", bench.send(FPRD, (0x1001, DC_PORTS), bytes(8)).data)
+    assert back - there == 1500
+    assert struct.unpack("<II", bench.send(FPRD, (0x1002, DC_PORTS), bytes(8)).data)[1] == 0
+
+
+@pytest.fixture(scope="module")
+def operating():
+    return Bench().operate()
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=200), st.integers(0, 0x7FF), st.booleans())
+def test_garbage_passes_without_harm(operating, body, length, is_ethercat):
+    bench = operating
+    kind = b"\x88\xa4" if is_ethercat else b"\x88\xa5"
+    frame = bytes(12) + kind + struct.pack("<H", length | 1 << 12) + body
+    back = bench.line.passed(frame, bench.now_ns)
+    assert back is None if not is_ethercat else len(back) == len(frame)
+    for controller in bench.line.controllers:  # it may have been reset or remapped, never torn
+        assert controller["powered"] == 1
+        assert np.all(controller["memory"][:2] == (0x11, 0))
+
+
+@pytest.mark.parametrize("cut", range(1, 28))
+def test_a_frame_that_is_cut_off_gives_no_half_datagram(cut):
+    frame = framed([Datagram(BRD, (0, 0), bytes(10))])[: 16 + 10 + 10 + 2 - cut]
+    assert list(unframed(frame)) == []

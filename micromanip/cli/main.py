@@ -58,6 +58,7 @@ GROUPS = {
         "identify": "play a safe excitation on one axis and record it",
         "fit": "models from a recording",
         "analyse": "describing function, margins and robustness, with a verdict",
+        "budget": "what the path error is made of, and what would make it smaller",
         "evaluate": "the paper's experiment in virtual time",
     },
     "Devices and the machine": {

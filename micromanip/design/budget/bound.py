@@ -26,7 +26,7 @@ _MOST = 1500
 
 
 def autocovariance(hertz: Array, power: Array, coherence_s: float, lags_s: Array) -> Array:
-    """r at `lags_s` (n,) of sines of `hertz` (k,) and `power` (k,), um^2."""
+    """The function r at `lags_s` (n,) of sines of `hertz` (k,) and `power` (k,), um^2."""
     some = power > 1e-12 * power.max(initial=0.0)
     found = np.zeros(len(lags_s))
     for frequency, each in zip(hertz[some], power[some], strict=True):
@@ -39,9 +39,9 @@ def prediction_variance(
 ) -> float:
     """Mean over `ahead_s` (m,) of the variance (um^2) that is left of a prediction so far beyond the newest sample."""
     count = int(min(_MOST, max(2.0, _MEMORY * coherence_s / step_s)))
-    back = step_s * np.arange(count)
+    back = np.asarray(step_s * np.arange(count))
     row = autocovariance(hertz, power, coherence_s, back)
     row[0] += noise_variance
-    asked = np.array([autocovariance(hertz, power, coherence_s, back + ahead) for ahead in ahead_s]).T
+    asked = np.array([autocovariance(hertz, power, coherence_s, back + float(ahead)) for ahead in ahead_s]).T
     known = np.sum(asked * solve_toeplitz(row, asked), axis=0)
     return float(max(np.mean(float(np.sum(power)) - known), 0.0))

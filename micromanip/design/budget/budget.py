@@ -1,4 +1,4 @@
-"""The error budget of an axis: causes with their variances, the whole, the bound below it, and other sensors' wholes."""
+"""The error budget of an axis: causes with their variances, the whole, the bound, and the whole with other sensors."""
 
 from __future__ import annotations
 

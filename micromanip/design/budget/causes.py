@@ -1,4 +1,4 @@
-"""What each cause does to the path error of an axis: its power over the frequency, from spectra through the closed loop.
+"""What each cause does to the path error of an axis: its power over frequency, from spectra through the closed loop.
 
 The variance of a cause is that of its own spectrum behind its transfer (Wiener-Khinchin; the same as the stationary
 covariance of the loop's states, which the tests compute by a discrete Lyapunov equation). All are kept as power (um^2)
@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,11 +67,11 @@ class Grid:
 
     def place(self, hertz: Array) -> NDArray[np.int64]:
         """Bin (k,) of each of the frequencies `hertz` (k,), negative ones at their positive ones."""
-        return np.minimum((np.abs(hertz) / self.bin_hz).astype(int), len(self.hertz) - 1)
+        return np.asarray(np.minimum((np.abs(hertz) / self.bin_hz).astype(int), len(self.hertz) - 1))
 
     def lines(self, hertz: Array, power: Array) -> Array:
         """`power` (k,) of sines of `hertz` (k,) in their bins."""
-        return np.bincount(self.place(hertz), weights=power, minlength=len(self.hertz))
+        return np.asarray(np.bincount(self.place(hertz), weights=power, minlength=len(self.hertz)), dtype=float)
 
 
 Powers = dict[str, Array]
@@ -118,7 +119,7 @@ def path_powers(
         if known is not None:
             plants += [laws.simulated(plant, omega)[0] for plant in (known.plant, known.crept)]
         errors = [followed_line(laws.around(plant, omega), tracking, taken, hertz) for plant in plants]
-        parts = [errors[0], *(later - before for before, later in zip(errors, errors[1:], strict=False))]
+        parts = [errors[0], *(later - before for before, later in pairwise(errors))]
         alone = {name: np.abs(part) ** 2 for name, part in zip(powers, parts, strict=True)}
         shares = shared_out(0.5 * um**2 * np.abs(errors[-1]) ** 2, alone)
         powers = {name: power + grid.lines(at, shares[name]) for name, power in powers.items()}

@@ -38,7 +38,9 @@ HYSTERESIS, SATURATION = "hysteresis left", "saturation"
 _COARSE_HZ = 4.0
 """Bins for sums alone: the rest of a midpoint rule over such smooth spectra is small beside 1 %."""
 _OF_PATH = (PREDICTION, MISFIT, CREEP, COUPLING)
-_UNKNOWN = "deviation of the robot, force, gauge noise, hysteresis left: no simulation; `micromanip budget RECORDING` shows them"
+_UNKNOWN = (
+    "deviation of the robot, force, noise of the gauge, hysteresis left: it is no simulation; a recording shows them"
+)
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ def bound_of(cell: Cell, known: SimulatedAxis, coherence_s: float) -> Bound:
         coherence_s,
         known.tracker_noise_um**2,
         tracking.every * period_s,
-        tracking.latency_s + dead_s + period_s * np.arange(tracking.every),
+        np.asarray(tracking.latency_s + dead_s + period_s * np.arange(tracking.every)),
     )
     grid = Grid(1.0 / period_s)
     coarse = grid.omega[::4]
@@ -218,6 +220,11 @@ def _variants(cell: Cell, rest_um2: float) -> list[Variant]:
     if known is not None:
         for factor in (0.0, 0.5, 2.0):
             (noise_N, bandwidth_Hz), (tooth_Hz, tooth_N) = known.force_noise, known.tooth
-            other = replace(known, force_noise=(factor * noise_N, bandwidth_Hz), tooth=(tooth_Hz, factor * tooth_N))
-            add(f"force {100 * factor:g} %", replace(cell, known=other))
+            pushed = replace(known, force_noise=(factor * noise_N, bandwidth_Hz), tooth=(tooth_Hz, factor * tooth_N))
+            add(f"force {100 * factor:g} %", replace(cell, known=pushed))
+        joint_Hz = max(known.deviation)[0]
+        if joint_Hz != laws.tracker.oscillation_Hz:
+            tracker = laws.tracker.model_copy(update={"oscillation_Hz": joint_Hz})
+            other = Cell(replace(laws, tracker=tracker), replace(tracking, tracker=tracker), known)
+            add(f"reference.oscillation_Hz {joint_Hz:.4g}", other)
     return found

@@ -7,9 +7,9 @@ model of the stage), the loop's equations (``loop.py``) are an identity of recor
 
 d~ and n~ are path and noise behind the predictor, T its way to the stage, S the sensitivity, m the capacitive sensor's
 noise. What a simulation knows is taken as it is: path, stage, and the motion of a copy that nobody controls, which
-shows the force. Else the path is the smoothed tracker, by the same model as the loop's predictor but from both sides
-(the stationary limit of the Rauch-Tung-Striebel smoother: ``S_d / (S_d + S_n)``, Wiener's non-causal filter), y is the
-measured position, and the sensor's noise is told from the rest by its configured size.
+shows the force. Else the path is the tracker's, smoothed without lag (a low pass of zero phase, beyond what stands out
+of the floor of the samples' spectrum), y is the measured position, and the sensor's noise is told from the rest by its
+configured size.
 
 What these parts do not explain is left as a remainder: where cycles were missing or a limit held, that is named.
 In every bin of frequency the power of the error is shared out in proportion to the powers of the parts and the
@@ -23,6 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import csd, welch
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
@@ -49,9 +51,12 @@ ACTUATOR, DISTURBANCE, MISSED, LIMITED, UNEXPLAINED = (
     "saturation",
     "not explained",
 )
-_SETTLED_S, _LEAST_S, _EDGE_S, _AFTER_S = 1.0, 2.0, 0.3, 0.02
+_SETTLED_S, _LEAST_S, _EDGE_S, _AFTER_S = 1.0, 3.0, 1.0, 0.02
 """Left out after tracking has begun; shortest stretch; left out at both ends of it, where filters know only one side;
 how long a missed cycle or a limit is felt."""
+_WINDOW_S, _FLOOR_SHARE, _STANDS_OUT, _ROOM = 1.0, 0.25, 10.0, 2.0
+"""Of the samples' spectrum: its window; from which share of the sampling rate on it is floor; what stands out of it;
+how far beyond that the path may go."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +67,18 @@ class Stretch:
     skipped: NDArray[np.bool_]
     limited: NDArray[np.bool_]
     taken_s: Array
+    arrived_s: Array
     samples_um: Array
     stage_um: Array
     setpoint_um: Array
     true_stage_um: Array
     path_error_um: Array
     uncompensated_um: Array
+
+    @property
+    def late_s(self) -> float:
+        """Age of a sample when it arrives."""
+        return float(np.median(self.arrived_s - self.taken_s))
 
     @property
     def truth(self) -> bool:
@@ -129,6 +140,7 @@ def _stretch(telemetry: Telemetry, configuration: Configuration, axis: str) -> S
         np.isin(wanted, cycle, invert=True),
         limited[rows],
         (time_s - age_s)[fresh],
+        time_s[fresh],
         column("deviation_um")[fresh],
         column("stage_um")[rows],
         setpoint[rows],
@@ -142,16 +154,15 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
     time_s, truth = stretch.time_s, stretch.truth
     step_s = float(np.median(np.diff(stretch.taken_s)))
     stage = stretch.true_stage_um if truth else stretch.stage_um
-    if truth:
-        path = stretch.path_error_um + stage
-    else:
-        path = smoothed(stretch.taken_s, stretch.samples_um, laws.tracker, time_s)
+    path = stretch.path_error_um + stage if truth else smoothed(stretch.taken_s, stretch.samples_um, time_s)
     error = path - stage
     clean = np.interp(stretch.taken_s, time_s, path)
     noise = stretch.samples_um - clean
-    # in the time of the rows a sample is there when it is taken over: seen late, by what the record says
-    tracking = Tracking(laws.tracker, 1, 0.0, laws.period_s)
-    seen = [tracking.given(stretch.taken_s, samples, time_s, laws.gains.reference) for samples in (clean, noise)]
+    tracking = Tracking(laws.tracker, max(1, round(step_s / laws.period_s)), stretch.late_s, laws.period_s)
+    seen = [
+        tracking.given(stretch.taken_s, stretch.arrived_s, samples, time_s, laws.gains.reference)
+        for samples in (clean, noise)
+    ]
     filters = Filters.of(laws, len(time_s))
     moved = stage - filters.through("plant", stretch.setpoint_um - laws.axis.centre_um)
     parts = {
@@ -159,7 +170,7 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
         PREDICTION: path - filters.through("followed", seen[0]),
     }
     if truth and np.isfinite(stretch.uncompensated_um).all():
-        pushed = path - stretch.uncompensated_um
+        pushed = _answering(moved, path - stretch.uncompensated_um, laws.period_s)
         parts[FORCE] = -filters.through("sensitivity", pushed)
         parts[ACTUATOR] = -filters.through("sensitivity", moved - pushed)
     else:
@@ -180,7 +191,7 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
         loop = laws.around(laws.model(grid.omega), grid.omega)
         alone[STAGE] = np.minimum(alone[DISTURBANCE], grid.white(loop.sensitivity, outer.sensor_noise_um**2))
         alone[DISTURBANCE] = alone[DISTURBANCE] - alone[STAGE]
-    bound = _bound(path[inside], moved[inside], float(np.var(noise)), step_s, stretch, laws, coherence_s)
+    bound = _bound(path[inside], moved[inside], float(np.var(noise)), tracking, laws, coherence_s, known_stage=truth)
     known = "the simulation's own signals" if truth else "the smoothed tracker and the measured stage"
     return AxisBudget(
         laws.name,
@@ -192,23 +203,43 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
 
 
 def _bound(
-    path: Array, moved: Array, noise_um2: float, step_s: float, stretch: Stretch, laws: AxisLaws, coherence_s: float
+    path: Array,
+    moved: Array,
+    noise_um2: float,
+    tracking: Tracking,
+    laws: AxisLaws,
+    coherence_s: float,
+    *,
+    known_stage: bool,
 ) -> Bound:
     """The bound for the spectra of path and disturbance as they were recorded."""
-    outer, grid = laws.axis.outer, Grid(1.0 / laws.period_s)
+    outer, period_s, grid = laws.axis.outer, laws.period_s, Grid(1.0 / laws.period_s)
     assert outer is not None
-    dead_s = outer.model.delay_cycles * laws.period_s
-    late_s = float(np.median(np.interp(stretch.taken_s, stretch.time_s, stretch.time_s) - stretch.taken_s))
-    ahead = late_s + dead_s + laws.period_s * np.arange(max(1, round(step_s / laws.period_s)))
+    noise, dead_s = outer.sensor_noise_um**2, outer.model.delay_cycles * period_s
     spectra = [binned((x - x.mean()) * np.hanning(len(x)) * np.sqrt(8.0 / 3.0), grid) for x in (path, moved)]
-    noise = outer.sensor_noise_um**2
-    if not stretch.truth:
+    if not known_stage:
         spectra[1] = np.maximum(spectra[1] - noise / len(grid.hertz), 0.0)
+    ahead = np.asarray(tracking.latency_s + dead_s + period_s * np.arange(tracking.every))
     return Bound(
-        prediction_variance(grid.hertz, spectra[0], coherence_s, noise_um2, step_s, ahead),
-        prediction_variance(grid.hertz, spectra[1], coherence_s, noise, laws.period_s, np.array([dead_s])),
+        prediction_variance(grid.hertz, spectra[0], coherence_s, noise_um2, tracking.every * period_s, ahead),
+        prediction_variance(grid.hertz, spectra[1], coherence_s, noise, period_s, np.array([dead_s])),
         coherence_s,
     )
+
+
+def _answering(moved: Array, copy: Array, period_s: float) -> Array:
+    """What of `moved` (n,) answers to the force, which moves a `copy` (n,) that nobody controls.
+
+    By the transfer between them (cross spectrum over spectrum): here the strain loop holds against the force, there not.
+    """
+    window = min(len(copy), round(_WINDOW_S / period_s))
+    hertz, own = welch(copy, 1.0 / period_s, nperseg=window)
+    _, both = csd(copy, moved, 1.0 / period_s, nperseg=window)
+    transfer = np.divide(both, own, where=own > 0.0, out=np.zeros_like(both))
+    padded, first = _mirrored(copy)
+    lines = np.fft.rfftfreq(len(padded), period_s)
+    spectrum = np.fft.rfft(padded) * np.interp(lines, hertz, transfer)
+    return np.asarray(np.fft.irfft(spectrum, len(padded))[first : first + len(copy)])
 
 
 def _felt(when: NDArray[np.bool_], period_s: float) -> NDArray[np.bool_]:
@@ -222,26 +253,20 @@ def binned(x: Array, grid: Grid) -> Array:
     """Power of `x` (n,) in the bins of `grid`: their sum is its mean square (Parseval)."""
     lines = np.abs(np.fft.rfft(x)) ** 2 / len(x) ** 2
     lines[1 : len(lines) - (len(x) % 2 == 0)] *= 2.0
-    return grid.lines(np.fft.rfftfreq(len(x), 1.0 / grid.rate_hz), lines)
+    return grid.lines(np.asarray(np.fft.rfftfreq(len(x), 1.0 / grid.rate_hz)), np.asarray(lines))
 
 
-def smoothed(taken_s: Array, samples_um: Array, tracker: Tracker, time_s: Array) -> Array:
-    """The path (n,) at `time_s` by samples (k,) of before and after: spectra of the predictor's model over the sum.
-
-    Jerk q gives ``q^2 / w^6``, the oscillation ``p^2 (w^2 + w0^2) / (w^2 - w0^2)^2``, both in um^2 s per rad.
-    """
+def smoothed(taken_s: Array, samples_um: Array, time_s: Array) -> Array:
+    """The path (n,) at `time_s` by samples (k,) of before and after: all up to where their spectrum stands out."""
     step_s = float(np.median(np.diff(taken_s)))
     even = np.arange(taken_s[0], taken_s[-1] + 0.5 * step_s, step_s)
-    padded, first = _mirrored(np.interp(even, taken_s, samples_um))
-    omega = 2.0 * np.pi * np.fft.rfftfreq(len(padded), step_s)
-    own = 2.0 * np.pi * tracker.oscillation_Hz
-    with np.errstate(divide="ignore"):
-        rough = tracker.jerk_um_per_s3**2 / omega**6
-        rough += tracker.oscillation_um_per_s**2 * (omega**2 + own**2) / (omega**2 - own**2) ** 2
-        share = 1.0 / (1.0 + tracker.noise_um**2 * step_s / rough)
+    samples = np.interp(even, taken_s, samples_um)
+    hertz, density = welch(samples, 1.0 / step_s, nperseg=min(len(samples), round(_WINDOW_S / step_s)))
+    floor = float(np.median(density[hertz > _FLOOR_SHARE / step_s]))
+    highest = float(hertz[density > _STANDS_OUT * floor].max(initial=hertz[1]))
+    padded, first = _mirrored(samples)
+    share = 1.0 / (1.0 + (np.fft.rfftfreq(len(padded), step_s) / (_ROOM * highest)) ** 16)
     path = np.fft.irfft(np.fft.rfft(padded) * share, len(padded))[first : first + len(even)]
-    from scipy.interpolate import CubicSpline
-
     return np.asarray(CubicSpline(even, path)(np.clip(time_s, even[0], even[-1])))
 
 
@@ -262,7 +287,7 @@ class Filters:
     def of(cls, laws: AxisLaws, samples: int) -> Filters:
         """For signals of `samples` cycles."""
         padded = len(_mirrored(np.zeros(samples))[0])
-        omega = 2.0 * np.pi * np.fft.rfftfreq(padded, laws.period_s)
+        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(padded, laws.period_s))
         omega[0] = 1e-3 * omega[1]  # at rest the PID has no finite gain, and a real system is what it is just above
         loop = laws.around(laws.model(omega), omega)
         names = ("plant", "followed", "sensitivity", "of_stage_noise")

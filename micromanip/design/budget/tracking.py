@@ -70,24 +70,24 @@ class Tracking:
         found = hertz + sampled * away[np.argsort(np.abs(away), kind="stable")]
         return np.asarray(found[(found > -0.5 * rate) & (found <= 0.5 * rate)])
 
-    def given(self, times_s: Array, samples: Array, cycles_s: Array, taken: Array) -> Array:
-        """What the outer loop is given (n,) in the cycles at `cycles_s` (n,) of `samples` (k,), taken at `times_s` (k,).
+    def given(self, taken_s: Array, arrived_s: Array, samples: Array, now_s: Array, row: Array) -> Array:
+        """What the outer loop is given (n,) in the cycles at `now_s` (n,), by the same steps as the loop's.
 
-        A sample counts from `latency_s` after it was taken. The predictor starts at rest at the first.
+        `samples` (k,) were taken at `taken_s` (k,) and seen from `arrived_s` (k,) on; `row` (5,) is G. The predictor
+        starts at rest at the first.
         """
-        place = np.searchsorted(times_s + self.latency_s, cycles_s + 1e-3 * self.period_s, side="right") - 1
+        place = np.maximum(np.searchsorted(arrived_s, now_s + 1e-3 * self.period_s, side="right") - 1, 0)
         if not self.tracker.predict:
-            return np.asarray(taken[0] * samples[np.maximum(place, 0)])
-        gain, state = self._gain, np.zeros((len(samples), 5))
+            return np.asarray(row[0] * samples[place])
+        state, gaps = np.zeros((len(samples), 5)), np.round(np.diff(taken_s), 9)
         state[0, 0] = samples[0]
-        gaps = np.diff(times_s)
-        steps = {gap: reference_transition(self._omega, gap) for gap in np.unique(np.round(gaps, 9))}
-        for k, gap in enumerate(np.round(gaps, 9), start=1):
+        steps = {gap: reference_transition(self._omega, gap) for gap in np.unique(gaps)}
+        for k, gap in enumerate(gaps, start=1):
             expected = steps[gap] @ state[k - 1]
-            state[k] = expected + gain * (samples[k] - _SHOWN @ expected)
-        at = state[np.maximum(place, 0)]
-        tau = cycles_s - times_s[np.maximum(place, 0)]
-        w = self._omega
-        turned = (np.cos(w * tau) * at[:, 3] + np.sin(w * tau) / w * at[:, 4], np.cos(w * tau) * at[:, 4] - w * np.sin(w * tau) * at[:, 3])  # fmt: skip
-        moved = (at[:, 0] + tau * (at[:, 1] + 0.5 * tau * at[:, 2]), at[:, 1] + tau * at[:, 2], at[:, 2])
-        return np.asarray(sum(factor * part for factor, part in zip(taken, (*moved, *turned), strict=True)))
+            state[k] = expected + self._gain * (samples[k] - _SHOWN @ expected)
+        p, v, a, o, rate = state[place].T
+        tau, omega = now_s - taken_s[place], self._omega
+        cosine, sine = np.cos(omega * tau), np.sin(omega * tau)
+        now = [p + tau * (v + 0.5 * tau * a), v + tau * a, a]
+        now += [cosine * o + sine / omega * rate, cosine * rate - omega * sine * o]
+        return np.asarray(row @ np.array(now))

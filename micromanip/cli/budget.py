@@ -121,18 +121,19 @@ def _print(budget: AxisBudget) -> None:
     causes.add_row("whole", f"{budget.rms_um:.3f}", f"{budget.variance_um2:.5f}", "100.0 %", "")
     console.print(causes)
     if budget.measured_um is not None:
-        console.print(f"in virtual time: {budget.measured_um:.3f} um rms")
+        click.echo(f"in virtual time: {budget.measured_um:.3f} um rms")
     bound = found["bound"]
     if bound is not None:
-        console.print(
-            f"no causal controller with these sensors can beat {bound['rms_um']:.3f} um (path {bound['path_um']:.3f}, "
-            f"force {bound['force_um']:.3f}; phases known for {bound['coherence_s']:g} s); this one has "
-            f"{bound['ratio']:.1f} times as much" if bound["ratio"] else "nothing is left for the best controller"
-        )  # fmt: skip
+        click.echo(
+            f"no causal controller with these sensors leaves less than {bound['rms_um']:.3f} um, where phases are known "
+            f"for {bound['coherence_s']:g} s"
+        )
+        ratio = "" if bound["ratio"] is None else f"; this one leaves {bound['ratio']:.1f} times that"
+        click.echo(f"of it the path's share {bound['path_um']:.3f} um, the force's {bound['force_um']:.3f} um{ratio}")
     if budget.variants:
         variants = Figures("with", "um rms", title=f"Axis {budget.axis}: what it would be")
         for variant in budget.variants:
             variants.add_row(variant.what, f"{variant.rms_um:.3f}")
         console.print(variants)
     for line in (*budget.notes, *(f"not known: {each}" for each in budget.unknown)):
-        console.print(line)
+        click.echo(line)

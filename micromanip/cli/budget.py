@@ -125,8 +125,8 @@ def _print(budget: AxisBudget) -> None:
     bound = found["bound"]
     if bound is not None:
         click.echo(
-            f"no causal controller with these sensors leaves less than {bound['rms_um']:.3f} um, where phases are known "
-            f"for {bound['coherence_s']:g} s"
+            f"no causal controller with these sensors leaves less than {bound['rms_um']:.3f} um, where phases are "
+            f"known for {bound['coherence_s']:g} s"
         )
         ratio = "" if bound["ratio"] is None else f"; this one leaves {bound['ratio']:.1f} times that"
         click.echo(f"of it the path's share {bound['path_um']:.3f} um, the force's {bound['force_um']:.3f} um{ratio}")

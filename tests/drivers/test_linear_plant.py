@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.linear import linear_plant
 from micromanip_drivers.simulated.options import Options, Plant

@@ -115,8 +115,8 @@ def _stretch(telemetry: Telemetry, configuration: Configuration, axis: str) -> S
     first, last = int(cycle[longest[0]] + _SETTLED_S * rate_hz), int(cycle[longest[-1]])
     if (last - first) / rate_hz < _LEAST_S:
         raise CheckFailed(
-            f"{telemetry.file}: it tracks for {(last - cycle[longest[0]]) / rate_hz:.2g} s at a stretch; a budget needs "
-            f"{_SETTLED_S + _LEAST_S:g} s"
+            f"{telemetry.file}: it tracks for {(last - cycle[longest[0]]) / rate_hz:.2g} s at a stretch; a budget "
+            f"needs {_SETTLED_S + _LEAST_S:g} s"
         )
     wanted = np.arange(first, last + 1)
     rows = np.searchsorted(cycle, wanted, side="right") - 1
@@ -230,7 +230,7 @@ def _bound(
 def _answering(moved: Array, copy: Array, period_s: float) -> Array:
     """What of `moved` (n,) answers to the force, which moves a `copy` (n,) that nobody controls.
 
-    By the transfer between them (cross spectrum over spectrum): here the strain loop holds against the force, there not.
+    By the transfer between them (cross spectrum over spectrum): here the strain loop holds against it.
     """
     window = min(len(copy), round(_WINDOW_S / period_s))
     hertz, own = welch(copy, 1.0 / period_s, nperseg=window)

@@ -1,8 +1,8 @@
 """The tracker's predictor (``rt/laws/reference.py``) as a transfer from its samples to what the outer loop is given.
 
 At a sample z the predictor's state is ``f+ = F(T) f + g (z - H F(T) f)``, in a cycle of age tau it gives
-``w = F(tau) f``, of which the outer loop takes ``r = G w`` (``control/outer_gains.py``). T is `every` cycles h. A sample
-train of spectrum Z(w) is at the loop's rate a train of spikes, whose spectrum is the same and periodic, behind
+``w = F(tau) f``, of which the outer loop takes ``r = G w`` (``control/outer_gains.py``). T is `every` cycles h. A train
+of samples of spectrum Z(w) is at the loop's rate a train of spikes, whose spectrum is the same and periodic, behind
 
     R(w) = sum_j e^(-i w h j) G F(tau_0 + j h) (I - (I - g H) F(T) e^(-i w T))^-1 g,   j = 0 .. every - 1
 
@@ -64,7 +64,7 @@ class Tracking:
         return np.asarray(np.einsum("ni,in->n", given, state))
 
     def images(self, hertz: float) -> Array:
-        """Frequencies (k,), Hz, from minus to plus half of the loop's rate, of a sine of `hertz`; its own comes first."""
+        """Frequencies (k,), Hz, from minus to plus half of the loop's rate, of a sine of `hertz`, its own first."""
         rate, sampled = 1.0 / self.period_s, 1.0 / (self.every * self.period_s)
         away = np.arange(-self.every, self.every + 1)
         found = hertz + sampled * away[np.argsort(np.abs(away), kind="stable")]

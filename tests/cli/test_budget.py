@@ -29,9 +29,9 @@ def test_the_document_sums_to_the_whole_and_pictures_are_drawn(tmp_path):
 
 
 def test_what_can_not_be_budgeted_is_told():
-    with pytest.raises(UsageError, match="there is no axis q in .*; its axes are x, y, z"):
+    with pytest.raises(UsageError, match=r"there is no axis q in .*; its axes are x, y, z"):
         asked(CONFIG / "simulated.yaml", "--axis", "q")
-    with pytest.raises(CheckFailed, match="reference.source"):
+    with pytest.raises(CheckFailed, match=r"reference\.source"):
         asked(CONFIG / "factory.yaml")
     with pytest.raises(CheckFailed, match="no recording of ours"):
         asked(Path(__file__))

@@ -91,6 +91,11 @@ class AxisLaws:
                 f"axis {self.name}: a budget needs the model of its stage (outer.model, mode: stage): "
                 "`micromanip commission` finds it"
             )
+        if self.axis.outer.sample_cycles != 1:
+            raise CheckFailed(
+                f"axis {self.name}: its stage is measured every {self.axis.outer.sample_cycles} cycles; a budget is made "
+                "of cells whose sensors are read in every cycle"
+            )
 
     @cached_property
     def gains(self) -> OuterGains:

@@ -169,7 +169,10 @@ def test_a_path_is_told_from_the_noise_of_its_samples():
     assert np.std((found - path(now))[inside]) < 0.25 * 0.5
 
 
-def test_an_axis_without_a_model_of_its_stage_is_refused():
-    axis = SimpleNamespace(outer=None, mode="strain")
-    with pytest.raises(CheckFailed, match=r"axis x: a budget needs the model of its stage.*commission"):
-        AxisLaws("x", axis, Tracker(source="signal"), 1e-4)
+def test_an_axis_without_a_model_of_its_stage_or_behind_a_bus_is_refused():
+    for outer, mode, said in (
+        (None, "strain", r"axis x: a budget needs the model of its stage.*commission"),
+        (SimpleNamespace(sample_cycles=10), "stage", r"axis x: its stage is measured every 10 cycles"),
+    ):
+        with pytest.raises(CheckFailed, match=said):
+            AxisLaws("x", SimpleNamespace(outer=outer, mode=mode), Tracker(source="signal"), 1e-4)

@@ -7,9 +7,10 @@ from scipy.signal import cont2discrete, dlsim
 from micromanip.control.margins import margins
 from micromanip.control.pid import pid_system
 from micromanip.control.system import System, delay
+from micromanip.design.linear.modal import Modes
 from micromanip.design.loops import over_path, strain_loop
 from micromanip.design.paper import ANCHOR_PID
-from micromanip.design.response import Measured, Wanted, identify, measure, multisine
+from micromanip.design.response import Measured, Wanted, choice, identify, measure, multisine
 from micromanip.design.sensitivity import judge_loop
 from micromanip.settings.wiring.timing import FeedbackPath
 
@@ -105,6 +106,23 @@ def test_a_mode_that_no_allowed_order_holds_is_told_with_its_frequency(wave):
     assert 150.0 < hertz < 400.0
 
 
+def test_a_model_that_is_wrong_below_all_lines_is_told(wave, monkeypatch):
+    """Seen: right to 11 % on all lines, and at rest -2.3 times the response. The loop would have run away."""
+    fitted = choice.fit_rational
+
+    def turned(*about):
+        right, pole = fitted(*about), np.exp(-2 * np.pi * 0.05 * T)
+        static = right.frequency_response(np.ones(1))[0, 0, 0]
+        poles, C = np.append(right.poles, pole), np.append(right.C, [[-3.0 * static * (1.0 - pole)]], axis=1)
+        return Modes(poles, np.append(right.B, [[1.0]], axis=0), C, right.D)
+
+    monkeypatch.setattr(choice, "fit_rational", turned)
+    found = identify(measure(wave, wave.samples, record(ONE, wave, 0.05)), T, WANTED)
+    assert found.error[found.measured.frequency_Hz < 200.0].max() < WANTED.error
+    assert found.problem.startswith("at rest the model of order ")
+    assert " has -2 times the response that was measured at 5 Hz" in found.problem
+
+
 def test_noise_alone_is_no_response(wave):
     y = np.random.default_rng(1).standard_normal(len(wave.samples))
     assert "is only known to" in (identify(measure(wave, wave.samples, y), T, WANTED).problem or "")
@@ -146,6 +164,27 @@ def test_sensitivity_measured_in_the_loop_is_the_loops(wave):
     around = wrong.then(controller)
     apart = judge_loop("strain loop", plant, wrong, around, margins(around))
     assert apart.apart > found.apart
+
+
+@pytest.mark.parametrize(("share", "bounded"), [(0.02, True), (5.0, False)])
+def test_the_confidence_of_a_mean_of_lines_is_the_means(share, bounded):
+    """Also of a peak between two lines; where the mean is too uncertain, nothing is claimed."""
+    A, B, C, _ = ONE
+    model = System(A, B[:, 0], C[0], 0.0, T)
+    around = model.then(pid_system(ANCHOR_PID.model_copy(update={"K_V_per_um": 0.02, "Ti_ms": 2.0}), T))
+    predicted = margins(around)
+    hertz = np.linspace(2.0, 4000.0, 900)
+    G, rng = model.response(2 * np.pi * hertz), np.random.default_rng(4)
+    held = []
+    for _ in range(40):
+        noise = rng.standard_normal((2, len(hertz))) @ np.diag(share * abs(G))
+        seen = G + (noise[0] + 1j * noise[1]) / np.sqrt(2.0)
+        found = judge_loop(
+            "loop", Measured(hertz, seen, seen[None], share * abs(G), share * abs(G)), model, around, predicted
+        )
+        assert found.bounded is bounded
+        held.append(found.least <= predicted.sensitivity <= found.most)
+    assert np.mean(held) > 0.9
 
 
 def test_behind_a_bus_a_loop_is_judged_as_it_steps_and_only_where_its_lines_reach():

@@ -93,8 +93,8 @@ class AxisLaws:
             )
         if self.axis.outer.sample_cycles != 1:
             raise CheckFailed(
-                f"axis {self.name}: its stage is measured every {self.axis.outer.sample_cycles} cycles; a budget is made "
-                "of cells whose sensors are read in every cycle"
+                f"axis {self.name}: its stage is measured every {self.axis.outer.sample_cycles} cycles; a budget is "
+                "made of cells whose sensors are read in every cycle"
             )
 
     @cached_property

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
 from scipy.signal import csd, welch
 
@@ -271,10 +272,11 @@ def smoothed(taken_s: Array, samples_um: Array, time_s: Array) -> Array:
 
 
 def _mirrored(x: Array) -> tuple[Array, int]:
-    """`x` (n,) continued by its own point reflection at both ends, and where it begins in it."""
-    count = len(x) // 2
-    padded = np.concatenate([2 * x[0] - x[count:0:-1], x, 2 * x[-1] - x[-2 : -count - 2 : -1]])
-    return padded, count
+    """`x` (n,) continued by its own point reflection to about twice its length, and where it begins in it."""
+    more = next_fast_len(2 * len(x) - 2, real=True) - len(x)
+    before, after = more // 2, more - more // 2
+    padded = np.concatenate([2 * x[0] - x[before:0:-1], x, 2 * x[-1] - x[-2 : -after - 2 : -1]])
+    return padded, before
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from micromanip.errors import CheckFailed, system_error
 
 from .describing import Entry, described, may_be_ours
 
+FILE = "catalogue.sqlite"
+"""Its name in the state directory."""
 _LAYOUT = 1
 _TABLES = """
 CREATE TABLE folders (path TEXT PRIMARY KEY);
@@ -56,12 +58,10 @@ class Catalogue:
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             self._connection = sqlite3.connect(file, timeout=_PATIENCE_S)
-            with self._connection as base:
-                layout = base.execute("PRAGMA user_version").fetchone()[0]
-                if layout == 0 and not base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-                    base.executescript(f"BEGIN;{_TABLES}PRAGMA user_version = {_LAYOUT};COMMIT;")
-                elif layout != _LAYOUT:
-                    raise CheckFailed(f"{file}: of another version; remove it, it is made again by `micromanip runs`")
+            if (layout := self._layout()) == 0:
+                layout = self._make()
+            if layout != _LAYOUT:
+                raise CheckFailed(f"{file}: of another version; remove it, it is made again by `micromanip runs`")
         except sqlite3.Error as problem:
             raise CheckFailed(
                 f"{file}: {problem}; where it is no catalogue remove it, it is made again by `micromanip runs`"
@@ -76,6 +76,19 @@ class Catalogue:
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._connection.close()
+
+    def _layout(self) -> int:
+        return int(self._connection.execute("PRAGMA user_version").fetchone()[0])
+
+    def _make(self) -> int:
+        """Tables in a file that has none; the layout then. Another process may have been faster."""
+        with self._connection as base:
+            base.execute("BEGIN IMMEDIATE")
+            if self._layout() == 0 and not base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+                for statement in _TABLES.split(";"):
+                    base.execute(statement)
+                base.execute(f"PRAGMA user_version = {_LAYOUT}")
+            return self._layout()
 
     def folders(self) -> list[Path]:
         """Those that are looked through."""

@@ -17,7 +17,6 @@ from .options import Quantity, StrictCommand, json_option, print_answer
 if TYPE_CHECKING:
     from micromanip.catalogue.describing import Entry
 
-_FILE = "catalogue.sqlite"
 _DATE = re.compile(r"\d{4}-\d{2}(-\d{2}([T ]\d{2}:\d{2}(:\d{2})?)?)?")
 
 
@@ -54,7 +53,7 @@ def command(add: Path | None, drop: Path | None, page: Path | None, as_json: boo
     Looked through are the trips and recordings of a controller that was started here, and each FOLDER that was added.
     The catalogue keeps nothing but what is in the files: it may be removed, and is made again.
     """
-    from micromanip.catalogue.store import Catalogue, Query
+    from micromanip.catalogue.store import FILE, Catalogue, Query
     from micromanip.faults import BY_NAME
     from micromanip.host.state_directory import state_directory
 
@@ -70,7 +69,7 @@ def command(add: Path | None, drop: Path | None, page: Path | None, as_json: boo
     if page is not None and page.exists():
         raise UsageError(f"{page} is there already: nothing is replaced; name another file with --page")
     own = state_directory()
-    with Catalogue(own / _FILE) as catalogue:
+    with Catalogue(own / FILE) as catalogue:
         if drop is not None and not catalogue.drop(drop):
             raise UsageError(
                 f"{drop} is not looked through; these are: {', '.join(map(str, catalogue.folders())) or 'none'}"

@@ -26,6 +26,7 @@ from .measuring import Measuring
 from .metrics import Metrics
 from .recording import save
 from .response import response_of
+from .runs import POLICY, Runs
 from .saving import lines
 from .session import MESSAGE_BYTES, Session
 from .tokens import Token, Tokens
@@ -54,11 +55,14 @@ class Gateway:
         differs: Callable[[], str | None],
         beside: Beside = contextlib.nullcontext,
         home: str = "cell.html",
+        runs: Runs | None = None,
     ) -> None:
         """`differs` says so where the controller runs another configuration than was expected, else None.
 
         What `beside` gives is entered as long as the pages are served; `home` is the page that the address alone shows.
+        Without `runs` there are none to be found.
         """
+        self._runs = runs
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
         self._measuring = Measuring(cell)
         routes = [
@@ -66,6 +70,10 @@ class Gateway:
             Route("/scope", _page("scope.html")),
             Route("/margins", _page("margins.html")),
             Route("/moves", _page("moves.html")),
+            Route("/runs", _page("runs.html")),
+            Route("/runs/report/{ticket}", self._report),
+            Route("/api/runs", self._find_runs, methods=["POST"]),
+            Route("/api/runs/report", self._ticket, methods=["POST"]),
             Route("/api/status", self._status),
             Route("/api/order", self._order, methods=["POST"]),
             Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
@@ -127,6 +135,25 @@ class Gateway:
         self._known(request)
         told = await _body(request)
         return JSONResponse(response_of(self._source(), told))
+
+    def _known_runs(self) -> Runs:
+        if self._runs is None:
+            raise UsageError("there is no catalogue here")
+        return self._runs
+
+    async def _find_runs(self, request: Request) -> Response:
+        self._known(request)
+        return JSONResponse(await self._known_runs().find(await _body(request)))
+
+    async def _ticket(self, request: Request) -> Response:
+        self._known(request)
+        return JSONResponse({"address": f"/runs/report/{await self._known_runs().report(await _body(request))}"})
+
+    async def _report(self, request: Request) -> Response:
+        page = self._known_runs().page(request.path_params["ticket"])
+        if page is None:
+            return PlainTextResponse("this address was good for a minute; open the report again\n", 404)
+        return Response(page, media_type="text/html", headers={"content-security-policy": POLICY})
 
     async def _csv(self, request: Request) -> Response:
         self._known(request)

@@ -44,12 +44,17 @@ Rows = NDArray[Any]
 class Source:
     """The telemetry of one controller: its history, and its ring."""
 
-    def __init__(self, told: Telemetry, status: Any, ring: Any, control: Any, inode: int) -> None:
-        """Records of `STATUS`, `RING` and `CONTROL`; `inode` tells their memory from another's."""
+    def __init__(
+        self, told: Telemetry, status: Any, ring: Any, control: Any, inode: int, history: History | None = None
+    ) -> None:
+        """Records of `STATUS`, `RING` and `CONTROL`; `inode` tells their memory from another's.
+
+        `history` is that of a controller before, with as many axes, whose memory is used again.
+        """
         self.told, self.status, self.inode = told, status, inode
         self.parameters = control["parameters"]
         self.fields = fields(told["axes"])
-        self.history = History(self.fields)
+        self.history = History(self.fields) if history is None else history
         self.reader = RingReader(ring)
         self._is_new = True
         self.latest: Any | None = None
@@ -57,6 +62,7 @@ class Source:
     def read(self) -> Rows | None:
         """New rows, which are in the history then; None where there are none."""
         if self._is_new:  # what is still in the ring from before we came
+            self.history.clear()
             self.reader.go_back(0, _SPARE_ROWS)
             self._is_new = False
         rows = self.reader.read(_MOST_ROWS)
@@ -159,7 +165,13 @@ class Cell:
             inode = os.fstat(descriptors[1]).st_ino
             if self.source is None or self.source.inode != inode:
                 status, ring, control = map(_mapped, descriptors, _MEMORIES)
-                self.source = Source(told, status, ring, control, inode)
+                before = self.source
+                is_alike = before is not None and before.told["axes"] == told["axes"]
+                history = before.history if before is not None and is_alike else None
+                found = Source(told, status, ring, control, inode, history)
+                if history is None:
+                    found.history.take()
+                self.source = found
         finally:
             for descriptor in descriptors:
                 os.close(descriptor)

@@ -97,7 +97,8 @@ class Guard:
 def _with_headers(send: Send) -> Send:
     async def sent(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message = {**message, "headers": [*message.get("headers", []), *_HEADERS]}
+            given = list(message.get("headers", []))
+            message = {**message, "headers": given + [pair for pair in _HEADERS if pair[0] not in dict(given)]}
         await send(message)
 
     return sent

@@ -115,11 +115,22 @@ class History(Past):
         """`full_rows` is an even multiple of each number of rows in `blocks`."""
         self._ring = Rows(fields, ROW, full_rows)
         super().__init__(fields, self._ring, [Blocks(len(fields), *block) for block in blocks])
+        self._levels: list[Rows | Blocks] = [self._ring, *self._blocks]
 
     @property
     def nbytes(self) -> int:
         """Memory that it takes at most."""
-        return self._ring.nbytes + sum(level.nbytes for level in self._blocks)
+        return sum(level.nbytes for level in self._levels)
+
+    def take(self) -> None:
+        """Have the memory now, so that it is not found missing an hour later."""
+        for level in self._levels:
+            level.take()
+
+    def clear(self) -> None:
+        """Forget everything, and keep the memory."""
+        for level in self._levels:
+            level.count = 0
 
     def add(self, rows: NDArray[Any]) -> None:
         """Rows of the ring, oldest first, at most as many as there are kept."""

@@ -85,6 +85,11 @@ class Blocks(_Ring):
             np.concatenate([self._high[columns, piece] for piece in pieces], axis=1),
         )
 
+    def take(self) -> None:
+        """Have the memory now: zeros are given at the first write."""
+        for array in (self.cycles, self._low, self._high):
+            array.fill(0)
+
     @property
     def nbytes(self) -> int:
         """Memory that it takes."""
@@ -92,7 +97,7 @@ class Blocks(_Ring):
 
 
 class Rows(_Ring):
-    """The newest `capacity` rows, byte for byte; the memory is taken as they come."""
+    """The newest `capacity` rows, byte for byte."""
 
     per = 1
 
@@ -119,6 +124,11 @@ class Rows(_Ring):
         for k, column in enumerate(columns):
             values[k] = np.concatenate([self._fields[column].of(self._rows[piece]) for piece in pieces])
         return np.concatenate([self.cycles[piece] for piece in pieces]), values, values
+
+    def take(self) -> None:
+        """Have the memory now: zeros are given at the first write."""
+        for array in (self.cycles, self._rows.view(np.uint8)):
+            array.fill(0)
 
     @property
     def nbytes(self) -> int:

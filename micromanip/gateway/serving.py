@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import ipaddress
 import socket
-import ssl
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,24 +13,37 @@ from urllib.parse import urlsplit
 
 import uvicorn
 
-from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied, UsageError, system_error
+from micromanip.errors import ConfigError, UsageError, system_error
 from micromanip.extras import required
 
+from .addresses import is_local, listening, parsed_address, shown
 from .app import Gateway
 from .cell import Cell
+from .certificates import checked, ends_soon, is_for, names
+from .fields import fields
 from .guard import Origins
+from .history import History
+from .runs import Runs
 from .session import MESSAGE_BYTES
+from .sparkplug.options import Options as SparkplugOptions
 from .tokens import of_file
 
 if TYPE_CHECKING:
     from .opcua.service import OpcUa
+    from .sparkplug.service import Sparkplug
 
 _STOP_S = 2
+_MOST_AXES = ["x", "y", "z"]
+_EVERY = ("0.0.0.0", "::")
+"""To listen on all addresses of this computer."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says; `listen` and `opcua` are HOST:PORT, `behind_proxy` the address that people open."""
+    """What the command line says; `listen` and `opcua` are HOST:PORT, `behind_proxy` the address that people open.
+
+    `state` is the state directory, with the catalogue; `runs` are folders that it is to know, too.
+    """
 
     config: Path
     control: Path
@@ -43,6 +54,9 @@ class Options:
     behind_proxy: str | None = None
     opcua: str | None = None
     opcua_folder: Path = Path("gateway-opcua")
+    sparkplug: SparkplugOptions | None = None
+    state: Path | None = None
+    runs: tuple[Path, ...] = ()
 
 
 def serve(options: Options, say: Callable[[str], None]) -> None:
@@ -54,7 +68,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     host, port = parsed_address(options.listen, "--listen")
     origins = _origins(options, host)
     tokens, is_new = of_file(options.tokens)
-    _check_certificate(options)
+    called = _check_certificate(options, host, say)
     cell = Cell(options.control)
 
     def differs() -> str | None:
@@ -67,13 +81,28 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
         )
 
     opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, say)
-    gateway = Gateway(cell, tokens, origins, differs, contextlib.nullcontext if opcua is None else opcua.serving)
+    sparkplug = None if options.sparkplug is None else _sparkplug(options.sparkplug, cell, say)
+
+    @contextlib.asynccontextmanager
+    async def beside() -> AsyncIterator[None]:
+        async with contextlib.AsyncExitStack() as stack:
+            for other in (opcua, sparkplug):
+                if other is not None:
+                    await stack.enter_async_context(other.serving())
+            yield
+
+    runs = None if options.state is None else Runs(options.state, options.runs)
+    gateway = Gateway(cell, tokens, origins, differs, beside, runs=runs)
     with listening(host, port, "--listen") as socket_:
-        address = options.behind_proxy or f"{origins.scheme}://{shown(*socket_.getsockname()[:2])}"
+        address = options.behind_proxy or f"{origins.scheme}://{shown(called, socket_.getsockname()[1])}"
         if is_new:
             say(f"made new tokens in {options.tokens}: one to observe, one to operate")
         if opcua is not None:
             say(f"OPC UA at {opcua.url}; certificates in {options.opcua_folder}")
+        if sparkplug is not None:
+            say(f"MQTT Sparkplug B as {sparkplug.name}")
+        memory_MB = History(fields(_MOST_AXES)).nbytes / 1e6
+        say(f"the history of an hour takes {memory_MB:.0f} MB with three axes, all of it once there is a controller")
         say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
         run(gateway, socket_, options.certificate, options.key)
 
@@ -106,7 +135,15 @@ def _opcua(listen: str, folder: Path, cell: Cell, say: Callable[[str], None]) ->
     made = OpcUa(cell, host, port, folder, is_local=is_local(host))
     if made.is_new:
         say(f"made a certificate for OPC UA in {folder}; put those of clients into operate/ or observe/ there")
+    if made.warning is not None:
+        say(made.warning)
     return made
+
+
+def _sparkplug(options: SparkplugOptions, cell: Cell, say: Callable[[str], None]) -> Sparkplug:
+    with required("--sparkplug", "sparkplug"):
+        from .sparkplug.service import Sparkplug
+    return Sparkplug(cell, options, say)
 
 
 def _digest(config: Path) -> str:
@@ -116,19 +153,6 @@ def _digest(config: Path) -> str:
         raise ConfigError(f"{config}: not a text of UTF-8: {problem}") from problem
     except OSError as problem:
         raise system_error(problem, config) from problem
-
-
-def parsed_address(listen: str, option: str) -> tuple[str, int]:
-    """Host and port of `listen`, HOST:PORT, as `option` has it; UsageError for anything else."""
-    host, separator, port = listen.rpartition(":")
-    if not separator or not port.isdigit() or int(port) > 65535 or not host:
-        raise UsageError(f"{option} {listen}: expected HOST:PORT, such as 127.0.0.1:8090 or [::1]:8090")
-    return host.strip("[]"), int(port)
-
-
-def shown(host: str, port: int) -> str:
-    """As an address has them."""
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def _origins(options: Options, host: str) -> Origins:
@@ -150,44 +174,22 @@ def _origins(options: Options, host: str) -> Origins:
     return Origins()
 
 
-def is_local(host: str) -> bool:
-    """Whether only this computer reaches it."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+def _check_certificate(options: Options, host: str, say: Callable[[str], None]) -> str:
+    """The host that the address is told with; what will keep browsers away is said.
 
-
-def _check_certificate(options: Options) -> None:
-    """Raise ConfigError where certificate and key can't be used."""
-    if options.certificate is None:
-        return
-    try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(options.certificate, options.key, password="")
-    except ssl.SSLError as problem:
-        raise ConfigError(
-            f"{options.certificate}, {options.key}: not a certificate with its key, in PEM and without a password: "
-            f"{problem.reason or problem}"
-        ) from problem
-    except OSError as problem:
-        where = next((p for p in (options.certificate, options.key) if p is not None and not p.is_file()), None)
-        raise system_error(problem, where or options.certificate) from problem
-
-
-@contextlib.contextmanager
-def listening(host: str, port: int, option: str) -> Iterator[socket.socket]:
-    """A socket there, for `option`; PermissionDenied or DeviceUnavailable where none can be."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as made:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            made.bind((host, port))
-        except PermissionError as problem:
-            raise PermissionDenied(f"{option} {host}:{port}: {problem.strerror}; take a port from 1024 on") from problem
-        except OSError as problem:
-            raise DeviceUnavailable(
-                f"{option} {host}:{port}: {problem.strerror or problem}; choose another address or port"
-            ) from problem
-        yield made
+    Raises ConfigError or PermissionDenied where certificate and key can't be used.
+    """
+    if options.certificate is None or options.key is None:
+        return host
+    found = checked(options.certificate, options.key)
+    if (soon := ends_soon(found)) is not None:
+        say(f"{options.certificate} {soon}; browsers and scrapers will refuse it then")
+    named = names(found)
+    if host in _EVERY:
+        return next((name for name in named if not name.startswith("*")), host)
+    if not is_for(found, host):
+        say(
+            f"{options.certificate} is for {', '.join(named) or 'no host'}, not for {host}: browsers refuse it there; "
+            "open it by such a name, or have one made for it"
+        )
+    return host

@@ -9,11 +9,12 @@ import hmac
 import os
 import re
 import secrets
-import stat
 from dataclasses import dataclass
 from pathlib import Path
 
-from micromanip.errors import ConfigError, PermissionDenied, system_error
+from micromanip.errors import ConfigError, system_error
+
+from .private import read_private
 
 SCOPES = ("observe", "operate")
 _LEAST_CHARS = 20
@@ -64,15 +65,9 @@ def of_file(path: Path) -> tuple[Tokens, bool]:
         if not path.exists():
             _make(path)
             is_new = True
-        with path.open(encoding="utf-8", errors="replace") as file:
-            found = os.fstat(file.fileno())
-            if not stat.S_ISREG(found.st_mode) or found.st_mode & 0o077:
-                raise PermissionDenied(
-                    f"{path}: others may read these tokens; make new ones, or `chmod 600 {path}` where nobody has"
-                )
-            text = file.read()
     except OSError as problem:
         raise system_error(problem, path) from problem
+    text = read_private(path, "these tokens")
     return Tokens(_parsed(text, path)), is_new
 
 

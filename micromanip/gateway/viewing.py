@@ -10,11 +10,12 @@ from typing import Any
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.recordings import Telemetry, open_telemetry
 
+from .addresses import is_local, listening, parsed_address, shown
 from .app import Gateway
 from .fields import fields
 from .filed import Filed
 from .guard import Origins
-from .serving import is_local, listening, parsed_address, run, shown
+from .serving import run
 from .tokens import Token
 
 _YOU = Token("you", "observe", "")

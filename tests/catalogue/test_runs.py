@@ -4,6 +4,8 @@ import json
 import os
 import shutil
 import sqlite3
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -181,3 +183,15 @@ def test_what_may_not_be_read_is_passed_over(made, tmp_path):
     with Catalogue(tmp_path / "catalogue.sqlite") as catalogue:
         catalogue.refresh([tmp_path])
         assert catalogue.find(Query())[0].problem
+
+
+def test_many_may_make_it_at_once(tmp_path):
+    begin = threading.Barrier(8)
+
+    def opened(_):
+        begin.wait(10)
+        with Catalogue(tmp_path / "catalogue.sqlite") as catalogue:
+            return catalogue.count()
+
+    with ThreadPoolExecutor(8) as threads:
+        assert list(threads.map(opened, range(8))) == [0] * 8

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from micromanip.gateway.cell import Source
 from micromanip.gateway.fields import fields
 from micromanip.gateway.history import History
 from micromanip.rt import states
 
-from .rings import AXES, Played, rows
+from .rings import AXES, TOLD, Played, rows
 
 FIELDS = fields(AXES)
 STRAIN = ["x.strain_um"]
@@ -18,6 +19,7 @@ FULL, BLOCKS = 512, ((4, 128), (16, 256))
 
 def filled(values, cycles, sizes):
     history = History(FIELDS, FULL, BLOCKS)
+    history.take()
     at = 0
     for size in sizes:
         history.add(rows(cycles[at : at + size], x_strain_um=values[at : at + size]))
@@ -140,3 +142,19 @@ def test_points_stay_in_place_as_the_newest_moves_on(points):
     history.add(rows(np.arange(400, 403), x_strain_um=0.0))
     after = history.window(history.index(STRAIN), 103, 402, points)
     assert len(set(before.cycles) & set(after.cycles)) >= len(before.cycles) - 3
+
+
+def test_the_next_controller_begins_anew_in_the_same_memory(tmp_path):
+    played = Played(tmp_path / "control.sock")
+    played.play(rows(np.arange(5000), x_strain_um=1.0))
+    played.read()
+    before = played.cell.source
+    following = Played(tmp_path / "control.sock")
+    source = Source(TOLD, following.status, following.ring, following.control, 2, before.history)
+    following.cell.source = source
+    following.play(rows(np.arange(100, 2100), x_strain_um=2.0))
+    following.read()
+    assert source.history is before.history
+    assert (source.history.count, source.history.oldest, source.history.newest) == (2000, 100, 2099)
+    window = source.history.window(source.history.index(["x.strain_um"]), 0, 10_000, 10)
+    assert set(window.low.ravel()) == set(window.high.ravel()) == {2.0}

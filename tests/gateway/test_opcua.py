@@ -2,10 +2,8 @@
 
 import asyncio
 import contextlib
-import datetime
 import math
 import socket
-import threading
 
 import pytest
 
@@ -13,83 +11,38 @@ pytest.importorskip("asyncua")
 
 from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyAes256Sha256RsaPss as Encrypted
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import rsa
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
-from cryptography.x509.oid import NameOID
 
 from micromanip.cli.main import main
 from micromanip.errors import ConfigError, PermissionDenied
 from micromanip.gateway.cell import Cell
 from micromanip.gateway.opcua.people import prepared_folder
-from micromanip.gateway.opcua.readings import readings
 from micromanip.gateway.opcua.service import NAMESPACE, OpcUa
+from micromanip.gateway.readings import readings
 from tests.cli.played import FAULT
 from tests.cli.played import Played as PlayedSocket
 
+from .beside import Beside, free_port
+from .certificates import certificate
 from .rings import status
 
 DENIED = (ua.UaError, ConnectionError, TimeoutError, asyncio.IncompleteReadError)
 
 
-def certificate(folder, name, days=(-1, 30), key=None):
-    """A client's certificate, self-signed, as any tool makes one; with its key."""
-    key = key or rsa.generate_private_key(65537, 2048)
-    called = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
-    begin, end = (datetime.datetime.now(datetime.UTC) + datetime.timedelta(day) for day in days)
-    alternatives = x509.SubjectAlternativeName([x509.UniformResourceIdentifier("urn:test:client")])
-    made = x509.CertificateBuilder(called, called, key.public_key(), x509.random_serial_number(), begin, end)
-    made = made.add_extension(alternatives, critical=False).sign(key, hashes.SHA256())
-    private = folder / f"{name}-key.pem"
-    private.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
-    public = folder / f"{name}.pem"
-    public.write_bytes(made.public_bytes(Encoding.PEM))
-    return public, private
-
-
-def free_port():
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return found.getsockname()[1]
-
-
-class Served:
-    """An OPC UA server in a thread of its own, before a cell whose status the test says."""
+class Served(Beside):
+    """An OPC UA server before a cell whose status the test says."""
 
     def __init__(self, folder, *, is_local):
-        self.folder, self.cell = folder / "opcua", Cell(folder / "control.sock")
+        self.folder, cell = folder / "opcua", Cell(folder / "control.sock")
         self.played = PlayedSocket(folder / "control.sock")
-        self.server = OpcUa(self.cell, "127.0.0.1", free_port(), self.folder, is_local=is_local)
+        self.server = OpcUa(cell, "127.0.0.1", free_port(), self.folder, is_local=is_local)
         self.people = folder
         for scope, name in (("operate", "ana"), ("observe", "ben")):
             public, _ = certificate(folder, name)
             (self.folder / scope / f"{name}.pem").write_bytes(public.read_bytes())
-        self._loop, self._ready, self._over = asyncio.new_event_loop(), threading.Event(), None
-        self._thread = threading.Thread(target=self._loop.run_until_complete, args=(self._serve(),))
-        self._thread.start()
-        assert self._ready.wait(60)
-
-    async def _serve(self):
-        self._over = asyncio.Event()
-        async with self.server.serving():
-            self._ready.set()
-            await self._over.wait()
-
-    def say(self, told):
-        """The controller's status is `told` from now on."""
-
-        def tell():
-            self.cell.status, self.cell.problem = told, None if told else "no controller answers"
-            for listener in list(self.cell.listeners):
-                listener(None)
-
-        self._loop.call_soon_threadsafe(tell)
+        super().__init__(cell, self.server)
 
     def close(self):
-        self._loop.call_soon_threadsafe(self._over.set)
-        self._thread.join(30)
-        self._loop.close()
+        super().close()
         self.played.close()
 
 
@@ -322,21 +275,21 @@ def test_faults_states_and_refusals_are_events(served):
 
 
 def test_the_server_s_key_is_its_owner_s_alone(tmp_path):
-    public, private, is_new = prepared_folder(tmp_path / "opcua")
+    public, private, is_new, _ = prepared_folder(tmp_path / "opcua")
     assert is_new
     assert private.stat().st_mode & 0o777 == 0o600
     before = public.read_bytes()
-    assert prepared_folder(tmp_path / "opcua")[2] is False
+    assert prepared_folder(tmp_path / "opcua").is_new is False
     assert public.read_bytes() == before
     private.chmod(0o644)
-    with pytest.raises(PermissionDenied, match=r"server\.key: others may read it"):
+    with pytest.raises(PermissionDenied, match=r"server\.key: others may read this key"):
         prepared_folder(tmp_path / "opcua")
 
 
 @pytest.mark.parametrize(
     ("place", "content", "words"),
     [
-        ("server.pem", b"nonsense", "not a certificate and its key"),
+        ("server.pem", b"nonsense", "not a certificate with its key"),
         ("operate/ana.pem", b"-----BEGIN CERTIFICATE-----\nAAAA\n", "ana.pem: expected a certificate"),
         ("observe/notes.txt", b"", "notes.txt: expected a certificate, PEM or DER"),
     ],

@@ -1,28 +1,31 @@
 """The pages in a real browser, before a made-up ring: nothing from elsewhere, no complaint, exact triggers."""
 
 import asyncio
-import contextlib
-import socket
-import threading
 import time
 
 import numpy as np
 import pytest
-import uvicorn
 
 from micromanip.errors import CheckFailed
+from micromanip.faults import KINDS
+from micromanip.gateway import runs as runs_module
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
+from micromanip.gateway.runs import Runs
 from micromanip.gateway.tokens import Token, Tokens
 from micromanip.gateway.viewing import Everybody, Recorded, RecordedCell
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
+from tests.catalogue.test_runs import report
 from tests.cli.played import FAULT
+from tests.design.test_run_figures import recording
 
 from .answering import Answering
 from .chromium import PROGRAM, chromium
 from .rings import Played, rows, status
+from .served import follow, served
 from .test_filed import FAULT_CYCLE, written
+from .test_runs import hasty
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
 DO = "d" * 24
@@ -34,33 +37,21 @@ def played(tmp_path_factory):
     made = Played(tmp_path_factory.mktemp("gateway") / "control.sock")
     made.cell.status, made.cell.problem = status(), None
 
-    async def follow():
-        while True:
-            made.read()
-            made.cell._tell(None)
-            await asyncio.sleep(0.05)
-
-    made.cell.follow = follow
+    follow(made)
     return made
 
 
-@contextlib.contextmanager
-def served(gateway):
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        config = uvicorn.Config(gateway.guard, ws="websockets-sansio", log_level="error", timeout_graceful_shutdown=1)
-        server = uvicorn.Server(config)
-        thread = threading.Thread(target=server.run, args=([listening],))
-        thread.start()
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
-        server.should_exit = True
-        thread.join()
-
-
 @pytest.fixture(scope="module")
-def address(played):
-    with served(Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)) as found:
-        yield found
+def address(played, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded")
+    recording(folder / "bad.mcap", amplitude=2.0, fault=3, marks=["coolant off"])
+    report(folder / "report.html", [True, False])
+    runs = Runs(tmp_path_factory.mktemp("state"), [folder])
+    tokens = Tokens([Token("ana", "operate", DO)])
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(runs_module, "_command", hasty)
+        with served(Gateway(played.cell, tokens, Origins(), lambda: None, runs=runs)) as found:
+            yield found
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +106,30 @@ def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, addr
         browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
         assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"it fits at {width}"
     played.cell.status = status()
+    in_order(browser, address)
+
+
+def test_runs_are_found_and_a_report_is_opened(browser, address):
+    opened(browser, address, "/runs")
+    browser.until("document.querySelectorAll('article').length === 2")
+    browser.until("!document.getElementById('count').textContent.includes('looking')")
+    browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'j'}))")
+    assert browser.value("document.activeElement.tagName") == "ARTICLE"
+    for width in (390, 1280):
+        browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"it fits at {width}"
+    browser.value(
+        f"{{ const f = document.getElementById('question').elements; f.fault.value = '{KINDS[3].code}'; "
+        "f.fault.dispatchEvent(new Event('input', {bubbles: true})) }"
+    )
+    browser.until("document.querySelectorAll('article').length === 1")
+    assert "coolant off" in browser.value("document.querySelector('article').textContent")
+    browser.value("window.open = () => (window.tab = {}); document.querySelector('article button').click()")
+    report_address = browser.until("window.tab.location")
+    assert browser.value("document.getElementById('notice').hidden")
+    browser("Page.navigate", url=address + report_address)
+    browser.until("document.readyState === 'complete' && document.title.includes('bad.mcap')")
+    assert browser.value("getComputedStyle(document.body).fontFamily") != ""
     in_order(browser, address)
 
 

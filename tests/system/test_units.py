@@ -7,21 +7,25 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.host.service.layout import CONFIG, UNIT, Machine, systemd_version
+from micromanip.host.service.layout import CONFIG, GATEWAY, UNIT, Machine, systemd_version
 
 MOST_EXPOSURE = 30  # 3.0 of 10
 
 pytestmark = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd-analyze here")
 
 
-def unit_text(machine):
-    return next(text for path, text in machine.files().items() if path.name == UNIT)
+both = pytest.mark.parametrize("unit", [UNIT, GATEWAY], indirect=True)
+
+
+def unit_text(machine, name=UNIT):
+    return next(text for path, text in machine.files().items() if path.name == name)
 
 
 @pytest.fixture
-def unit(tmp_path):
-    file = tmp_path / UNIT
-    file.write_text(unit_text(Machine(systemd_version(), Path("/usr/bin/true"))))
+def unit(tmp_path, request):
+    name = getattr(request, "param", UNIT)
+    file = tmp_path / name
+    file.write_text(unit_text(Machine(systemd_version(), Path("/usr/bin/true")), name))
     return file
 
 
@@ -29,6 +33,7 @@ def analyze(*arguments):
     return subprocess.run(["systemd-analyze", *map(str, arguments)], capture_output=True, text=True, check=False)
 
 
+@both
 def test_verify_is_silent(unit):
     """An unknown key or a wrong value ends with 0 too: what counts is that nothing is said."""
     outcome = analyze("verify", "--man=no", unit)
@@ -40,12 +45,13 @@ def test_verify_would_say_something(unit):
     assert "WatchdogSecs" in analyze("verify", "--man=no", unit).stderr
 
 
+@both
 def test_exposure(unit):
     judged = analyze("security", "--offline=true", f"--threshold={MOST_EXPOSURE}", "--no-pager", unit)
     if "unrecognized option" in judged.stderr:
         pytest.skip("this systemd-analyze can't judge a file: systemd 250 or newer can")
     assert judged.returncode == 0, judged.stdout
-    assert re.search(r"Overall exposure level for micromanip.service: \d", judged.stdout)
+    assert f"Overall exposure level for {unit.name}: " in judged.stdout
 
 
 @pytest.mark.parametrize(("version", "kind"), [(252, "notify"), (253, "notify-reload"), (257, "notify-reload")])

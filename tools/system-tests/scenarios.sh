@@ -14,7 +14,7 @@ pytest="cd '$repository' && PYTHONPATH=tests /opt/micromanip/bin/python -m pytes
 case $tier in
 namespace)
     exec "$here/ns-systemd.sh" "$stage
-        $pytest ${*:-tests/system/namespace_scenarios.py}"
+        $pytest ${*:-tests/system/namespace_scenarios.py tests/system/gateway_scenarios.py}"
     ;;
 vm)
     # Compiling takes the emulated processor many minutes: it is done outside, for a processor that both can be, and

@@ -8,7 +8,7 @@ from typing import Any
 
 from asyncua import Node, Server, ua
 
-from .readings import Reading
+from ..readings import Reading
 
 _TYPES: dict[type, Any] = {
     bool: ua.VariantType.Boolean,

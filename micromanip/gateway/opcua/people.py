@@ -14,7 +14,7 @@ import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from asyncua import ua
 from asyncua.crypto.cert_gen import (
@@ -24,15 +24,19 @@ from asyncua.crypto.cert_gen import (
 )
 from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User, UserRole
 from cryptography import x509
-from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
+from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from micromanip.errors import ConfigError, PermissionDenied, system_error
 
+from ..certificates import checked, ends_soon
+
 APPLICATION_URI = "urn:micromanip:gateway"
 SCOPES = ("operate", "observe")
+_CERTIFICATE, _KEY = "server.pem", "server.key"
 _ENDINGS = (".pem", ".crt", ".cer", ".der")
 _DAYS = 3650
+_MEND = f"put new ones there, or remove {_CERTIFICATE} and {_KEY}: others are made, which clients have to trust again"
 
 
 @dataclass
@@ -96,12 +100,21 @@ class People:
                     yield scope, file.stem, _certificate(file.read_bytes())
 
 
-def prepared_folder(folder: Path) -> tuple[Path, Path, bool]:
-    """Server's certificate and key, and whether they were made just now.
+class Own(NamedTuple):
+    """The server's certificate and key, whether they were made just now, and what will be wrong with them soon."""
+
+    certificate: Path
+    key: Path
+    is_new: bool
+    warning: str | None
+
+
+def prepared_folder(folder: Path) -> Own:
+    """What the server shows, made where there is none.
 
     Raises PermissionDenied where others may read the key or put certificates there, ConfigError where one is unusable.
     """
-    certificate, key = folder / "server.pem", folder / "server.key"
+    certificate, key = folder / _CERTIFICATE, folder / _KEY
     try:
         for place in (folder, *(folder / scope for scope in SCOPES)):
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -110,15 +123,14 @@ def prepared_folder(folder: Path) -> tuple[Path, Path, bool]:
         is_new = not key.exists()
         if is_new:
             _make(certificate, key)
-        if key.stat().st_mode & 0o077:
-            raise PermissionDenied(f"{key}: others may read it; remove it and {certificate.name}, new ones are made")
-        _check(certificate, key)
+        shown = checked(certificate, key, _MEND)
         for scope in SCOPES:
             for file in sorted((folder / scope).iterdir()):
                 _check_person(file)
     except OSError as problem:
         raise system_error(problem, folder) from problem
-    return certificate, key, is_new
+    soon = ends_soon(shown)
+    return Own(certificate, key, is_new, None if soon is None else f"{certificate} {soon}; {_MEND}")
 
 
 def _make(certificate: Path, key: Path) -> None:
@@ -135,20 +147,6 @@ def _make(certificate: Path, key: Path) -> None:
     descriptor = os.open(key, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     with os.fdopen(descriptor, "wb") as file:
         file.write(dump_private_key_as_pem(private))
-
-
-def _check(certificate: Path, key: Path) -> None:
-    try:
-        found, private = _certificate(certificate.read_bytes()), load_pem_private_key(key.read_bytes(), None)
-    except (ValueError, TypeError) as problem:
-        raise ConfigError(f"{certificate}, {key}: not a certificate and its key, PEM, without a password") from problem
-    if found.public_key() != private.public_key():
-        raise ConfigError(f"{key} is not the key of {certificate}; remove both, and new ones are made")
-    if found.not_valid_after_utc < datetime.datetime.now(datetime.UTC):
-        raise ConfigError(
-            f"{certificate} expired on {found.not_valid_after_utc:%Y-%m-%d}; put a new one there, or remove it with "
-            f"{key.name}: new ones are made, which clients have to trust again"
-        )
 
 
 def _check_person(file: Path) -> None:

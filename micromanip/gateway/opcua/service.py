@@ -22,9 +22,9 @@ from micromanip.errors import MicromanipError
 from micromanip.replies import Fault
 
 from ..cell import Cell
+from ..readings import readings
 from .nodes import Nodes
 from .people import APPLICATION_URI, People, Person, Rules, prepared_folder
-from .readings import readings
 
 NAMESPACE = "urn:micromanip:cell"
 _ORDERS = {"Arm": "arm", "Hold": "hold", "Disarm": "disarm", "Reset": "reset"}
@@ -39,7 +39,7 @@ class OpcUa:
     def __init__(self, cell: Cell, host: str, port: int, folder: Path, *, is_local: bool) -> None:
         """Raises what `prepared_folder` does. Where `is_local` everybody may look, unencrypted."""
         self._cell, self._url = cell, f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/micromanip"
-        self._certificate, self._key, self.is_new = prepared_folder(folder)
+        self._certificate, self._key, self.is_new, self.warning = prepared_folder(folder)
         self._people = People(folder, strangers_observe=is_local)
         self._is_local = is_local
         self._speaking: contextvars.ContextVar[Person] = contextvars.ContextVar("speaking")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from micromanip.replies import AxisValues, Status
 
-from ..cell import Cell
+from .cell import Cell
 
 Plain = bool | int | float | str | list[str]
 _AUTOMATIC, _OTHER = 1, 5

@@ -59,6 +59,7 @@ GROUPS = {
         "fit": "models from a recording",
         "sweep": "thousands of tunings tried on recordings, the best of them",
         "analyse": "describing function, margins and robustness, with a verdict",
+        "budget": "what the path error is made of, and what would make it smaller",
         "evaluate": "the paper's experiment in virtual time",
     },
     "Devices and the machine": {

@@ -2,6 +2,7 @@
 
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/drivers.md)
     SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
+    SimulatedAxis, LinearPlant                         what a simulation knows of its plant (`micromanip budget`)
     Compiler, *_SIGNATURE, now_ns, sleep_until,        what it needs if numba compiles it
     minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
@@ -28,6 +29,7 @@ from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
 from micromanip.bus.safe_state import SafeOutput
+from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
 from micromanip.errors import ConfigError, did_you_mean
 from micromanip.files.regular_file import require_regular
 from micromanip.rt.records import SIGNAL
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 2)
+DRIVER_API = (1, 3)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
@@ -76,12 +78,14 @@ __all__ = [
     "Functions",
     "IdentityMismatch",
     "Inbox",
+    "LinearPlant",
     "LinkError",
     "Load",
     "Outcome",
     "OutputRefused",
     "SafeOutput",
     "Sample",
+    "SimulatedAxis",
     "Task",
     "TransientError",
     "Wire",

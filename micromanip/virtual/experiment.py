@@ -36,13 +36,14 @@ class VirtualExperiment:
         try:
             cell.arm()
         except CheckFailed:
-            self._require_no_fault(cell)
+            self.require_no_fault(cell)
             raise
         rows = cell.run(seconds, every)
-        self._require_no_fault(cell)
+        self.require_no_fault(cell)
         return at_own_time(rows, configuration, self._wiring)
 
-    def _require_no_fault(self, cell: VirtualCell) -> None:
+    def require_no_fault(self, cell: VirtualCell) -> None:
+        """Raise CheckFailed where `cell` has a fault latched."""
         for fault in cell.faults():
             raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {fault}")
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions, did_you_mean
+from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions, SimulatedAxis, did_you_mean
 
 from . import mechanics
 from . import options as o
@@ -20,7 +20,7 @@ from .records import (
     CELL_LINES,
     CHANNELS,
     CONTEXT,
-    CREEP_OPERATORS,
+    CREEP_TIMES_S,
     EXCHANGE,
     FAULT_KINDS,
     IN_FLIGHT,
@@ -111,6 +111,38 @@ class SimulatedCell(CyclicDriver):
         idle = self.options.force.model_copy(update={"static_N": 0.0, "tooth_N": 0.0, "noise_N": 0.0})
         return SimulatedCell(self.options.model_copy(update={"force": idle}), self.period_ns)
 
+    def simulated_axis(self, name: str) -> SimulatedAxis:
+        from .linear import linear_plant  # for who asks for it, not for the loop's process
+
+        period_s, force, count = self.period_ns * 1e-9, self.options.force, len(self.options.axes)
+        plant = self.options.variation.get(name, self.options.plant)
+        context = self.context().view(CONTEXT)[0]
+        cell = context["p"][:count]
+        i = self.options.axes.index(name)
+        lines = [
+            tuple(zip((p["deviation_omega"] / (2.0 * np.pi)).tolist(), p["deviation_um"].tolist(), strict=True))
+            for p in cell
+        ]
+        moved = tuple(
+            (hertz, float(cell[i]["coupling"][j]) * um) for j in range(count) if j != i for hertz, um in lines[j]
+        )
+        return SimulatedAxis(
+            plant=linear_plant(plant, period_s, creep=False),
+            crept=linear_plant(plant, period_s, creep=True),
+            deviation=lines[i],
+            neighbours=moved,
+            tracker_noise_um=self.options.tracker.noise_um,
+            force_static_N=force.static_N,
+            force_noise=(force.noise_N, force.noise_Hz),
+            tooth=(force.tooth_Hz, force.tooth_N),
+            strain_noise_um=plant.strain_noise_nm * 1e-3,
+            hum=(float(cell[i]["hum_omega"]) / (2.0 * np.pi), plant.strain_hum_nm * 1e-3),
+            strain_step_um=float(cell[i]["strain_step_um"]),
+            stage_noise_um=plant.stage_noise_nm * 1e-3,
+            amplifier_noise_V=plant.amplifier_noise_mV * 1e-3,
+            voltage_step_V=float(cell[i]["dac_step_V"]),
+        )
+
     def functions(self) -> Functions:
         from . import cell  # compiled or loaded only where it is going to be called
 
@@ -190,7 +222,7 @@ class SimulatedCell(CyclicDriver):
         p["rocking"] = plant.second_mode.gain if plant.second_mode else 0.0
         p["lever"] = plant.lever
         p["creep_gain"] = plant.creep_per_operator
-        p["creep_step"] = -np.expm1(-step_s / np.logspace(-3, 3, CREEP_OPERATORS))
+        p["creep_step"] = -np.expm1(-step_s / CREEP_TIMES_S)
         p["dac_step_V"] = plant.dac_span_V / 2**plant.dac_bits
         p["low_V"], p["high_V"] = plant.amplifier_range_V
         p["amplifier_step"] = -np.expm1(-step_s * 2 * np.pi * plant.amplifier_Hz)

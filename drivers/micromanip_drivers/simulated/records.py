@@ -11,6 +11,7 @@ from micromanip.driver import SIGNAL
 MAX_AXES = 3
 STACK = 64
 CREEP_OPERATORS = 13
+CREEP_TIMES_S = np.logspace(-3, 3, CREEP_OPERATORS)
 MECHANICAL_STATES = 7
 MOST_LATE = 8
 """Periods by which an output may be late on top of its own."""

@@ -1,0 +1,93 @@
+"""The tracker's predictor (``rt/laws/reference.py``) as a transfer from its samples to what the outer loop is given.
+
+At a sample z the predictor's state is ``f+ = F(T) f + g (z - H F(T) f)``, in a cycle of age tau it gives
+``w = F(tau) f``, of which the outer loop takes ``r = G w`` (``control/outer_gains.py``). T is `every` cycles h. A train
+of samples of spectrum Z(w) is at the loop's rate a train of spikes, whose spectrum is the same and periodic, behind
+
+    R(w) = sum_j e^(-i w h j) G F(tau_0 + j h) (I - (I - g H) F(T) e^(-i w T))^-1 g,   j = 0 .. every - 1
+
+(the polyphase identity; Vaidyanathan, Multirate Systems and Filter Banks, section 4.3). Between samples no noise
+enters, so white noise of variance s^2 has the mean spectrum ``s^2 / every`` times ``|R|^2`` at the loop's rate. A sine
+of the deviation comes out at its own frequency and, weaker, at its images ``w + 2 pi l / T``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.control.outer_gains import reference_transition, tracker_gain
+from micromanip.settings.schema.reference import Tracker
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_SHOWN = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
+"""What a sample shows of the state: position and oscillation."""
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """The predictor of `tracker`; a sample every `every` cycles of `period_s`, seen `latency_s` after it was taken."""
+
+    tracker: Tracker
+    every: int
+    latency_s: float
+    period_s: float
+
+    @cached_property
+    def _gain(self) -> Array:
+        return tracker_gain(self.tracker)
+
+    @property
+    def _omega(self) -> float:
+        return 2.0 * math.pi * self.tracker.oscillation_Hz
+
+    def response(self, taken: Array, omega: Array) -> Complex:
+        """R (n,) at `omega` (n,) rad/s; `taken` (5,) is the row G."""
+        turn = np.exp(-1j * omega * self.period_s)
+        ages = self.latency_s + self.period_s * np.arange(self.every)
+        if not self.tracker.predict:
+            return np.asarray(taken[0] * (turn[:, None] ** np.arange(self.every)).sum(axis=1))
+        rows = np.array([taken @ reference_transition(self._omega, age) for age in ages])
+        given = (turn[:, None] ** np.arange(self.every)) @ rows
+        step = reference_transition(self._omega, self.every * self.period_s)
+        gain = self._gain
+        kept = (np.eye(5) - np.outer(gain, _SHOWN)) @ step
+        poles, vectors = np.linalg.eig(kept)
+        entering = np.linalg.solve(vectors, gain.astype(complex))
+        state = vectors @ (entering[:, None] / (1.0 - poles[:, None] * turn[None, :] ** self.every))
+        return np.asarray(np.einsum("ni,in->n", given, state))
+
+    def images(self, hertz: float) -> Array:
+        """Frequencies (k,), Hz, from minus to plus half of the loop's rate, of a sine of `hertz`, its own first."""
+        rate, sampled = 1.0 / self.period_s, 1.0 / (self.every * self.period_s)
+        away = np.arange(-self.every, self.every + 1)
+        found = hertz + sampled * away[np.argsort(np.abs(away), kind="stable")]
+        return np.asarray(found[(found > -0.5 * rate) & (found <= 0.5 * rate)])
+
+    def given(self, taken_s: Array, arrived_s: Array, samples: Array, now_s: Array, row: Array) -> Array:
+        """What the outer loop is given (n,) in the cycles at `now_s` (n,), by the same steps as the loop's.
+
+        `samples` (k,) were taken at `taken_s` (k,) and seen from `arrived_s` (k,) on; `row` (5,) is G. The predictor
+        starts at rest at the first.
+        """
+        place = np.maximum(np.searchsorted(arrived_s, now_s + 1e-3 * self.period_s, side="right") - 1, 0)
+        if not self.tracker.predict:
+            return np.asarray(row[0] * samples[place])
+        state, gaps = np.zeros((len(samples), 5)), np.round(np.diff(taken_s), 9)
+        state[0, 0] = samples[0]
+        steps = {gap: reference_transition(self._omega, gap) for gap in np.unique(gaps)}
+        for k, gap in enumerate(gaps, start=1):
+            expected = steps[gap] @ state[k - 1]
+            state[k] = expected + self._gain * (samples[k] - _SHOWN @ expected)
+        p, v, a, o, rate = state[place].T
+        tau, omega = now_s - taken_s[place], self._omega
+        cosine, sine = np.cos(omega * tau), np.sin(omega * tau)
+        now = [p + tau * (v + 0.5 * tau * a), v + tau * a, a]
+        now += [cosine * o + sine / omega * rate, cosine * rate - omega * sine * o]
+        return np.asarray(row @ np.array(now))

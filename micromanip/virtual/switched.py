@@ -1,0 +1,108 @@
+"""A simulated cell in virtual time with causes of its path error switched off, the tuning left as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import UsageError
+from micromanip.rt.states import TRACKING
+from micromanip.settings.check import Prepared
+
+from .experiment import VirtualExperiment
+
+_WEAK = 0.1
+"""What is left of a sensor's noise, 1 % of its power: one that always reads the same is a fault."""
+_OF_CELL: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    "tracker noise": {"tracker": {"noise_um": 0.0}},
+    "force": {"force": {"static_N": 0.0, "tooth_N": 0.0, "noise_N": 0.0}},
+}
+_OF_PLANT: Mapping[str, tuple[float, tuple[str, ...]]] = {
+    "strain gauge noise": (_WEAK, ("strain_noise_nm", "strain_hum_nm")),
+    "capacitive sensor noise": (_WEAK, ("stage_noise_nm",)),
+    "amplifier noise": (_WEAK, ("amplifier_noise_mV",)),
+    "creep": (0.0, ("creep_per_operator",)),
+}
+"""What is left of which figures of the plant."""
+COUPLING = "coupling"
+SWITCHES = (*_OF_CELL, *_OF_PLANT, COUPLING)
+"""What can be switched off."""
+NOISE = ("tracker noise", "force", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
+"""What is drawn, or comes of the process: without it only path and plant are left."""
+_AFTER_FORCE_S, _SETTLED_S = 1.0, 2.0
+
+
+@dataclass(frozen=True)
+class Played:
+    """Path errors (n, axes) in um while the cell tracks, and in which cycles (n, axes) a limit held."""
+
+    error_um: NDArray[np.float64]
+    limited: NDArray[np.bool_]
+
+    @property
+    def variance_um2(self) -> NDArray[np.float64]:
+        """Mean square (axes,) of the path error."""
+        return np.asarray(np.mean(self.error_um**2, axis=0))
+
+
+def simulated_driver(prepared: Prepared) -> str:
+    """Name of the simulated driver that moves the axes; UsageError where something else does."""
+    configuration = prepared.configuration
+    names = {configuration.outputs[f"voltage_{axis}"].driver for axis in configuration.axes}
+    kinds = {configuration.drivers[name].driver for name in names}
+    if len(names) != 1 or kinds != {"simulated"}:
+        raise UsageError(f"only the driver simulated has causes to switch off; the axes are moved by {sorted(kinds)}")
+    return names.pop()
+
+
+def play_without(prepared: Prepared, off: Collection[str], seconds: float, seed: int) -> Played:
+    """`seconds` of tracking, machining included, once the tool is in, without the causes `off`.
+
+    Raises CheckFailed where the cell does not come to TRACKING or leaves it, UsageError where it is not simulated.
+    """
+    name, configuration = simulated_driver(prepared), prepared.configuration
+    options: Any = _switched(prepared.wiring.options[name], off).model_copy(update={"seed": seed})
+    driver = type(prepared.wiring.drivers[name])(options, configuration.loop.period_ns)
+    wiring = replace(prepared.wiring, drivers={**prepared.wiring.drivers, name: driver})
+    experiment = VirtualExperiment(replace(prepared, wiring=wiring), process=True)
+    cell = experiment.cell(configuration, prepared.samples)
+    passed = len(cell.arm()) * configuration.loop.period_ns * 1e-9
+    cell.run(max(_SETTLED_S, options.force.start_s + _AFTER_FORCE_S - passed))
+    rows = cell.run(seconds)
+    experiment.require_no_fault(cell)
+    axes = rows["axis"][:, : len(configuration.axes)]
+    held = np.zeros(axes.shape, dtype=bool)
+    for i, (axis, settings) in enumerate(configuration.axes.items()):
+        for column, (low, high) in (
+            ("voltage_V", configuration.outputs[f"voltage_{axis}"].range_V),
+            ("setpoint_um", settings.setpoint.range_um),
+        ):
+            held[:, i] |= (axes[column][:, i] <= low) | (axes[column][:, i] >= high)
+    assert (rows["state"] == TRACKING).all()
+    return Played(np.asarray(axes["path_error_um"], dtype=float), held)
+
+
+def _switched(options: Any, off: Collection[str]) -> Any:
+    """Options of the simulated driver without the causes `off`."""
+    unknown = set(off) - set(SWITCHES)
+    if unknown:
+        raise ValueError(f"nothing to switch off is called {unknown.pop()}")
+    change: dict[str, Any] = {
+        section: getattr(options, section).model_copy(update=values)
+        for cause in off
+        for section, values in _OF_CELL.get(cause, {}).items()
+    }
+    left = {key: share for cause in off if cause in _OF_PLANT for share, keys in [_OF_PLANT[cause]] for key in keys}
+
+    def quiet(plant: Any) -> Any:
+        return plant.model_copy(update={key: share * getattr(plant, key) for key, share in left.items()})
+
+    change["plant"] = quiet(options.plant)
+    change["variation"] = {name: quiet(plant) for name, plant in options.variation.items()}
+    if COUPLING in off:
+        change["coupling"] = 0.0
+    return options.model_copy(update=change)

@@ -1,0 +1,109 @@
+"""The error budget beside virtual experiments with causes switched off: `make check-budget`.
+
+Each cell is played whole and without each cause, with the same noise. What the whole has more than the run without a
+cause is what that cause makes; of a cause that makes less than a twentieth of the whole, that difference is lost in the
+length of the run, and it is played alone instead.
+"""
+
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from micromanip.design.budget.causes import COUPLING, CREEP, FORCE, MISFIT, PREDICTION, STAGE, STRAIN, TRACKER
+from micromanip.design.budget.configured import cell_of
+from micromanip.settings.check import Prepared, prepare
+from micromanip.virtual.switched import NOISE, play_without
+
+CONFIG = Path(__file__).resolve().parent.parent / "config" / "simulated.yaml"
+SEED, SECONDS, WITHIN = 7, 30.0, 0.15
+SMALL = 0.05
+CAUSES = (TRACKER, FORCE, STRAIN, STAGE)
+PATH = (PREDICTION, MISFIT, CREEP, COUPLING)
+NEGLIGIBLE_UM = 0.01
+"""What makes less is shown, not judged: a hundredth of the whole."""
+
+
+def _tracked(noise_um: float, rate_Hz: float = 1000.0) -> Callable[[Any], None]:
+    def change(document: Any) -> None:
+        document["drivers"]["cell"]["tracker"] |= {"noise_um": noise_um, "rate_Hz": rate_Hz}
+        document["reference"] |= {"noise_um": noise_um, "sample_rate_Hz": rate_Hz}
+
+    return change
+
+
+def _with_plant(**plant: Any) -> Callable[[Any], None]:
+    def change(document: Any) -> None:
+        cell = document["drivers"]["cell"]
+        cell["plant"] = plant
+        for varied in cell["variation"].values():
+            varied |= plant
+
+    return change
+
+
+CELLS: Mapping[str, Callable[[Any], None]] = {
+    "config/simulated.yaml": lambda document: None,
+    "tracker noise .1 um": _tracked(0.1),
+    "tracker noise 2 um": _tracked(2.0),
+    "tracker 500 Hz": _tracked(0.5, 500.0),
+    "Bouc-Wen, 13 kg": _with_plant(bouc_wen={}, stage_kg=13.0),
+}
+
+
+def changed(change: Callable[[Any], None]) -> Prepared:
+    """config/simulated.yaml after `change` of its document."""
+    document = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    change(document)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "cell.yaml"
+        file.write_text(yaml.safe_dump(document), encoding="utf-8")
+        return prepare(file)
+
+
+def compared(prepared: Prepared, seconds: float, seed: int) -> list[tuple[str, str, float, float]]:
+    """Axis, cause, rms (um) computed and played, for the whole, the path, and each of `CAUSES`."""
+    axes = list(prepared.configuration.axes)
+    whole = play_without(prepared, (), seconds, seed).variance_um2
+    quiet = play_without(prepared, NOISE, seconds, seed).variance_um2
+    off = {cause: play_without(prepared, (cause,), seconds, seed).variance_um2 for cause in CAUSES}
+    alone = {
+        cause: play_without(prepared, [each for each in NOISE if each != cause], seconds, seed).variance_um2
+        for cause in CAUSES
+    }
+    found = []
+    for i, axis in enumerate(axes):
+        powers = {name: float(power.sum()) for name, power in cell_of(prepared, axis).powers()[1].items()}
+        total = sum(powers.values())
+        found.append((axis, "whole", total, whole[i]))
+        found.append((axis, "path alone", sum(powers[name] for name in PATH), quiet[i]))
+        for cause in CAUSES:
+            small = powers[cause] < SMALL * total
+            found.append(
+                (axis, cause, powers[cause], alone[cause][i] - quiet[i] if small else whole[i] - off[cause][i])
+            )
+    return [(axis, what, float(np.sqrt(a)), float(np.sqrt(max(b, 0.0)))) for axis, what, a, b in found]
+
+
+def main() -> int:
+    """Print a line for each; exit code 1 where one is further off than 15 %."""
+    missed = 0
+    for name, change in CELLS.items():
+        print(f"{name}\n{'axis':<5}{'cause':<26}{'computed':>10}{'played':>10}{'off by':>9}")
+        for axis, what, computed, played in compared(changed(change), SECONDS, SEED):
+            apart, judged = computed / played - 1.0 if played > 0.0 else np.nan, max(computed, played) > NEGLIGIBLE_UM
+            bad = judged and not abs(apart) <= WITHIN
+            missed += bad
+            print(
+                f"{axis:<5}{what:<26}{computed:>10.4f}{played:>10.4f}{100 * apart:>8.1f}%{' MISSED' * bad}", flush=True
+            )
+    print(f"{missed} further off than {100 * WITHIN:.0f} %")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -15,10 +15,11 @@ from .results import write_new_page
 @click.option("--to", type=click.Path(path_type=Path), help="New file.  [default: FILE with the ending .html]")
 @json_option
 def command(file: Path, to: Path | None, as_json: bool) -> None:
-    """A recording of ours as one page: error, spectrum, voltage left, hysteresis loop, timing, marks, configuration.
+    """A recording of ours as one page: error, spectrum, voltage left, hysteresis loop, step response, timing, marks.
 
     With --json its figures, too: those of `compare` for one run.
     """
+    from micromanip.design.deconvolution import step_response_of
     from micromanip.design.run_columns import RecordedRun
     from micromanip.design.run_figures import run_figures
     from micromanip.design.run_report import run_report
@@ -27,7 +28,9 @@ def command(file: Path, to: Path | None, as_json: bool) -> None:
     to = to or file.with_suffix(".html")
     run = RecordedRun(open_telemetry(file))
     figures = run_figures(run)
-    page = run_report(run, figures)
+    steps = {axis: step_response_of(run, axis) for axis in run.axes}
+    page = run_report(run, figures, steps)
     write_new_page(to, page, "--to")
     document = {"report": str(to), "run": figures.document()}
+    document["step_response"] = {axis: found.document() for axis, found in steps.items()}
     print_answer(document, lambda _: click.echo(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)

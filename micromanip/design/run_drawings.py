@@ -5,7 +5,7 @@ They are thinned to what can be seen: of each column of pixels the least and the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from micromanip.rt.states import STATE_NAMES
 
+from .deconvolution import StepResponse
 from .page import COLOURS, GREY, drawing
 from .run_columns import RecordedRun
 from .run_confidence import Array
@@ -43,7 +44,7 @@ def errors(runs: Sequence[RecordedRun]) -> Figure:
 
 def densities(runs: Sequence[RecordedRun]) -> Figure:
     """Amplitude density of the path error while tracking; of two runs a panel an axis."""
-    axes = _axes(runs)
+    axes = shared_axes(runs)
     figure, panels = drawing(columns=1 if len(runs) == 1 else len(axes))
     for place, axis in enumerate(axes):
         panel = panels[0, 0 if len(runs) == 1 else place]
@@ -78,7 +79,7 @@ def headroom(runs: Sequence[RecordedRun]) -> Figure:
 
 def loops(runs: Sequence[RecordedRun]) -> Figure:
     """Gauge over voltage, a panel an axis."""
-    axes = _axes(runs)
+    axes = shared_axes(runs)
     figure, panels = drawing(columns=len(axes))
     for place, (panel, axis) in enumerate(zip(panels[0], axes, strict=True)):
         for number, run in enumerate(runs):
@@ -89,6 +90,26 @@ def loops(runs: Sequence[RecordedRun]) -> Figure:
         panel.set(title=axis, xlabel="voltage, V", ylabel="gauge, um" if place == 0 else "")
     if len(runs) > 1:
         _legend(panels[0, 0], "upper left")
+    return figure
+
+
+def steps(axes: Sequence[str], found: Sequence[Mapping[str, StepResponse]]) -> Figure:
+    """Step responses with their bands, a panel an axis; `found` has those of each run by axis."""
+    figure, panels = drawing(columns=len(axes))
+    for place, (panel, axis) in enumerate(zip(panels[0], axes, strict=True)):
+        for number, responses in enumerate(found):
+            one = responses[axis]
+            if one.problem is not None:
+                continue
+            colour = COLOURS[place if len(found) == 1 else number]
+            shown_ms = 1e3 * one.t_s
+            panel.fill_between(shown_ms, one.low, one.high, color=colour, alpha=0.3, linewidth=0)
+            panel.plot(shown_ms, one.response, color=colour, linewidth=0.8, label=LETTERS[number])
+        panel.axhline(1.0, color=GREY, linewidth=0.5, linestyle=":")
+        panel.set(title=axis, xlabel="time, ms", ylabel="gauge over set-point" if place == 0 else "")
+    _one_scale(panels[0])
+    if len(found) > 1:
+        _legend(panels[0, 0], "lower right")
     return figure
 
 
@@ -110,7 +131,8 @@ def timing(runs: Sequence[RecordedRun]) -> Figure:
     return figure
 
 
-def _axes(runs: Sequence[RecordedRun]) -> list[str]:
+def shared_axes(runs: Sequence[RecordedRun]) -> list[str]:
+    """Axes that all of them have."""
     return [axis for axis in runs[0].axes if all(axis in run.axes for run in runs)]
 
 

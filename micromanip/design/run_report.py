@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Mapping
 
 from . import run_drawings as drawn
+from .deconvolution import StepResponse
 from .page import page, section, table
 from .run_columns import RecordedRun
 from .run_figures import RunFigures
+from .run_steps import steps_part
 
 ABOUT_ERRORS = (
     "While tracking, least and greatest value. The bar: blue arming, green tracking, yellow holding, red fault."
@@ -18,8 +21,8 @@ ABOUT_SPECTRUM = "While tracking; Welch, Hann window, 1 s."
 ABOUT_TIMING = "Share of cycles that took longer."
 
 
-def run_report(run: RecordedRun, figures: RunFigures) -> str:
-    """The page. CheckFailed where the recording is damaged."""
+def run_report(run: RecordedRun, figures: RunFigures, steps: Mapping[str, StepResponse]) -> str:
+    """The page; `steps` are the step responses by axis. CheckFailed where the recording is damaged."""
     telemetry = run.telemetry
     parts = [
         _summary(run, figures),
@@ -27,6 +30,7 @@ def run_report(run: RecordedRun, figures: RunFigures) -> str:
         section("Spectrum of the path error", ABOUT_SPECTRUM, drawn.densities([run])),
         section("Voltage left", ABOUT_HEADROOM, drawn.headroom([run])),
         section("Hysteresis loop", ABOUT_LOOPS, drawn.loops([run])),
+        steps_part(run.axes, [steps]),
         section("Timing", ABOUT_TIMING, drawn.timing([run])),
         remarks("Marks", run),
         f"<details><summary>Configuration, sha256 {html.escape(telemetry.sha256[:16])}</summary>"

@@ -130,9 +130,7 @@ def test_the_simulated_cell_answers_a_true_step_as_was_read_off_its_running(tmp_
     answer = sosfiltfilt(slow, found.response)
     assert answer.max() == pytest.approx(truth.max(), abs=0.03)
     assert np.abs(answer - truth)[found.t_s < 2e-3].max() < 0.03
-    assert (
-        np.abs(answer - truth).max() < 0.05
-    )  # the last 3 % of a single step creep: no linear answer
+    assert np.abs(answer - truth).max() < 0.05  # the last 3 % of a single step creep: no linear answer
 
 
 def test_a_skipped_cycle_is_bridged_and_a_longer_gap_parts_the_run(tmp_path):

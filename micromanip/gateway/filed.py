@@ -18,8 +18,8 @@ from .history import Window
 from .levels import Cycles, Values
 from .overview import open_overview
 
-_ROWS_READ = 16_384
-"""Cycles of a window up to which its rows are read: some thirty pieces of a recording, less than 100 ms."""
+_ROWS_READ = 10_000
+"""Cycles of a window up to which its rows are read: twenty pieces of a recording, less than 100 ms."""
 _KEPT = 2048
 """Pieces whose columns are remembered."""
 _MOST_MARKS = 200
@@ -34,15 +34,15 @@ class Filed:
         """CheckFailed where it is damaged, or empty."""
         self.fields = list(fields)
         self._index = {field.name: i for i, field in enumerate(fields)}
-        self._pieces = telemetry.pieces()
-        if not self._pieces:
+        self.pieces = telemetry.pieces()
+        if not self.pieces:
             raise CheckFailed(f"{telemetry.file}: there are no rows in it")
         self._begin: dict[int, int] = {}
         self._known: OrderedDict[int, dict[str, NDArray[Any]]] = OrderedDict()
         self.oldest = self.oldest_full = self._first(0)
-        self.newest = int(self._read(len(self._pieces) - 1, ["cycle"])["cycle"][-1])
+        self.newest = int(self._read(len(self.pieces) - 1, ["cycle"])["cycle"][-1])
         self.count = int(telemetry.end.get("rows") or self.newest - self.oldest + 1)
-        self.overview = open_overview(telemetry, fields, self.oldest, self.newest, len(self._pieces))
+        self.overview = open_overview(telemetry, fields, self.oldest, self.newest, len(self.pieces))
         self._remarks = [(int(m["cycle"]), "mark", f"{m['text']} ({m['by']})") for m in telemetry.marks]
 
     @property
@@ -61,7 +61,7 @@ class Filed:
         paths = ["cycle", *dict.fromkeys(field.path for field in fields)]
         cycles: list[Cycles] = [np.empty(0, np.int64)]
         values: list[Values] = [np.empty((len(fields), 0), np.float32)]
-        for piece in range(self._holding(first), len(self._pieces)):
+        for piece in range(self._holding(first), len(self.pieces)):
             if piece and self._first(piece) > last:
                 break
             found = self._read(piece, paths)
@@ -90,7 +90,7 @@ class Filed:
 
     def _holding(self, cycle: int) -> int:
         """The piece in which the cycle is, or would be: pieces are about as long as one another."""
-        low, high, reads = 0, len(self._pieces), 0
+        low, high, reads = 0, len(self.pieces), 0
         begin, end = self.oldest, self.newest + 1
         while high - low > 1:
             reads += 1
@@ -112,7 +112,7 @@ class Filed:
         known = self._known.setdefault(piece, {})
         self._known.move_to_end(piece)
         if missing := [path for path in paths if path not in known]:
-            known.update(self._pieces[piece](missing))
+            known.update(self.pieces[piece](missing))
         if len(self._known) > _KEPT:
             self._known.popitem(last=False)
         return known

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from micromanip.errors import MicromanipError
-from micromanip.recordings import Telemetry, open_telemetry
+from micromanip.recordings import open_telemetry
+from micromanip.recordings.telemetry import Piece
 from micromanip.rt.states import NO_FAULT
 
 from .fields import Field, fields
@@ -22,10 +23,9 @@ from .overview import Overview, reopened
 
 
 def fill(
-    telemetry: Telemetry, shown: list[Field], overview: Overview, goes_on: Callable[[], bool] = lambda: True
+    pieces: Sequence[Piece], shown: Sequence[Field], overview: Overview, goes_on: Callable[[], bool] = lambda: True
 ) -> None:
     """Every piece that is not in the overview yet, as long as `goes_on`. CheckFailed where the file is damaged."""
-    pieces = telemetry.pieces()
     paths = list(dict.fromkeys(["cycle", "fault", *(field.path for field in shown)]))
     first, span = overview.about["first"], overview.about["last"] - overview.about["first"] + 1
     for number in _in_turn(overview, len(pieces), first, span):
@@ -82,7 +82,7 @@ def main(file: Path, folder: Path) -> int:
     with held:
         try:
             telemetry = open_telemetry(file)
-            fill(telemetry, fields(telemetry.axes, telemetry.dtype), overview, lambda: os.getppid() == parent)
+            fill(telemetry.pieces(), fields(telemetry.axes, telemetry.dtype), overview, lambda: os.getppid() == parent)
         except MicromanipError as problem:
             sys.stderr.write(f"micromanip: the overview stays as it is: {problem}\n")
             return problem.exit_code

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,9 +19,11 @@ from .fields import fields
 from .filed import Filed
 from .guard import Origins
 from .overview import Overview
+from .overview_filling import fill
 from .serving import is_local, listening, parsed_address, run, shown
 from .tokens import Token
 
+_FIRST_LOOK_S = 0.5
 _YOU = Token("you", "observe", "")
 
 
@@ -104,6 +107,8 @@ def view(file: Path, listen: str, say: Callable[[str], None]) -> None:
         seconds = (source.recording["last"] - source.recording["first"] + 1) * telemetry.period_ns * 1e-9
         say(f"{file}: {source.recording['rows']} cycles, {seconds:g} s")
         say(f"scope at http://{shown(*socket.getsockname()[:2])}/ for everybody on this computer; Ctrl-C ends it")
+        end = time.monotonic() + _FIRST_LOOK_S  # so that the first picture has something to show of the whole
+        fill(source.history.pieces, source.fields, source.history.overview, lambda: time.monotonic() < end)
         with _filling(file, source.history.overview):
             run(gateway, socket)
 

@@ -1,7 +1,7 @@
 """Recordings of ours in MCAP, also those whose writer was killed, and those that are still being written.
 
-The file is walked record by record from its beginning, so that no index is needed; where it ends within a
-record, it ends before it.
+A file with its index at the end is read by that; any other is walked record by record from its beginning, and where it
+ends within a record, it ends before it.
 """
 
 from __future__ import annotations
@@ -32,6 +32,11 @@ _METADATA, _ATTACHMENT, _CHUNK, _DATA_END, _MESSAGE = 0x0C, 0x09, 0x06, 0x0F, 0x
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Number of the channel, sequence, and two times, before what a message holds."""
 _SHORT_CHUNK = 4096
+_FOOTER_RECORD, _FOOTER = 0x02, struct.Struct("<BQQQI8s")
+"""Kind, length, beginning of the summary, that of its offsets, checksum; then what a file ends with."""
+_INDEX_RECORDS = {0x08: (_CHUNK, 16), 0x0A: (_ATTACHMENT, 0), 0x0D: (_METADATA, 0)}
+"""Records of the index: what they are of, and how many bytes of theirs are before its place and length."""
+_PLACE = struct.Struct("<QQ")
 _WHY = "it is damaged, or not a recording of ours"
 
 
@@ -205,6 +210,11 @@ def _records(file: Path) -> Iterator[tuple[int, bytes]]:
 def _places(stream: IO[bytes]) -> Iterator[tuple[int, int]]:
     """Kind and length of the same; `stream` stands at the beginning of each, and may be left anywhere."""
     size = os.fstat(stream.fileno()).st_size
+    if index := _index(stream, size):
+        for at, opcode, length in index:
+            stream.seek(at)
+            yield opcode, length
+        return
     at = len(MAGIC)
     while at + _RECORD.size <= size:
         stream.seek(at)
@@ -214,6 +224,32 @@ def _places(stream: IO[bytes]) -> Iterator[tuple[int, int]]:
             return
         if opcode in (_METADATA, _ATTACHMENT, _CHUNK):
             yield opcode, length
+
+
+def _index(stream: IO[bytes], size: int) -> list[tuple[int, int, int]]:
+    """Place, kind and length of the same, by the index at the end of a file that was ended in order; else nothing."""
+    if size < len(MAGIC) + _FOOTER.size:
+        return []
+    stream.seek(size - _FOOTER.size)
+    opcode, _, start, _, _, magic = _FOOTER.unpack(stream.read(_FOOTER.size))
+    if opcode != _FOOTER_RECORD or magic != MAGIC or not 0 < start < size:
+        return []
+    stream.seek(start)
+    summary, at, found = stream.read(size - _FOOTER.size - start), 0, []
+    while at + _RECORD.size <= len(summary):
+        opcode, length = _RECORD.unpack_from(summary, at)
+        at += _RECORD.size
+        if opcode in _INDEX_RECORDS and at + length <= len(summary):
+            kind, skipped = _INDEX_RECORDS[opcode]
+            place, whole = _PLACE.unpack_from(summary, at + skipped)
+            found.append((place + _RECORD.size, kind, whole - _RECORD.size))
+        at += length
+    found.sort()
+    for place, kind, length in found[:: max(1, len(found) - 1)]:  # the first and the last: whether it is of this file
+        stream.seek(place - _RECORD.size)
+        if stream.read(_RECORD.size) != _RECORD.pack(kind, length):
+            return []
+    return found
 
 
 def _parsed(file: Path, kind: str, content: bytes) -> Any:

@@ -56,7 +56,7 @@ def source(request, tmp_path_factory):
     found = opened(file)
     assert found.recording["rows"] == COUNT
     assert found.history.overview.share == 0.0
-    fill(open_telemetry(file), found.fields, found.history.overview)
+    fill(open_telemetry(file).pieces(), found.fields, found.history.overview)
     assert found.history.overview.share == 1.0
     return found
 
@@ -133,7 +133,7 @@ def test_an_overview_that_is_half_made_shows_what_is_there_and_the_rest_as_unkno
     file = written(tmp_path / "run.mcap")
     source, every = opened(file), made()
     overview, pieces = source.history.overview, []
-    fill(open_telemetry(file), source.fields, overview, lambda: pieces.append(0) is None and len(pieces) <= 3)
+    fill(open_telemetry(file).pieces(), source.fields, overview, lambda: pieces.append(0) is None and len(pieces) <= 3)
     assert overview.share == pytest.approx(3 / 9)
     window = source.history.window(source.history.index(NAMES[:1]), 100, 100 + 20_000, 500)
     low, high = window.low[0], window.high[0]
@@ -143,7 +143,7 @@ def test_an_overview_that_is_half_made_shows_what_is_there_and_the_rest_as_unkno
         held = strain[(every["cycle"] >= begin) & (every["cycle"] < begin + window.rows)]
         if np.isfinite(least):
             assert held.min() <= least <= greatest <= held.max()
-    fill(open_telemetry(file), source.fields, overview)
+    fill(open_telemetry(file).pieces(), source.fields, overview)
     again = opened(file)
     assert again.history.overview.share == 1.0, "it is found again"
     whole = again.history.window(again.history.index(NAMES[:1]), 100, 100 + 20_000, 500)
@@ -154,7 +154,7 @@ def test_an_overview_that_is_half_made_shows_what_is_there_and_the_rest_as_unkno
 def test_a_file_that_has_changed_gets_an_overview_of_its_own(tmp_path):
     file = written(tmp_path / "run.mcap")
     first = opened(file)
-    fill(open_telemetry(file), first.fields, first.history.overview)
+    fill(open_telemetry(file).pieces(), first.fields, first.history.overview)
     os.utime(file, ns=(1, 1))
     assert opened(file).history.overview.share == 0.0
 
@@ -165,7 +165,7 @@ def test_what_is_looked_at_is_read_first(tmp_path):
     overview = source.history.overview
     overview.wanted[:] = 6500, 6900
     looks = []
-    fill(open_telemetry(file), source.fields, overview, lambda: looks.append(0) is None and len(looks) <= 2)
+    fill(open_telemetry(file).pieces(), source.fields, overview, lambda: looks.append(0) is None and len(looks) <= 2)
     begins = [int(part["cycle"][0]) for part in np.array_split(made(), 9)]
     held = [k for k, begin in enumerate(begins) if begin <= 6900 and begin + 900 >= 6500]
     assert overview.done[held].any()
@@ -180,3 +180,21 @@ def test_the_order_visits_every_piece_and_is_even_from_the_beginning(count):
         if some < count:
             gaps = np.diff(np.sort(order[:some]), prepend=0, append=count)
             assert gaps.max() <= 4 * count / some
+
+
+def test_a_recording_without_its_index_has_the_same_pieces(tmp_path):
+    """Ended in order it is read by the index at its end; killed, record by record."""
+    file = written(tmp_path / "run.mcap")
+    whole = open_telemetry(file)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(file.read_bytes()[:-1])
+    killed = open_telemetry(cut)
+    rows = [[piece(["cycle", "axis.0.strain_um"]) for piece in each.pieces()] for each in (whole, killed)]
+    assert len(rows[0]) == len(rows[1]) == 9
+    for one, other in zip(*rows, strict=True):
+        assert one["cycle"].tobytes() == other["cycle"].tobytes()
+        assert one["axis.0.strain_um"].tobytes() == other["axis.0.strain_um"].tobytes()
+    assert np.concatenate([part["cycle"] for part in rows[0]]).tolist() == made()["cycle"].tolist()
+    assert whole.marks == killed.marks
+    assert whole.configuration == killed.configuration
+    assert whole.end["complete"]

@@ -191,7 +191,7 @@ def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(bro
         assert whole["last"] == source.history.newest
         assert browser.value("document.querySelector('dialog[open]') === null")
         browser.until("document.getElementById('told').textContent.includes('overview so far 0 %')")
-        fill(open_telemetry(file), source.fields, source.history.overview)
+        fill(open_telemetry(file).pieces(), source.fields, source.history.overview)
         fault = browser.until("document.querySelector('#marks .fault')?.textContent")
         browser.until("!document.getElementById('told').textContent.includes('overview so far')")
         assert "STRAIN_INVALID" in fault

@@ -19,10 +19,8 @@ from hypothesis import HealthCheck, Phase, settings
 
 from micromanip.rt.jit import PLAIN, Compiled
 from micromanip.settings.text import yaml_nodes
-from tools.stalls import STALL_MS, Stalls
 
 JIT = not PLAIN
-STALLS = pytest.StashKey[Stalls]()
 yaml_nodes.compose = functools.lru_cache(64)(yaml_nodes.compose)  # the same few files, read a thousand times
 Compiled.laws_compiled = True  # what the laws' tests call is the machine code, not the Python of the same law
 
@@ -63,19 +61,9 @@ def pytest_configure(config):
         "live: on real processes, links or clocks, which it waits for; left out of `make check`",
         "long: computes for seconds; left out of `make check`",
         "thorough: one more case of what another one shows; left out of `make test`, which `make thorough` is for",
-        "realtime: live, and a stall of this machine by some milliseconds makes it fail",
+        "realtime: live, and a stall of this machine by some milliseconds makes it fail: tried three times",
     ):
         config.addinivalue_line("markers", marker)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item):
-    item.config.stash[STALLS].begin()
-
-
-def pytest_unconfigure(config):
-    if stalls := config.stash.get(STALLS, None):
-        stalls.end()
 
 
 def _shares(item):
@@ -86,16 +74,14 @@ def _shares(item):
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for the groups
-def pytest_collection_modifyitems(config, items):
-    stalls = config.stash[STALLS] = Stalls()
+def pytest_collection_modifyitems(items):
     for item in items:
         if "realtime" in item.keywords:
             item.add_marker("live")
+            item.add_marker(pytest.mark.flaky(reruns=2))
         # what tests share, a daemon or a commissioned cell, is made by one worker, not by each
         if "xdist_group" not in item.keywords and (shares := _shares(item)):
             item.add_marker(pytest.mark.xdist_group(shares))
-        if "realtime" in item.keywords:
-            item.add_marker(pytest.mark.flaky(reruns=2, condition=lambda: stalls.longest_ms >= STALL_MS))
         if "compiled_only" in item.keywords and not JIT:
             item.add_marker(pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)"))
     # what waits first, what computes for long next: the short ones fill what is left

@@ -220,7 +220,10 @@ def write_results(
     axes = {each.axis: found.configuration.axes[each.axis] for each in found.axes}
     hashes = {name: tuning_hash(axis) for name, axis in axes.items()}
     noted = {
-        name: axis.model_copy(update={"commissioned": Commissioned(hash=hashes[name], report=REPORT, date=today)})
+        name: axis.model_copy(
+            # the run's own, from where the tuning is copied to: the report there may be of another axis by tomorrow
+            update={"commissioned": Commissioned(hash=hashes[name], report=f"{run.name}/{REPORT}", date=today)}
+        )
         for name, axis in axes.items()
     }
     earlier = earlier_reports(folder, REPORT, [each.axis for each in found.evidence])

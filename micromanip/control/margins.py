@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from micromanip.control.system import Array, Complex, Response, System, from_state_space
@@ -18,10 +19,13 @@ from micromanip.control.system import Array, Complex, Response, System, from_sta
 if TYPE_CHECKING:
     import control
 
-_BASE, _NEAR, _ROUNDS, _LARGEST = 400, 25, 14, 40_000
+_ROUNDS, _LARGEST = 14, 40_000
 _ROOT_STEPS, _ROOT = 60, 1e-13
 _LOWEST = 1e-5
 """Lowest frequency of the grid as a share of the Nyquist frequency: 0.05 Hz at 10 kHz."""
+_SHARES = np.geomspace(_LOWEST, 1.0, 400)
+_OFFSETS = np.geomspace(1e-2, 1e2, 25)
+"""Of points around a pole, in widths of it."""
 _TURN = 0.12
 """Between neighbouring points neither L nor 1 + L may turn, or change its logarithm, by more (rad)."""
 
@@ -65,14 +69,12 @@ class Margins:
 def grid(period_s: float, poles: Complex) -> Array:
     """Angular frequencies (n,), rad/s, up to the Nyquist frequency, dense around each of the `poles` (in z)."""
     nyquist = np.pi / period_s
-    points = [np.geomspace(_LOWEST * nyquist, nyquist, _BASE)]
-    for pole in poles:
-        if abs(pole) < 0.2:
-            continue
-        centre = abs(np.angle(pole)) / period_s
-        width = max(abs(np.log(abs(pole))) / period_s, 1e-3 * centre)
-        offsets = width * np.geomspace(1e-2, 1e2, _NEAR)
-        points += [centre + offsets, centre - offsets]
+    sizes = np.abs(poles)
+    near, sizes = np.asarray(poles)[sizes >= 0.2], sizes[sizes >= 0.2]
+    centre = np.abs(np.angle(near)) / period_s
+    width = np.maximum(np.abs(np.log(sizes)) / period_s, 1e-3 * centre)
+    offsets = width[:, None] * _OFFSETS
+    points = [nyquist * _SHARES, (centre[:, None] + offsets).ravel(), (centre[:, None] - offsets).ravel()]
     omega = np.unique(np.concatenate(points))
     return omega[(omega >= _LOWEST * nyquist) & (omega <= nyquist)]
 
@@ -80,20 +82,34 @@ def grid(period_s: float, poles: Complex) -> Array:
 def refined(response: Response, omega: Array) -> tuple[Array, Complex]:
     """`omega` with points added until L and 1 + L turn little between neighbours; and L there."""
     L = response(omega)
+    points, curve = [omega], [L]
+    low, high, L_low, L_high = omega[:-1], omega[1:], L[:-1], L[1:]
+    count = len(omega)
     for _ in range(_ROUNDS):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            steps = [np.abs(np.log(curve[1:] / curve[:-1])) for curve in (L, 1.0 + L)]
-        # far out, where |L| is large, its size does not matter, and far in, where it is small, neither
-        steps[0][(np.abs(L[1:]) > 30.0) | (np.abs(L[1:]) < 0.03)] = 0.0
-        coarse = np.flatnonzero((np.fmax(steps[0], steps[1]) > _TURN) & (np.diff(omega) > 1e-9 * omega[1:]))
-        if not len(coarse) or len(omega) > _LARGEST:
+        coarse = _turns(L_low, L_high) & (high - low > 1e-9 * high)
+        if not coarse.any() or count > _LARGEST:
             break
-        middle = 0.5 * (omega[coarse] + omega[coarse + 1])
-        order = np.argsort(np.concatenate([omega, middle]), kind="stable")
-        L = np.concatenate([L, response(middle)])[order]
-        omega = np.concatenate([omega, middle])[order]
-    kept = np.isfinite(L)
+        low, high, L_low, L_high = low[coarse], high[coarse], L_low[coarse], L_high[coarse]
+        middle = 0.5 * (low + high)
+        L_middle = response(middle)
+        points.append(middle)
+        curve.append(L_middle)
+        count += len(middle)
+        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+        L_low, L_high = np.concatenate([L_low, L_middle]), np.concatenate([L_middle, L_high])
+    omega, L = np.concatenate(points), np.concatenate(curve)
+    order = np.argsort(omega, kind="stable")
+    kept = order[np.isfinite(L[order])]
     return omega[kept], L[kept]
+
+
+def _turns(low: Complex, high: Complex) -> NDArray[np.bool_]:
+    """Whether L or 1 + L turns by much from `low` to `high`, values of L (n,) at neighbouring frequencies."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own, of_return = (np.abs(np.log(after / before)) for before, after in ((low, high), (1.0 + low, 1.0 + high)))
+    # far out, where |L| is large, its size does not matter, and far in, where it is small, neither
+    own[(np.abs(high) > 30.0) | (np.abs(high) < 0.03)] = 0.0
+    return np.asarray(np.fmax(own, of_return) > _TURN)
 
 
 def margins(loop: System | control.StateSpace) -> Margins:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from micromanip.control.margins import Margins, curve_margins
+from micromanip.control.margins import Margins, curve_margins, refined
 from micromanip.control.system import System
 
 from .response import Measured
@@ -30,8 +30,8 @@ Response = Callable[[Array], Complex]
 AGREEMENT = 0.2
 """How far the measured distance to -1 may be from the predicted one, beyond its confidence, as a share."""
 _SURE, _UNKNOWN = 2.0, 20.0
-WINDOW = 7
-"""Lines over which measured and modelled plant are compared by default."""
+WINDOW, _NARROW = 7, 3
+"""Lines over which measured and modelled plant are compared by default; by fewer it is seen what that flattens."""
 _JUDGED = 1.25
 """Where 1/|S| is below this, the sensitivity matters: further away from -1 nothing happens."""
 
@@ -41,8 +41,8 @@ class Sensitivity:
     """A loop measured while closed: at (k,) lines `measured` and `predicted` L, and the deviation of the measured.
 
     `model` is the predicted L as a function, `margins` its margins; `least` and `most` are the smallest and the largest
-    Ms that the confidence of the measurement leaves. `apart` is by how much more than that confidence both differ at
-    worst, as a share of the distance to -1, at `apart_Hz`.
+    Ms that the confidence of the measurement leaves, at the lines and between. `apart` is by how much more than that
+    confidence both differ at worst, as a share of the distance to -1, at `apart_Hz`.
     """
 
     name: str
@@ -68,9 +68,14 @@ class Sensitivity:
         return bool(self.frequency_Hz[0] <= self.margins.peak_Hz <= self.frequency_Hz[-1])
 
     @property
+    def bounded(self) -> bool:
+        """Whether the measurement leaves an upper end of Ms at all."""
+        return self.most <= _UNKNOWN
+
+    @property
     def between(self) -> str:
         """The Ms that the measurement's confidence leaves, in words."""
-        if self.most > _UNKNOWN:
+        if not self.bounded:
             return f"at least {self.least:.2f}, its upper end was not measured"
         return f"{self.least:.2f} to {self.most:.2f}"
 
@@ -102,27 +107,37 @@ def judge_loop(
     Behind a bus `loop` steps from sample to sample: then only lines up to half of their rate count, and what is beyond
     is taken to be filtered by the plant. `window`: lines over which plant and model are compared.
     """
-    omega = 2 * np.pi * plant.frequency_Hz
-    G, expected = model.response(omega), loop.response(omega)
-    ratio = plant.response / G
-    smooth = np.array([uniform_filter1d(part, window, mode="nearest") for part in (ratio.real, ratio.imag)])
-    L = expected * (smooth[0] + 1j * smooth[1])
-    deviation = np.abs(expected / G) * plant.deviation
+    lines = 2 * np.pi * plant.frequency_Hz
+    G = model.response(lines)
+    single = plant.response / G
+    ratio, narrow = _smooth(single, window), _smooth(single, _NARROW)
+    scatter = uniform_filter1d((plant.deviation / np.abs(G)) ** 2, window, mode="nearest")
+    # of a mean of lines whose errors are independent; and where the model lacks something, a mean flattens it
+    relative = np.sqrt(scatter / window) + np.abs(ratio - narrow) / _SURE
+    # between the lines, too: a light mode's peak need not stand on one
+    omega, L = refined(lambda w: np.asarray(loop.response(w) * np.interp(w, lines, ratio)), lines)
+    expected = loop.response(omega)
+    sure = _SURE * np.abs(expected) * np.interp(omega, lines, relative)
     near, far = np.abs(1.0 + L), np.abs(1.0 + expected)
-    beyond = np.maximum(np.abs(near - far) - _SURE * deviation, 0.0) / far
     judged = np.minimum(near, far) < _JUDGED
-    beyond = np.where(judged, beyond, 0.0)
+    beyond = np.where(judged, np.maximum(np.abs(near - far) - sure, 0.0) / far, 0.0)
     k = int(np.argmax(beyond))
+    expected = loop.response(lines)
     return Sensitivity(
         name,
         plant.frequency_Hz,
-        L,
+        expected * ratio,
         expected,
-        deviation,
+        np.abs(expected) * relative,
         loop.response,
         predicted,
-        float(1.0 / (near + _SURE * deviation)[judged].min(initial=np.inf)),
-        float(1.0 / np.maximum(near - _SURE * deviation, 1e-3)[judged].min(initial=1e3)),
+        float(1.0 / (near + sure)[judged].min(initial=np.inf)),
+        float(1.0 / np.maximum(near - sure, 1e-3)[judged].min(initial=1e3)),
         float(beyond[k]),
-        float(plant.frequency_Hz[k]),
+        float(omega[k] / (2 * np.pi)),
     )
+
+
+def _smooth(curve: Complex, lines: int) -> Complex:
+    parts = [uniform_filter1d(part, lines, mode="nearest") for part in (curve.real, curve.imag)]
+    return np.asarray(parts[0] + 1j * parts[1])

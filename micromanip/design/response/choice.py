@@ -7,7 +7,7 @@ kept as a radius at each frequency: margins are judged with it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ _WINDOW = 7
 """Lines over which the model's error is averaged: fewer would be the measurement's noise."""
 _DELAY_ORDER = 6
 _SURE, _KNOWN = 2.0, 0.1
+_TURNS, _MORE = 5, 2.0
+"""How often a line of too large an error is trusted more, and by how much at most each time."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,20 @@ def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
         error = modes.frequency_response(z)[:, 0, 0] * z**-late - unseen
         return float(np.sqrt(np.mean(np.abs(error / weight) ** 2)))
 
+    def within(order: int) -> Identified:
+        """Fitted so that no error is too large, which costs the others a little; else as it is best on the whole."""
+        on_the_whole, trusted = None, weight
+        for _ in range(_TURNS):
+            modes = fit_rational(hertz, measured.response, trusted, order, delay, dt)
+            plain = Identified(modes, delay, dt, measured, np.zeros(len(hertz)), tried, None)
+            beside = np.where(_matters(measured, wanted), plain.error / wanted.error, 0.0)
+            if not (beside > 1.0).any():
+                return plain
+            on_the_whole = on_the_whole or plain
+            trusted = trusted / np.clip(beside, 1.0, _MORE)  # as Lawson did
+        assert on_the_whole is not None
+        return on_the_whole
+
     delay = wanted.delays[0]
     if len(wanted.delays) > 1:
         at = min(wanted.orders, key=lambda n: abs(n - _DELAY_ORDER))
@@ -123,10 +139,9 @@ def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
     size, found = np.abs(measured.response), None
     # what the mean of all lines does not show, one mode that is missing, may take a larger order
     for order in (n for n in wanted.orders if n >= first):
-        modes = fit_rational(hertz, measured.response, weight, order, delay, dt)
-        plain = Identified(modes, delay, dt, measured, np.zeros(len(hertz)), tried, None)
+        plain = within(order)
         radius = maximum_filter1d(np.maximum(plain.error * size, _SURE * measured.deviation), _WINDOW, mode="nearest")
-        better = Identified(modes, delay, dt, measured, radius, tried, _problem(plain, wanted))
+        better = replace(plain, radius=radius, problem=_problem(plain, wanted))
         found = better if found is None or better.problem is None else found
         if found.problem is None:
             break
@@ -145,9 +160,14 @@ def _error(model: Complex, measured: Measured) -> Array:
     return np.asarray(np.hypot(*parts))
 
 
+def _matters(measured: Measured, wanted: Wanted) -> NDArray[np.bool_]:
+    size = np.abs(measured.response)
+    return np.asarray((size >= wanted.matters * np.median(size)) & (measured.frequency_Hz <= wanted.upper_Hz))
+
+
 def _problem(found: Identified, wanted: Wanted) -> str | None:
-    measured, size = found.measured, np.abs(found.measured.response)
-    matters = (size >= wanted.matters * np.median(size)) & (measured.frequency_Hz <= wanted.upper_Hz)
+    measured = found.measured
+    matters = _matters(measured, wanted)
     if not matters.any():
         return "nothing of the response stands out of its noise"
     sure = "the response is only known to +-{:.0f} %, +-{:.0f} % are needed"

@@ -69,7 +69,8 @@ def measure(wave: Multisine, u: Array, y: Array) -> Measured:
 def of_spectra(frequency_Hz: Array, U: Complex, Y: Complex) -> Measured:
     """Response from lines `U` to lines `Y` (draws, periods, k)."""
     draws = Y.mean(axis=1) / U.mean(axis=1)
-    rest = Y / U - draws[:, None, :]
+    # not Y / U: a period in which noise leaves little of U would say more than all others
+    rest = (Y - draws[:, None, :] * U) / U.mean(axis=1)[:, None, :]
     count = U.shape[0] * U.shape[1]
     noise = np.sqrt(np.sum(np.abs(rest) ** 2, axis=(0, 1)) / max(count - U.shape[0], 1) / count)
     return _judged(frequency_Hz, draws, noise)
@@ -78,8 +79,9 @@ def of_spectra(frequency_Hz: Array, U: Complex, Y: Complex) -> Measured:
 def _judged(frequency_Hz: Array, draws: Complex, noise: Array) -> Measured:
     mean = draws.mean(axis=0)
     scatter = np.sum(np.abs(draws - mean) ** 2, axis=0) / max(len(draws) - 1, 1) / len(draws)
-    size = np.maximum(np.abs(mean), 1e-300)
-    smooth = [
-        np.sqrt(uniform_filter1d((x / size) ** 2, _SMOOTHED, mode="nearest")) * size for x in (noise, scatter**0.5)
-    ]
-    return Measured(frequency_Hz, mean, draws, np.maximum(*smooth), smooth[0])
+    # what noise adds knows nothing of the response's size, what is not linear is a share of it; a share of a line that
+    # noise happens to leave nothing of would be none of its neighbours'
+    of_noise = np.exp(uniform_filter1d(np.log(np.maximum(noise, 1e-300) ** 2), _SMOOTHED, mode="nearest"))
+    of_draws, power = (uniform_filter1d(x, _SMOOTHED, mode="nearest") for x in (scatter, np.abs(mean) ** 2))
+    deviation = np.sqrt(np.maximum(of_noise, of_draws * np.abs(mean) ** 2 / np.maximum(power, 1e-300)))
+    return Measured(frequency_Hz, mean, draws, deviation, np.sqrt(of_noise))

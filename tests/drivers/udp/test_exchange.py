@@ -16,7 +16,7 @@ from micromanip.rt.bus_image import DOWN, TAKEN
 
 from .bench import PERIOD_NS, SILENT_CYCLES, STILL_CYCLES, Bench, sealed
 
-pytestmark = pytest.mark.compiled_only
+pytestmark = [pytest.mark.compiled_only, pytest.mark.xdist_group("udp")]  # compiled by one worker, not by each
 
 
 @pytest.fixture

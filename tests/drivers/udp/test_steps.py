@@ -14,7 +14,7 @@ from micromanip.rt.bus_image import DOWN
 
 from .bench import PERIOD_NS, SILENT_CYCLES, Bench, options
 
-pytestmark = pytest.mark.compiled_only
+pytestmark = [pytest.mark.compiled_only, pytest.mark.xdist_group("udp")]  # compiled by one worker, not by each
 
 STEP_V = 2.0
 RESOLVED_V = 2e-4

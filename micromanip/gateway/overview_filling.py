@@ -45,26 +45,28 @@ def fill(
 
 
 def _in_turn(overview: Overview, count: int, first: int, span: int) -> Iterator[int]:
-    """Numbers of pieces: those of the cycles that are looked at before others, each time the densest gap halved."""
-    order = halving(count)
-    place = 0
+    """Numbers of pieces: those of the cycles that are looked at before others."""
+    order, near, place, wanted = halving(count), np.empty(0, np.int64), 0, (0, 0)
     while True:
         low, high = ((int(cycle) - first) * count // span for cycle in overview.wanted)
-        found = None
-        if 0 < high - low < count:
-            near = max(0, low - 1) + halving(min(count, high + 2) - max(0, low - 1))
-            found = next((int(k) for k in near if not overview.done[k]), None)
-        while found is None:
-            if place == count:
-                return
-            if not overview.done[order[place]]:
-                found = int(order[place])
+        if (low, high) != wanted:
+            wanted, begin = (low, high), max(0, low - 1)
+            near = begin + halving(min(count, high + 2) - begin) if 0 < high - low < count else near[:0]
+        near = near[overview.done[near] == 0]
+        while place < count and overview.done[order[place]]:
             place += 1
-        yield found
+        if len(near):
+            yield int(near[0])
+        elif place < count:
+            yield int(order[place])
+        else:
+            return
 
 
 def halving(count: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """0 to `count` - 1, each in the middle of the largest gap that those before have left, about."""
+    if count < 1:
+        return np.empty(0, np.int64)
     bits = max(1, int(count - 1).bit_length())
     turned = np.zeros(1 << bits, np.int64)
     for bit in range(bits):

@@ -12,6 +12,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError
 
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
+from .progress import steps
 from .results import Pictures, provenance
 
 
@@ -55,9 +56,6 @@ def command(
     A simulated cell's actuator is recorded in virtual time; on real hardware nothing moves, and the strain loop is
     not judged. Exit code 1 where a criterion fails. docs/analysis.md explains the figures.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from micromanip.design.analysis import analyse_axis
     from micromanip.design.criteria import criteria, notes, report
     from micromanip.design.loops import cluster
@@ -78,13 +76,12 @@ def command(
     analyses = []
     with (
         Pictures(folder if figures else None) as pictures,
-        Progress(console=Console(stderr=True), transient=True) as bar,
+        steps() as bar,
     ):
-        task = bar.add_task("analyse", total=len(shown) * (2 if figures else 1))
         for name in shown:
 
             def say(what: str, axis: str = name) -> None:
-                bar.update(task, description=f"axis {axis}: {what}")
+                bar.say(f"axis {axis}: {what}")
 
             with cluster(address) if address else nullcontext():
                 analysis = analyse_axis(
@@ -97,14 +94,12 @@ def command(
                     progress=say,
                 )
             analyses.append(analysis)
-            bar.advance(task)
             if figures:
                 from micromanip.design.analysis_figures import draw_analysis
 
                 say("drawing")
                 about = provenance(prepared, name, seed)
                 pictures.draw(partial(draw_analysis, analysis, about=about))
-                bar.advance(task)
         written = pictures.put()
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
     failed = [criterion for criterion in judged if not criterion.passed]

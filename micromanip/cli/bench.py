@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import micromanip
 from micromanip.errors import DeviceUnavailable
 
 from .options import Quantity, StrictCommand, json_option, print_answer
+from .progress import steps
 
 
 @click.command("bench", cls=StrictCommand, epilog="Example: micromanip bench --only cycle --only offline")
@@ -40,8 +42,10 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     """
     root = source_tree()
     runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))
-    settings = plan.Plan(root / "config" / "paper.yaml", pairs, lateness_s, lambda line: click.echo(line, err=True))
-    document = runner.run(settings, only).document()
+    with steps() as bar:
+        tell = bar.say if bar.console.is_terminal else partial(click.echo, err=True)
+        settings = plan.Plan(root / "config" / "paper.yaml", pairs, lateness_s, tell)
+        document = runner.run(settings, only).document()
     print_answer(document, _table, as_json)
 
 

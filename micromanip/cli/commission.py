@@ -18,6 +18,7 @@ import click
 from micromanip.errors import CheckFailed, MicromanipError, UsageError, system_error
 
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
+from .progress import steps
 from .results import keep, publish, results_folder, run_folder
 
 if TYPE_CHECKING:
@@ -71,11 +72,8 @@ def command(
     is the last. Exit code 1 where a step or a criterion says no: then the report says what was found by then, and a
     tuning that was found is kept as rejected.yaml.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from micromanip.design.commission.axis import Knobs
-    from micromanip.design.commission.cell import commission_cell
+    from micromanip.design.commission.cell import commission_cell, planned
 
     prepared = prepare_and_warn(config)
     names = list(prepared.configuration.axes)
@@ -90,10 +88,9 @@ def command(
         began = time.monotonic()
         with (
             run_folder(folder, only, wanted=REPORT) as run,
-            Progress(console=Console(stderr=True), transient=True) as bar,
+            steps(planned(chosen)) as bar,
         ):
             copyfile(config, run / PREVIOUS)
-            task = bar.add_task("commission", total=None)
             played = (
                 partial(_live, prepared, socket_path)
                 if live or not prepared.wiring.virtual
@@ -103,13 +100,13 @@ def command(
                 prepared.configuration,
                 played(process=False),
                 chosen,
-                lambda what: bar.update(task, description=what),
+                bar.say,
                 Knobs(bandwidth_Hz, noise_um, tooth_Hz),
                 seed,
                 played(process=True),
                 partial(_as_written, prepared),
             )
-            bar.update(task, description="report")
+            bar.say("report")
             facts = _provenance(prepared, config, chosen, operator, seed)
             axes, missing = write_results(prepared, found, facts, folder, run)
     seconds = time.monotonic() - began

@@ -8,35 +8,50 @@ from typing import Any
 import click
 
 from .options import StrictCommand, json_option, print_answer
+from .results import write_new_page
 
 
-@click.command("compare", cls=StrictCommand, epilog="Example: micromanip compare monday.mcap tuesday.mcap")
+@click.command(
+    "compare", cls=StrictCommand, epilog="Example: micromanip compare monday.mcap tuesday.mcap --out week.html"
+)
 @click.argument("first", type=click.Path(path_type=Path), metavar="A")
 @click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE.html", help="New file: both as one page of HTML.")
 @json_option
-def command(first: Path, second: Path, as_json: bool) -> None:
+def command(first: Path, second: Path, out: Path | None, as_json: bool) -> None:
     """Two recordings of ours: error, its spectrum, headroom, timing, and what differs in their configurations.
 
     Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
+    --out draws both side by side, judges every quantity, and says what each parameter that differs means.
     """
-    from micromanip.design.run_figures import BANDS_Hz, configuration_changes, difference, run_figures
+    from micromanip.design.run_columns import RecordedRun
+    from micromanip.design.run_comparison import judged
+    from micromanip.design.run_comparison_page import comparison_page
+    from micromanip.design.run_confidence import difference
+    from micromanip.design.run_figures import BANDS_Hz, configuration_changes, run_figures
     from micromanip.recordings import open_telemetry
 
-    recordings = [open_telemetry(file) for file in (first, second)]
-    a, b = (run_figures(recording) for recording in recordings)
+    runs = [RecordedRun(open_telemetry(file)) for file in (first, second)]
+    a, b = figures = [run_figures(run) for run in runs]
+    changes = configuration_changes(*(run.telemetry.configuration for run in runs))
+    found_differences = judged(runs, figures)
     axes = {}
     for axis in (name for name in a.axes if name in b.axes):
-        found = difference(a.squares[axis], b.squares[axis])
-        batches = [a.squares[axis].batches, b.squares[axis].batches]
+        squares = [run.squares[axis].whole for run in figures]
+        found = difference(*squares)
         axes[axis] = {"ratio": found.ratio, "ratio_95": [found.low, found.high], "verdict": found.verdict}
-        axes[axis] |= {"independent": batches}
+        axes[axis] |= {"independent": [each.batches for each in squares]}
     document = {
         "a": a.document(),
         "b": b.document(),
         "bands_Hz": BANDS_Hz,
         "axes": axes,
-        "configuration": configuration_changes(*(recording.configuration for recording in recordings)),
+        "configuration": changes,
+        "quantities": [each.document() for each in found_differences],
     }
+    if out is not None:
+        write_new_page(out, comparison_page(runs, figures, found_differences, changes), "--out")
+        document["report"] = str(out)
     print_answer(document, _show, as_json)
 
 
@@ -73,3 +88,5 @@ def _show(document: dict[str, Any]) -> None:
         console.print(Text(f"{change['key']}: {change['old']} -> {change['new']}"))
     if not document["configuration"]:
         console.print(Text("the configurations are the same"))
+    if "report" in document:
+        console.print(Text(document["report"]))

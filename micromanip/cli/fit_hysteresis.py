@@ -11,6 +11,7 @@ import click
 from micromanip.errors import UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, print_json
+from .progress import steps
 from .recording_options import recording_options, tell
 from .results import Pictures, require_room
 
@@ -57,9 +58,6 @@ def command(
     Errors are in percent of the record's stroke after the burn-in; on the validation record the offset is refitted.
     Exit code 1 where the data is unusable, with what to record instead.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from micromanip.design.fitting import Request, fit_record
     from micromanip.design.record import load_record
     from micromanip.recordings import Wanted
@@ -75,14 +73,14 @@ def command(
     # the part is that of FILE; the other record has its own length
     held_out = load_record(validate, replace(wanted, cut=None)) if validate else None
     tell([record, *([held_out] if held_out else [])])
-    with Pictures(folder) as pictures, Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(f"fitting {kind}", total=None)
+    with Pictures(folder) as pictures, steps() as bar:
+        bar.say(f"fitting {kind}")
         request = Request(kind, creep, plays, seed, burn_in_s)
-        result = fit_record(record, held_out, request, lambda what: bar.update(task, description=f"fitting {what}"))
+        result = fit_record(record, held_out, request, lambda what: bar.say(f"fitting {what}"))
         if folder is not None:
             from micromanip.design.fit_figures import draw_fit
 
-            bar.update(task, description="drawing")
+            bar.say("drawing")
             pictures.draw(lambda where: draw_fit(result, record, held_out, where))
         written = pictures.put()
     unwritten = None

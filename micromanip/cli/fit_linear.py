@@ -11,6 +11,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, json_option, print_json
+from .progress import steps
 from .recording_options import recording_options, tell
 from .results import Pictures
 
@@ -52,9 +53,6 @@ def command(
     rms, on the part held out, with state and offset at its start fitted; the strict one fits both to the first tenth
     of that part and is judged on the rest. Exit code 1 where the data is unusable.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from micromanip.design.linear.experiments import load_linear
     from micromanip.design.linear.judged import fit_records
     from micromanip.recordings import Wanted
@@ -69,13 +67,13 @@ def command(
     records = [load_linear(file, wanted, len(driven)) for file in files]
     held_out = load_linear(validate, replace(wanted, cut=None), len(driven)) if validate else None
     tell([*records, *([held_out] if held_out else [])])
-    with Pictures(folder) as pictures, Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("fitting", total=None)
-        result = fit_records(records, held_out, order, split, lambda what: bar.update(task, description=what))
+    with Pictures(folder) as pictures, steps() as bar:
+        bar.say("fitting")
+        result = fit_records(records, held_out, order, split, bar.say)
         if folder is not None:
             from micromanip.design.linear.figures import draw_linear
 
-            bar.update(task, description="drawing")
+            bar.say("drawing")
             pictures.draw(lambda where: draw_linear(result, where))
         written = pictures.put()
     report = result.report() | {"figures": [str(path) for path in written]}

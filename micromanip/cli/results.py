@@ -17,7 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from micromanip.errors import MicromanipError, system_error
+from micromanip.errors import MicromanipError, UsageError, system_error
 
 if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
@@ -50,6 +50,17 @@ def results_folder(folder: Path) -> Iterator[None]:
         for each in made:
             with contextlib.suppress(OSError):  # there is something in it
                 each.rmdir()
+
+
+def write_new_page(place: Path, text: str, option: str) -> None:
+    """A page to a file that is not there yet; `option` is the one that names another."""
+    try:
+        with place.open("x", encoding="utf-8") as written:
+            written.write(text)
+    except FileExistsError:
+        raise UsageError(f"{place} is there already: nothing is replaced; name another file with {option}") from None
+    except OSError as problem:
+        raise system_error(problem, place) from problem
 
 
 def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:

@@ -19,21 +19,9 @@ from .options import StrictCommand
 def command(file: Path, listen: str) -> None:
     """Show a recording of ours, MCAP or HDF5, as the scope shows a running cell.
 
-    Zoom from 1 ms to the whole file, spectrum, x-y, states, faults and remarks. It reads the file once, and nothing
-    else; browsers of this computer need no token. It needs the extra `gateway`.
+    Zoom from 1 ms to the whole file, spectrum, x-y, states, faults and remarks. Of a long file it makes an overview
+    meanwhile, which is kept in the user's cache; browsers of this computer need no token. It needs the extra `gateway`.
     """
     with required("view", "gateway"):
         from micromanip.gateway.viewing import view
-    from rich.console import Console
-    from rich.progress import Progress, TextColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("reading {task.fields[file]}: {task.completed:.0f} cycles"),)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=None, file=file.name)
-
-        def say(line: str) -> None:
-            bar.stop()
-            click.echo(line, err=True)
-
-        view(file, listen, say, lambda rows: bar.update(task, completed=rows))
+    view(file, listen, lambda line: click.echo(line, err=True))

@@ -1,104 +1,24 @@
-"""Figures of a recorded run, and how two runs differ: with the confidence that their length allows.
-
-Samples of a control error follow one another: 10,000 a second are not 10,000 observations. The mean square is taken of
-batches that are long beside the error's memory (method of batch means: Law and Kelton, Simulation Modeling and
-Analysis, section 9.5); its spread over the batches says how well it is known.
-"""
+"""Figures of a recorded run, and the keys in which two configurations differ."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy.signal import welch
-from scipy.stats import t as student
+from scipy.signal import spectrogram
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
-from micromanip.recordings import Telemetry
-from micromanip.rt.states import TRACKING
 
-Array = NDArray[np.float64]
+from .run_columns import RecordedRun
+from .run_confidence import FEWEST, Array, Mean, batch_mean, mean_square
 
 BANDS_Hz = ((0.0, 10.0), (10.0, 100.0), (100.0, 1000.0), (1000.0, 5000.0))
-_FEWEST, _MOST = 8, 64
-_MEMORY = 0.2
-"""Correlation of neighbouring batches up to which they count as independent."""
-_LEAST_SAMPLES = 200
 _SPECTRUM_S = 1.0
-
-
-@dataclass(frozen=True)
-class MeanSquare:
-    """A mean square, the standard error of it, and of how many independent batches."""
-
-    value: float
-    standard_error: float
-    batches: int
-
-    @property
-    def rms(self) -> float:
-        """Its root."""
-        return float(np.sqrt(self.value))
-
-
-def mean_square(x: Array) -> MeanSquare:
-    """Of the samples `x` (n,) in order. CheckFailed where there are too few, or even long batches are correlated."""
-    if len(x) < _LEAST_SAMPLES:
-        raise CheckFailed(f"{len(x)} cycles of tracking are too few to judge; at least {_LEAST_SAMPLES} are needed")
-    squares = x * x
-    count = _MOST
-    means = squares
-    while count >= _FEWEST:
-        means = squares[: len(x) // count * count].reshape(count, -1).mean(axis=1)
-        if _neighbours(means) < max(_MEMORY, 1.0 / np.sqrt(count)):
-            break
-        count //= 2
-    left = min(max(_neighbours(means), 0.0), 0.9)  # what they still have of each other, as a first-order process
-    spread = float(np.std(means, ddof=1)) * np.sqrt((1 + left) / (1 - left) / len(means))
-    return MeanSquare(float(np.mean(squares)), spread, len(means))
-
-
-def _neighbours(means: Array) -> float:
-    """Correlation of each with the next."""
-    deviation = means - means.mean()
-    total = float(deviation @ deviation)
-    return float(deviation[1:] @ deviation[:-1]) / total if total > 0 else 0.0
-
-
-@dataclass(frozen=True)
-class Difference:
-    """`ratio` of the rms of the second run to that of the first, and the interval it is in with 95 % confidence."""
-
-    ratio: float
-    low: float
-    high: float
-
-    @property
-    def verdict(self) -> str:
-        """What can be said: lower, higher, or that these runs show no difference."""
-        if self.high < 1.0:
-            return "lower"
-        return "higher" if self.low > 1.0 else "no difference shown"
-
-
-def difference(first: MeanSquare, second: MeanSquare) -> Difference:
-    """By Welch's test on the logarithms of the mean squares."""
-    if first.value == 0 or second.value == 0:
-        same = first.value == second.value
-        return Difference(1.0, 1.0, 1.0) if same else Difference(np.inf, 0.0, np.inf)
-    parts = [(each.standard_error / each.value) ** 2 for each in (first, second)]
-    variance = sum(parts)
-    freedom = variance**2 / max(
-        sum(part**2 / (each.batches - 1) for part, each in zip(parts, (first, second), strict=True)), 1e-300
-    )
-    half = 0.5 * float(student.ppf(0.975, max(freedom, 1.0))) * np.sqrt(variance)
-    ratio = second.rms / first.rms
-    return Difference(ratio, ratio * float(np.exp(-half)), ratio * float(np.exp(half)))
 
 
 @dataclass(frozen=True)
@@ -116,6 +36,13 @@ class AxisFigures:
     peak_um: float
 
 
+class Squares(NamedTuple):
+    """Mean square of the error of an axis (um^2), whole and in each of `BANDS_Hz`; None of a run of some seconds."""
+
+    whole: Mean
+    bands: tuple[Mean | None, ...]
+
+
 @dataclass(frozen=True)
 class RunFigures:
     """A run: `tracking_s` of `seconds`, skipped and lost cycles, timing (ns) at p50, p99.9 and the maximum."""
@@ -129,63 +56,72 @@ class RunFigures:
     lateness_ns: tuple[int, ...]
     compute_ns: tuple[int, ...]
     axes: Mapping[str, AxisFigures]
-    squares: Mapping[str, MeanSquare]
+    squares: Mapping[str, Squares]
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
         return {name: value for name, value in asdict(self).items() if name != "squares"}
 
 
-def run_figures(telemetry: Telemetry) -> RunFigures:
+def run_figures(run: RecordedRun) -> RunFigures:
     """Figures of a whole recording. CheckFailed where it does not track, or is damaged."""
-    cycle, periods = telemetry.column("cycle"), telemetry.column("periods")
+    file, cycle, periods = run.telemetry.file, run.column("cycle"), run.column("periods")
     if not len(cycle):
-        raise CheckFailed(f"{telemetry.file}: there is no cycle in it")
-    tracks = telemetry.column("state") == TRACKING
-    period_s = telemetry.period_ns * 1e-9
-    axes, squares = {}, {}
-    for place, name in enumerate(telemetry.axes):
-        error = telemetry.column(f"axis.{place}.path_error_um")
-        kept = error[tracks & np.isfinite(error)]
+        raise CheckFailed(f"{file}: there is no cycle in it")
+    axes, judged = {}, {}
+    for name in run.axes:
+        error = run.error_um(name)
         try:
-            squares[name] = mean_square(kept)
+            square = mean_square(error)
         except CheckFailed as problem:
-            raise CheckFailed(f"{telemetry.file}: axis {name}: {problem}") from problem
-        axes[name] = _axis(telemetry, place, kept, telemetry.column(f"axis.{place}.voltage_V")[tracks])
-    faults = np.unique(telemetry.column("fault"))
+            raise CheckFailed(f"{file}: axis {name}: {problem}") from problem
+        frequency, density = spectra(error, 1.0 / run.period_s)
+        judged[name] = Squares(square, _by_band(frequency, density))
+        axes[name] = _axis(run, name, error, frequency, density.mean(axis=1))
+    faults = np.unique(run.column("fault"))
     return RunFigures(
-        file=str(telemetry.file),
-        seconds=float((cycle[-1] - cycle[0]) * period_s),
-        tracking_s=float(periods[tracks].sum() * period_s),
+        file=str(file),
+        seconds=float((cycle[-1] - cycle[0]) * run.period_s),
+        tracking_s=float(periods[run.tracks].sum() * run.period_s),
         skipped=int((periods - 1).clip(0).sum()),
         lost=int((np.diff(cycle) - periods[1:]).clip(0).sum()),
         faults=tuple(KINDS[int(number)].code if int(number) in KINDS else str(number) for number in faults if number),
-        lateness_ns=_percentiles(telemetry.column("lateness_ns")),
-        compute_ns=_percentiles(telemetry.column("compute_ns")),
+        lateness_ns=_percentiles(run.column("lateness_ns")),
+        compute_ns=_percentiles(run.column("compute_ns")),
         axes=axes,
-        squares=squares,
+        squares=judged,
     )
 
 
-def _axis(telemetry: Telemetry, place: int, error: Array, voltage: Array) -> AxisFigures:
-    rate_Hz = 1e9 / telemetry.period_ns
-    frequency, density = welch(error, rate_Hz, nperseg=min(len(error), round(_SPECTRUM_S * rate_Hz)))
+def spectra(error: Array, rate_Hz: float) -> tuple[Array, Array]:
+    """Frequency (f,) and power density (f, s) of segments of 1 s that overlap by a half: their mean is Welch's."""
+    segment = min(len(error), round(_SPECTRUM_S * rate_Hz))
+    frequency, _, density = spectrogram(error, rate_Hz, "hann", segment, segment // 2, detrend="constant")
+    return frequency, density
+
+
+def _by_band(frequency: Array, density: Array) -> tuple[Mean | None, ...]:
+    if density.shape[1] < FEWEST:
+        return (None,) * len(BANDS_Hz)
     step = float(frequency[1])
-    bands = tuple(
-        float(np.sqrt(density[(frequency >= low) & (frequency < high)].sum() * step)) for low, high in BANDS_Hz
-    )
+    return tuple(batch_mean(_inside(frequency, density, band).sum(axis=0) * step) for band in BANDS_Hz)
+
+
+def _inside(frequency: Array, density: Array, band: tuple[float, float]) -> Array:
+    return density[(frequency >= band[0]) & (frequency < band[1])]
+
+
+def _axis(run: RecordedRun, name: str, error: Array, frequency: Array, density: Array) -> AxisFigures:
+    step = float(frequency[1])
     at = 1 + int(np.argmax(density[1:]))
     near = float(np.sqrt(density[max(1, at - 2) : at + 3].sum() * step))  # a line of the Hann window is five wide
-    headroom = None
-    if telemetry.parameters and len(voltage):
-        limits = [each["axis"][0, place]["limiter"] for each in telemetry.parameters]
-        low, high = max(float(one["low_V"]) for one in limits), min(float(one["high_V"]) for one in limits)
-        headroom = float(min(voltage.min() - low, high - voltage.max()))
+    left = run.voltage_left(name)
+    left = left[run.tracks] if len(left) else left
     return AxisFigures(
         rms_um=float(np.sqrt(np.mean(error**2))),
         max_um=float(np.abs(error).max()),
-        headroom_V=headroom,
-        bands_um=bands,
+        headroom_V=float(left.min()) if len(left) else None,
+        bands_um=tuple(float(np.sqrt(_inside(frequency, density, band).sum() * step)) for band in BANDS_Hz),
         peak_Hz=float(frequency[at]),
         peak_um=near,
     )

@@ -59,6 +59,10 @@ class Source:
         self._is_new = True
         self.latest: Any | None = None
 
+    def so_far(self) -> dict[str, Any]:
+        """What a frame says of a recording; of what runs, nothing."""
+        return {}
+
     def read(self) -> Rows | None:
         """New rows, which are in the history then; None where there are none."""
         if self._is_new:  # what is still in the ring from before we came

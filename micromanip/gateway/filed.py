@@ -1,10 +1,9 @@
-"""A recording as the scope's past: all of it as least and greatest of blocks, made once; its rows stay in the file."""
+"""A recording as the scope's past: short windows are read from the file, long ones shown from its overview."""
 
 from __future__ import annotations
 
-import bisect
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,141 +12,121 @@ from numpy.typing import NDArray
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.recordings import Telemetry
-from micromanip.recordings.telemetry import Again
-from micromanip.rt.states import NO_FAULT
 
 from .fields import Field
-from .history import Past
-from .levels import Blocks, Cycles, Values
+from .history import Window
+from .levels import Cycles, Values
+from .overview import open_overview
 
-_SHORT, _LONG = 16, 1024
-"""Rows in a block of each level."""
-_KEPT = 4096
-"""Pieces of the file whose columns are remembered."""
+_ROWS_READ = 10_000
+"""Cycles of a window up to which its rows are read: twenty pieces of a recording, less than 100 ms."""
+_KEPT = 2048
+"""Pieces whose columns are remembered."""
 _MOST_MARKS = 200
+_GUESSES = 6
+"""Pieces that are looked into before the gap is halved instead."""
 
 
-class FiledRows:
-    """The rows of a recording, column by column, read again where they are asked for."""
+class Filed:
+    """A whole recording, whose `overview` somebody fills meanwhile."""
 
-    per, oldest = 1, 0
-
-    def __init__(self, fields: Sequence[Field]) -> None:
-        self.count = 0
-        self._fields = list(fields)
-        self._again: list[Again] = []
-        self._first: list[int] = []
-        self._cycle: list[int] = []
+    def __init__(self, telemetry: Telemetry, fields: Sequence[Field]) -> None:
+        """CheckFailed where it is damaged, or empty."""
+        self.fields = list(fields)
+        self._index = {field.name: i for i, field in enumerate(fields)}
+        self.pieces = telemetry.pieces()
+        if not self.pieces:
+            raise CheckFailed(f"{telemetry.file}: there are no rows in it")
+        self._begin: dict[int, int] = {}
         self._known: OrderedDict[int, dict[str, NDArray[Any]]] = OrderedDict()
-        self._newest = -1
+        self.oldest = self.oldest_full = self._first(0)
+        self.newest = int(self._read(len(self.pieces) - 1, ["cycle"])["cycle"][-1])
+        self.count = int(telemetry.end.get("rows") or self.newest - self.oldest + 1)
+        self.overview = open_overview(telemetry, fields, self.oldest, self.newest, len(self.pieces))
+        self._remarks = [(int(m["cycle"]), "mark", f"{m['text']} ({m['by']})") for m in telemetry.marks]
 
-    def add(self, rows: NDArray[Any], again: Again) -> None:
-        """The next piece."""
-        self._again.append(again)
-        self._first.append(self.count)
-        self._cycle.append(int(rows["cycle"][0]))
-        self.count += len(rows)
-        self._newest = int(rows["cycle"][-1])
+    @property
+    def marks(self) -> list[tuple[int, str, str]]:
+        """Faults as far as they are known, and remarks: cycle, kind (``fault`` or ``mark``) and text."""
+        faults = [(cycle, "fault", _named(number)) for cycle, number in self.overview.faults()]
+        return sorted(self._remarks + faults)[:_MOST_MARKS]
 
-    def cycle(self, number: int) -> int:
-        if number == self.count - 1:
-            return self._newest
-        piece = bisect.bisect_right(self._first, number) - 1
-        offset = number - self._first[piece]
-        return int(self._read(piece, ["cycle"])["cycle"][offset]) if offset else self._cycle[piece]
+    def index(self, names: Sequence[str]) -> list[int]:
+        """Columns of these fields; KeyError where one is unknown."""
+        return [self._index[name] for name in names]
 
-    def find(self, cycle: int) -> int:
-        if cycle > self._newest:
-            return self.count
-        piece = max(0, bisect.bisect_left(self._cycle, cycle + 1) - 1)
-        return self._first[piece] + int(np.searchsorted(self._read(piece, ["cycle"])["cycle"], cycle))
-
-    def taken(self, columns: Sequence[int], start: int, stop: int) -> tuple[Cycles, Values, Values]:
-        stop = max(start, min(stop, self.count))
-        fields = [self._fields[column] for column in columns]
+    def whole(self, columns: Sequence[int], first: int, last: int) -> tuple[Cycles, Values]:
+        """Values from cycle `first` to `last`, both included: (n) and (columns, n)."""
+        fields = [self.fields[column] for column in columns]
         paths = ["cycle", *dict.fromkeys(field.path for field in fields)]
-        values, cycles = np.empty((len(fields), stop - start), np.float32), np.empty(stop - start, np.int64)
-        at = start
-        while at < stop:
-            piece = bisect.bisect_right(self._first, at) - 1
+        cycles: list[Cycles] = [np.empty(0, np.int64)]
+        values: list[Values] = [np.empty((len(fields), 0), np.float32)]
+        for piece in range(self._holding(first), len(self.pieces)):
+            if piece and self._first(piece) > last:
+                break
             found = self._read(piece, paths)
-            begin = at - self._first[piece]
-            part = slice(begin, min(len(found["cycle"]), begin + stop - at))
-            to = slice(at - start, at - start + part.stop - part.start)
-            cycles[to] = found["cycle"][part]
-            for k, field in enumerate(fields):
-                values[k, to] = field.shown(found[field.path][part])
-            at += part.stop - part.start
-        return cycles, values, values
+            part = slice(*np.searchsorted(found["cycle"], [first, last + 1]))
+            cycles.append(found["cycle"][part].astype(np.int64))
+            values.append(np.array([field.shown(found[field.path][part]) for field in fields], np.float32))
+        return np.concatenate(cycles), np.concatenate(values, axis=1)
+
+    def window(self, columns: Sequence[int], first: int, last: int, points: int) -> Window:
+        """From cycle `first` to `last` in at most about `points` points; NaN where the overview has nothing yet."""
+        self.overview.wanted[:] = first, last
+        if last - first < _ROWS_READ:
+            cycles, values = self.whole(columns, first, last)
+            missing = int(cycles[-1] - cycles[0]) + 1 - len(cycles) if len(cycles) else 0
+            return _points(cycles, values, values, 1, points, missing)
+        levels = self.overview.levels
+        level = next((each for each in reversed(levels) if (last - first) // each.per >= points), levels[0])
+        cycles, count, low, high = level.taken(columns, first, last)
+        if self.overview.share == 1.0:  # what is not there then is missing, not unknown
+            missing = int(np.sum(level.per - count[:-1]))
+            kept = count > 0
+            cycles, low, high = cycles[kept], low[:, kept], high[:, kept]
+        else:
+            missing = 0
+        return _points(cycles, low, high, level.per, points, missing)
+
+    def _holding(self, cycle: int) -> int:
+        """The piece in which the cycle is, or would be: pieces are about as long as one another."""
+        low, high, reads = 0, len(self.pieces), 0
+        begin, end = self.oldest, self.newest + 1
+        while high - low > 1:
+            reads += 1
+            share = (cycle - begin) / (end - begin) if reads < _GUESSES else 0.5
+            at = min(max(low + int(share * (high - low)), low + 1), high - 1)
+            if (found := self._first(at)) <= cycle:
+                low, begin = at, found
+            else:
+                high, end = at, found
+        return low
+
+    def _first(self, piece: int) -> int:
+        """First cycle of a piece, which is read for it once."""
+        if piece not in self._begin:
+            self._begin[piece] = int(self._read(piece, ["cycle"])["cycle"][0])
+        return self._begin[piece]
 
     def _read(self, piece: int, paths: Sequence[str]) -> dict[str, NDArray[Any]]:
         known = self._known.setdefault(piece, {})
         self._known.move_to_end(piece)
         if missing := [path for path in paths if path not in known]:
-            known.update(self._again[piece](missing))
+            known.update(self.pieces[piece](missing))
         if len(self._known) > _KEPT:
             self._known.popitem(last=False)
         return known
 
 
-class Filed(Past):
-    """A whole recording. `marks` are its faults and remarks: cycle, kind (``fault`` or ``mark``) and text."""
-
-    def __init__(self, telemetry: Telemetry, fields: Sequence[Field], tell: Callable[[int], None]) -> None:
-        """Walks the file once; `tell` hears how many rows so far. CheckFailed where it is damaged, or empty."""
-        self._filed = FiledRows(fields)
-        self.marks: list[tuple[int, str, str]] = []
-        kept: list[list[tuple[Cycles, Values, Values]]] = [[], []]
-        for rows in _in_whole_blocks(self._walked(telemetry, tell)):
-            values = np.stack([np.asarray(field.of(rows), np.float32) for field in fields])
-            low = high = values
-            for level, per, step in ((kept[0], _SHORT, _SHORT), (kept[1], _LONG, _LONG // _SHORT)):
-                low, high = _reduced(np.fmin, low, step), _reduced(np.fmax, high, step)
-                level.append((rows["cycle"][::per].astype(np.int64), low, high))
-        if not self._filed.count:
-            raise CheckFailed(f"{telemetry.file}: there are no rows in it")
-        blocks = [_level(parts, per) for parts, per in zip(kept, (_SHORT, _LONG), strict=True)]
-        super().__init__(fields, self._filed, blocks)
-        marks = [(int(m["cycle"]), "mark", f"{m['text']} ({m['by']})") for m in telemetry.marks]
-        self.marks = sorted(self.marks + marks)[:_MOST_MARKS]
-
-    def _walked(self, telemetry: Telemetry, tell: Callable[[int], None]) -> Iterator[NDArray[Any]]:
-        fault = NO_FAULT
-        for rows, again in telemetry.pieces():
-            if not len(rows):
-                continue
-            self._filed.add(rows, again)
-            before = np.concatenate([[fault], rows["fault"][:-1]])
-            for k in np.flatnonzero((rows["fault"] != before) & (rows["fault"] != NO_FAULT)):
-                self.marks.append((int(rows["cycle"][k]), "fault", _named(int(rows["fault"][k]))))
-            fault = int(rows["fault"][-1])
-            tell(self._filed.count)
-            yield rows
-
-
-def _in_whole_blocks(parts: Iterator[NDArray[Any]]) -> Iterator[NDArray[Any]]:
-    """The same rows, a multiple of the longest block at a time; what is left at the end comes as it is."""
-    held: list[NDArray[Any]] = []
-    for rows in parts:
-        held.append(rows)
-        if sum(map(len, held)) >= 8 * _LONG:
-            together = np.concatenate(held)
-            whole = len(together) // _LONG * _LONG
-            yield together[:whole]
-            held = [together[whole:]]
-    if held and len(rest := np.concatenate(held)):
-        yield rest
-
-
-def _reduced(what: Any, values: Values, step: int) -> Values:
-    return np.asarray(what.reduceat(values, np.arange(0, values.shape[1], step), axis=1))
-
-
-def _level(parts: list[tuple[Cycles, Values, Values]], per: int) -> Blocks:
-    level = Blocks(len(parts[0][1]), per, sum(len(cycles) for cycles, _, _ in parts))
-    while parts:
-        level.add(*parts.pop(0))
-    return level
+def _points(cycles: Cycles, low: Values, high: Values, per: int, points: int, missing: int) -> Window:
+    """Neighbours put together to about so many points, at fixed places."""
+    step = max(1, -(-len(cycles) // max(1, points)))
+    if step > 1:
+        place = cycles // per // step
+        begins = np.flatnonzero(np.diff(place, prepend=place[0] - 1))
+        cycles = cycles[begins]
+        low, high = np.fmin.reduceat(low, begins, axis=1), np.fmax.reduceat(high, begins, axis=1)
+    return Window(cycles, low, high, per * step, missing)
 
 
 def _named(fault: int) -> str:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,9 +19,12 @@ from .app import Gateway
 from .fields import fields
 from .filed import Filed
 from .guard import Origins
+from .overview import Overview
+from .overview_filling import fill
 from .serving import run
 from .tokens import Token
 
+_FIRST_LOOK_S = 0.5
 _YOU = Token("you", "observe", "")
 
 
@@ -32,13 +39,13 @@ class Everybody:
 class Recorded:
     """A recording where the gateway expects a source: nothing in it moves on."""
 
-    def __init__(self, telemetry: Telemetry, tell: Callable[[int], None]) -> None:
-        """Reads the file once. CheckFailed where it is damaged, empty, or without what the scope shows."""
+    def __init__(self, telemetry: Telemetry) -> None:
+        """CheckFailed where it is damaged, empty, or without what the scope shows."""
         names = telemetry.dtype.names or ()
         if lacking := [name for name in ("cycle", "state", "fault", "axis") if name not in names]:
             raise CheckFailed(f"{telemetry.file}: its rows have no {lacking[0]}: another version wrote it")
         self.fields = fields(telemetry.axes, telemetry.dtype)
-        self.history = Filed(telemetry, self.fields, tell)
+        self.history = Filed(telemetry, self.fields)
         self.reader = SimpleNamespace(lost=int(telemetry.end.get("lost", 0)))
         ranges = {
             axis: [float(limits["low_V"]), float(limits["high_V"])]
@@ -54,6 +61,10 @@ class Recorded:
             "marks": self.history.marks,
             "problem": _how_it_ended(telemetry),
         }
+
+    def so_far(self) -> dict[str, Any]:
+        """What a frame says beside its traces: how much of the overview is made, and the marks found by then."""
+        return {"known": self.history.overview.share, "marks": self.history.marks}
 
 
 class RecordedCell:
@@ -81,8 +92,8 @@ def _how_it_ended(telemetry: Telemetry) -> str:
     return f"The recording ended early: {problem}." if problem else ""
 
 
-def view(file: Path, listen: str, say: Callable[[str], None], tell: Callable[[int], None]) -> None:
-    """Serve `file` until SIGINT or SIGTERM; `tell` hears how many rows are read so far.
+def view(file: Path, listen: str, say: Callable[[str], None]) -> None:
+    """Serve `file` until SIGINT or SIGTERM; another process reads it into its overview meanwhile.
 
     Raises CheckFailed where it can't be read, UsageError for an address of others, PermissionDenied or
     DeviceUnavailable where nothing can listen there.
@@ -92,9 +103,26 @@ def view(file: Path, listen: str, say: Callable[[str], None], tell: Callable[[in
         raise UsageError(f"--listen {listen}: no token is asked for, so it is for this computer only: 127.0.0.1:PORT")
     telemetry = open_telemetry(file)
     with listening(host, port, "--listen") as socket:
-        source = Recorded(telemetry, tell)
+        source = Recorded(telemetry)
         gateway = Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope.html")  # type: ignore[arg-type]  # as much of both as it asks for
         seconds = (source.recording["last"] - source.recording["first"] + 1) * telemetry.period_ns * 1e-9
-        say(f"{file}: {source.recording['rows']} cycles, {seconds:g} s, {len(source.recording['marks'])} marks")
+        say(f"{file}: {source.recording['rows']} cycles, {seconds:g} s")
         say(f"scope at http://{shown(*socket.getsockname()[:2])}/ for everybody on this computer; Ctrl-C ends it")
-        run(gateway, socket)
+        end = time.monotonic() + _FIRST_LOOK_S  # so that the first picture has something to show of the whole
+        fill(source.history.pieces, source.fields, source.history.overview, lambda: time.monotonic() < end)
+        with _filling(file, source.history.overview):
+            run(gateway, socket)
+
+
+@contextlib.contextmanager
+def _filling(file: Path, overview: Overview) -> Iterator[None]:
+    """A process that fills the overview, where something is missing in it; it ends with us."""
+    if overview.share == 1.0:
+        yield
+        return
+    orders = [sys.executable, "-m", "micromanip.gateway.overview_filling", str(file), str(overview.folder)]
+    with subprocess.Popen(orders, stdin=subprocess.DEVNULL, process_group=0) as filling:
+        try:
+            yield
+        finally:
+            filling.terminate()

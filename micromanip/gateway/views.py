@@ -100,6 +100,7 @@ def frame_of(source: Source, view: View, last: int | None, told: Mapping[str, An
         "rows": window.rows,
         "missing": window.missing,
         "lost": source.reader.lost,
+        **source.so_far(),
         **told,
     }
     return frame(header, arrays)

@@ -101,16 +101,15 @@ def _rows(file: Path, count: int = _PART_ROWS) -> Iterator[Any]:
             yield rows[first : first + count]
 
 
-def _pieces(file: Path) -> Iterator[Piece]:
-    first = 0
-    for rows in _rows(file, _PIECE_ROWS):
-        yield Piece(rows, partial(_again, file, first, len(rows)))
-        first += len(rows)
-
-
-def _again(file: Path, first: int, count: int, paths: Sequence[str]) -> dict[str, Any]:
+def _pieces(file: Path) -> list[Piece]:
     with opened(file) as contents:
-        rows = contents["rows"][first : first + count]
+        count = len(contents["rows"])
+    return [partial(_piece, file, first) for first in range(0, count, _PIECE_ROWS)]
+
+
+def _piece(file: Path, first: int, paths: Sequence[str]) -> dict[str, Any]:
+    with opened(file) as contents:
+        rows = contents["rows"][first : first + _PIECE_ROWS]
     return {path: _at(rows, path) for path in paths}
 
 

@@ -1,16 +1,16 @@
 """Recordings of ours in MCAP, also those whose writer was killed, and those that are still being written.
 
-The file is walked record by record from its beginning, so that no index is needed; where it ends within a
-record, it ends before it.
+A file with its index at the end is read by that; any other is walked record by record from its beginning, and where it
+ends within a record, it ends before it.
 """
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
 import struct
+import zlib
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -28,7 +28,15 @@ from .telemetry import Piece, Rows, Telemetry
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
-_METADATA, _ATTACHMENT, _CHUNK, _DATA_END = 0x0C, 0x09, 0x06, 0x0F
+_METADATA, _ATTACHMENT, _CHUNK, _DATA_END, _MESSAGE = 0x0C, 0x09, 0x06, 0x0F, 0x05
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+"""Number of the channel, sequence, and two times, before what a message holds."""
+_SHORT_CHUNK = 4096
+_FOOTER_RECORD, _FOOTER = 0x02, struct.Struct("<BQQQI8s")
+"""Kind, length, beginning of the summary, that of its offsets, checksum; then what a file ends with."""
+_INDEX_RECORDS = {0x08: (_CHUNK, 16), 0x0A: (_ATTACHMENT, 0), 0x0D: (_METADATA, 0)}
+"""Records of the index: what they are of, and how many bytes of theirs are before its place and length."""
+_PLACE = struct.Struct("<QQ")
 _WHY = "it is damaged, or not a recording of ours"
 
 
@@ -44,21 +52,22 @@ def open_mcap(file: Path) -> Telemetry:
     marks: list[dict[str, Any]] = []
     codec: BlockCodec | None = None
     topics: dict[int, str] = {}
-    for opcode, content in _records(file):
-        if opcode == _METADATA:
-            record = _parsed(file, "Metadata", content)
-            metadata[record.name] = record.metadata
-        elif opcode == _ATTACHMENT:
-            record = _parsed(file, "Attachment", content)
-            attachments[record.name] = record.data
-        elif codec is None or _has_marks(content):
-            for record in _chunk(file, content):
-                if getattr(record, "encoding", None) == layout.BLOCKS_ENCODING:
-                    codec = _described(file, record.data)
-                elif hasattr(record, "topic"):
-                    topics[record.id] = record.topic
-                elif topics.get(getattr(record, "channel_id", 0)) == layout.MARKS_TOPIC:
-                    marks.append(json.loads(record.data))
+    with file.open("rb") as stream:
+        for opcode, length in _places(stream):
+            if opcode == _METADATA:
+                record = _parsed(file, "Metadata", stream.read(length))
+                metadata[record.name] = record.metadata
+            elif opcode == _ATTACHMENT:
+                record = _parsed(file, "Attachment", stream.read(length))
+                attachments[record.name] = record.data
+            elif codec is None or length < _SHORT_CHUNK:  # a remark has a chunk of its own
+                for record in _chunk(file, stream.read(length)):
+                    if getattr(record, "encoding", None) == layout.BLOCKS_ENCODING:
+                        codec = _described(file, record.data)
+                    elif hasattr(record, "topic"):
+                        topics[record.id] = record.topic
+                    elif topics.get(getattr(record, "channel_id", 0)) == layout.MARKS_TOPIC:
+                        marks.append(json.loads(record.data))
     if codec is None or layout.ABOUT not in metadata:
         raise CheckFailed(f"{file}: an MCAP file without telemetry of ours, topic {layout.BLOCKS_TOPIC}")
     about, end = metadata[layout.ABOUT], metadata.get(layout.END, {})
@@ -116,55 +125,72 @@ def _rows(file: Path, codec: BlockCodec) -> Iterator[NDArray[Any]]:
 
 def _blocks(file: Path) -> Iterator[bytes]:
     """The messages with blocks, in order."""
-    for _, found in _chunks_of_blocks(file):
-        yield from found
-
-
-def _chunks_of_blocks(file: Path) -> Iterator[tuple[tuple[int, int, int], list[bytes]]]:
-    """What each chunk with blocks holds, and where it is: place and length in the file, number of their channel."""
     channel = None
-    with file.open("rb") as again:
-        for opcode, content in _records(file, again):
-            if opcode == _CHUNK:
-                at, records = again.tell(), _chunk(file, content)
-                channel = next((r.id for r in records if getattr(r, "topic", "") == layout.BLOCKS_TOPIC), channel)
-                if channel is not None and (found := _on_channel(records, channel)):
-                    yield (at - len(content), len(content), channel), found
+    for opcode, content in _records(file):
+        if opcode == _CHUNK:
+            records = _chunk(file, content)
+            channel = next((r.id for r in records if getattr(r, "topic", "") == layout.BLOCKS_TOPIC), channel)
+            if channel is not None:
+                yield from _on_channel(records, channel)
 
 
 def _on_channel(records: Sequence[Any], channel: int) -> list[bytes]:
-    return [record.data for record in records if getattr(record, "channel_id", None) == channel and _is_message(record)]
+    """What the messages among `records` hold that are on this channel."""
+    return [r.data for r in records if getattr(r, "channel_id", None) == channel and hasattr(r, "sequence")]
 
 
-def _is_message(record: Any) -> bool:
-    return hasattr(record, "sequence")
+def _pieces(file: Path, codec: BlockCodec) -> list[Piece]:
+    """The chunks with rows, by their places: what is long enough to be one is looked into when it is read."""
+    channel: int | None = None
+    found: list[Piece] = []
+    with file.open("rb") as stream:
+        for opcode, length in _places(stream):
+            if opcode != _CHUNK:
+                continue
+            at = stream.tell()
+            if channel is None or length < _SHORT_CHUNK:
+                records = _chunk(file, stream.read(length))
+                channel = next((r.id for r in records if getattr(r, "topic", "") == layout.BLOCKS_TOPIC), channel)
+                if channel is None or not _on_channel(records, channel):
+                    continue
+            found.append(partial(_piece, file, codec, at, length, channel))
+    return found
 
 
-def _pieces(file: Path, codec: BlockCodec) -> Iterator[Piece]:
-    for place, found in _chunks_of_blocks(file):
-        try:
-            for number, data in enumerate(found):
-                yield Piece(codec.rows(data), partial(_again, file, codec, place, number))
-        except ValueError as problem:
-            raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
-
-
-def _again(
-    file: Path, codec: BlockCodec, place: tuple[int, int, int], number: int, paths: Sequence[str]
+def _piece(
+    file: Path, codec: BlockCodec, at: int, length: int, channel: int, paths: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
-    at, length, channel = place
     with file.open("rb") as stream:
         stream.seek(at)
         content = stream.read(length)
     try:
-        return codec.decode(_on_channel(_chunk(file, content), channel)[number], paths)
-    except (ValueError, IndexError) as problem:
+        blocks = [codec.decode(data, paths) for data in _messages(file, content, channel)]
+        return {path: np.concatenate([block[path] for block in blocks]) for path in paths}
+    except (ValueError, struct.error) as problem:
         raise CheckFailed(f"{file}: it has changed since it was opened ({problem})") from problem
 
 
-def _has_marks(content: bytes) -> bool:
-    """Whether a chunk may hold remarks: the recorder gives each a chunk of its own, and those are short."""
-    return len(content) < 4096
+def _messages(file: Path, content: bytes, channel: int) -> Iterator[bytes]:
+    """What the messages of a channel hold in a chunk: a tenth of what the library takes, which makes all records."""
+    chunk = _parsed(file, "Chunk", content)
+    if chunk.compression == "zstd":
+        import zstandard
+
+        try:
+            records = zstandard.ZstdDecompressor().decompress(chunk.data, chunk.uncompressed_size)
+        except zstandard.ZstdError as problem:
+            raise ValueError(problem) from problem
+        if chunk.uncompressed_crc and chunk.uncompressed_crc != zlib.crc32(records):
+            raise ValueError("its checksum is wrong")
+        at = 0
+        while at + _RECORD.size <= len(records):
+            opcode, length = _RECORD.unpack_from(records, at)
+            at += _RECORD.size
+            if opcode == _MESSAGE and _MESSAGE_HEAD.unpack_from(records, at)[0] == channel:
+                yield records[at + _MESSAGE_HEAD.size : at + length]
+            at += length
+    else:
+        yield from _on_channel(_chunk(file, content), channel)
 
 
 def _described(file: Path, schema: bytes) -> BlockCodec:
@@ -174,20 +200,56 @@ def _described(file: Path, schema: bytes) -> BlockCodec:
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
 
 
-def _records(file: Path, opened: IO[bytes] | None = None) -> Iterator[tuple[int, bytes]]:
-    """Metadata, attachments and chunks that are there as a whole, up to the index; `opened` stands behind each."""
-    with contextlib.nullcontext(opened) if opened is not None else file.open("rb") as stream:
-        size = os.fstat(stream.fileno()).st_size
-        at = len(stream.read(len(MAGIC)))
-        while at + _RECORD.size <= size:
-            opcode, length = _RECORD.unpack(stream.read(_RECORD.size))
-            at += _RECORD.size + length
-            if opcode == _DATA_END or at > size:
-                return
-            if opcode in (_METADATA, _ATTACHMENT, _CHUNK):
-                yield opcode, stream.read(length)
-            else:
-                stream.seek(at)
+def _records(file: Path) -> Iterator[tuple[int, bytes]]:
+    """Metadata, attachments and chunks that are there as a whole, up to the index."""
+    with file.open("rb") as stream:
+        for opcode, length in _places(stream):
+            yield opcode, stream.read(length)
+
+
+def _places(stream: IO[bytes]) -> Iterator[tuple[int, int]]:
+    """Kind and length of the same; `stream` stands at the beginning of each, and may be left anywhere."""
+    size = os.fstat(stream.fileno()).st_size
+    if index := _index(stream, size):
+        for at, opcode, length in index:
+            stream.seek(at)
+            yield opcode, length
+        return
+    at = len(MAGIC)
+    while at + _RECORD.size <= size:
+        stream.seek(at)
+        opcode, length = _RECORD.unpack(stream.read(_RECORD.size))
+        at += _RECORD.size + length
+        if opcode == _DATA_END or at > size:
+            return
+        if opcode in (_METADATA, _ATTACHMENT, _CHUNK):
+            yield opcode, length
+
+
+def _index(stream: IO[bytes], size: int) -> list[tuple[int, int, int]]:
+    """Place, kind and length of the same, by the index at the end of a file that was ended in order; else nothing."""
+    if size < len(MAGIC) + _FOOTER.size:
+        return []
+    stream.seek(size - _FOOTER.size)
+    opcode, _, start, _, _, magic = _FOOTER.unpack(stream.read(_FOOTER.size))
+    if opcode != _FOOTER_RECORD or magic != MAGIC or not 0 < start < size:
+        return []
+    stream.seek(start)
+    summary, at, found = stream.read(size - _FOOTER.size - start), 0, []
+    while at + _RECORD.size <= len(summary):
+        opcode, length = _RECORD.unpack_from(summary, at)
+        at += _RECORD.size
+        if opcode in _INDEX_RECORDS and at + length <= len(summary):
+            kind, skipped = _INDEX_RECORDS[opcode]
+            place, whole = _PLACE.unpack_from(summary, at + skipped)
+            found.append((place + _RECORD.size, kind, whole - _RECORD.size))
+        at += length
+    found.sort()
+    for place, kind, length in found[:: max(1, len(found) - 1)]:  # the first and the last: whether it is of this file
+        stream.seek(place - _RECORD.size)
+        if stream.read(_RECORD.size) != _RECORD.pack(kind, length):
+            return []
+    return found
 
 
 def _parsed(file: Path, kind: str, content: bytes) -> Any:

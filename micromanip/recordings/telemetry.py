@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,8 @@ Parts = Callable[[Sequence[str]], Rows]
 """Columns by path, as ``cycle`` or ``axis.0.strain_um``, part by part from the first row on."""
 
 
-Again = Callable[[Sequence[str]], Mapping[str, NDArray[Any]]]
-
-
-class Piece(NamedTuple):
-    """Some rows (n) in a row; `again` reads columns of them once more by path, without what is before them."""
-
-    rows: NDArray[Any]
-    again: Again
+Piece = Callable[[Sequence[str]], Mapping[str, NDArray[Any]]]
+"""Some rows in a row, read when it is called: columns by path, without what is before them."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +31,9 @@ class Telemetry:
 
     `dtype` is the row of the program that wrote it; `configuration` its text, of the hash `sha256`; `end` how it was
     ended (``rows``, ``lost``, ``complete``, ``problem``), empty where nobody could say so. `state` and `parameters` are
-    records as the loop had them, `states` those on the way, `marks` the remarks. `sources` tells the version of the
-    cycle (`filed.sources_of_cycle`), "" where the file is older than that; `samples` (n, axes) is what the source
-    `file` played, None where nothing was.
+    records as the loop had them, `states` those on the way, `marks` the remarks. `pieces` finds all of the file's
+    without reading their rows. `sources` tells the version of the cycle (`filed.sources_of_cycle`), "" where the file
+    is older than that; `samples` (n, axes) is what the source `file` played, None where nothing was.
     """
 
     file: Path
@@ -51,7 +45,7 @@ class Telemetry:
     end: Mapping[str, Any]
     parts: Parts = field(repr=False)
     rows: Callable[[], Iterator[NDArray[Any]]] = field(repr=False)
-    pieces: Callable[[], Iterator[Piece]] = field(repr=False)
+    pieces: Callable[[], list[Piece]] = field(repr=False)
     state: NDArray[Any] | None = field(default=None, repr=False)
     parameters: Sequence[NDArray[Any]] = field(default=(), repr=False)
     marks: Sequence[Mapping[str, Any]] = ()

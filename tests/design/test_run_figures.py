@@ -10,12 +10,11 @@ from host.test_mcap_recording import CONFIGURATION as CONFIGURATION_IN_FILE
 from host.test_mcap_recording import begun, slots, some_rows
 from scipy.signal import lfilter
 
-from micromanip.design.run_figures import (
-    configuration_changes,
-    difference,
-    mean_square,
-    run_figures,
-)
+from micromanip.design.run_columns import RecordedRun
+from micromanip.design.run_comparison import TOO_SHORT, _sections
+from micromanip.design.run_comparison_page import _parameters
+from micromanip.design.run_confidence import difference, mean_square
+from micromanip.design.run_figures import configuration_changes, run_figures
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.recordings import open_telemetry
@@ -88,7 +87,8 @@ def recording(file, amplitude=1.0, tracking=slice(None), fault=0, marks=()):
 
 
 def test_a_known_sine(tmp_path):
-    found = run_figures(open_telemetry(recording(tmp_path / "run.mcap", tracking=slice(10_000, None), fault=3)))
+    file = recording(tmp_path / "run.mcap", tracking=slice(10_000, None), fault=3)
+    found = run_figures(RecordedRun(open_telemetry(file)))
     x = found.axes["x"]
     assert x.rms_um == pytest.approx(1.0, rel=1e-3)
     assert x.peak_Hz == pytest.approx(66.0, rel=0.01)
@@ -104,7 +104,7 @@ def test_a_known_sine(tmp_path):
 def test_a_run_that_never_tracks(tmp_path):
     file = recording(tmp_path / "run.mcap", tracking=slice(0))
     with pytest.raises(CheckFailed, match=r"run\.mcap: axis x: 0 cycles of tracking are too few"):
-        run_figures(open_telemetry(file))
+        run_figures(RecordedRun(open_telemetry(file)))
 
 
 def test_configurations_key_by_key():
@@ -174,3 +174,53 @@ def test_a_report(tmp_path, capsys):
     assert CONFIGURATION_IN_FILE in page.texts
     assert code_of("report", file) == 64
     assert "nothing is replaced" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_two_runs_on_one_page(tmp_path, capsys):
+    """What differs, key by key with its meaning; quantities that a short run can't tell are called that."""
+    a = recording(tmp_path / "a.mcap", marks=("<b>coolant</b>",))
+    b = recording(tmp_path / "b.mcap", amplitude=0.5, tracking=slice(5_000, None), fault=3)
+    assert code_of("compare", a, b, "--out", tmp_path / "both.html", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    text = (tmp_path / "both.html").read_text()
+    assert told["report"] == str(tmp_path / "both.html")
+    page = Page(text)
+    assert [tag for tag, _ in page.tags].count("svg") == 5
+    assert not [tag for tag, _ in page.tags if tag in ("script", "img", "link", "iframe")]
+    assert "<b>coolant</b>" in page.texts
+    assert len(text) < 1_000_000
+    verdicts = {(each["axis"], each["quantity"]): each["verdict"] for each in told["quantities"]}
+    assert verdicts["x", "error rms"] == "lower"
+    assert verdicts["y", "error rms"] == "no difference shown"
+    assert verdicts["x", "error rms 10-100 Hz"] == TOO_SHORT
+    assert verdicts["x", "error, greatest of a section"] == "lower"
+    assert verdicts["", "lateness p50"] == "no difference shown"
+    assert code_of("compare", a, b, "--out", tmp_path / "both.html") == 64
+    assert "nothing is replaced" in capsys.readouterr().err
+
+
+def test_parameters_with_what_they_mean(tmp_path):
+    runs = [RecordedRun(open_telemetry(recording(tmp_path / name))) for name in ("a.mcap", "b.mcap")]
+    changes = configuration_changes(CONFIGURATION.replace("K:", "K_V_per_um:"), CONFIGURATION.replace("y: {}", "y: 1"))
+    page = Page(_parameters(runs, changes))
+    assert "axes.x.inner.K_V_per_um" in page.texts
+    assert "volts per micrometre" in page.texts
+    assert "Proportional gain." in page.texts
+    assert "not there" in page.texts
+
+
+def test_a_greatest_value_is_judged_by_sections():
+    """A single peak in one of ten sections is no difference; a level that is higher throughout is one."""
+    noise = np.random.default_rng(3).standard_normal((2, 100_000))
+    sections = [10_000, 10_000]
+
+    def verdict(*values):
+        return _sections("x", "greatest", "um", list(values), sections, np.max).verdict
+
+    assert verdict(*noise) == "no difference shown"
+    peak = noise[1].copy()
+    peak[5000] = 40.0
+    assert verdict(noise[0], peak) == "no difference shown"
+    assert verdict(noise[0], noise[1] + 2.0) == "higher"
+    assert verdict(noise[0][:70_000], noise[1]) == TOO_SHORT

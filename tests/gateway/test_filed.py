@@ -1,9 +1,12 @@
 """A recording as the scope's past against all of its rows: no peak is lost, faults and remarks are found."""
 
+import os
+
 import numpy as np
 import pytest
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
+from micromanip.gateway.overview_filling import fill, halving
 from micromanip.gateway.viewing import Recorded, view
 from micromanip.host.recording.hdf5_file import Hdf5Recording
 from micromanip.host.recording.mcap_file import McapRecording
@@ -40,12 +43,21 @@ def written(file):
     return file
 
 
+def opened(file):
+    """With its overview beside it, not in the cache of whoever runs the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(file.parent))
+        return Recorded(open_telemetry(file))
+
+
 @pytest.fixture(scope="module", params=["run.mcap", "run.h5"])
 def source(request, tmp_path_factory):
-    told = []
     file = written(tmp_path_factory.mktemp("filed") / request.param)
-    found = Recorded(open_telemetry(file), told.append)
-    assert told[-1] == COUNT
+    found = opened(file)
+    assert found.recording["rows"] == COUNT
+    assert found.history.overview.share == 0.0
+    fill(open_telemetry(file).pieces(), found.fields, found.history.overview)
+    assert found.history.overview.share == 1.0
     return found
 
 
@@ -82,14 +94,14 @@ def test_faults_and_remarks_are_marked_at_their_cycle(source):
     wanted = [(FAULT_CYCLE, "fault", "X-201 STRAIN_INVALID")]
     if source.recording["file"].endswith(".mcap"):
         wanted.insert(0, (MARK_CYCLE, "mark", "coolant on (ana)"))
-    assert source.recording["marks"] == wanted
+    assert source.so_far() == {"known": 1.0, "marks": wanted}
     assert (source.recording["first"], source.recording["last"]) == (100, 3050 + COUNT - 2901)
 
 
 def test_what_was_cut_off_is_shown_up_to_there_and_said(tmp_path):
     file = written(tmp_path / "run.mcap")
     file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
-    found = Recorded(open_telemetry(file), lambda _: None)
+    found = opened(file)
     assert 0 < found.recording["rows"] < COUNT
     assert "this is what was in the file" in found.recording["problem"]
 
@@ -102,16 +114,87 @@ def test_a_foreign_file_is_told(tmp_path, content, message):
     file = tmp_path / "run.mcap"
     file.write_bytes(content)
     with pytest.raises(CheckFailed, match=message):
-        view(file, "127.0.0.1:0", print, lambda _: None)
+        view(file, "127.0.0.1:0", print)
 
 
 def test_neither_an_address_of_others_nor_a_port_in_use(tmp_path):
     import socket
 
     with pytest.raises(UsageError, match="for this computer only"):
-        view(tmp_path / "run.mcap", "0.0.0.0:8091", print, lambda _: None)
+        view(tmp_path / "run.mcap", "0.0.0.0:8091", print)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         with pytest.raises(DeviceUnavailable, match="choose another address or port"):
-            view(written(tmp_path / "run.mcap"), f"127.0.0.1:{other.getsockname()[1]}", print, lambda _: None)
+            view(written(tmp_path / "run.mcap"), f"127.0.0.1:{other.getsockname()[1]}", print)
+
+
+def test_an_overview_that_is_half_made_shows_what_is_there_and_the_rest_as_unknown(tmp_path):
+    file = written(tmp_path / "run.mcap")
+    source, every = opened(file), made()
+    overview, pieces = source.history.overview, []
+    fill(open_telemetry(file).pieces(), source.fields, overview, lambda: pieces.append(0) is None and len(pieces) <= 3)
+    assert overview.share == pytest.approx(3 / 9)
+    window = source.history.window(source.history.index(NAMES[:1]), 100, 100 + 20_000, 500)
+    low, high = window.low[0], window.high[0]
+    assert 0 < np.isfinite(low).sum() < len(low)
+    strain = every["axis"]["strain_um"][:, 0]
+    for begin, least, greatest in zip(window.cycles, low, high, strict=True):
+        held = strain[(every["cycle"] >= begin) & (every["cycle"] < begin + window.rows)]
+        if np.isfinite(least):
+            assert held.min() <= least <= greatest <= held.max()
+    fill(open_telemetry(file).pieces(), source.fields, overview)
+    again = opened(file)
+    assert again.history.overview.share == 1.0, "it is found again"
+    whole = again.history.window(again.history.index(NAMES[:1]), 100, 100 + 20_000, 500)
+    assert np.nanmax(whole.high) == np.float32(strain.max())
+    assert whole.missing == 50
+
+
+def test_a_file_that_has_changed_gets_an_overview_of_its_own(tmp_path):
+    file = written(tmp_path / "run.mcap")
+    first = opened(file)
+    fill(open_telemetry(file).pieces(), first.fields, first.history.overview)
+    os.utime(file, ns=(1, 1))
+    assert opened(file).history.overview.share == 0.0
+
+
+def test_what_is_looked_at_is_read_first(tmp_path):
+    file = written(tmp_path / "run.mcap")
+    source = opened(file)
+    overview = source.history.overview
+    overview.wanted[:] = 6500, 6900
+    looks = []
+    fill(open_telemetry(file).pieces(), source.fields, overview, lambda: looks.append(0) is None and len(looks) <= 2)
+    begins = [int(part["cycle"][0]) for part in np.array_split(made(), 9)]
+    held = [k for k, begin in enumerate(begins) if begin <= 6900 and begin + 900 >= 6500]
+    assert overview.done[held].any()
+    assert set(np.flatnonzero(overview.done)) <= set(range(min(held) - 1, max(held) + 2))
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 64, 1200])
+def test_the_order_visits_every_piece_and_is_even_from_the_beginning(count):
+    order = halving(count)
+    assert sorted(order) == list(range(count))
+    for some in (8, 64, 500):
+        if some < count:
+            gaps = np.diff(np.sort(order[:some]), prepend=0, append=count)
+            assert gaps.max() <= 4 * count / some
+
+
+def test_a_recording_without_its_index_has_the_same_pieces(tmp_path):
+    """Ended in order it is read by the index at its end; killed, record by record."""
+    file = written(tmp_path / "run.mcap")
+    whole = open_telemetry(file)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(file.read_bytes()[:-1])
+    killed = open_telemetry(cut)
+    rows = [[piece(["cycle", "axis.0.strain_um"]) for piece in each.pieces()] for each in (whole, killed)]
+    assert len(rows[0]) == len(rows[1]) == 9
+    for one, other in zip(*rows, strict=True):
+        assert one["cycle"].tobytes() == other["cycle"].tobytes()
+        assert one["axis.0.strain_um"].tobytes() == other["axis.0.strain_um"].tobytes()
+    assert np.concatenate([part["cycle"] for part in rows[0]]).tolist() == made()["cycle"].tolist()
+    assert whole.marks == killed.marks
+    assert whole.configuration == killed.configuration
+    assert whole.end["complete"]

@@ -11,9 +11,10 @@ from micromanip.faults import KINDS
 from micromanip.gateway import runs as runs_module
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
+from micromanip.gateway.overview_filling import fill
 from micromanip.gateway.runs import Runs
 from micromanip.gateway.tokens import Token, Tokens
-from micromanip.gateway.viewing import Everybody, Recorded, RecordedCell
+from micromanip.gateway.viewing import Everybody, RecordedCell
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
 from tests.catalogue.test_runs import report
@@ -25,6 +26,7 @@ from .chromium import PROGRAM, chromium
 from .rings import Played, rows, status
 from .served import follow, served
 from .test_filed import FAULT_CYCLE, written
+from .test_filed import opened as filed
 from .test_runs import hasty
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
@@ -195,14 +197,18 @@ def test_what_is_frozen_is_saved_as_a_recording(browser, address, played, tmp_pa
 
 
 def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(browser, tmp_path):
-    source = Recorded(open_telemetry(written(tmp_path / "run.mcap")), lambda _: None)
+    file = written(tmp_path / "run.mcap")
+    source = filed(file)
     with served(Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope.html")) as there:
         opened(browser, there, "/")
         whole = browser.until("window.scopeFrames?.at(-1)")
         assert whole["first"] <= source.history.oldest
         assert whole["last"] == source.history.newest
         assert browser.value("document.querySelector('dialog[open]') === null")
+        browser.until("document.getElementById('told').textContent.includes('overview so far 0 %')")
+        fill(open_telemetry(file).pieces(), source.fields, source.history.overview)
         fault = browser.until("document.querySelector('#marks .fault')?.textContent")
+        browser.until("!document.getElementById('told').textContent.includes('overview so far')")
         assert "STRAIN_INVALID" in fault
         browser.value("document.querySelector('#marks .fault').click()")
         browser.until(f"scopeFrames.at(-1).first < {FAULT_CYCLE} && scopeFrames.at(-1).last < {FAULT_CYCLE + 400}")

@@ -80,8 +80,8 @@ def choose(
     v, y = voltage_V[:count], displacement_um[:count]
     tried: list[Candidate] = []
     fits: list[HysteresisFit] = []
-    for structure in structures:
-        progress(structure.name)
+    for number, structure in enumerate(structures, start=1):
+        progress(f"{structure.name}, {number} of {len(structures)} kinds")
         try:
             first = fit(structure, v, y, range_um, used[:count], starts_for(structure))
         except ValueError:

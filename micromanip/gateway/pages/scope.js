@@ -11,6 +11,7 @@ const SPANS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10
 const COLOURS = 8;
 const LOOK_MS = 500;
 const READOUT_MS = 200;
+const GROWS_MS = 700;
 const make = { rows, cell: td, head };
 
 let controller = null;
@@ -19,6 +20,7 @@ let tab = "time";
 let view = { span_s: 1, last: null };
 let reference = null;
 let frame = null;
+let growing = null;
 let askedMs = 0, readMs = 0, zoomMs = 0;
 window.scopeFrames = [];
 
@@ -103,6 +105,7 @@ function show(header, arrays) {
   reference ??= header.last;
   const step = period(), offset = header.origin - reference;
   const times = Float64Array.from(arrays.cycles, (cycle) => (cycle + offset) * step);
+  if (controller.recording) grow(header);
   const traces = {};
   for (const name of [...header.fields, "state"]) traces[name] = [arrays[`${name} low`], arrays[`${name} high`]];
   const shown = [(header.first - reference) * step, (header.last - reference) * step];
@@ -117,6 +120,18 @@ function show(header, arrays) {
     askMore();
   }
   if (now - readMs > READOUT_MS) showReadout();
+}
+
+/** Its overview is made meanwhile: faults are found, and more of what is seen is there to be asked for. */
+function grow({ known, marks }) {
+  const recording = controller.recording;
+  if (marks.length !== recording.marks.length) {
+    recording.marks = marks;
+    offerMarks(marks);
+  }
+  recording.known = known;
+  clearTimeout(growing);
+  if (known < 1) growing = setTimeout(askView, GROWS_MS);
 }
 
 function draw() {
@@ -148,6 +163,7 @@ function tell(header) {
     part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
     part("skipped by the loop", `${count(header.missing)} cycles`),
     part("lost", String(header.lost), header.lost > 0),
+    ...(header.known < 1 ? [part("overview so far", `${(header.known * 100).toFixed(0)} %`)] : []),
     part(controller.recording ? "recorded" : "history", seconds((header.newest - header.oldest) * period())),
   );
   showArmed(header.trigger_cycle !== null && trigger.mode === "single");
@@ -219,11 +235,7 @@ function offer() {
   }
 }
 
-/** A recording has no trigger, no live values and no other page; it has marks. */
-function arrangeRecording({ file, marks, problem }) {
-  for (const id of ["freeze", "save-recording", "trigger-card", "pages"]) by(id).hidden = true;
-  by("where").textContent = file;
-  document.title = `${file} - micromanip`;
+function offerMarks(marks) {
   by("marks-card").hidden = marks.length === 0;
   by("mark-keys").hidden = marks.length === 0;
   by("marks").replaceChildren(...marks.map(([cycle, kind, text]) => {
@@ -231,6 +243,14 @@ function arrangeRecording({ file, marks, problem }) {
     button.addEventListener("click", () => around(cycle));
     return button;
   }));
+}
+
+/** A recording has no trigger, no live values and no other page; it has marks. */
+function arrangeRecording({ file, marks, problem }) {
+  offerMarks(marks);
+  for (const id of ["freeze", "save-recording", "trigger-card", "pages"]) by(id).hidden = true;
+  by("where").textContent = file;
+  document.title = `${file} - micromanip`;
   notice(problem);
 }
 

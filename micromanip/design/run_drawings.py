@@ -1,0 +1,172 @@
+"""Pictures of one recorded run, or of two together: the same quantity in one panel, or on one scale.
+
+They are thinned to what can be seen: of each column of pixels the least and the greatest value. No peak is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from micromanip.rt.states import STATE_NAMES
+
+from .deconvolution import StepResponse
+from .page import COLOURS, GREY, drawing
+from .run_columns import RecordedRun
+from .run_confidence import Array
+from .run_figures import spectra
+
+_COLUMNS, _LOOP_POINTS, _LINES = 600, 1500, 800
+_STATE_COLOURS = {"TRACKING": "#31a354", "FAULT": "#de2d26", "HOLDING": "#fdae61", "ARMING": "#2b8cbe"}
+LETTERS = "AB"
+
+
+def errors(runs: Sequence[RecordedRun]) -> Figure:
+    """Path error of every axis while tracking, a panel a run on one scale, with the states and marks below."""
+    figure, panels = drawing(rows=len(runs), height=3.2 if len(runs) == 1 else 5.2)
+    for run, panel in zip(runs, panels[:, 0], strict=True):
+        for place, axis in enumerate(run.axes):
+            error = np.where(run.tracks, run.of_axis(axis, "path_error_um"), np.nan)
+            where, low, high = _envelope(run.t_s, error)
+            panel.fill_between(where, low, high, color=COLOURS[place], alpha=0.6, linewidth=0.5, label=axis)
+        _states(panel, run)
+        panel.set(ylabel=_of_run("path error, um", runs, run))
+    _one_scale(panels[:, 0])
+    panels[-1, 0].set(xlabel="time, s")
+    _legend(panels[0, 0], "upper right")
+    return figure
+
+
+def densities(runs: Sequence[RecordedRun]) -> Figure:
+    """Amplitude density of the path error while tracking; of two runs a panel an axis."""
+    axes = shared_axes(runs)
+    figure, panels = drawing(columns=1 if len(runs) == 1 else len(axes))
+    for place, axis in enumerate(axes):
+        panel = panels[0, 0 if len(runs) == 1 else place]
+        for number, run in enumerate(runs):
+            frequency, density = spectra(run.error_um(axis), 1.0 / run.period_s)
+            kept = np.unique(np.geomspace(1, len(frequency) - 1, _LINES).astype(int))
+            colour, label = (COLOURS[place], axis) if len(runs) == 1 else (COLOURS[number], LETTERS[number])
+            shown = np.sqrt(density.mean(axis=1)[kept])
+            panel.loglog(frequency[kept], shown, color=colour, linewidth=0.8, alpha=0.85, label=label)
+        panel.set(xlabel="frequency, Hz", title="" if len(runs) == 1 else axis)
+    panels[0, 0].set(ylabel="um / sqrt(Hz)")
+    _one_scale(panels[0])
+    _legend(panels[0, 0], "lower left")
+    return figure
+
+
+def headroom(runs: Sequence[RecordedRun]) -> Figure:
+    """Voltage to the nearer end of the range, a panel a run."""
+    figure, panels = drawing(rows=len(runs), height=2.6 if len(runs) == 1 else 4.4)
+    for run, panel in zip(runs, panels[:, 0], strict=True):
+        for place, axis in enumerate(run.axes):
+            left = run.voltage_left(axis)
+            if len(left):
+                where, low, _ = _envelope(run.t_s, left)
+                panel.plot(where, low, color=COLOURS[place], linewidth=0.8, label=axis)
+        panel.set(ylabel=_of_run("voltage left, V", runs, run), ylim=(0, None))
+    _one_scale(panels[:, 0])
+    panels[-1, 0].set(xlabel="time, s")
+    _legend(panels[0, 0], "upper right")
+    return figure
+
+
+def loops(runs: Sequence[RecordedRun]) -> Figure:
+    """Gauge over voltage, a panel an axis."""
+    axes = shared_axes(runs)
+    figure, panels = drawing(columns=len(axes))
+    for place, (panel, axis) in enumerate(zip(panels[0], axes, strict=True)):
+        for number, run in enumerate(runs):
+            voltage, strain = run.of_axis(axis, "voltage_V"), run.of_axis(axis, "strain_um")
+            step = max(1, len(voltage) // _LOOP_POINTS)
+            colour = COLOURS[place if len(runs) == 1 else number]
+            panel.plot(voltage[::step], strain[::step], color=colour, linewidth=0.5, alpha=0.8, label=LETTERS[number])
+        panel.set(title=axis, xlabel="voltage, V", ylabel="gauge, um" if place == 0 else "")
+    if len(runs) > 1:
+        _legend(panels[0, 0], "upper left")
+    return figure
+
+
+def steps(axes: Sequence[str], found: Sequence[Mapping[str, StepResponse]]) -> Figure:
+    """Step responses with their bands, a panel an axis; `found` has those of each run by axis."""
+    figure, panels = drawing(columns=len(axes))
+    for place, (panel, axis) in enumerate(zip(panels[0], axes, strict=True)):
+        for number, responses in enumerate(found):
+            one = responses[axis]
+            if one.problem is not None:
+                continue
+            colour = COLOURS[place if len(found) == 1 else number]
+            shown_ms = 1e3 * one.t_s
+            panel.fill_between(shown_ms, one.low, one.high, color=colour, alpha=0.3, linewidth=0)
+            panel.plot(shown_ms, one.response, color=colour, linewidth=0.8, label=LETTERS[number])
+        panel.axhline(1.0, color=GREY, linewidth=0.5, linestyle=":")
+        panel.set(title=axis, xlabel="time, ms", ylabel="gauge over set-point" if place == 0 else "")
+    _one_scale(panels[0])
+    if len(found) > 1:
+        _legend(panels[0, 0], "lower right")
+    return figure
+
+
+def timing(runs: Sequence[RecordedRun]) -> Figure:
+    """Share of cycles that took longer; of two runs a panel for lateness, one for compute time."""
+    names = ("lateness", "compute")
+    figure, panels = drawing(columns=1 if len(runs) == 1 else len(names), height=2.6)
+    for place, name in enumerate(names):
+        panel = panels[0, 0 if len(runs) == 1 else place]
+        for number, run in enumerate(runs):
+            values = np.sort(run.column(f"{name}_ns"))
+            rank = np.unique(len(values) - np.geomspace(1, len(values), 400).astype(int))
+            colour, label = (COLOURS[place], name) if len(runs) == 1 else (COLOURS[number], LETTERS[number])
+            shown = np.maximum(values[rank], 1) / 1e3
+            panel.loglog(shown, (len(values) - rank) / len(values), color=colour, label=label)
+        panel.set(xlabel="longer than, us" if len(runs) == 1 else f"{name} longer than, us")
+    panels[0, 0].set(ylabel="share of cycles")
+    _legend(panels[0, 0], "lower left")
+    return figure
+
+
+def shared_axes(runs: Sequence[RecordedRun]) -> list[str]:
+    """Axes that all of them have."""
+    return [axis for axis in runs[0].axes if all(axis in run.axes for run in runs)]
+
+
+def _of_run(label: str, runs: Sequence[RecordedRun], run: RecordedRun) -> str:
+    return label if len(runs) == 1 else f"{LETTERS[runs.index(run)]}: {label}"
+
+
+def _legend(panel: Any, place: str) -> None:
+    if panel.get_legend_handles_labels()[0]:
+        panel.legend(loc=place, frameon=False, labelcolor=GREY)
+
+
+def _one_scale(panels: Sequence[Any]) -> None:
+    limits = [panel.get_ylim() for panel in panels]
+    for panel in panels:
+        panel.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+
+
+def _states(panel: Any, run: RecordedRun) -> None:
+    t_s, states = run.t_s, run.column("state")
+    changes = [0, *(np.flatnonzero(np.diff(states)) + 1).tolist(), len(states)]
+    for first, last in pairwise(changes):
+        colour = _STATE_COLOURS.get(STATE_NAMES[int(states[first])], GREY)
+        panel.axvspan(t_s[first], t_s[last - 1], ymax=0.03, color=colour, linewidth=0)
+    for mark in run.telemetry.marks[1:]:
+        at = np.searchsorted(run.column("cycle"), mark["cycle"])
+        panel.axvline(t_s[min(int(at), len(t_s) - 1)], color=GREY, linestyle=":")
+
+
+def _envelope(t_s: Array, values: Array) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Time, least and greatest known value of each column of pixels."""
+    edges = np.unique(np.linspace(0, len(values), _COLUMNS + 1).astype(int))[:-1]
+    known = np.isfinite(values)
+    low = np.minimum.reduceat(np.where(known, values, np.inf), edges)
+    high = np.maximum.reduceat(np.where(known, values, -np.inf), edges)
+    some = low <= high
+    return t_s[edges][some], low[some], high[some]

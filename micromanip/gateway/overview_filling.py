@@ -1,0 +1,95 @@
+"""Reads a recording into its overview: first here and there over all of it, then ever more densely in between.
+
+A process of its own, so that the server answers meanwhile:
+``python -m micromanip.gateway.overview_filling FILE FOLDER``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from micromanip.errors import MicromanipError
+from micromanip.recordings import open_telemetry
+from micromanip.recordings.telemetry import Piece
+from micromanip.rt.states import NO_FAULT
+
+from .fields import Field, fields
+from .overview import Overview, reopened
+
+
+def fill(
+    pieces: Sequence[Piece], shown: Sequence[Field], overview: Overview, goes_on: Callable[[], bool] = lambda: True
+) -> None:
+    """Every piece that is not in the overview yet, as long as `goes_on`. CheckFailed where the file is damaged."""
+    paths = list(dict.fromkeys(["cycle", "fault", *(field.path for field in shown)]))
+    first, span = overview.about["first"], overview.about["last"] - overview.about["first"] + 1
+    for number in _in_turn(overview, len(pieces), first, span):
+        if not goes_on():
+            return
+        columns = pieces[number](paths)
+        values = np.array([field.shown(columns[field.path]) for field in shown], np.float32)
+        for level in overview.levels:
+            level.add(columns["cycle"], values)
+        faults = columns["fault"]
+        if faults.any():
+            follows = number > 0 and faults[0] != NO_FAULT
+            before = int(pieces[number - 1](["fault"])["fault"][-1]) if follows else NO_FAULT
+            for k in np.flatnonzero((np.diff(faults, prepend=before) != 0) & (faults != NO_FAULT)):
+                overview.note_fault(int(columns["cycle"][k]), int(faults[k]))
+        overview.done[number] = 1
+
+
+def _in_turn(overview: Overview, count: int, first: int, span: int) -> Iterator[int]:
+    """Numbers of pieces: those of the cycles that are looked at before others."""
+    order, near, place, wanted = halving(count), np.empty(0, np.int64), 0, (0, 0)
+    while True:
+        low, high = ((int(cycle) - first) * count // span for cycle in overview.wanted)
+        if (low, high) != wanted:
+            wanted, begin = (low, high), max(0, low - 1)
+            near = begin + halving(min(count, high + 2) - begin) if 0 < high - low < count else near[:0]
+        near = near[overview.done[near] == 0]
+        while place < count and overview.done[order[place]]:
+            place += 1
+        if len(near):
+            yield int(near[0])
+        elif place < count:
+            yield int(order[place])
+        else:
+            return
+
+
+def halving(count: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """0 to `count` - 1, each in the middle of the largest gap that those before have left, about."""
+    if count < 1:
+        return np.empty(0, np.int64)
+    bits = max(1, int(count - 1).bit_length())
+    turned = np.zeros(1 << bits, np.int64)
+    for bit in range(bits):
+        turned |= ((np.arange(1 << bits) >> bit) & 1) << (bits - 1 - bit)
+    return np.asarray(turned[turned < count])
+
+
+def main(file: Path, folder: Path) -> int:
+    """Fill until it is whole, or the process that asked for it is gone; the exit code."""
+    overview = reopened(folder)
+    held = overview.alone()
+    if held is None:
+        return 0
+    parent = os.getppid()
+    with held:
+        try:
+            telemetry = open_telemetry(file)
+            fill(telemetry.pieces(), fields(telemetry.axes, telemetry.dtype), overview, lambda: os.getppid() == parent)
+        except MicromanipError as problem:
+            sys.stderr.write(f"micromanip: the overview stays as it is: {problem}\n")
+            return problem.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))

@@ -56,6 +56,25 @@ export function seconds(value, digits = 3) {
   return `${Number((value * scale).toPrecision(digits)).toString().replace("-", "−")} ${unit}`;
 }
 
+/** Labels of times (s) beside each other, with as many digits as their distance asks for; from two minutes on as a clock. */
+export function timeTicks(ticks) {
+  const size = Math.max(...ticks.map(Math.abs)), step = ticks.length > 1 ? ticks[1] - ticks[0] : size;
+  const decimals = (scale) => Math.min(9, Math.max(0, Math.ceil(-Math.log10(step * scale) - 1e-9)));
+  if (size >= 120) return ticks.map((tick) => clock(tick, decimals(1)));
+  const [unit, scale] = size >= 1 || size === 0 ? ["s", 1] : size >= 1e-3 ? ["ms", 1e3] : ["µs", 1e6];
+  return ticks.map((tick) => `${Number((tick * scale).toFixed(decimals(scale))).toString().replace("-", "−")} ${unit}`);
+}
+
+/** A moment (s) to the cycle. */
+export const moment = (time) => (Math.abs(time) >= 120 ? clock(time, 5) : seconds(time, 7));
+
+function clock(value, decimals) {
+  const all = Number(Math.abs(value).toFixed(decimals)), minutes = Math.floor(all / 60);
+  const two = (number, digits = 0) => number.toFixed(digits).padStart(digits ? digits + 3 : 2, "0");
+  const parts = minutes >= 60 ? [Math.floor(minutes / 60), two(minutes % 60)] : [minutes];
+  return `${value < 0 ? "−" : ""}${[...parts, two(all - 60 * minutes, decimals)].join(":")}`;
+}
+
 export const unitText = (unit) => (unit === "um" ? "µm" : unit);
 
 export function rows(table, lines) {

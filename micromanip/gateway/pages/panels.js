@@ -1,6 +1,6 @@
 // The traces over time: a panel for each unit, one below the other, with one time axis, cursors, states and limits.
 import uPlot from "./third_party/uplot/uPlot.esm.js";
-import { colour, element, seconds, short, unitText } from "./page.js";
+import { colour, element, moment, seconds, short, timeTicks, unitText } from "./page.js";
 
 const STATE_TINT = {
   READY: "#1f4e9922", ARMING: "#f0bd2120", TRACKING: "#0a8a3a1c", HOLDING: "#f0bd2120", RAMPING: "#f0bd2120", FAULT: "#d0202038",
@@ -66,7 +66,7 @@ export class Panels {
       cursor: { sync: { key: KEY, scales: ["x", null] }, drag: { x: true, y: false, setScale: false }, points: { size: 6 }, focus: { prox: 16 } },
       scales: { x: { time: false, range: () => this.shown ?? [0, 1] }, y: { range: (plot, low, high) => padded(low, high) } },
       axes: [
-        { ...axis, show: isLast, size: 38, values: (plot, ticks) => ticks.map((tick) => seconds(tick, 6)), space: 90 },
+        { ...axis, show: isLast, size: 38, values: (plot, ticks) => timeTicks(ticks), space: 90 },
         { ...axis, size: 70, label: unitText(unit) || "number", labelSize: 18, labelFont: "13px system-ui, sans-serif", values: (plot, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(10))).replace("-", "−")) },
       ],
       series: [{}, ...own.map((field) => ({ label: field.name, stroke: () => colour(field.colour), width: 1.25, points: { show: false }, spanGaps: false }))],
@@ -245,7 +245,7 @@ export function readout(table, fields, times, traces, pointer, cursors, make) {
   const value = (name, i) => (i < 0 ? null : middle(traces[name], i));
   const both = a >= 0 && b >= 0;
   const delta = both ? cursors.B - cursors.A : null;
-  const of = (time) => (time === null ? "" : seconds(time, 6));
+  const of = (time) => (time === null ? "" : moment(time));
   make.rows(table, [
     [make.head("trace"), make.head("unit"), make.head("least", "number"), make.head("greatest", "number"), make.head(pointer === null ? "pointer" : of(pointer), "number"),
       make.head(`A ${of(cursors.A)}`, "number"), make.head(`B ${of(cursors.B)}`, "number"), make.head(both ? `B − A ${seconds(delta, 6)}, ${short(1 / Math.abs(delta))} Hz` : "B − A", "number")],

@@ -1,7 +1,7 @@
 // The scope: what is shown, and who is asked for it. Time is counted in cycles; s are made only to be shown.
 import { Connection, post } from "./connection.js";
 import { parsed } from "./frames.js";
-import { by, cell as td, count, element, head, notice, rows, seconds, themeButton, unitText } from "./page.js";
+import { by, cell as td, count, element, head, moment, notice, rows, seconds, themeButton, unitText } from "./page.js";
 import { Panels, readout } from "./panels.js";
 import { SpectrumView, lines } from "./spectrum.js";
 import { TriggerForm } from "./trigger.js";
@@ -159,7 +159,7 @@ function bands(times, [low, high], end) {
 function tell(header) {
   const part = (name, value, bad = false) => element("span", { className: bad ? "bad" : "" }, `${name} `, element("b", {}, value));
   by("told").replaceChildren(
-    controller.recording ? part("from the first cycle,", `${seconds((header.first - reference) * period(), 7)} to ${seconds((header.last - reference) * period(), 7)}`) : part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
+    controller.recording ? part("from the first cycle,", `${moment((header.first - reference) * period())} to ${moment((header.last - reference) * period())}`) : part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
     part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
     part("skipped by the loop", `${count(header.missing)} cycles`),
     part("lost", String(header.lost), header.lost > 0),
@@ -239,7 +239,7 @@ function offerMarks(marks) {
   by("marks-card").hidden = marks.length === 0;
   by("mark-keys").hidden = marks.length === 0;
   by("marks").replaceChildren(...marks.map(([cycle, kind, text]) => {
-    const button = element("button", { className: kind }, element("b", {}, seconds((cycle - controller.recording.first) * period(), 7)), ` ${text}`);
+    const button = element("button", { className: kind }, element("b", {}, moment((cycle - controller.recording.first) * period())), ` ${text}`);
     button.addEventListener("click", () => around(cycle));
     return button;
   }));

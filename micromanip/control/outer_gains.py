@@ -20,8 +20,8 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, solve_discrete_are
-from scipy.signal import fftconvolve, lfilter
+
+from .riccati import solve_riccati
 
 Matrix = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def reference_transition(omega: float, period_s: float) -> Matrix:
     """Transition of (p, v, a, o, o') over one period."""
     h = period_s
     moving = np.array([[1.0, h, h * h / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-    return np.asarray(block_diag(moving, rotation(omega, h)))
+    return _diagonal(moving, rotation(omega, h))
 
 
 def augment(outer: OuterSettings, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]:
@@ -146,7 +146,7 @@ def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int)
     # a trace of noise on the delay states keeps the Riccati equation solvable: they are known exactly
     total += 1e-12 * np.eye(len(A))
     r = np.array([[outer.sensor_noise_um**2]])
-    P = solve_discrete_are(step.T, C[:, None], total, r)
+    P = solve_riccati(step.T, C[:, None], total, r)
     variance = float(C @ P @ C + r[0, 0])
     return np.asarray((P @ C) / variance, dtype=np.float64), variance
 
@@ -156,10 +156,10 @@ def regulate(
 ) -> tuple[Matrix, Matrix, Matrix]:
     """LQR gain K (nc,), feedforward (nd,) of the disturbances and (5,) of the reference with transition `S`."""
     Ac, Bc, Cc = A[:controllable, :controllable], B[:controllable, None], C[:controllable]
-    P = solve_discrete_are(Ac, Bc, np.outer(Cc, Cc), np.array([[weight]]))
+    P = solve_riccati(Ac, Bc, np.outer(Cc, Cc), np.array([[weight]]))
     K = np.linalg.solve(Bc.T @ P @ Bc + weight, Bc.T @ P @ Ac)[0]
     E, D = A[:controllable, controllable:], A[controllable:, controllable:]
-    exo = np.asarray(block_diag(D, S))
+    exo = _diagonal(D, S)
     forcing = np.hstack([E, np.zeros((controllable, len(S)))])
     target = np.zeros(len(exo))
     target[len(D)] = target[len(D) + 3] = 1.0
@@ -228,9 +228,24 @@ def process_innovation(
         seen, step = np.concatenate([seen, seen @ step]), step @ step
     innovation = np.zeros(samples)
     for j in range(m):
-        innovation += fftconvolve(seen[:samples] @ pushes[:, j], grown[j::m])[:samples]
+        innovation += _convolved(seen[:samples] @ pushes[:, j], grown[j::m])
     share = min(1.0, m / time_cycles)
-    return float(lfilter([share], [1.0, share - 1.0], innovation**2).max())
+    return float(_convolved(innovation**2, share * np.power(1.0 - share, np.arange(samples, dtype=np.float64))).max())
+
+
+def _convolved(x: Matrix, y: Matrix) -> Matrix:
+    """The beginning (n,) of the convolution of two (n,)."""
+    size = 2 * len(x)
+    return np.asarray(np.fft.irfft(np.fft.rfft(x, size) * np.fft.rfft(y, size), size)[: len(x)], dtype=np.float64)
+
+
+def _diagonal(*blocks: Matrix) -> Matrix:
+    """Square blocks along the diagonal."""
+    total, at = np.zeros((sum(map(len, blocks)),) * 2), 0
+    for block in blocks:
+        total[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return total
 
 
 def _angle(gains: OuterGains) -> float:
@@ -263,10 +278,10 @@ def _tracker_gain(reference: TrackerSettings) -> Matrix:
     moving = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
     # the oscillation's amplitude walks by oscillation_um_per_s per root second, in both its states
     walking = np.diag([1.0, omega**2]) * h
-    Q = np.asarray(block_diag(reference.jerk_um_per_s3**2 * moving, reference.oscillation_um_per_s**2 * walking))
+    Q = _diagonal(reference.jerk_um_per_s3**2 * moving, reference.oscillation_um_per_s**2 * walking)
     H = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
     # in units in which all states are of like size: the plain equation is too badly scaled
     scale = np.array([1.0, omega, omega**2, 1.0, omega])
     Fs, Qs = F * scale[None, :] / scale[:, None], Q / np.outer(scale, scale)
-    P = solve_discrete_are(Fs.T, H[:, None], Qs, np.array([[reference.noise_um**2]]))
+    P = solve_riccati(Fs.T, H[:, None], Qs, np.array([[reference.noise_um**2]]))
     return np.asarray(scale * (P @ H) / (H @ P @ H + reference.noise_um**2), dtype=np.float64)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import schur
 
 if TYPE_CHECKING:
     import control
@@ -37,6 +36,8 @@ class System:
 
     @cached_property
     def _triangular(self) -> tuple[Complex, Complex, Complex]:
+        from scipy.linalg import schur  # not for the host, which asks for no response: its import takes .2 s
+
         T, Q = schur(self.A.astype(complex), output="complex")
         return T, Q.conj().T @ self.B, self.C @ Q
 

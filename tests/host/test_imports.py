@@ -48,6 +48,17 @@ assert controller.make_safe() == {"cell": 0}
     assert loaded(program, COMPILER) == []
 
 
+def test_a_host_of_a_real_cell_needs_no_scipy():
+    """Which would be a quarter of its start; the simulated plant is made with it."""
+    program = """
+from pathlib import Path
+import micromanip.host.daemon
+from micromanip.settings.check import prepare
+assert prepare(Path("config/serial.yaml")).configuration.axes["x"].outer is not None
+"""
+    assert loaded(program, ("scipy",)) == []
+
+
 def test_the_loop_loads_no_linear_algebra():
     """Which numba would look for as it loads the loop's code; afterwards a driver may import it."""
     program = """

@@ -1,0 +1,43 @@
+"""The Riccati equation by doubling beside scipy's solver, and where there is no solution."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import solve_discrete_are
+
+from micromanip.control.riccati import solve_riccati
+
+
+@given(seed=st.integers(0, 2**31), states=st.integers(1, 20), radius=st.floats(0.1, 1.2), price=st.floats(-6.0, 6.0))
+def test_it_is_scipys(seed, states, radius, price):
+    """Stable or not, feedback cheap or dear; on the unit circle, too."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((states, states))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    B, C = rng.standard_normal((states, 1)), rng.standard_normal((states, states))
+    about = A, B, C.T @ C, np.array([[10.0**price]])
+    expected = solve_discrete_are(*about)
+    found = solve_riccati(*about)
+    assert found == pytest.approx(expected, rel=1e-6, abs=1e-8 * np.abs(expected).max())
+    gain = np.linalg.solve(about[3] + B.T @ found @ B, B.T @ found @ A)
+    assert np.abs(np.linalg.eigvals(A - B @ gain)).max() < 1.0
+
+
+def test_one_state_has_a_closed_form():
+    """p = a^2 p r / (r + p) + q for b = 1."""
+    a, q, r = 0.9, 2.0, 3.0
+    half = 0.5 * (q + (a * a - 1.0) * r)
+    expected = half + np.sqrt(half * half + q * r)
+    found = solve_riccati(*(np.array([[x]]) for x in (a, 1.0, q, r)))
+    assert found[0, 0] == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("A", "B"),
+    [(np.diag([0.5, 1.1]), [[1.0], [0.0]]), (np.full((2, 2), np.nan), [[1.0], [1.0]])],
+    ids=["out of reach, and growing", "no numbers"],
+)
+def test_where_nothing_stabilises_it_says_so(A, B):
+    with pytest.raises(np.linalg.LinAlgError):
+        solve_riccati(A, np.array(B), np.eye(2), np.eye(1))

@@ -5,10 +5,14 @@ import contextlib
 from tools.running_controller import Running
 
 
+PATIENT = "\nfaults: {host: {silent_ms: 10000}}\n"
+"""On a machine that is busy with other tests the host may be late; a test that is tried again needs the cell alive."""
+
+
 @contextlib.contextmanager
 def tracking_until_the_end(folder, text):
     """It is handed out once it tracks; no test may have made it fault, complain, or leave a process behind."""
-    cell = Running(folder, text)
+    cell = Running(folder, text + PATIENT)
     try:
         yield cell.reach("TRACKING")
         assert cell.end() == 0, cell.said

@@ -4,7 +4,6 @@ import contextlib
 
 from tools.running_controller import Running
 
-
 PATIENT = "\nfaults: {host: {silent_ms: 10000}}\n"
 """On a machine that is busy with other tests the host may be late; a test that is tried again needs the cell alive."""
 

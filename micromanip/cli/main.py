@@ -38,6 +38,7 @@ GROUPS = {
         "report": "a recorded run as one page",
         "compare": "two recorded runs side by side, and whether they differ",
         "replay": "a recorded run again: bit for bit, or under another tuning",
+        "trend": "figures of each second and minute, kept for months",
         "runs": "recordings, trips, reports and tunings, found again",
         "explain": "a trip in plain words, from its black box",
         "audit": "who asked for what, and when",

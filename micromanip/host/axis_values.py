@@ -39,10 +39,11 @@ class AxesValues:
         self._names = list(controller.prepared.configuration.axes)
         self._windows = Windows(len(self._names) * len(QUANTITIES))
 
-    def add(self, rows: Any) -> None:
-        """Take in rows of the telemetry ring."""
-        if len(rows):
-            self._windows.add(rows["time_ns"], _known(rows, self._parameters).reshape(len(rows), -1))
+    def add(self, rows: Any) -> Array:
+        """Take in rows of the telemetry ring; their `QUANTITIES` (rows, axes x quantities), NaN where not known."""
+        values = _known(rows, self._parameters).reshape(len(rows), len(self._names) * len(QUANTITIES))
+        self._windows.add(rows["time_ns"], values)
+        return values
 
     def report(self, latest: Any | None, now_ns: int) -> dict[str, AxisValues]:
         """Figures by axis at `now_ns`, CLOCK_MONOTONIC; `latest` is the newest row of the ring, None without any."""

@@ -41,6 +41,7 @@ from .notify import ServiceManager
 from .realtime import NO_NICE, missing_rights
 from .state_directory import state_directory
 from .statistics import Gathered, report
+from .trend.keeper import TrendKeeper
 from .workers import Workers
 
 _HEARTBEAT_S = 0.02
@@ -89,7 +90,9 @@ class Daemon:
         self._controller = Controller(prepared, options.socket, locks, process)
         self._workers = Workers(prepared, self._controller.segments, self._controller.offsets, locks, say)
         self._controller.adopted = self._workers.adopt
-        self._gathered = Gathered(self._controller)
+        wanted = prepared.configuration.trend
+        self._trend = None if wanted is None else TrendKeeper(prepared, wanted, say)
+        self._gathered = Gathered(self._controller, self._trend)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         self._trail = AuditTrail(state_directory(), say)
         self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
@@ -166,6 +169,8 @@ class Daemon:
             for task in (*helpers, stopped):
                 task.cancel()
             await self._end_recording()
+            if self._trend is not None:
+                await self._trend.end()
 
     def _in_force(self, source: Source) -> None:
         """Another configuration has come into force: who keeps what runs follows."""

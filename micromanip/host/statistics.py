@@ -19,6 +19,7 @@ from micromanip.settings.schema.reference import Tracker
 from .axis_values import AxesValues
 from .controller import Controller
 from .ring import RingReader
+from .trend.keeper import TrendKeeper
 
 _ROLES = (("strain", 1), ("stage", 2), ("deviation", 4))
 _MOST_ROWS = 1 << 15
@@ -30,18 +31,21 @@ _OCTAVES = 40
 
 
 class Gathered:
-    """What the host takes out of the telemetry ring: signals and axes; each row is read once."""
+    """What the host takes out of the telemetry ring: signals, axes, a trend; each row is read once."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, trend: TrendKeeper | None = None) -> None:
         self._reader = RingReader(controller.ring)
         self.signals = SignalStatistics(controller)
         self._axes = AxesValues(controller)
+        self._trend = trend
 
     def gather(self) -> None:
         """Take in the rows since the last call."""
         rows = self._reader.read(_MOST_ROWS)
         self.signals.add(rows)
-        self._axes.add(rows)
+        quantities = self._axes.add(rows)
+        if self._trend is not None:
+            self._trend.add(rows, quantities)
 
     def axes(self) -> dict[str, AxisValues]:
         """What each axis does now."""

@@ -35,6 +35,7 @@ from .faults import Faults
 from .frame import Frame
 from .key import AtRest, LargerIsWeaker, Live, NewStart, WiderIsWeaker
 from .reference import Reference, Tracker
+from .trend import Trend
 
 
 class Loop(Settings):
@@ -277,6 +278,9 @@ class Configuration(Settings):
         min_length=1, max_length=MAX_AXES, description="The axes of the manipulator."
     )
     control: NewStart[Control] = Control()
+    trend: NewStart[Trend | None] = Field(
+        default=None, description="Figures of each second and minute for months; {} for all defaults, null: none."
+    )
     arm_on_start: NewStart[Flag] = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
     simulation: NewStart[Simulation | None] = Field(
         default=None,

@@ -1,0 +1,122 @@
+"""A trend for people: a line a day or an hour, a picture, a file of some columns."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.faults import KINDS
+from micromanip.recordings.table import Array
+from micromanip.recordings.trend import COUNTED, FAULT, STATE, TIME, Trend, matching
+from micromanip.rt.states import STATE_NAMES
+
+_HOURLY_DAYS = 2
+_DIGITS = 6
+"""Significant ones, as many as the files have."""
+
+
+def usual_fields(trend: Trend) -> list[str]:
+    """Of each axis the rms of its error and the least headroom; the greatest lateness; deadlines missed."""
+    errors = [name for name in matching(list(trend.columns), "error_um") if name.endswith("_rms")]
+    headroom = [name for name in matching(list(trend.columns), "headroom_V") if name.endswith("_min")]
+    return [*errors, *headroom, "lateness_us_max", "overruns"]
+
+
+def summarised(trend: Trend, fields: list[str]) -> list[dict[str, Any]]:
+    """A line a day, or an hour of up to two days: `begins`, `running_h`, each column that `fields` mean, `faults`.
+
+    Least and greatest values are those of all rows, what was counted is their sum; a mean and an rms are weighted by
+    the time that a row covers. None where nothing was known. `state` is the last one's name, `faults` are codes.
+    """
+    spans_days = (trend.time[-1] - trend.time[0]) / np.timedelta64(1, "D")
+    unit = "D" if spans_days > _HOURLY_DAYS else "h"
+    begins = trend.time.astype(f"datetime64[{unit}]")
+    edges = [0, *(np.flatnonzero(np.diff(begins)) + 1).tolist(), len(begins)]
+    names = [name for name in _columns(trend, fields) if name != FAULT]
+    return [_summary(trend, names, str(begins[low]), slice(low, high)) for low, high in itertools.pairwise(edges)]
+
+
+def write_csv(trend: Trend, fields: list[str], to: Path) -> None:
+    """The rows as they are, of the columns that `fields` mean. Raises OSError."""
+    names = _columns(trend, fields)
+    with to.open("x", encoding="ascii") as file:
+        file.write(",".join([TIME, *names]) + "\n")
+        for k, stamp in enumerate(trend.time):
+            file.write(",".join([str(stamp), *(f"{trend.columns[name][k]:.{_DIGITS}g}" for name in names)]) + "\n")
+
+
+def draw(trend: Trend, fields: list[str], to: Path) -> None:
+    """A panel for each quantity, over the time, UTC; what was not known, and time without rows, is left out."""
+    from matplotlib import rc_context
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    from .canvas import panels
+
+    groups: dict[str, list[str]] = {}
+    for name in _columns(trend, fields):
+        groups.setdefault(_quantity(name), []).append(name)
+    figure, places = panels(len(groups), f"Trend, a value a {trend.every}", 0.45 * max(len(groups), 2))
+    for panel, (quantity, members) in zip(places, groups.items(), strict=True):
+        for name in members:
+            panel.plot(*_with_gaps(trend, trend.columns[name]), lw=0.9, label=name)
+        panel.set_ylabel(quantity)
+        panel.xaxis.set_major_formatter(ConciseDateFormatter(AutoDateLocator()))  # type: ignore[no-untyped-call]
+        panel.grid(alpha=0.3)
+        panel.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    places[-1].set_xlabel("UTC")
+    with rc_context({"svg.hashsalt": "micromanip"}):
+        figure.savefig(to, dpi=130, metadata={"Date": None} if to.suffix == ".svg" else None)
+
+
+def _columns(trend: Trend, fields: list[str]) -> list[str]:
+    return list(dict.fromkeys(name for field in fields for name in matching(list(trend.columns), field)))
+
+
+def _summary(trend: Trend, names: list[str], begins: str, part: slice) -> dict[str, Any]:
+    covered = trend.columns["seconds"][part]
+    found: dict[str, Any] = {"begins": begins, "running_h": round(float(np.nansum(covered)) / 3600.0, 4)}
+    for name in names:
+        value = _one(name, trend.columns[name][part], covered)
+        found[name] = float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+    codes = [int(code) for code in trend.columns[FAULT][part] if code > 0]
+    found["faults"] = [KINDS[code].code if code in KINDS else str(code) for code in dict.fromkeys(codes)]
+    return found
+
+
+def _one(name: str, values: Array, covered: Array) -> float | str | None:
+    known = np.isfinite(values)
+    if not known.any():
+        return None
+    values, weights = values[known], np.fmax(covered[known], 1e-9)
+    if name == STATE:
+        last = int(values[-1])
+        return STATE_NAMES[last] if 0 <= last < len(STATE_NAMES) else str(last)
+    if name in COUNTED:
+        return float(values.sum())
+    if name.endswith("_max"):
+        return float(values.max())
+    if name.endswith("_mean"):
+        return float(np.average(values, weights=weights))
+    if name.endswith("_rms"):
+        return float(np.sqrt(np.average(values**2, weights=weights)))
+    return float(values.min())
+
+
+def _quantity(name: str) -> str:
+    """``error, um`` of ``error_um_x_rms``."""
+    for unit in ("um", "V", "us"):
+        before, found, _ = name.partition(f"_{unit}_")
+        if found:
+            return f"{before}, {unit}"
+    return name
+
+
+def _with_gaps(trend: Trend, values: Array) -> tuple[NDArray[np.datetime64], Array]:
+    """With a NaN in each gap, over which no line is drawn."""
+    ends = np.array([begin for begin, _ in trend.gaps()], trend.time.dtype)
+    at = np.searchsorted(trend.time, ends)
+    return np.insert(trend.time, at, ends), np.insert(values, at, np.nan)

@@ -3,6 +3,7 @@
 import json
 import os
 import subprocess
+import time
 import uuid
 from contextlib import contextmanager
 
@@ -68,6 +69,13 @@ def left_behind(folder, text, changes=None):
         bench.end()
 
 
+def nothing_comes(bench):
+    """For a tenth of a second; what was on the wire when the controller was killed is not what is judged."""
+    bench.device.report()
+    time.sleep(0.1)
+    return not any(each["samples"] for each in bench.device.report()["outputs"].values())
+
+
 def test_a_park_voltage_that_run_refuses_moves_nothing(tmp_path):
     config = tmp_path / "cell.yaml"
     config.write_text(gcs_cell())
@@ -126,7 +134,7 @@ def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew
 
 def test_the_feed_stays_held(tmp_path):
     with left_behind(tmp_path / "bench", slow(serial_cell())) as bench:
-        bench.device.report()
+        until(lambda: nothing_comes(bench), "the last frames of the killed controller don't end")
         code, out, err = safe_outputs(bench.running.config, bench.running.folder)
         assert (code, err) == (0, "")
         assert out.startswith("outputs at their safe value: board\nas of the run of ")

@@ -54,8 +54,8 @@ def test_it_is_measured_while_nothing_else_may_be_changed_and_leaves_nothing(tra
         low = np.array(found["frequency_Hz"]) < 30.0
         assert np.median(gain[low]) == pytest.approx(0.7, rel=0.4), "the actuator's um per V"
         assert lines(tracking) == 0
-        entry = other.audit(1)["entries"][0]
-        assert (entry["verb"], entry["accepted"]) == ("sensitivity", False)
+        refused = [entry["verb"] for entry in other.audit(50)["entries"] if not entry["accepted"]]
+        assert "sensitivity" in refused
         other.set({"axes.x.inner.K_V_per_um": 0.6})
 
 

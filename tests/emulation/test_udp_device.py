@@ -85,7 +85,7 @@ class Cell:
             self.at_ns = max(
                 self.at_ns + PERIOD_NS, time.monotonic_ns()
             )  # as a loop: what is missed is not made up for
-            time.sleep((self.at_ns - time.monotonic_ns()) * 1e-9 if self.at_ns > time.monotonic_ns() else 0.0)
+            time.sleep(max(0, self.at_ns - time.monotonic_ns()) * 1e-9)
             before = int(self.signals[0]["sequence"])
             at = self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data
             codes.append(self._exchange(*at, self.at_ns, 1))

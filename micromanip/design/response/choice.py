@@ -124,8 +124,8 @@ def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
             modes = fit_rational(hertz, measured.response, trusted, order, delay, dt)
             plain = Identified(modes, delay, dt, measured, np.zeros(len(hertz)), tried, None)
             beside = np.where(_matters(measured, wanted), plain.error / wanted.error, 0.0)
-            if not (beside > 1.0).any() and _STATIC[0] <= _static(plain) <= _STATIC[1]:
-                return plain
+            if not (beside > 1.0).any():  # another turn would trust the same, and find the same
+                return plain if _STATIC[0] <= _static(plain) <= _STATIC[1] else on_the_whole or plain
             on_the_whole = on_the_whole or plain
             trusted = trusted / np.clip(beside, 1.0, _MORE)  # as Lawson did
         assert on_the_whole is not None

@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 PERIOD_S, LEAD_S, FADE_S, PERIODS, LINES = 0.8, 0.6, 0.2, 5, 94
+MISSED = 0.05
+"""Share of the cycles that may be missed: on the simulated cell, stalled like a busy machine, the stated confidence
+holds Ms up to it; above, the loop that is measured is not the loop that was designed."""
 LOW_HZ, WIDE_SHARE, WIDEST_HZ = 10.0, 0.35, 3000.0
 _CORNER_HZ, _MAINS_HZ, _TRIALS = 300.0, (50.0, 60.0), 20
 _MODES_HZ, _SHARES = (35.0, 180.0), (0.1, 0.6)
@@ -78,18 +81,24 @@ class Injection:
         record["phase"][:count] = self.phase
 
     def spectra(self, cycle: NDArray[np.int64], signals: Array) -> Complex:
-        """Lines (signals, windows, k) of `signals` (n, signals), taken `cycle` (n,) cycles after its beginning.
+        """Lines (2, windows, k) of what goes into a plant and what comes out, `signals` (n, 2).
 
-        Windows of Hann over two periods, half of each in the next: what else moves meanwhile, a reference of a hundred
-        times the size, doesn't leak into lines far from it. A cycle that is missing counts as the one before. Raises
-        ValueError where the whole periods are not covered, or more than a hundredth of them is missing.
+        They were taken `cycle` (n,) cycles after its beginning. Windows of Hann over two periods, half of each in the
+        next: what else moves meanwhile, a reference of a hundred times the size, doesn't leak into lines far from it.
+        Where cycles are missing, the input stood still as the hardware did, and the output went straight. Raises
+        ValueError where the whole periods are not covered, or more than MISSED of them is missing.
         """
         wanted = self.first_cycle + np.arange(PERIODS * self.period_cycles)
         if len(cycle) == 0 or cycle[0] > wanted[0] or cycle[-1] < wanted[-1]:
             raise ValueError("the record does not cover the whole periods")
-        if np.count_nonzero(np.isin(wanted, cycle)) < 0.99 * len(wanted):
-            raise ValueError("more than 1 % of the cycles were missed")
-        kept = signals[np.searchsorted(cycle, wanted, side="right") - 1]
+        missed = 1.0 - np.count_nonzero(np.isin(wanted, cycle)) / len(wanted)
+        if missed > MISSED:
+            raise ValueError(
+                f"{100 * missed:.1f} % of the cycles were missed, at most {100 * MISSED:g} % may be: "
+                "`micromanip rtcheck` says what disturbs the loop"
+            )
+        held = signals[np.searchsorted(cycle, wanted, side="right") - 1, 0]
+        kept = np.column_stack([held, np.interp(wanted, cycle, signals[:, 1])])
         width = 2 * self.period_cycles
         window = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(width) / width))[:, None]
         firsts = range(0, len(kept) - width + 1, self.period_cycles)

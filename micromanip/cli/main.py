@@ -32,6 +32,7 @@ GROUPS = {
         "reset": "clear a latched fault",
         "jog": "move an axis by hand",
         "sensitivity": "margins of a loop, measured while it runs",
+        "drift": "whether an axis is still the one that was commissioned",
         "record": "record the running cell: start, stop, mark",
         "export": "a recording in the formats of other programs",
         "view": "a recording on the scope, in browsers",

@@ -224,7 +224,9 @@ def document(found: Running, loop: str) -> dict[str, Any]:
     }
 
 
-def measure_virtually(prepared: Prepared, axis: str, loop: str, amplitude_um: float, seed: int = 1) -> Measured:
+def measure_virtually(
+    prepared: Prepared, axis: str, loop: str, amplitude_um: float, seed: int = 1, draws: int = DRAWS
+) -> Measured:
     """The response of a loop's plant on the simulated cell as it is configured, held, in virtual time.
 
     Raises CheckFailed where the cell does not track, or a fault ends it.
@@ -236,7 +238,7 @@ def measure_virtually(prepared: Prepared, axis: str, loop: str, amplitude_um: fl
     cell.arm()
     cell.run(_SETTLE_S, command=HOLD)
     found = []
-    for draw in range(DRAWS):
+    for draw in range(draws):
         wave = planned(configuration, path, axis, loop, amplitude_um, seed + draw)
         found.append(_one_draw(prepared, cell, wave, loop, index, draw + 1))
     faults = cell.faults()

@@ -74,11 +74,26 @@ def test_the_command(tracking, tmp_path):
         client.hold()
     arguments = ["sensitivity", "--axis", "x", "--json", "--out", tmp_path / "out", "--socket", tracking.socket]
     done = CliRunner().invoke(cli, list(map(str, arguments)))
+    assert done.stdout, done.exception
     document = json.loads(done.stdout)
     assert (document["axis"], document["loop"]) == ("x", "strain")
     assert 1.0 < document["measured"]["Ms"] < 4.0
     assert document["agrees"] is (document["problem"] is None) or document["problem"]
     assert {file.name for file in (tmp_path / "out").iterdir()} >= {"sensitivity_x_strain.png"}
+
+
+def test_its_drift_is_checked(tracking, tmp_path):
+    """Its strain loop alone is closed; a history is begun."""
+    with Client(tracking.socket) as client:
+        client.hold()
+    history = tmp_path / "drift.csv"
+    arguments = ["drift", "--axis", "x", "--json", "--history", history, "--socket", tracking.socket]
+    done = CliRunner().invoke(cli, list(map(str, arguments)))
+    assert done.stdout, done.exception
+    (figure,) = json.loads(done.stdout)["axes"][0]["figures"]
+    assert figure["name"] == "actuator_um_per_V"
+    assert figure["latest"] == pytest.approx(0.7, rel=0.4)
+    assert len(history.read_text().splitlines()) == 2
 
 
 def test_a_disarm_ends_it_at_once(tracking):

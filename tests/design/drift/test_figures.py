@@ -1,0 +1,63 @@
+"""Figures out of responses whose figures are known, and where there is none to be found."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.control.injection import injection
+from micromanip.design.drift import PlantFigures, plant_figures
+from micromanip.design.drift.checking import closed_loops, of_the_model
+from micromanip.design.response import Measured
+from micromanip.errors import CheckFailed
+from micromanip.settings.check import prepare
+
+HERTZ = injection(0.3, 3000.0, 10_000.0, seed=1).frequency_Hz
+NEAR = PlantFigures(5.0, 67.0, 0.02)
+
+
+def measured(response, noise=0.0, seed=1):
+    rng = np.random.default_rng(seed)
+    seen = response * (1.0 + noise * (rng.normal(size=len(HERTZ)) + 1j * rng.normal(size=len(HERTZ))))
+    deviation = np.full(len(HERTZ), noise) * np.abs(response)
+    return Measured(HERTZ, seen, seen[None], deviation, deviation)
+
+
+def flexure(gain, mode_Hz, damping, delay_s=2e-4):
+    s, w = 2j * np.pi * HERTZ, 2 * np.pi * mode_Hz
+    return gain * np.exp(-s * delay_s) * w**2 / (s**2 + 2 * damping * w * s + w**2)
+
+
+@pytest.mark.parametrize(("gain", "mode_Hz", "damping"), [(5.0, 67.0, 0.02), (4.2, 52.0, 0.005), (6.0, 81.0, 0.1)])
+def test_a_flexure_is_what_it_is(gain, mode_Hz, damping):
+    found = plant_figures(measured(flexure(gain, mode_Hz, damping)), measured(np.full(len(HERTZ), 0.61)), NEAR)
+    expected = (gain, mode_Hz, damping, 0.61)
+    assert (found.stage_gain, found.mode_Hz, found.mode_damping, found.actuator_um_per_V) == pytest.approx(
+        expected, rel=1e-4
+    )
+
+
+def test_noise_and_a_mode_above_move_it_little():
+    """A mode three times as high with a tenth of the gain is not in the model."""
+    response = flexure(5.0, 67.0, 0.02) + flexure(0.5, 201.0, 0.02)
+    found = [plant_figures(measured(response, 0.05, seed), None, NEAR) for seed in range(10)]
+    assert np.mean([each.mode_Hz for each in found]) == pytest.approx(67.0, rel=0.005)
+    assert np.std([each.mode_Hz for each in found]) < 0.3
+    assert np.mean([each.mode_damping for each in found]) == pytest.approx(0.02, rel=0.25)
+
+
+def test_where_there_is_no_mode_it_says_so():
+    with pytest.raises(CheckFailed, match=r"no mode near 67 Hz fits the stage's response: a line is \d+ % off"):
+        plant_figures(measured(np.exp(2j * np.pi * np.random.default_rng(1).random(len(HERTZ)))), None, NEAR)
+
+
+def test_the_models_figures_are_those_of_its_poles():
+    found = of_the_model(prepare(Path(__file__).parents[3] / "config" / "simulated.yaml").configuration.axes["x"], 1e-4)
+    assert (found.stage_gain, found.mode_Hz, found.mode_damping) == pytest.approx((5.0, 66.8, 0.022), rel=0.05)
+
+
+def test_an_axis_without_a_closed_loop_is_refused():
+    axis = prepare(Path(__file__).parents[3] / "config" / "simulated.yaml").configuration.axes["x"]
+    assert closed_loops(axis, "x") == ("stage", "strain")
+    with pytest.raises(CheckFailed, match="axis x: no loop is closed"):
+        closed_loops(axis.model_copy(update={"mode": "voltage"}), "x")

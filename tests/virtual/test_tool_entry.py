@@ -48,7 +48,7 @@ def on_hardware(folder, make, force=CONTACT, fault=""):
     return made(prepare(file), make)
 
 
-FURTHER = ("light", "quiet sensors", "weak")
+FURTHER = ("soft", "light", "quiet sensors", "weak")
 GROUPED = [
     pytest.param(
         make,

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from micromanip.cli.main import main
+from tests.further import further
 
 from .command import code_of
 
@@ -201,7 +202,7 @@ def test_one_line_with_place_and_way_out(folder, name, capsys):
 
 
 @pytest.mark.live
-@pytest.mark.parametrize(("example", "interface"), [("can.yaml", "can97"), ("canopen.yaml", "can98")])
+@pytest.mark.parametrize(("example", "interface"), [("can.yaml", "can97"), *further(("canopen.yaml", "can98"))])
 def test_a_missing_interface_is_one_line_too(folder, example, interface, capsys):
     """Each its own: a device belongs to one controller at a time, and tests run side by side."""
     text = (CONFIG / example).read_text()

@@ -87,6 +87,7 @@ def damped_mode(response, skip, count):
     return best.x[0], best.x[1]
 
 
+@pytest.mark.long
 def test_the_outer_loop_damps_the_resonance(tmp_path):
     ringing = force_response(tmp_path, "strain")
     frequency, damping = damped_mode(ringing, 0, 4000)

@@ -57,11 +57,11 @@ test-laws-checked: $(READY)  # optimised little: it is compiled once and runs sh
 	NUMBA_BOUNDSCHECK=1 NUMBA_OPT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
 
 test-laws-plain: $(READY)
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only and not many_cycles'
 
-thorough: $(READY) ## what `make test` draws fewer of: 60 examples of each search of hypothesis, and further plants
+thorough: $(READY) ## what `make test` has fewer of: 60 examples of each search of hypothesis, further cells, plants, kills and pages
 	$(BIN)/pytest -n $(JOBS) --dist loadgroup --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m 'hypothesis and not compiled_only' tests/rt
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m '(hypothesis or many_cycles) and not compiled_only' tests/rt
 
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root
 	tools/system-tests/scenarios.sh namespace

@@ -61,6 +61,8 @@ axes:
     inner: {mode: pid, K_V_per_um: 0.6, Ti_ms: 0.571, Td_ms: 0.167, filter_ms: 0.3}
 arm_on_start: true
 """
+# The same for who only talks to the host: at this rate a loop that runs for a minute costs hardly any CPU.
+LEISURELY = SLOW.replace("limits: hardware", "limits: simulation")
 
 
 def as_from_a_terminal():

@@ -3,13 +3,14 @@
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from micromanip.cli.main import main
+from tests.further import further
+
+from .command import code_of
 
 CONFIG = Path(__file__).parents[2] / "config"
 SENSOR_EDS = (CONFIG / "can/sensor.eds").read_text()
@@ -201,8 +202,8 @@ def test_one_line_with_place_and_way_out(folder, name, capsys):
 
 
 @pytest.mark.live
-@pytest.mark.parametrize(("example", "interface"), [("can.yaml", "can97"), ("canopen.yaml", "can98")])
-def test_a_missing_interface_is_one_line_too(folder, example, interface):
+@pytest.mark.parametrize(("example", "interface"), [("can.yaml", "can97"), *further(("canopen.yaml", "can98"))])
+def test_a_missing_interface_is_one_line_too(folder, example, interface, capsys):
     """Each its own: a device belongs to one controller at a time, and tests run side by side."""
     text = (CONFIG / example).read_text()
     file = folder / example
@@ -211,12 +212,11 @@ def test_a_missing_interface_is_one_line_too(folder, example, interface):
     )
     file.write_text(changed)
     line = 1 + changed[: changed.index("  can0:")].count("\n")
-    command = [sys.executable, "-c", "from micromanip.cli.main import main; main()", "run", str(file)]
-    done = subprocess.run([*command, "--socket", str(folder / "s")], capture_output=True, text=True, check=False)
-    assert done.returncode == 69
-    assert done.stderr.startswith(
+    assert code_of("run", file, "--socket", folder / "s") == 69
+    out, err = capsys.readouterr()
+    assert err.startswith(
         f"micromanip: {file}:{line}: drivers.can0: socketcan-{interface}: "
         f"there is no network interface {interface}; CAN interfaces"
     )
-    assert done.stderr.count("\n") == 1
-    assert not done.stdout
+    assert err.count("\n") == 1
+    assert not out

@@ -144,7 +144,7 @@ def test_a_fault_on_the_way_ends_it(tmp_path):
     assert str(refused.value).startswith("axis x: sensors at rest: ")
 
 
-@pytest.mark.long
+@pytest.mark.thorough  # another plant to commission
 def test_a_resonance_that_has_moved_is_followed(tmp_path):
     """Nearly three times the mass on the stage, the mode at 40 Hz: another outer loop, the same margins."""
     heavy = prepare(cell(tmp_path, plant("stage_kg: 33.0")))

@@ -188,6 +188,7 @@ def test_live_on_the_simulation(live):
 
 
 @pytest.mark.live
+@pytest.mark.thorough  # one that was cut short, which follows, takes the same way
 def test_a_fault_leaves_no_file(live):
     run = live(30)
     loop = run.loop()

@@ -12,7 +12,8 @@ from tools.running_controller import SHARED
 
 from .command import code_of
 
-pytestmark = [pytest.mark.long, pytest.mark.live, pytest.mark.xdist_group("loop")]
+pytestmark = [pytest.mark.thorough, pytest.mark.live, pytest.mark.xdist_group("loop")]
+"""Thorough: what is decided, and tried, is shown on a tuned cell by tests/design/commission/test_production.py."""
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 MARGIN = 2.0

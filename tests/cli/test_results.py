@@ -8,7 +8,6 @@ import os
 import resource
 import shutil
 import stat
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,6 @@ from micromanip.cli import results
 from micromanip.cli.results import Pictures, publish, results_folder, run_folder
 from micromanip.design import figures, paper
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
-from tools.running_controller import MICROMANIP
 
 from .command import code_of
 
@@ -302,33 +300,6 @@ def test_what_the_system_refuses_is_no_bug(number, kind, monkeypatch, capsys):
     said = capsys.readouterr().err
     assert said.startswith(f"micromanip: /some/file: {os.strerror(number)}")
     assert len(said.splitlines()) == 1
-
-
-def piped(tmp_path, *arguments, reader):
-    """Exit code and standard error of a command whose output `reader` reads, by the shell."""
-    command = " ".join([str(MICROMANIP), *map(str, arguments)])
-    script = f"{{ {command}; echo $? >code; }} 2>err | {reader}"
-    subprocess.run(["sh", "-c", script], cwd=tmp_path, check=False, timeout=120, stdout=subprocess.DEVNULL)
-    return int((tmp_path / "code").read_text()), (tmp_path / "err").read_text()
-
-
-@pytest.mark.live
-@pytest.mark.parametrize("arguments", [("check", SIMULATED), ("check", SIMULATED, "--json"), ("drivers",)])
-def test_a_reader_that_has_seen_enough(arguments, tmp_path):
-    """`| head`: no word about it, and no failure."""
-    assert piped(tmp_path, *arguments, reader="true") == (0, "")
-
-
-@pytest.mark.live
-def test_standard_output_on_a_full_disk(tmp_path):
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [str(MICROMANIP), "check", str(SIMULATED), "--json"],
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120,
-        )  # fmt: skip
-    assert done.returncode == 69
-    place = "make room there, or choose another place"
-    assert done.stderr == f"micromanip: standard output: No space left on device; {place}\n"
 
 
 def test_the_trace_of_a_bug_finds_no_room(monkeypatch, capsys):

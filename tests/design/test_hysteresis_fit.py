@@ -125,6 +125,7 @@ def test_burn_in_forgets_how_the_record_began():
     assert fit(fitted.structure, v, y, WHOLE, 0, starts=1).rms_um > 10 * NOISE_UM
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["pi-tanh", "pi-free", "rate", "pi-affine+creep"])
 def test_choice_finds_the_kind_that_made_the_data(kind):
     v, y = data(kind)

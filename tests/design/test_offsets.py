@@ -82,6 +82,7 @@ def test_linear_figures(name, tmp_path, capsys):
         np.testing.assert_allclose(shifted, found[0], rtol=1e-6)
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(du=st.floats(-1e3, 1e3), dy=st.floats(-5e3, 5e3))
 def test_any_offset(du, dy):

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.further import further
+
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
 SAVED = re.compile(r"[Ss]ave (?:this|it) as `(?P<file>out/\w+\.py)`")
@@ -59,7 +61,11 @@ def difference(shown, printed):
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
-    ("page", "outputs"), [("quickstart.md", 3), ("linear.md", 4), ("identification.md", 2), ("budget.md", 1)]
+    ("page", "outputs"),
+    [
+        ("quickstart.md", 3),
+        *further(("linear.md", 4), ("identification.md", 2), ("budget.md", 1)),
+    ],
 )
 def test_what_a_page_shows_is_printed(page, outputs, tmp_path):
     for name in ("config", "docs"):

@@ -24,6 +24,7 @@ TRIED = (
 
 
 @pytest.mark.live  # the campaign itself tries again what a stall has spoilt
+@pytest.mark.thorough  # each fault on the driver alone: tests/drivers/canbus; the daemon's way to rest: test_steps.py
 @pytest.mark.xdist_group("loop")
 def test_faults_of_a_bus(tmp_path):
     cases = tuple(replace(case, within_ms=math.inf) for case in CASES if case.name in TRIED)

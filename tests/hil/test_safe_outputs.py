@@ -2,17 +2,17 @@
 
 import json
 import os
-import subprocess
 import time
 import uuid
 from contextlib import contextmanager
 
 import pytest
 
+from tests.cli.command import code_of
 from tools.bus_faults.bench import Bench
 from tools.bus_faults.cells import gcs_cell, serial_cell
 from tools.emulated_device import Device
-from tools.running_controller import MICROMANIP, until
+from tools.running_controller import until
 
 pytestmark = pytest.mark.live  # processes
 
@@ -31,16 +31,16 @@ def slow(text):
     return text.replace("slew_V_per_ms: 40", f"slew_V_per_ms: {SLEW_V_PER_MS}")
 
 
-def safe_outputs(config, state, *arguments):
+@pytest.fixture
+def safe_outputs(capsys, monkeypatch):
     """Exit code, standard output and standard error of the command, with the state directory in `state`."""
-    done = subprocess.run(
-        [str(MICROMANIP), "safe-outputs", str(config), *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"XDG_STATE_HOME": str(state)},
-    )
-    return done.returncode, done.stdout, done.stderr
+
+    def typed(config, state, *arguments):
+        monkeypatch.setenv("XDG_STATE_HOME", str(state))
+        capsys.readouterr()
+        return code_of("safe-outputs", config, *arguments), *capsys.readouterr()
+
+    return typed
 
 
 @contextmanager
@@ -76,7 +76,7 @@ def nothing_comes(bench):
     return not any(each["samples"] for each in bench.device.report()["outputs"].values())
 
 
-def test_a_park_voltage_that_run_refuses_moves_nothing(tmp_path):
+def test_a_park_voltage_that_run_refuses_moves_nothing(tmp_path, safe_outputs):
     config = tmp_path / "cell.yaml"
     config.write_text(gcs_cell())
     with device(config) as emulated:
@@ -92,7 +92,7 @@ def test_a_park_voltage_that_run_refuses_moves_nothing(tmp_path):
     assert {each["samples"] for each in outputs.values()} == {0}
 
 
-def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew_limit(tmp_path):
+def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew_limit(tmp_path, safe_outputs):
     slower = {"outputs.voltage_y.slew_V_per_ms": 0.5 * SLEW_V_PER_MS}
     with left_behind(tmp_path / "bench", slow(gcs_cell()), slower) as bench:
         config, state = bench.running.config, bench.running.folder
@@ -132,7 +132,7 @@ def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew
         assert "at their safe value" not in out
 
 
-def test_the_feed_stays_held(tmp_path):
+def test_the_feed_stays_held(tmp_path, safe_outputs):
     with left_behind(tmp_path / "bench", slow(serial_cell())) as bench:
         until(lambda: nothing_comes(bench), "the last frames of the killed controller don't end")
         code, out, err = safe_outputs(bench.running.config, bench.running.folder)

@@ -13,6 +13,8 @@ import can
 import cantools
 import pytest
 
+from tests.cli.command import code_of
+
 pytestmark = pytest.mark.live  # processes
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -116,10 +118,9 @@ def test_end_of_input_ends_it(device):
     assert json.loads(out)["stalls"]["count"] >= 0
 
 
-def test_second_one_is_told_that_the_channel_is_in_use(device, config):
-    second = start(config)
-    out, err = second.communicate(timeout=PATIENCE_S)
-    assert second.returncode == 69
+def test_second_one_is_told_that_the_channel_is_in_use(device, config, capsys):
+    assert code_of("simulate-device", config) == 69
+    out, err = capsys.readouterr()
     assert out == ""
     assert err == (
         f"micromanip: channel {CHANNEL} is simulated by another process already; stop it, or choose another channel\n"
@@ -135,11 +136,10 @@ def test_duration_and_summary(config):
     assert "voltage_x" in out
 
 
-def test_bad_configuration_is_78(config):
+def test_bad_configuration_is_78(config, capsys):
     config.write_text(config.read_text().replace("Tracker: {", "Trackr: {"))
-    process = start(config)
-    out, err = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 78
+    assert code_of("simulate-device", config) == 78
+    out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
     assert "did you mean Tracker?" in err

@@ -10,7 +10,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import ARM
-from tools.running_controller import SLOW, WAITING, calm, reset, until
+from tools.running_controller import LEISURELY, SLOW, WAITING, changed, reset, until
 
 from .whole_module import tracking_until_the_end
 
@@ -22,7 +22,7 @@ STATUS = b'{"version": 1, "verb": "status"}'
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory):
     """One controller for all who abuse it; it ends cleanly in the end."""
-    with tracking_until_the_end(tmp_path_factory.mktemp("abuse"), calm()) as cell:
+    with tracking_until_the_end(tmp_path_factory.mktemp("abuse"), LEISURELY) as cell:
         yield cell
     assert "exception" not in cell.said
     assert not cell.socket.exists()
@@ -32,9 +32,9 @@ def tracking(tmp_path_factory):
 def cell(tracking):
     """A controller that tracks; after each test it still does."""
     assert tracking.state == "TRACKING"
-    tracking.go_on(500)
+    tracking.go_on(10)
     yield tracking
-    tracking.go_on(500)
+    tracking.go_on(10)
     assert tracking.state == "TRACKING"
     assert tracking.control["words"][w.COMMAND] == ARM
     assert tracking.control["words"][w.VERSION] == 1
@@ -114,7 +114,7 @@ def test_clients_that_hang_up(cell):
 
 def test_second_daemon_is_refused(cell, run):
     """And does the first one no harm."""
-    second = run(calm(), "--socket", str(cell.socket))
+    second = run(LEISURELY, "--socket", str(cell.socket))
     assert second.wait() == 1
     assert f"another controller answers on {cell.socket}; stop it first" in " ".join(second.said.split())
     assert second.report.keys() == {"error", "exit_code"}
@@ -123,7 +123,7 @@ def test_second_daemon_is_refused(cell, run):
 
 def test_commands_from_beginning_to_end(run):
     """READY, refused, arm, TRACKING, disarm, READY again; each state told as it is."""
-    cell = run(calm(*WAITING)).reach("READY")
+    cell = run(changed(LEISURELY, *WAITING)).reach("READY")
     with Client(cell.socket) as client:
         with pytest.raises(CheckFailed, match=r"^reset refused: the state is READY$"):
             client.reset()
@@ -141,7 +141,7 @@ def test_commands_from_beginning_to_end(run):
 
 
 def test_client_of_a_controller_that_ends(run):
-    cell = run(calm(*WAITING)).reach("READY")
+    cell = run(changed(LEISURELY, *WAITING)).reach("READY")
     with Client(cell.socket) as client:
         assert client.status()["state"] == "READY"
         assert cell.end() == 0

@@ -11,6 +11,7 @@ from micromanip.errors import CheckFailed, DeviceUnavailable
 from tools.running_controller import QUICK, WAITING, calm, rows_of, simulated, until
 
 
+@pytest.mark.thorough  # in virtual time: tests/virtual/test_arming.py
 @pytest.mark.realtime  # the check of the feedback closes loops: no stall may outlast it
 def test_a_dead_capacitive_sensor_after_an_earlier_session(run):
     """Refused: the outer loop is not closed on what the estimator knew then."""
@@ -44,6 +45,7 @@ def by_hand():
     return text
 
 
+@pytest.mark.thorough  # the same
 @pytest.mark.realtime  # the same
 def test_a_loop_that_was_never_closed_is_checked_before_it_is(run):
     """Another mode after a session without it: the gauge does not answer, X-401, and the voltage has moved by 5 V."""

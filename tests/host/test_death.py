@@ -17,6 +17,8 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
 from tools.running_controller import SLOW, WAITING, calm, descriptor_of, rows_of, until
 
+from .black_boxes import PERIOD_MS, assert_whole, box_of, explained, folder
+
 SLEW_V = 4.0  # 40 V/ms, a cycle
 RAMP_CYCLES = 5000
 
@@ -42,7 +44,8 @@ def assert_smooth_ramp(rows, park_V=0.0):
 
 def test_host_killed_while_tracking(run):
     cell = run(calm()).reach("TRACKING")
-    cell.go_on(2000)
+    until(lambda: cell.child("trips.process"), cell.last_words)
+    cell.go_on(5000)
     cell.process.kill()
     assert cell.wait() == -signal.SIGKILL
     cell.gone()  # the loop ends by itself, and takes the socket's file with it
@@ -52,6 +55,11 @@ def test_host_killed_while_tracking(run):
     rows = rows_of(cell.ring)
     assert rows["fault"][-1] == HOST_DEAD
     assert_smooth_ramp(rows)
+    box = box_of(cell)  # finished without the host
+    assert box.trip["code"] == "X-101"
+    assert box.rows["fault"][-1] == box.trip["number"]
+    assert_whole(box, min(2000.0, (box.trip["cycle"] - 1) * PERIOD_MS), min(500.0, cell.cycles * PERIOD_MS))
+    assert "X-101 no sign of life" in explained(cell)
     silent_s = (rows["time_ns"][rows["fault"] == HOST_DEAD][0] - cell.control["words"][w.HEARTBEAT_NS]) * 1e-9
     assert silent_s >= 0.999  # it is not given up sooner than its limit
 
@@ -71,6 +79,7 @@ def test_host_killed_and_another_started_at_once(run):
     cell.socket.unlink()
 
 
+@pytest.mark.thorough  # the whole machine's stall, which follows, is that of the host, too
 def test_host_stalls_longer_than_its_heartbeat_allows(run):
     cell = run(calm()).reach("TRACKING")
     loop = cell.loop
@@ -112,6 +121,7 @@ def test_loop_killed_while_tracking(run):
     try:
         driver = context.record(CONTEXT)
         assert driver["s"]["latched_V"].min() > 20.0
+        cell.go_on(5000)
         os.kill(cell.loop, signal.SIGKILL)
         assert cell.wait() == 1
         lines = [line for line in cell.said.splitlines() if "X-104" in line]
@@ -126,6 +136,14 @@ def test_loop_killed_while_tracking(run):
     assert cell.report.keys() == {"error", "exit_code"}  # no report is better than half of one
     assert "Traceback" not in cell.said
     cell.gone()
+    box = box_of(cell)
+    assert box.trip["code"] == "X-104"
+    assert "was killed by signal 9" in box.trip["message"]
+    assert f"Black box: {trips(folder(cell))[0]}" in cell.said
+    head = cell.ring["rows"]["cycle"].max()
+    assert box.rows["cycle"][-1] == head  # up to the last one it ran
+    assert_whole(box, min(2000.0, (head - 1) * PERIOD_MS), 0.0)
+    assert "X-104" in explained(cell)
 
 
 def test_loop_that_stands_still(run):
@@ -138,7 +156,7 @@ def test_loop_that_stands_still(run):
     assert "X-105 the loop has stood still for " in lines[0]
     assert "Look at the driver" in lines[0]
     assert "X-104" not in cell.said  # it was no accident
-    (file,) = trips(cell.folder / "micromanip" / "trips")
+    (file,) = trips(folder(cell))
     assert "Black box: " in cell.said
     assert Box.load(file).trip["code"] == "X-105"
     assert "driver cell: outputs at their safe value" in cell.said
@@ -146,13 +164,20 @@ def test_loop_that_stands_still(run):
 
 
 def test_both_killed(run):
-    """Nothing but memory without a name, which the kernel takes back; the stale socket is replaced later."""
-    cell = run(calm()).reach("TRACKING")
+    """Nothing but memory without a name, which the kernel takes back; the stale socket is replaced later.
+
+    Nobody tells the black box of it: that no cycle passes any more tells enough.
+    """
+    cell = run(calm(*WAITING)).reach("READY")
+    until(lambda: cell.child("trips.process"), cell.last_words)
+    cell.go_on(5000)
     loop = cell.loop
+    os.kill(loop, signal.SIGSTOP)  # or it would see the host's death and end in order
     cell.process.kill()
     os.kill(loop, signal.SIGKILL)
     cell.wait()
     cell.gone()
+    assert box_of(cell).trip["code"] == "X-104"
     assert cell.socket.is_socket()  # stale: nobody was left to remove it
     again = run(calm(*WAITING), "--socket", str(cell.socket)).reach("READY")
     assert again.end() == 0

@@ -9,7 +9,7 @@ import pytest
 
 from micromanip.rt import mailbox as w
 from tools.garbage import lines
-from tools.running_controller import WAITING, Running, calm
+from tools.running_controller import LEISURELY, WAITING, Running, changed
 
 pytestmark = pytest.mark.live  # a running controller
 
@@ -18,7 +18,7 @@ BATCH = 200
 
 @pytest.fixture(scope="module")
 def waiting(tmp_path_factory):
-    cell = Running(tmp_path_factory.mktemp("garbage"), calm(*WAITING))
+    cell = Running(tmp_path_factory.mktemp("garbage"), changed(LEISURELY, *WAITING))
     try:
         yield cell.reach("READY")
         assert cell.end() == 0, cell.said
@@ -57,4 +57,4 @@ def test_garbage(waiting, request):
     assert waiting.control["words"][w.COMMAND_NUMBER] == 0
     assert waiting.config.read_text() == saved
     assert "Traceback" not in waiting.said
-    waiting.go_on(500)
+    waiting.go_on(10)

@@ -15,6 +15,7 @@ from tools.kills.envelope import Envelope
 pytestmark = pytest.mark.realtime  # a stall must not outlast the watches
 
 
+@pytest.mark.thorough  # test_death.py, test_recording_fails.py and test_trips.py kill each process, too
 def test_each_process_once(tmp_path):
     kills = list(campaign(len(VICTIMS), 7, tmp_path))
     assert [kill.victim for kill in kills] == list(VICTIMS)

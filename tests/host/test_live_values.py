@@ -12,16 +12,27 @@ from tools.running_controller import QUICK, SHARED, WAITING, changed, until
 from .standin import jogging
 
 
-@pytest.fixture
-def jogged(run):
-    return run(changed(jogging(), *SHARED, *WAITING, *QUICK)).reach("READY")
-
-
 def value(client, name, axis="x"):
     return client.status()["axes"][axis][name]
 
 
-def test_an_axis_is_seen_at_rest_and_as_it_is_jogged(jogged):
+def stale_while_it_stands_still(jogged):
+    os.kill(jogged.loop, signal.SIGSTOP)
+    try:
+        with Client(jogged.socket) as client:
+            until(lambda: client.status()["axes"]["z"]["voltage_V"]["unknown"], jogged.last_words)
+            stale = value(client, "voltage_V")
+            assert stale["latest"] is None
+            assert stale["unknown"].startswith("stale: the loop has stood still for ")
+    finally:
+        os.kill(jogged.loop, signal.SIGCONT)
+    with Client(jogged.socket) as client:
+        until(lambda: value(client, "voltage_V")["latest"] == 0.0, jogged.last_words)
+
+
+def test_an_axis_is_seen_at_rest_and_as_it_is_jogged_and_not_while_the_loop_stands_still(run):
+    jogged = run(changed(jogging(), *SHARED, *WAITING, *QUICK)).reach("READY")
+    stale_while_it_stands_still(jogged)
     with Client(jogged.socket) as client:
         rest = client.status()["axes"]["x"]
         assert rest["voltage_V"]["latest"] == 0.0
@@ -42,18 +53,3 @@ def test_an_axis_is_seen_at_rest_and_as_it_is_jogged(jogged):
     assert jogged.end() == 0
     final = json.loads(jogged.out)["axes"]["x"]["voltage_V"]
     assert final["latest"] is None or final["latest"] == 0.0, "parked, or known no more"
-
-
-def test_a_loop_that_stands_still_shows_no_numbers(jogged):
-    os.kill(jogged.loop, signal.SIGSTOP)
-    try:
-        with Client(jogged.socket) as client:
-            until(lambda: client.status()["axes"]["z"]["voltage_V"]["unknown"], jogged.last_words)
-            stale = value(client, "voltage_V")
-            assert stale["latest"] is None
-            assert stale["unknown"].startswith("stale: the loop has stood still for ")
-    finally:
-        os.kill(jogged.loop, signal.SIGCONT)
-    with Client(jogged.socket) as client:
-        until(lambda: value(client, "voltage_V")["latest"] == 0.0, jogged.last_words)
-    assert jogged.end() == 0

@@ -51,6 +51,7 @@ def test_a_reader_that_stands_still(run, tmp_path):
         os.close(held)
 
 
+@pytest.mark.thorough  # without a loop: test_a_printer_whose_stream_breaks_does_the_rest
 def test_a_reader_that_goes_away(run, tmp_path):
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)

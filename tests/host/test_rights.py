@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from tools.running_controller import SLOW, WAITING, changed, simulated
+from tools.running_controller import LEISURELY, SLOW, WAITING, simulated
 
 RIGHTS = "-sys_nice,-ipc_lock,-sys_resource"
 
@@ -53,8 +53,9 @@ def test_hardware_limits_refuse(run):
     assert cell.left == []
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs the rights, as root has them")
 def test_with_rights_there_is_no_warning(run):
-    cell = run(changed(SLOW, ("limits: hardware", "limits: simulation")), "--duration", "0.5")
+    cell = run(LEISURELY, "--duration", "0.5")
     assert cell.wait() == 0
     assert warnings(cell) == []

@@ -76,18 +76,11 @@ def test_signals_have_their_rates_and_ages(report):
 
 
 def test_without_arm_on_start_it_waits_in_ready(run):
-    cell = run(simulated(*WAITING), "--duration", "1")
-    assert cell.wait() == 0, cell.said
-    assert cell.report["state"] == "OFF"
-    assert cell.report["path_error_um"]["x"] == {"uncompensated_rms": None, "rms": None, "max": None}
-    assert "TRACKING" not in cell.said
-
-
-def test_a_tuning_that_its_report_is_not_about_is_said_in_one_line(run):
+    """And a tuning that its report is not about is said in one line."""
     section = '    commissioned: {hash: "0123456789abcdef", report: report.html, date: 2026-11-21}\n'
     text = simulated(*WAITING)
     at = text.index("    mode: stage", text.index("\naxes:"))
-    cell = run(text[:at] + section + text[at:], "--duration", "0.5")
+    cell = run(text[:at] + section + text[at:], "--duration", "1")
     assert cell.wait() == 0, cell.said
     warnings = [line for line in cell.said.splitlines() if "commissioned" in line]
     assert warnings == [
@@ -95,3 +88,5 @@ def test_a_tuning_that_its_report_is_not_about_is_said_in_one_line(run):
         "commission it again, or remove the section commissioned"
     ]
     assert cell.report["state"] == "OFF"
+    assert cell.report["path_error_um"]["x"] == {"uncompensated_rms": None, "rms": None, "max": None}
+    assert "TRACKING" not in cell.said

@@ -12,6 +12,7 @@ import pytest
 from micromanip.rt import mailbox as w
 from micromanip.rt.phases import PARKING
 from micromanip.rt.states import RAMPING
+from tests.further import further
 from tools.running_controller import as_from_a_terminal, calm, rows_of, simulated, until
 
 
@@ -27,17 +28,6 @@ def assert_stopped_cleanly(cell):
     assert "Traceback" not in cell.said
     cell.gone()
     assert not cell.socket.exists()
-
-
-def test_ctrl_c_while_tracking(run):
-    cell = run(calm()).reach("TRACKING")
-    assert os.getpgid(cell.loop) != cell.process.pid  # the loop is out of Ctrl-C's reach
-    interrupt(cell)
-    assert_stopped_cleanly(cell)
-    assert cell.status["words"][w.FINISHED] == 1
-    rows = rows_of(cell.ring)
-    assert np.count_nonzero(rows["state"] == RAMPING) > 1000  # ramped, not cut
-    assert not rows["axis"]["voltage_V"][-1].any()
 
 
 def test_stall_on_the_way_to_park(run):
@@ -57,15 +47,20 @@ def test_stall_on_the_way_to_park(run):
 
 def test_ctrl_c_again_and_again_does_not_cut_the_ramp_short(run):
     cell = run(calm()).reach("TRACKING")
+    assert os.getpgid(cell.loop) != cell.process.pid  # the loop is out of Ctrl-C's reach
     interrupt(cell)
     cell.reach("RAMPING")
     interrupt(cell)
     interrupt(cell)
     assert_stopped_cleanly(cell)
-    assert not rows_of(cell.ring)["axis"]["voltage_V"][-1].any()
+    assert cell.status["words"][w.FINISHED] == 1
+    rows = rows_of(cell.ring)
+    assert np.count_nonzero(rows["state"] == RAMPING) > 1000
+    assert not rows["axis"]["voltage_V"][-1].any()
+    assert cell.report["recording"] is None
 
 
-@pytest.mark.parametrize("state", ["READY", "ARMING"])
+@pytest.mark.parametrize("state", ["ARMING", *further("READY")])
 def test_ctrl_c_before_tracking(run, state):
     arm = str(state == "ARMING").lower()
     cell = run(simulated(("arm_on_start: true", f"arm_on_start: {arm}"))).reach(state)
@@ -95,25 +90,17 @@ def test_ctrl_c_before_the_configuration_is_read(run):
 
 def test_sigterm_with_a_recording_and_clients_on_the_line(run):
     cell = run(calm(), "--record", "run.h5").reach("TRACKING")
-    with cell.talk() as idle, cell.talk() as busy:
+    with cell.talk() as idle, cell.talk() as busy, cell.talk() as deaf:
         assert busy.ask(b'{"version": 1, "verb": "status"}')["result"]["state"] == "TRACKING"
+        deaf.socket.setblocking(False)
+        with suppress(BlockingIOError):  # it asks for more than it reads, and does not hold up the end
+            for _ in range(1000):
+                deaf.socket.send(b'{"version": 1, "verb": "status"}\n' * 100)
         assert cell.end(signal.SIGTERM) == 0
         assert idle.hear() is None
     assert_stopped_cleanly(cell)
     assert "recorded" in cell.said
     assert "0 lost" in cell.said
-
-
-def test_sigterm_with_a_deaf_client(run):
-    """One that has asked for more than it reads does not hold up the end."""
-    cell = run(calm()).reach("TRACKING")
-    with cell.talk() as deaf:
-        deaf.socket.setblocking(False)
-        with suppress(BlockingIOError):
-            for _ in range(1000):
-                deaf.socket.send(b'{"version": 1, "verb": "status"}\n' * 100)
-        assert cell.end(signal.SIGTERM) == 0
-    assert_stopped_cleanly(cell)
 
 
 SWALLOWED = """

@@ -205,6 +205,7 @@ def test_recording_has_every_cycle(prepared, tmp_path):
     assert np.abs(axis["voltage_V"] - rows["axis"]["voltage_V"][0]).max() < 4.0 * rows["periods"][0]
 
 
+@pytest.mark.thorough  # one of the quick ones, which follow
 def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
     new = variant(prepared, **SWAPS["PID gain"])
 
@@ -258,6 +259,7 @@ def test_recording_of_a_tuning_that_was_taken_back(prepared, tmp_path):
     recording.file.close()
 
 
+@pytest.mark.thorough  # `record start` is refused the same way without a loop: test_record_verbs.py
 def test_recording_to_an_impossible_place(prepared, tmp_path):
     (tmp_path / "file").touch()
 

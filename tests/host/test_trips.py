@@ -3,56 +3,23 @@
 import json
 import os
 import signal
-import subprocess
 
 import numpy as np
 import pytest
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
-from micromanip.host.control.socket_file import remove_stale
 from micromanip.host.trips.store import Box, trips
 from micromanip.rt.states import RAMPING, TRACKING
-from tools.running_controller import MICROMANIP, WAITING, calm, reset, until
+from tools.running_controller import calm, reset, until
 
-PERIOD_MS = 0.1
+from .black_boxes import assert_whole, box_of, explained, folder
 
 
 def failing(at_s, *changes):
     """The calm cell; the gauge of axis y fails for a second."""
     fault = f"    faults: [{{channel: strain_y, kind: nan, at_s: {at_s}, for_s: 1}}]\n"
     return calm(("    seed: 1\n", "    seed: 1\n" + fault), *changes)
-
-
-def folder(cell):
-    return cell.folder / "micromanip" / "trips"
-
-
-def box_of(cell, *, complete=True, place=None):
-    """The one box that there is, as soon as it is."""
-
-    def found():
-        files = trips(place or folder(cell))
-        assert len(files) <= 1
-        box = Box.load(files[0]) if files else None
-        return box if box is not None and (box.meta["complete"] or not complete) else None
-
-    return until(found, lambda: f"a box; {cell.last_words()}")
-
-
-def explained(cell, *arguments):
-    command = [str(MICROMANIP), "explain", "--trips", str(folder(cell)), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
-
-
-def assert_whole(box, before_ms, after_ms):
-    """Every cycle of that time is in it, once; those that were missed are told."""
-    rows = box.rows
-    assert (np.diff(rows["cycle"]) == rows["periods"][1:]).all()
-    ms = (rows["cycle"] - box.trip["cycle"]) * PERIOD_MS
-    late = rows["periods"].max() * PERIOD_MS
-    assert ms[0] == pytest.approx(-before_ms, abs=late + 0.2)
-    assert ms[-1] == pytest.approx(after_ms, abs=late + 0.2)
 
 
 def test_trip_is_on_disk_before_a_reset(run):
@@ -121,21 +88,6 @@ def test_black_box_that_keeps_dying(run):
     assert cell.end() == 0
 
 
-def test_host_killed(run):
-    """The box of the host's death is finished without it, and nobody stays behind."""
-    cell = run(calm()).reach("TRACKING")
-    until(lambda: cell.child("trips.process"), cell.last_words)
-    cell.go_on(5000)
-    cell.process.kill()
-    cell.wait()
-    cell.gone()
-    box = box_of(cell)
-    assert box.trip["code"] == "X-101"
-    assert box.rows["fault"][-1] == box.trip["number"]
-    assert_whole(box, min(2000.0, (box.trip["cycle"] - 1) * PERIOD_MS), min(500.0, (cell.cycles) * PERIOD_MS))
-    assert "X-101 no sign of life" in explained(cell)
-
-
 def test_host_gone_while_another_fault_is_latched(run):
     """What ends the run is told, and kept, as well: it would look as if the first fault had."""
     cell = run(failing(2.3)).reach("FAULT")
@@ -159,38 +111,6 @@ def test_host_gone_while_another_fault_is_latched(run):
     assert ended.rows["fault"][at - 1] == boxes["X-201"].trip["number"]
     assert ended.rows["fault"][at] == ended.trip["number"]
     assert cell.left == []
-
-
-def test_loop_killed(run):
-    cell = run(calm()).reach("TRACKING")
-    cell.go_on(5000)
-    loop = cell.loop
-    os.kill(loop, signal.SIGKILL)
-    assert cell.wait() == 1
-    assert cell.left == []
-    box = box_of(cell)
-    assert box.trip["code"] == "X-104"
-    assert "was killed by signal 9" in box.trip["message"]
-    assert f"Black box: {trips(folder(cell))[0]}" in cell.said
-    head = cell.ring["rows"]["cycle"].max()
-    assert box.rows["cycle"][-1] == head  # up to the last one it ran
-    assert_whole(box, min(2000.0, (head - 1) * PERIOD_MS), 0.0)
-    assert "X-104" in explained(cell)
-
-
-def test_loop_and_host_killed(run):
-    """Nobody tells it: that no cycle passes any more tells enough."""
-    cell = run(calm(*WAITING)).reach("READY")
-    until(lambda: cell.child("trips.process"), cell.last_words)
-    cell.go_on(5000)
-    loop = cell.loop
-    os.kill(loop, signal.SIGSTOP)  # or it would see the host's death and end in order
-    cell.process.kill()
-    os.kill(loop, signal.SIGKILL)
-    cell.wait()
-    cell.gone()
-    remove_stale(cell.socket)  # as the next host would
-    assert box_of(cell).trip["code"] == "X-104"
 
 
 def test_no_room_and_a_black_box_that_dies(run, tmp_path):

@@ -61,6 +61,7 @@ def test_the_recorded_tuning_is_what_was_recorded(recorded, cut):
         assert found.limits == found.recorded_limits
 
 
+@pytest.mark.thorough  # two of the twenty of `make counterfactual`
 def test_the_error_of_drawn_tunings_is_predicted():
     refused, *found = compared(number=2, seed=7, draws=6)
     assert refused >= 0

@@ -286,6 +286,7 @@ def test_arming_away_from_park():
     assert cell.voltages == pytest.approx([40.0, 30.0, 20.0], abs=0.5)
 
 
+@pytest.mark.many_cycles
 def test_strain_axis_follows_its_sines():
     cell = tracking()
     errors = []
@@ -355,6 +356,7 @@ def test_arming_is_refused_with_a_bad_strain_gauge(axis):
     assert cell.step(ARM)
 
 
+@pytest.mark.many_cycles
 def test_the_stage_may_be_out_of_its_sensors_range_until_the_outer_loop_is_closed():
     """At rest it is: the lift brings it in, or closing the loop is a fault."""
     record = parameters(lift=600, settle=100, authority=100, ramp=600)
@@ -452,6 +454,7 @@ def test_no_stage_of_the_law_may_be_anything_but_finite(spoil, axis):
     assert cell.s["fault"] == NO_FAULT
 
 
+@pytest.mark.many_cycles
 @pytest.mark.parametrize("value", [1e308, -1e308, 1e300])
 def test_one_absurd_but_finite_strain_sample_does_not_poison_the_loop(value):
     """Either it is a fault, or the axis works again once the sensor does: an output frozen for good is neither."""
@@ -507,6 +510,7 @@ def test_periods_that_an_overrun_skipped_are_predicted_but_not_integrated(period
     assert a["pid"]["integrator"] == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.many_cycles
 @pytest.mark.parametrize("periods", [20, 500])
 def test_a_long_stall_is_survived(periods):
     """A stall of 2 or 50 ms (a virtual machine) is followed by no more than a short disturbance."""

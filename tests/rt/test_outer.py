@@ -142,6 +142,8 @@ REFERENCES = {
 }
 
 
+@pytest.mark.long
+@pytest.mark.many_cycles
 @pytest.mark.parametrize("reference", REFERENCES)
 @pytest.mark.parametrize(("delay", "oscillation_Hz"), [(0, None), (2, 200.0), (5, 180.0)])
 def test_references_are_followed_and_disturbances_cancelled(delay, oscillation_Hz, reference):

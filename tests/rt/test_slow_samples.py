@@ -123,6 +123,7 @@ def test_in_skipped_cycles_the_set_point_stood(skipped):
     assert strain_error(p, a, cycle) == -1.0
 
 
+@pytest.mark.many_cycles
 def test_a_moving_set_point_is_no_error_of_late_samples():
     """Compared with the set-point of now, the PID would lead it by speed times delay."""
     leads = []
@@ -145,6 +146,7 @@ def test_a_moving_set_point_is_no_error_of_late_samples():
 # -- the PID between its samples ---------------------------------------------------------------------------
 
 
+@pytest.mark.many_cycles
 @pytest.mark.parametrize("every", [1, 10, 40])
 def test_an_output_at_its_limit_is_unwound_alike_at_every_rate(every):
     """What the limiter takes away is taken back once, not again and again until the next sample."""
@@ -185,6 +187,7 @@ def test_what_passed_while_the_gauge_was_given_up_is_not_integrated():
 # -- what is watched ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.many_cycles
 @pytest.mark.parametrize(("every", "late"), [(5, 8), (10, 22)])
 def test_held_samples_are_no_oscillation(every, late):
     """A fast set-point and a slow gauge make a staircase of errors, in the very band that is watched."""

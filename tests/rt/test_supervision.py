@@ -58,6 +58,7 @@ def cell(tracking):
     return tracking.copy()
 
 
+@pytest.mark.many_cycles
 def test_deadlines_in_time_are_nothing(cell):
     assert set(cell.cycles(500)) == {TRACKING}
     assert (cell.s["overruns"], cell.s["overrun_level"], cell.s["events"]) == (0, 0.0, 0)
@@ -74,6 +75,7 @@ def test_three_missed_in_a_row_are_a_hold_in_that_cycle(cell, missed):
     assert [state for k, state in enumerate(after) if k == 0 or state != after[k - 1]] == [HOLDING, RAMPING, FAULT]
 
 
+@pytest.mark.many_cycles
 def test_two_missed_now_and_then_are_counted(cell):
     """More of them than the bucket holds, but it leaks faster: two in 250 cycles of a hundredth each."""
     cell.p["overrun_share"] = 0.01
@@ -107,6 +109,7 @@ def test_without_limits_a_stall_is_only_counted(cell):
     assert (cell.s["overruns"], cell.s["fault"]) == (3000, NO_FAULT)
 
 
+@pytest.mark.many_cycles
 def test_host_dead_is_held_ramped_and_ended(cell):
     cell.heard_ns = cell.now_ns
     alive = HEARTBEAT_NS // 100_000

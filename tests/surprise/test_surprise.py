@@ -25,6 +25,7 @@ INTERLEAVINGS = (
 
 
 @pytest.mark.live
+@pytest.mark.thorough  # cuts, kills and stops on this device: tests/hil/test_steps.py; a bad file: test_safe_outputs.py
 @pytest.mark.xdist_group("loop")
 def test_no_rule_is_broken(tmp_path):
     yard = Yard(tmp_path, CELLS["gcs"])

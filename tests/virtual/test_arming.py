@@ -161,6 +161,7 @@ def test_a_session_does_not_arm_on_the_estimate_of_the_one_before(tmp_path, kind
         assert (s["fault"], s["fault_axis"]) == (code, 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("into_s", [0.3, 1.4, 1.6, 2.1])
 @pytest.mark.parametrize("kind", ["drop", "nan", "freeze", "status"])
 def test_a_capacitive_sensor_that_dies_while_arming(tmp_path, kind, into_s):

@@ -51,7 +51,7 @@ def test_clocks_that_drift_past_each_other_do_no_harm(tmp_path, name):
     assert (error < 0.05 * uncompensated).all()
 
 
-@pytest.mark.long
+@pytest.mark.thorough  # without a bus: tests/cli/test_commission.py; what it tunes: the first test here
 def test_an_axis_behind_a_bus_is_commissioned(tmp_path):
     """From a gentle start; the evidence is on the models, the margins, and a step of the stage."""
     document = yaml.safe_load((CONFIG / "factory.yaml").read_text(encoding="utf-8"))

@@ -27,7 +27,7 @@ def sigmas_um(prepared, configuration):
     return out
 
 
-@pytest.mark.long
+@pytest.mark.thorough  # the fit, and the loop that repeats it: tests/design/test_network.py
 def test_network_in_the_loop():
     factory = prepare(CONFIG / "factory.yaml")
     configuration = factory.configuration

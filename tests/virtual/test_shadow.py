@@ -105,6 +105,7 @@ def test_a_candidate_changes_nothing(shadowed, tmp_path):
     assert rows["axis"].tobytes() == alone.cell.run(0.02)["axis"].tobytes()
 
 
+@pytest.mark.long
 def test_a_worse_model_shows_in_its_innovation(shadowed):
     shadowed.begin(wrong_model).run(3000)
     assert (figures(shadowed.shadow, "innovation") > 1.5 * figures(shadowed.s, "innovation")).all()

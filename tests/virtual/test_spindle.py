@@ -87,6 +87,7 @@ def damped_mode(response, skip, count):
     return best.x[0], best.x[1]
 
 
+@pytest.mark.long
 def test_the_outer_loop_damps_the_resonance(tmp_path):
     ringing = force_response(tmp_path, "strain")
     frequency, damping = damped_mode(ringing, 0, 4000)
@@ -100,7 +101,7 @@ def test_the_outer_loop_damps_the_resonance(tmp_path):
     assert np.abs(held).max() < np.abs(ringing).max()
 
 
-@pytest.mark.long
+@pytest.mark.thorough  # `make tune` has put the same into simulated.yaml, which the first two tests are about
 @pytest.mark.parametrize(("predict", "times"), [(False, 30.0), (True, 100.0)], ids=["held", "predicted"])
 def test_a_cell_that_was_commissioned_from_factory_values(commissioned, predict, times):
     """The same figures with nothing but what `commission` has found about the untuned cell."""

@@ -72,6 +72,7 @@ def figures(found):
     return np.abs(found).max(axis=1), np.sqrt(np.mean(found**2, axis=1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "kind", "share"),
     [

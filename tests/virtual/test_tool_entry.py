@@ -19,6 +19,7 @@ AT_S = 4.0
 CONTACT = "{start_s: 4.0, static_N: 60.0, rise_ms: 7.0, tooth_N: 40.0, noise_N: 5.0}"
 """60 N, 95 % of them there within 20 ms."""
 MAKES = {
+    "nominal": {},
     "soft": {"flexure_N_per_um": 1.0},
     "light": {"stage_kg": 6.0, "flexure_N_per_um": 3.0},
     "quiet sensors": {"stage_noise_nm": 2.0, "strain_noise_nm": 10.0},
@@ -48,20 +49,20 @@ def on_hardware(folder, make, force=CONTACT, fault=""):
     return made(prepare(file), make)
 
 
-FURTHER = ("light", "quiet sensors", "weak")
-GROUPED = [
-    pytest.param(
-        make,
-        marks=[pytest.mark.xdist_group(f"tool entry {make}"), *([pytest.mark.thorough] if make in FURTHER else [])],
-    )
+OTHERS = [
+    pytest.param(make, marks=[pytest.mark.xdist_group(f"tool entry {make}"), pytest.mark.thorough])
     for make in MAKES
+    if make != "nominal"
 ]
 """Each is commissioned once, not by each worker."""
 
 
-@pytest.fixture(scope="module", params=GROUPED)
+@pytest.fixture(scope="module", params=["nominal", *OTHERS])
 def commissioned(request):
     """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
+    if request.param == "nominal":  # commissioned by `make tune`
+        axis = prepare(FOLDER / "simulated.yaml").configuration.axes["x"]
+        return request.param, axis.model_copy(update={"mode": "stage"})
     prepared = made(prepare(FOLDER / "factory.yaml"), request.param)
     configuration = prepared.configuration
     found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None, Knobs(tooth_Hz=200.0))

@@ -58,7 +58,7 @@ def by_name(budget):
     return {cause["name"]: cause["rms_um"] for cause in budget.document()["causes"]}
 
 
-@pytest.mark.long
+@pytest.mark.thorough  # what is computed beside what is recorded: the next test
 def test_computed_causes_are_what_switching_them_off_takes_away(prepared):
     """4 s of 1/f-like noise know a variance to some 15 %; `make check-budget` plays 30 s of five cells."""
     for axis, cause, computed, played in compared(prepared, SECONDS, seed=3):

@@ -8,6 +8,7 @@ from micromanip.design.linear import fit_linear
 from micromanip.design.linear.arx import fit_arx1
 from micromanip.design.linear.selection import error_of, select
 from micromanip.design.linear.strict import strict_errors
+from tests.further import further
 
 DT = 1e-3
 
@@ -63,7 +64,7 @@ def test_parts_that_are_too_short_to_be_judged_are_infinite():
     assert np.isfinite(strict_errors(model, [(u[:20], y[:20]), (u, y)])).all()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 1, *further(2, 3, 4, 5)])
 @pytest.mark.parametrize(
     ("noise", "drift", "samples"), [(0.02, 0.0, 600), (0.5, 0.0, 300), (0.1, 0.2, 600), (3.0, 0.1, 240)]
 )

@@ -46,10 +46,12 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
+from micromanip.driver.wire import LoopOutput
 from micromanip_drivers.line.frame_options import Counter, Crc, InputField, Known, OutputField, Status, WholeNumber
 from micromanip_drivers.line.port_options import UdpPort
-from micromanip_drivers.line.section import Count, HexBytes, Name, Section
+from micromanip_drivers.line.section import Count, HexBytes, Name
 
 Milliseconds = Annotated[float, Field(strict=True, gt=0, le=10_000)]
 
@@ -96,14 +98,8 @@ class Received(Section):
     slow: dict[Name, Slow] = Field(default={}, description="Groups of inputs that are not, by any name.")
 
 
-class Output(OutputField):
+class Output(LoopOutput, OutputField):
     """A value that the device is given."""
-
-    switch: bool = Field(
-        default=False,
-        strict=True,
-        description="A line that is on or off: need not be at rest before the outputs follow the loop again.",
-    )
 
 
 class Sent(Section):

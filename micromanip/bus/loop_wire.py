@@ -44,10 +44,23 @@ class LoopWire(CyclicDriver):
     """Those of them that count as errors."""
 
     def __init__(self, options: Any, period_ns: int, fields: Mapping[str, LoopOutput], key: str) -> None:
-        """`fields` are the outputs by name, in the order in which they are sent; `key` is where they stand."""
+        """`fields` are the outputs by name, in the order in which they are sent; `key` is where they stand.
+
+        Raises ConfigError for outputs that nothing would bring to rest, or before the loop knows that the link is lost.
+        """
         self.options, self.period_ns, self._fields = options, period_ns, fields
         self.simulated = options.simulated  # type: ignore[misc]
         self.watchdog = None if options.watchdog is None else options.watchdog.does  # type: ignore[misc]
+        if fields and options.watchdog is None:
+            raise ConfigError(
+                "watchdog must be given: it brings the outputs to rest when the loop has died; this driver can't move "
+                "a device that has none"
+            )
+        if options.watchdog is not None and options.silence_ms > 0.5 * options.watchdog.ms:
+            raise ConfigError(
+                f"silence_ms: {options.silence_ms:g} ms must be at most half of the watchdog's {options.watchdog.ms:g} "
+                "ms: the loop must know that the link is lost before the device moves by itself"
+            )
         if len(fields) > MAX_OUTPUTS:
             raise ConfigError(f"{key}: {len(fields)} outputs, at most {MAX_OUTPUTS} are possible")
 

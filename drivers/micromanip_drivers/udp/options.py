@@ -147,12 +147,7 @@ class UdpOptions(UdpPort):
     send: Sent = Field(description="What it is sent.")
 
     @model_validator(mode="after")
-    def _outputs_are_watched(self) -> UdpOptions:
-        if self.send.fields and self.watchdog is None:
-            raise ValueError(
-                "watchdog must be given: it brings the outputs to rest when the loop has died; this driver can't move "
-                "a device that has none"
-            )
+    def _outputs_are_acknowledged(self) -> UdpOptions:
         if self.send.fields and self.receive.acknowledges is None:
             raise ValueError(
                 "receive.acknowledges must be given: where in its answer the device says which datagram it has acted "
@@ -162,10 +157,5 @@ class UdpOptions(UdpPort):
             raise ValueError(
                 f"receive.acknowledges.type: {self.receive.acknowledges.type}, but it gives back send.counter, which "
                 f"is {self.send.counter.type}: both must be as long"
-            )
-        if self.watchdog is not None and self.silence_ms > 0.5 * self.watchdog.ms:
-            raise ValueError(
-                f"silence_ms: {self.silence_ms:g} ms must be at most half of the watchdog's {self.watchdog.ms:g} ms: "
-                "the loop must know that the link is lost before the device moves by itself"
             )
         return self

@@ -62,13 +62,15 @@ Range = Annotated[tuple[Real, Real], Rising]
 
 
 def _not_tiny(scale: float) -> float:
-    if 0.0 < abs(scale) < 1e-12:
+    if scale == 0.0:
+        raise ValueError("a scale of 0 makes every value the same")
+    if abs(scale) < 1e-12:
         raise ValueError(f"{scale:g} is no scale: at least 1e-12, or no value could be written as a number")
     return scale
 
 
 Scale = Annotated[Real, AfterValidator(_not_tiny)]
-"""Of a device's number; what a scale of 0 means, the section that has it says."""
+"""Of a device's number."""
 SampleRate = Annotated[float, Field(strict=True, ge=1e-3, le=20_000, allow_inf_nan=False)]
 """Hertz; no bus is faster than the fastest loop."""
 Latency = Annotated[float, Field(strict=True, ge=0, le=1_000_000, allow_inf_nan=False)]

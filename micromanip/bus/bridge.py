@@ -103,7 +103,8 @@ def bridge_functions() -> Functions:
     from . import bridge_functions as compiled  # loaded only where it is going to be called
 
     safe = ctypes.cast(_SAFE, ctypes.c_void_p).value or 0
-    return Functions(compiled.open_c.address, compiled.exchange_c.address, safe, compiled.close_c.address)
+    at = compiled.ENTRIES
+    return Functions(at.open.address, at.exchange.address, safe, at.close.address)
 
 
 _SAFE = CONTEXT_C(lambda at: wait_for_rest(np.ctypeslib.as_array((ctypes.c_uint8 * IMAGE.itemsize).from_address(at))))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -15,7 +14,7 @@ from micromanip.rt.records import MAX_SIGNALS
 from micromanip.rt.wire.codec import checksum
 from micromanip.rt.wire.records import FLOATING, FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, SIGNED, UNSIGNED
 
-_GREATEST = {4: float(np.finfo(np.float32).max), 8: float(np.finfo(np.float64).max)}
+from .number_options import number_range
 
 
 class NumberKeys(Protocol):
@@ -138,18 +137,9 @@ def _fill_number(number: Any, keys: Any) -> None:
     number["big"] = keys.byte_order == "big"
     scale, offset = float(getattr(keys, "scale", 1.0)), float(getattr(keys, "offset", 0.0))
     number["scale"], number["offset"] = scale, offset
-    number["lowest_code"], number["highest_code"] = codes = _codes(kind, keys.size)
+    number["lowest_code"], number["highest_code"] = codes = number_range(keys.type)
     ends = sorted(end * scale + offset for end in codes)
     number["low"], number["high"] = getattr(keys, "range", None) or ends
-
-
-def _codes(kind: int, size: int) -> tuple[float, float]:
-    """Lowest and highest number that the type holds; of 64 bits the highest that is a double as well."""
-    if kind == FLOATING:
-        return -_GREATEST[size], _GREATEST[size]
-    bits = 8 * size
-    lowest, highest = (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if kind == SIGNED else (0.0, 2.0**bits - 1)
-    return lowest, math.nextafter(highest, 0.0) if size == 8 else highest
 
 
 def _fill_checksum(frame: Any, keys: ChecksumKeys) -> None:

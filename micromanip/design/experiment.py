@@ -37,13 +37,6 @@ def parked(configuration: Configuration, count: int) -> NDArray[np.float64]:
     return samples
 
 
-def working_points(configuration: Configuration, count: int) -> NDArray[np.float64]:
-    """Samples (count, MAX_AXES) that hold every actuator at its working point, um."""
-    samples = np.zeros((count, MAX_AXES))
-    samples[:, : len(configuration.axes)] = [axis.centre_um for axis in configuration.axes.values()]
-    return samples
-
-
 def resting(configuration: Configuration, axis: str, count: int) -> NDArray[np.float64]:
     """Samples (count, MAX_AXES) that hold `axis` at its working point (um), and the others parked (V)."""
     samples = parked(configuration, count)

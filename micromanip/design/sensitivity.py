@@ -21,7 +21,7 @@ from scipy.ndimage import uniform_filter1d
 from micromanip.control.margins import Margins, curve_margins, refined
 from micromanip.control.system import System
 
-from .response import Measured
+from .response import Measured, smoothed
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -110,7 +110,7 @@ def judge_loop(
     lines = 2 * np.pi * plant.frequency_Hz
     G = model.response(lines)
     single = plant.response / G
-    ratio, narrow = _smooth(single, window), _smooth(single, _NARROW)
+    ratio, narrow = smoothed(single, window), smoothed(single, _NARROW)
     scatter = uniform_filter1d((plant.deviation / np.abs(G)) ** 2, window, mode="nearest")
     # of a mean of lines whose errors are independent; and where the model lacks something, a mean flattens it
     relative = np.sqrt(scatter / window) + np.abs(ratio - narrow) / _SURE
@@ -136,8 +136,3 @@ def judge_loop(
         float(beyond[k]),
         float(omega[k] / (2 * np.pi)),
     )
-
-
-def _smooth(curve: Complex, lines: int) -> Complex:
-    parts = [uniform_filter1d(part, lines, mode="nearest") for part in (curve.real, curve.imag)]
-    return np.asarray(parts[0] + 1j * parts[1])

@@ -3,10 +3,12 @@
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/drivers.md)
     SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
     SimulatedAxis, LinearPlant                         what a simulation knows of its plant (`micromanip budget`)
-    Compiler, *_SIGNATURE, now_ns, sleep_until,        what it needs if numba compiles it
-    minimum_jerk
+    Compiler, entries, *_SIGNATURE, now_ns,            what it needs if numba compiles it
+    sleep_until, minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
     Inbox, Sample, Outcome, Answer
+    Section, Typed, Scaled, Commanded,                 keys of an option's section, of a number in a device: its type,
+    SIZES, number_range                                scale and range; bytes of each type, what it holds
     BusError and those derived from it                 what a bus driver raises
     ConfigError, did_you_mean                          options that make no sense together; a name that nobody knows
     worst_case_s, CLASSIC_LENGTHS, FD_LENGTHS          CAN frames at worst
@@ -28,6 +30,7 @@ from micromanip.bus.cyclic import CyclicDriver, Functions, Wire
 from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.number_options import SIZES, Commanded, Scaled, Section, Typed, number_range
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
 from micromanip.errors import ConfigError, did_you_mean
@@ -36,11 +39,12 @@ from micromanip.rt.records import SIGNAL
 
 if TYPE_CHECKING:
     from micromanip.rt.clock import now_ns, sleep_until
+    from micromanip.rt.entries import entries
     from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 3)
+DRIVER_API = (1, 4)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
@@ -53,6 +57,7 @@ _COMPILED = {
     "CONTEXT_SIGNATURE": "micromanip.rt.intrinsics",
     "EXCHANGE_SIGNATURE": "micromanip.rt.intrinsics",
     "Compiler": "micromanip.rt.jit",
+    "entries": "micromanip.rt.entries",
     "minimum_jerk": "micromanip.rt.laws.minimum_jerk",
     "now_ns": "micromanip.rt.clock",
     "sleep_until": "micromanip.rt.clock",
@@ -66,11 +71,13 @@ __all__ = [
     "EXCHANGE_SIGNATURE",
     "FD_LENGTHS",
     "SIGNAL",
+    "SIZES",
     "Answer",
     "BusDriver",
     "BusError",
     "BusOptions",
     "Channel",
+    "Commanded",
     "Compiler",
     "ConfigError",
     "CyclicDriver",
@@ -85,13 +92,18 @@ __all__ = [
     "OutputRefused",
     "SafeOutput",
     "Sample",
+    "Scaled",
+    "Section",
     "SimulatedAxis",
     "Task",
     "TransientError",
+    "Typed",
     "Wire",
     "did_you_mean",
+    "entries",
     "minimum_jerk",
     "now_ns",
+    "number_range",
     "real_because",
     "require_regular",
     "sleep_until",

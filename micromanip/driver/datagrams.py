@@ -22,21 +22,25 @@ from micromanip.rt.wire.gate import acknowledge, has_rest, lose, turn
 from micromanip.rt.wire.giving import give
 from micromanip.rt.wire.records import BATCH
 from micromanip.rt.wire.samples import leave_samples
+from micromanip.rt.wire.serving import NOT_OPEN, begin, end, rest, send_due, take
 
 __all__ = [
     "BAD_STATUS",
     "BATCH",
     "GOOD",
+    "NOT_OPEN",
     "NOT_THIS_FRAME",
     "OLD",
     "RESTARTED",
     "WRONG_CHECKSUM",
     "WRONG_LENGTH",
     "acknowledge",
+    "begin",
     "begin_frame",
     "bits_at",
     "close",
     "code_of",
+    "end",
     "forget_clock",
     "give",
     "has_rest",
@@ -49,9 +53,12 @@ __all__ = [
     "put_value",
     "receive",
     "received_ns",
+    "rest",
     "seal",
     "send",
+    "send_due",
     "status_of",
+    "take",
     "taken_ns",
     "turn",
     "value_of",

@@ -1,14 +1,16 @@
-"""A wire that the loop itself serves: descriptions of frames as tables, and a socket for compiled code; no compiler.
+"""A wire that the loop itself serves: the driver of one (``LoopWire``), frames as tables, a socket; no compiler.
 
 ``micromanip.driver.datagrams`` has the compiled functions that walk them.
 """
 
 from micromanip.bus.datagram_socket import hand_over, lend, open_datagrams
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
+from micromanip.bus.loop_wire import LoopOutput, LoopWire
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.rt.bus_image import DOWN, TAKEN
 from micromanip.rt.record import record
 from micromanip.rt.wire.codec import begin_frame, put_value, seal
+from micromanip.rt.wire.context import WIRE
 from micromanip.rt.wire.counting import COUNTED
 from micromanip.rt.wire.device_clock import MOST_BITS
 from micromanip.rt.wire.gate import ANSWERS, GATE, MAX_OUTPUTS, QUIET, RECENT, RESTING
@@ -30,8 +32,11 @@ __all__ = [
     "SAMPLES",
     "SOCKET",
     "TAKEN",
+    "WIRE",
     "FramePlan",
     "GroupPlan",
+    "LoopOutput",
+    "LoopWire",
     "adopt_limits",
     "begin_frame",
     "close_gate",

@@ -6,12 +6,10 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from micromanip.rt.jit import Compiler
 from micromanip.rt.record import record
 
 from .amplifier import Arrived
-
-compiled = Compiler(__file__)
+from .compiled import compiled
 
 ARRIVED = record(("samples", "i8"), ("minimum", "f8"), ("maximum", "f8"), ("largest_step", "f8"), ("last", "f8"))
 

@@ -33,6 +33,11 @@ class EmulatedCell:
         """Whether `read` knows a signal."""
         return signal in self.plant.inputs or signal.startswith(_AMPLIFIER_OK)
 
+    @property
+    def undisturbed(self) -> bool:
+        """Whether amplifiers follow and sensors are as they should be: compiled code may serve a device."""
+        return not self.faults.any and not self.wired_on and all(amplifier.follows for amplifier in self.amplifiers)
+
     def advance_to(self, now_ns: int) -> None:
         """Let time pass in plant and amplifiers."""
         clock_ns = self.clock()

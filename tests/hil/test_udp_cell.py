@@ -8,17 +8,13 @@ from tools.bus_faults.bench import Bench
 from tools.bus_faults.cells import free_port
 from tools.running_controller import until
 
+from .held_cell import CELL, LARGEST_STEP_V, at_rest_after_a_fault, held
+
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("loop")]
 
-HELD_V, STEP_V, RESOLVED_V = 60.0, 1.0, 2e-4
-"""Half a volt a millisecond, at 500 Hz."""
 REST_S = 0.35
 
-CELL = """\
-schema_version: 2
-loop: {rate_hz: 500, cpu: null, spin_us: 0, limits: simulation}
-start: {lift_s: 0.3, check_s: null, sweep_s: 0.0, settle_s: 0.0, authority_s: 0.1, ramp_s: 0.3}
-drivers:
+DRIVER = """\
   cell:
     driver: udp
     simulated: true
@@ -34,24 +30,12 @@ drivers:
     send:
       counter: {at: 0, type: uint16, byte_order: little}
       cyclic_safe: true
-      fields: {voltage_x: {at: 4, type: int32, byte_order: little, scale: 1.0e-4, range: [-20, 100]}}
-signals: {strain_x: {driver: cell, max_age_us: null}}
-outputs: {voltage_x: {driver: cell, range_V: [-20, 100], slew_V_per_ms: 0.5, park_V: 0}}
-reference: {source: hold, offset_um: 60}
-axes:
-  x:
-    mode: voltage
-    centre_um: 66
-    setpoint: {range_um: [2, 128], slew_um_per_ms: 0.5}
-    inner: {mode: pid, K_V_per_um: 0.08, Ti_ms: 5.0, Td_ms: 0.0, filter_ms: 1.0}
-simulation: {seed: 1, axes: [x], lines: {}}
-faults: {hold: {timeout_s: 0.3}}
-"""
+      fields: {voltage_x: {at: 4, type: int32, byte_order: little, scale: 1.0e-4, range: [-20, 100]}}"""
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    bench = Bench(tmp_path_factory.mktemp("udp"), CELL.replace("PORT", str(free_port())))
+    bench = Bench(tmp_path_factory.mktemp("udp"), CELL.replace("DRIVER", DRIVER).replace("PORT", str(free_port())))
     yield bench
     bench.end()
 
@@ -60,13 +44,6 @@ def told(bench):
     """Figures of what the device got since the last call, and where its amplifier stands."""
     report = bench.device.report()
     return report["outputs"]["voltage_x"], report
-
-
-def held(bench):
-    """Tracking, at its voltage."""
-    bench.track()
-    until(lambda: bench.link()["given"]["voltage_x"] == pytest.approx(HELD_V, abs=0.1), lambda: bench.link())
-    assert (bench.link()["link"], bench.link()["outputs"]) == ("up", "following")
 
 
 def test_breaks_too_short_to_be_one_make_no_step_on_the_way_up(bench):
@@ -81,7 +58,7 @@ def test_breaks_too_short_to_be_one_make_no_step_on_the_way_up(bench):
         time.sleep(0.05)
     held(bench)
     assert bench.link()["counts"]["held_back"] > 0
-    assert told(bench)[0]["largest_step_V"] <= STEP_V + RESOLVED_V
+    assert told(bench)[0]["largest_step_V"] <= LARGEST_STEP_V
 
 
 def test_a_loop_that_stood_still_for_a_moment_makes_no_step(bench):
@@ -90,7 +67,7 @@ def test_a_loop_that_stood_still_for_a_moment_makes_no_step(bench):
     bench.running.stall(0.04)
     time.sleep(0.2)
     held(bench)
-    assert told(bench)[0]["largest_step_V"] <= STEP_V + RESOLVED_V
+    assert told(bench)[0]["largest_step_V"] <= LARGEST_STEP_V
 
 
 @pytest.mark.parametrize("break_", ["cut", "stall"])
@@ -103,12 +80,10 @@ def test_a_long_break_leaves_the_device_to_its_watchdog_and_it_comes_back_at_res
     else:
         bench.running.stall(0.5)
     until(lambda: bench.link()["link"] == "up", lambda: bench.link())
-    until(lambda: bench.running.state == "FAULT", bench.running.last_words)
-    until(lambda: bench.link()["outputs"] == "following", lambda: bench.link())  # the loop, in fault, asks for rest
-    assert bench.link()["given"] == {"voltage_x": 0.0}
+    at_rest_after_a_fault(bench)
     assert told(bench)[1]["amplifier_trips"] == trips + 1
     held(bench)
-    assert told(bench)[0]["largest_step_V"] <= STEP_V + RESOLVED_V
+    assert told(bench)[0]["largest_step_V"] <= LARGEST_STEP_V
     assert bench.link()["links"] >= 2
 
 
@@ -121,4 +96,4 @@ def test_all_killed_the_watchdog_brings_it_to_rest(bench):
     bench.start_again()
     told(bench)
     held(bench)
-    assert told(bench)[0]["largest_step_V"] <= STEP_V + RESOLVED_V
+    assert told(bench)[0]["largest_step_V"] <= LARGEST_STEP_V

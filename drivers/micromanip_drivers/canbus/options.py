@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
 
 from .link_options import LinkOptions
@@ -13,11 +14,7 @@ from .link_options import LinkOptions
 Milliseconds = Annotated[int, Field(strict=True, ge=10, le=60_000)]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Status(_Section):
+class Status(Section):
     """A signal by which the device says whether its message is to be trusted."""
 
     signal: str = Field(description="Name of the signal, unsigned.")
@@ -26,7 +23,7 @@ class Status(_Section):
     )
 
 
-class Received(_Section):
+class Received(Section):
     """A message that a device sends."""
 
     rate_hz: SampleRate = Field(description="How often the device sends it.")
@@ -41,7 +38,7 @@ class Received(_Section):
     status: Status | None = None
 
 
-class Sent(_Section):
+class Sent(Section):
     """A message that is sent to a device, at a fixed rate and with the latest values."""
 
     rate_hz: SampleRate = Field(description="How often it is sent.")

@@ -39,8 +39,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from micromanip.driver import Scaled, Section
 from micromanip.driver.quantities import Latency, Real, SampleRate, Scale
 
 from ..canbus.link_options import LinkOptions
@@ -53,11 +54,7 @@ Word = Annotated[int, Field(strict=True, ge=0, le=0xFFFFFFFF)]
 Transmission = Literal["sync", "event"] | Annotated[int, Field(strict=True, ge=1, le=240)]
 
 
-class _Keys(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class InputSignal(_Keys):
+class InputSignal(Scaled):
     """An object that a TPDO carries."""
 
     object: str | None = Field(
@@ -65,14 +62,7 @@ class InputSignal(_Keys):
         description='Object that carries it: its name in the EDS or its number as there, "8130sub1"; the signal\'s own '
         "name if left out.",
     )
-    scale: Scale = Field(description="Physical unit per count; value = scale x raw + offset.")
-    offset: Real = Field(default=0.0, description="Value at a raw 0.")
-
-    @model_validator(mode="after")
-    def _scale_is_not_zero(self) -> InputSignal:
-        if self.scale == 0.0:
-            raise ValueError("a scale of 0 makes every value the same")
-        return self
+    scale: Scale = Field(description="Physical unit per count: value = scale x raw + offset.")
 
 
 class OutputSignal(InputSignal):
@@ -81,7 +71,7 @@ class OutputSignal(InputSignal):
     safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
 
 
-class _Pdo(_Keys):
+class _Pdo(Section):
     rate_hz: SampleRate = Field(description="How often it is sent, for the bus's budget and the loop's.")
     transmission: Transmission | None = Field(
         default=None,
@@ -115,7 +105,7 @@ class Rpdo(_Pdo):
     )
 
 
-class Identity(_Keys):
+class Identity(Section):
     """What the node must say of itself in object 0x1018; anything else is the wrong device."""
 
     vendor_id: Word | None = Field(default=None, description="Vendor's number, 0x1018sub1.")
@@ -124,7 +114,7 @@ class Identity(_Keys):
     serial: Word | None = Field(default=None, description="Serial number, 0x1018sub4.")
 
 
-class NodeOptions(_Keys):
+class NodeOptions(Section):
     """A device on the bus."""
 
     node_id: NodeId = Field(description="Its number on the bus.")

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from micromanip.driver import ConfigError, did_you_mean
+from micromanip.driver import ConfigError, OutputRefused, did_you_mean
 
 from .dictionary import Dictionary, number
 from .mapping import Direction, Mapped, Mapping, mapping
@@ -110,14 +110,15 @@ def _pdo(node: str, dictionary: Dictionary, direction: Direction, pdo: int, opti
         missing = [m.variable.name for m in laid.objects if not m.is_dummy and m not in carried.values()]
         if missing:
             raise ConfigError(f"{key}.signals: {where} carries {', '.join(missing)} too, which signals does not name")
-    return PdoPlan(
-        node,
-        laid,
-        options,
-        tuple(wire(f"{node}.{name}", carried[name], signal) for name, signal in signals.items()),
-        tuple(signal.safe if isinstance(signal, OutputSignal) else 0.0 for signal in signals.values()),
-        tuple(carried[name] for name in signals),
-    )
+    wires = tuple(wire(f"{node}.{name}", carried[name], signal) for name, signal in signals.items())
+    safe = tuple(signal.safe if isinstance(signal, OutputSignal) else 0.0 for signal in signals.values())
+    if direction == "rpdo":
+        for name, sent, value in zip(signals, wires, safe, strict=True):
+            try:
+                sent.bits(value)
+            except OutputRefused as problem:
+                raise ConfigError(f"{key}.signals.{name}.safe: {problem}") from problem
+    return PdoPlan(node, laid, options, wires, safe, tuple(carried[name] for name in signals))
 
 
 def _carried(name: str, objects: Sequence[Mapped], where: str) -> Mapped:

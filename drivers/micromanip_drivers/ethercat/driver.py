@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import struct
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Answer, BusError, Channel, ConfigError, CyclicDriver, Functions, Load, SafeOutput, Wire
+from micromanip.driver import Answer, BusError, Channel, ConfigError, Functions, Load
 from micromanip.driver.ethercat import INIT, OP, STATE_MASK, registers
-from micromanip.driver.wire import (
-    MAX_OUTPUTS,
-    MOST_BITS,
-    adopt_limits,
-    close_gate,
-    gate_statistics,
-    lend,
-    wait_for_rest,
-    wire_of,
-)
+from micromanip.driver.wire import MOST_BITS, LoopWire, lend
 
 from .bring_up import bring_to_safeop
 from .image import Image
 from .link import LOOP_SENDER, Link, open_interface
 from .options import EthercatOptions
-from .records import CONTEXT, COUNTERS
+from .records import BAD, CONTEXT
 from .scan import differences, found
 from .tender import Tender
 
@@ -37,20 +27,19 @@ _WIRE_BYTES = 24
 """Of each frame besides its own: preamble, checksum, gap."""
 _BIT_S = 1e-8
 """EtherCAT has 100 Mbit/s."""
-_UNSAFE = 1
 _MOST_OF_A_CYCLE = 0.8
 _COUNTS = 1 << 32
 
 
-class Ethercat(CyclicDriver):
+class Ethercat(LoopWire):
     """The master of a line of terminals."""
 
     Options: ClassVar[type[BaseModel]] = EthercatOptions
+    CONTEXT, COUNTERS, BAD = CONTEXT, ("received", *BAD, "bring_ups"), BAD
+    options: EthercatOptions
 
     def __init__(self, options: EthercatOptions, period_ns: int) -> None:
-        self.options, self.period_ns = options, period_ns
-        self.simulated = options.simulated  # type: ignore[misc]
-        self.watchdog = None if options.watchdog is None else options.watchdog.does  # type: ignore[misc]
+        super().__init__(options, period_ns, options.outputs, "terminals")
         self._image = Image(options)
         _require_own_names(options)
         if options.outputs and not options.cyclic_safe:
@@ -63,8 +52,6 @@ class Ethercat(CyclicDriver):
                 f"wait_us: {options.wait_us:g} us is more than {100 * _MOST_OF_A_CYCLE:g} % of the cycle of "
                 f"{1e-3 * period_ns:g} us: the laws need the rest"
             )
-        if len(options.outputs) > MAX_OUTPUTS:
-            raise ConfigError(f"terminals: {len(options.outputs)} outputs, at most {MAX_OUTPUTS} are possible")
         self._tables = self._image.received(), self._image.sent()
         if self._wire_s > 1e-9 * period_ns:
             raise ConfigError(
@@ -73,20 +60,12 @@ class Ethercat(CyclicDriver):
             )
 
     @property
-    def virtual(self) -> bool:
-        return False
-
-    @property
     def device(self) -> str:
         return f"ethercat {self.options.interface}"
 
     @property
     def inputs(self) -> tuple[str, ...]:
         return tuple(self._image.inputs)
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        return tuple(self.options.outputs)
 
     @property
     def slow_inputs(self) -> tuple[Channel, ...]:
@@ -100,11 +79,6 @@ class Ethercat(CyclicDriver):
                 rates |= dict.fromkeys(pdo.fields, (rate_hz, age_s + pdo.latency_us * 1e-6))
         return tuple(Channel(name, *rates[name]) for name in self.inputs)
 
-    @property
-    def slow_outputs(self) -> tuple[Channel, ...]:
-        fields = self.options.outputs.items()
-        return tuple(Channel(name, 1e9 / self.period_ns, 0.0, field.safe) for name, field in fields)
-
     def loads(self) -> Sequence[Load]:
         """The line is a ring: a frame is on it once, both ways at the same time."""
         rate_hz, length = 1e9 / self.period_ns, len(self._image.frame)
@@ -115,30 +89,18 @@ class Ethercat(CyclicDriver):
     def _wire_s(self) -> float:
         return 8 * (len(self._image.frame) + _WIRE_BYTES) * _BIT_S
 
-    def context(self) -> NDArray[np.uint8]:
-        context = np.zeros(1, CONTEXT)
-        c, options, image = context[0], self.options, self._image
+    def fill(self, c: Any) -> None:
+        image = self._image
         c["receive"], c["send"] = self._tables[0][0], self._tables[1][0]
-        c["socket"]["descriptor"] = -1
-        c["terminals"], c["working_counter"] = len(options.terminals), image.working_counter
+        c["terminals"], c["working_counter"] = len(self.options.terminals), image.working_counter
         c["working_counter_at"], c["status_at"] = image.image_at + image.bytes, image.status_at
-        c["counted"]["counts"], c["wait_ns"] = _COUNTS, round(1e3 * options.wait_us)
+        c["counts"] = c["counted"]["counts"] = _COUNTS
+        c["wait_ns"] = round(1e3 * self.options.wait_us)
         c["clock"]["unit_ns"], c["clock"]["bits"] = 1.0, MOST_BITS
-        watchdog = options.watchdog
-        close_gate(
-            c["gate"],
-            [(field.safe, field.switch) for field in options.outputs.values()],
-            math.ceil(options.silence_ms * 1e6 / self.period_ns),
-            (watchdog.ms, watchdog.rest_ms) if watchdog else None,
-        )
-        return context.view(np.uint8)
-
-    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:
-        adopt_limits(context.view(CONTEXT)[0]["gate"], outputs, self.period_ns)
 
     def begin(self, context: NDArray[np.uint8]) -> None:
         """Slaves that somebody left operating come to rest by INIT, in which nothing is put out."""
-        c = context.view(CONTEXT)[0]
+        c = self.record(context)
         with Link(self.options.interface) as link:
             bring_to_safeop(link, self.options, self._image)
         if self.options.watchdog is not None:
@@ -149,23 +111,7 @@ class Ethercat(CyclicDriver):
     def functions(self) -> Functions:
         from . import exchange  # compiled: loaded only where it is going to be called
 
-        return Functions(
-            exchange.open_c.address, exchange.exchange_c.address, exchange.safe_c.address, exchange.close_c.address
-        )
-
-    def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
-        return self._made_safe
-
-    def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
-        c = context.view(CONTEXT)[0]
-        counted = {name: int(c["counted"][name]) for name in ("lost", "doubled", "late")}
-        counts = {name: int(c[name]) for name in (*COUNTERS, "bring_ups")} | gate_statistics(c["gate"])
-        bad = sum(counts[name] for name in COUNTERS if name != "received")
-        totals = {"performed": int(c["gate"]["sent_count"]), "errors": bad}
-        return {**counts, **counted, "clock_steps": int(c["clock"]["steps"]), **totals}
-
-    def wire(self, context: NDArray[np.uint8]) -> Wire:
-        return wire_of(context.view(CONTEXT)[0]["gate"])
+        return Functions(*exchange.ENTRIES.addresses)
 
     def probe(self, seconds: float) -> Iterator[Answer]:  # noqa: ARG002 (it is asked once)
         """Who is on the line, by the EEPROMs; station addresses are given, states and outputs stay."""
@@ -179,17 +125,16 @@ class Ethercat(CyclicDriver):
                 numbers = {key: f"0x{value:08x}" for key, value in slave.identity.items()}
                 yield Answer(f"{self.device} slave {place + 1}", numbers, note)
 
-    def _made_safe(self, context: NDArray[np.uint8]) -> int:
-        """The watchdogs have brought the slaves to rest by then; whether all are there, and none operates."""
-        wait_for_rest(context.view(CONTEXT)[0]["gate"])
+    def is_at_rest(self) -> bool:
+        """Whether all terminals are there, and none operates."""
         try:
             with Link(self.options.interface) as link:
                 link.write(registers.BWR, 0, registers.AL_CONTROL, struct.pack("<H", INIT))
                 back = link.read(registers.BRD, 0, registers.AL_STATUS, 2)
         except BusError:
-            return _UNSAFE
+            return False
         (status,) = struct.unpack("<H", back.data)
-        return 0 if back.wkc == len(self.options.terminals) and not status & STATE_MASK & OP else _UNSAFE
+        return back.wkc == len(self.options.terminals) and not status & STATE_MASK & OP
 
 
 def _require_own_names(options: EthercatOptions) -> None:

@@ -8,57 +8,37 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
-from numba import types
 
-from micromanip.driver import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, SIGNAL, now_ns, sleep_until
+from micromanip.driver import entries, now_ns
 from micromanip.driver.datagrams import (
-    BATCH,
     GOOD,
+    NOT_OPEN,
     WRONG_LENGTH,
     acknowledge,
+    begin,
     bits_at,
-    close,
     code_of,
-    give,
-    has_rest,
+    end,
     judged,
     leave_samples,
     length_of,
     lose,
     missing_before,
-    receive,
     received_ns,
+    rest,
+    send_due,
+    take,
     taken_ns,
     turn,
 )
 from micromanip.driver.ethercat import OP, STATUS_MASK
-from micromanip.driver.wire import MAX_OUTPUTS, QUIET
+from micromanip.driver.wire import QUIET
 
 from .compiled import compiled
 from .records import CONTEXT
 
-NOT_OPEN = 1
-"""What ``exchange`` returns before ``open``: fault X-103."""
-_ROUNDS = 4
-"""System calls a cycle at most: what more there is waits, so that nobody can hold up the loop."""
 _STATUS_BYTES, _WKC_BYTES = 2, 2
-_COUNTS = 1 << 32
-_MAX_INPUTS = 48
-
-
-@compiled
-def take(c: Any, inputs: Any, deadline_ns: int) -> int:
-    """Take in what has come back since the last cycle; how many frames acknowledge what was sent."""
-    s, news = c["socket"], 0
-    for _ in range(_ROUNDS):
-        count = receive(s)
-        for k in range(count):
-            news += take_one(c, k, inputs, deadline_ns)
-        if count < BATCH:
-            break
-    return news
 
 
 @compiled
@@ -93,28 +73,20 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
     if f["clock"]["present"] != 0:
         came_ns = taken_ns(c["clock"], code_of(f["clock"], data), came_ns)
     leave_samples(c["samples"], f, data, inputs, missing, min(came_ns, deadline_ns))
-    return acknowledge(g, (g["sent_count"] - 1 - count) % _COUNTS)
+    return acknowledge(g, (g["sent_count"] - 1 - count) % c["counts"])
 
 
 @compiled
-def send_outputs(c: Any, outputs: Any, deadline_ns: int) -> None:
-    """Send `outputs`, as far as the gate lets them."""
-    if give(c["gate"], c["send"], c["socket"], _COUNTS, outputs, deadline_ns) != 0:
-        c["not_sent"] += 1
+def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int, periods: int) -> int:  # noqa: ARG001
+    """One exchange of the loop; what ``turn`` says, or NOT_OPEN.
 
-
-@compiled
-def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int) -> int:
-    """One exchange of the loop; what ``turn`` says, or NOT_OPEN."""
+    What passed unseen doesn't matter: silence is counted in what was sent in vain.
+    """
     if c["opened"] == 0:
         return NOT_OPEN
-    g = c["gate"]
-    code = turn(g, c["news"] + take(c, inputs, deadline_ns), outputs, deadline_ns)
+    code = turn(c["gate"], c["news"] + take(c, take_one, inputs, deadline_ns), outputs, deadline_ns)
     c["news"] = 0
-    if code == 0:
-        send_outputs(c, outputs, deadline_ns)
-    elif g["state"] != QUIET:
-        send_outputs(c, g["rest"], deadline_ns)
+    send_due(c, code, outputs, deadline_ns)
     wait_for_frame(c, inputs, deadline_ns)
     return code
 
@@ -126,62 +98,9 @@ def wait_for_frame(c: Any, inputs: Any, deadline_ns: int) -> None:
     One that takes longer is taken in the next cycle, as without waiting.
     """
     g, timespec, end_ns = c["gate"], c["socket"]["timespec"], deadline_ns + c["wait_ns"]
-    sent = (g["sent_count"] - 1) % _COUNTS
+    sent = (g["sent_count"] - 1) % c["counts"]
     while c["counted"]["last"] != sent and g["state"] != QUIET and now_ns(timespec) < end_ns:
-        c["news"] += take(c, inputs, deadline_ns)
+        c["news"] += take(c, take_one, inputs, deadline_ns)
 
 
-_CONTEXT_POINTER = types.CPointer(numba.from_dtype(CONTEXT))
-
-
-@compiled.c_function(
-    EXCHANGE_SIGNATURE.return_type(
-        _CONTEXT_POINTER,
-        types.CPointer(types.float64),
-        types.CPointer(numba.from_dtype(SIGNAL)),
-        types.int64,
-        types.int64,
-    )
-)
-def exchange_c(context: Any, outputs: Any, inputs: Any, deadline_ns: Any, periods: Any) -> Any:  # noqa: ARG001
-    """C entry of ``exchange``. What passed unseen doesn't matter: silence is counted in what was sent in vain."""
-    return exchange(
-        numba.carray(context, 1)[0],
-        numba.carray(outputs, MAX_OUTPUTS),
-        numba.carray(inputs, _MAX_INPUTS),
-        deadline_ns,
-    )
-
-
-_CONTEXT_FUNCTION = CONTEXT_SIGNATURE.return_type(_CONTEXT_POINTER)
-
-
-@compiled.c_function(_CONTEXT_FUNCTION)
-def open_c(context: Any) -> Any:
-    """The socket is open already, the slaves are in SAFEOP: begin with the safe values."""
-    c = numba.carray(context, 1)[0]
-    if c["socket"]["descriptor"] < 0:
-        return NOT_OPEN
-    c["opened"] = 1
-    has_rest(c["gate"])
-    return 0
-
-
-@compiled.c_function(_CONTEXT_FUNCTION)
-def safe_c(context: Any) -> Any:
-    """Wait, with nothing sent, until the slaves' watchdogs have brought them to rest."""
-    c = numba.carray(context, 1)[0]
-    c["opened"], c["closed"] = 0, 1
-    timespec, still_ns = c["socket"]["timespec"], c["gate"]["sent_ns"] + c["gate"]["still_ns"]
-    if still_ns > now_ns(timespec):
-        sleep_until(timespec, still_ns)
-    return 0
-
-
-@compiled.c_function(_CONTEXT_FUNCTION)
-def close_c(context: Any) -> Any:
-    """Let go of the socket."""
-    c = numba.carray(context, 1)[0]
-    c["opened"], c["closed"] = 0, 1
-    close(c["socket"])
-    return 0
+ENTRIES = entries(compiled, CONTEXT, begin, exchange, rest, end)

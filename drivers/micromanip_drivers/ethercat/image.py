@@ -89,7 +89,7 @@ class Image:
         for terminal, placed in zip(self._options.terminals.values(), self.placed.values(), strict=True):
             for _, numbers in _numbers(terminal.outputs, self.image_at + placed.outputs_at):
                 fields |= numbers
-        count = Number(self.count_at, COUNT_BYTES)
+        count = Number(self.count_at, COUNT_BYTES, "uint32")
         return FramePlan(len(self.frame), [GroupPlan(fields)], self.frame, counter=count).record()
 
     def received(self) -> NDArray[np.void]:
@@ -103,8 +103,8 @@ class Image:
                     latency_us = max(latency_us, pdo.latency_us)
                 else:
                     slow.append(GroupPlan(numbers, numbers[pdo.counter], round(pdo.latency_us * 1e3)))
-        count = Number(self.count_at, COUNT_BYTES)
-        clock = Number(self.time_at, TIME_BYTES) if self._options.clocks else None
+        count = Number(self.count_at, COUNT_BYTES, "uint32")
+        clock = Number(self.time_at, TIME_BYTES, "uint64") if self._options.clocks else None
         groups = [GroupPlan(fields, latency_ns=round(latency_us * 1e3)), *slow]
         record = FramePlan(len(self.frame), groups, counter=count, clock=clock).record()
         template, fixed = bytearray(self.frame), record[0]["fixed"]
@@ -124,7 +124,7 @@ class Number:
 
     at: int
     size: int
-    type: str = "uint"
+    type: str
     scale: float = 1.0
     offset: float = 0.0
     range: tuple[float, float] | None = None

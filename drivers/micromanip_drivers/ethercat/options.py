@@ -39,12 +39,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from micromanip.driver import did_you_mean
-from micromanip.driver.quantities import Latency, Range, Real, SampleRate, Scale
-from micromanip_drivers.line.frame_options import SIZES
-from micromanip_drivers.line.section import Name, Section, Whole
+from micromanip.driver import Scaled, Section, Typed, did_you_mean, number_range
+from micromanip.driver.quantities import Latency, SampleRate
+from micromanip.driver.wire import LoopOutput
+from micromanip_drivers.line.section import Name, Whole
 
 Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
 Number32 = Annotated[int, Field(strict=True, ge=0, le=0xFFFF_FFFF)]
@@ -52,24 +52,11 @@ Index = Annotated[int, Field(strict=True, ge=0, le=0xFFFF)]
 Subindex = Annotated[int, Field(strict=True, ge=0, le=0xFF)]
 
 
-class Object(Section):
+class Object(Typed):
     """An entry of a terminal's object dictionary; EtherCAT's byte order is little."""
 
     index: Index = Field(description="Of the object; 0 in a PDO for bytes that mean nothing.")
     subindex: Subindex = Field(default=0, description="Of the entry.")
-    type: str = Field(description=f"One of {', '.join(SIZES)}.")
-
-    @field_validator("type")
-    @classmethod
-    def _is_known(cls, kind: str) -> str:
-        if kind not in SIZES:
-            raise ValueError(f"there is no type {kind}; {did_you_mean(kind, SIZES, 'there are')}")
-        return kind
-
-    @property
-    def size(self) -> int:
-        """How many bytes it has."""
-        return SIZES[self.type]
 
     @property
     def mapping(self) -> int:
@@ -98,37 +85,16 @@ class Setting(Object):
         return self.value.to_bytes(self.size, "little", signed=self.type.startswith("int"))
 
 
-class Input(Object):
+class Input(Scaled, Object):
     """A value that a terminal measures."""
 
-    scale: Scale = Field(default=1.0, description="Physical unit per count.")
-    offset: Real = Field(default=0.0, description="Value at a number of 0.")
 
-    @model_validator(mode="after")
-    def _scale_is_not_zero(self) -> Input:
-        if self.scale == 0.0:
-            raise ValueError("a scale of 0 makes every value the same")
-        return self
-
-
-class Output(Input):
+class Output(LoopOutput, Input):
     """A value that a terminal is given."""
 
-    range: Range | None = Field(
-        default=None, description="Lowest and highest value that may be sent; null: what the type holds."
-    )
-    safe: Real = Field(default=0.0, description="What it gets while the outputs do not follow the loop.")
-    switch: bool = Field(
-        default=False,
-        strict=True,
-        description="A line that is on or off: need not be at rest before the outputs follow the loop again.",
-    )
-
-    @model_validator(mode="after")
-    def _safe_is_in_range(self) -> Output:
-        if self.range is not None and not self.range[0] <= self.safe <= self.range[1]:
-            raise ValueError(f"safe {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
-        return self
+    @property
+    def numbers(self) -> tuple[float, float]:
+        return number_range(self.type)
 
 
 class OutputPdo(Section):
@@ -216,17 +182,6 @@ class EthercatOptions(Section):
         description="The manuals say that the outputs may be written for ever: no flash memory is written.",
     )
     terminals: dict[Name, Terminal] = Field(min_length=1, max_length=8, description="In their order from the master.")
-
-    @model_validator(mode="after")
-    def _outputs_are_watched(self) -> EthercatOptions:
-        if self.outputs and self.watchdog is None:
-            raise ValueError("watchdog must be given: it brings the outputs to rest when the loop has died")
-        if self.watchdog is not None and self.silence_ms > 0.5 * self.watchdog.ms:
-            raise ValueError(
-                f"silence_ms: {self.silence_ms:g} ms must be at most half of the watchdog's {self.watchdog.ms:g} ms: "
-                "the loop must know that the link is lost before the terminals move by themselves"
-            )
-        return self
 
     @property
     def outputs(self) -> dict[str, Output]:

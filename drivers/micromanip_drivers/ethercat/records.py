@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import COUNTED, DEVICE_CLOCK, FRAME, GATE, SAMPLES, SOCKET, record
+from micromanip.driver.wire import WIRE, record
 
-COUNTERS = ("received", "wrong_length", "not_this_frame", "wrong_working_counter", "not_operating", "not_sent")
-"""Frames that came back; two kinds of bad ones; those that a slave did not take part in, or that told of a slave which
-has left OP; frames that the system did not take."""
+BAD = ("wrong_length", "not_this_frame", "wrong_working_counter", "not_operating", "not_sent")
+"""Two kinds of bad frames; those that a slave did not take part in, or that told of a slave which has left OP; frames
+that the system did not take."""
 
 CONTEXT = record(
-    ("opened", "i8"),
-    ("closed", "i8"),
+    *WIRE,
     ("terminals", "i8"),
     ("working_counter", "i8"),
     ("working_counter_at", "i8"),
@@ -19,14 +18,9 @@ CONTEXT = record(
     ("bring_ups", "i8"),
     ("wait_ns", "i8"),
     ("news", "i8"),
-    ("gate", GATE),
-    ("samples", SAMPLES),
-    ("counted", COUNTED),
-    ("clock", DEVICE_CLOCK),
-    ("receive", FRAME),
-    ("send", FRAME),
-    ("socket", SOCKET),
-    *((name, "i8") for name in COUNTERS),
+    ("not_this_frame", "i8"),
+    ("wrong_working_counter", "i8"),
+    ("not_operating", "i8"),
 )
 """``al_status`` is that of all slaves, merged by `or`, as the last frame told it; ``bring_ups`` counts how often the
 line was brought to OP. The loop waits for its frame until `wait_ns` after the deadline; `news` were acknowledged so."""

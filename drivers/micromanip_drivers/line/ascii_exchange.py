@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from micromanip.driver import Channel, ConfigError, OutputRefused
+from micromanip.driver import Channel, ConfigError
 
 from . import ascii_presets
 from .ascii_options import Ascii, AsciiOutput, Read, Write
@@ -58,8 +58,6 @@ class Exchange:
         self.channels = [
             Channel(label, exchange.rate_hz, self.latency_s, safes.get(label, 0.0)) for label in exchange.fields
         ]
-        if self.writes:
-            self._must_rest(key, [0.0] * first + list(safes.values()))
 
     @property
     def title(self) -> str:
@@ -81,10 +79,3 @@ class Exchange:
             total_s += line_time.turnaround_s + line_time.seconds(sent) + answer_s
             longest_s, told_s = max(longest_s, line_time.seconds(sent)), max(told_s, answer_s)
         return total_s, longest_s, told_s
-
-    def _must_rest(self, key: str, rest: Sequence[float]) -> None:
-        try:
-            for step in self.steps:
-                step.request.text(rest)
-        except OutputRefused as problem:
-            raise ConfigError(f"{key}: safe: {problem}") from problem

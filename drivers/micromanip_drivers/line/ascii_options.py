@@ -60,9 +60,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from micromanip.driver.quantities import Latency, Range, Real, SampleRate, Scale
+from micromanip.driver import Commanded, Scaled, Section
+from micromanip.driver.quantities import Latency, Range, SampleRate
 
-from .section import Name, Section
+from .section import Name
 
 
 def _printable(text: str) -> str:
@@ -101,7 +102,7 @@ class Errors(Section):
     good: tuple[Annotated[int, Field(strict=True)], ...] = Field(default=(0,), description="Numbers that mean: none.")
 
 
-class AsciiInput(Section):
+class AsciiInput(Scaled):
     """A value that the device tells."""
 
     item: str = Field(
@@ -109,30 +110,15 @@ class AsciiInput(Section):
         pattern=r"^[\w.+-]*$",
         description="Axis or channel as the device calls it; for a preset's templates.",
     )
-    scale: Scale = Field(default=1.0, description="value = scale x number + offset.")
-    offset: Real = Field(default=0.0, description="Value at a number of 0.")
-
-    @model_validator(mode="after")
-    def _scale_is_not_zero(self) -> Self:
-        if self.scale == 0.0:
-            raise ValueError("a scale of 0 makes every value the same")
-        return self
 
 
-class AsciiOutput(AsciiInput):
+class AsciiOutput(Commanded, AsciiInput):
     """A value that the device is given."""
 
     decimals: Annotated[int, Field(strict=True, ge=0, le=12)] = Field(default=4, description="Digits behind the point.")
     range: Range = Field(
         default=(-1e6, 1e6), description="Lowest and highest value that may be sent: text holds any number."
     )
-    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
-
-    @model_validator(mode="after")
-    def _safe_is_in_range(self) -> Self:
-        if not self.range[0] <= self.safe <= self.range[1]:
-            raise ValueError(f"safe {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
-        return self
 
 
 class _Exchange(Section):

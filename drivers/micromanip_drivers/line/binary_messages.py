@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from micromanip.driver import Channel, ConfigError, Inbox, OutputRefused
+from micromanip.driver import Channel, ConfigError, Inbox
 
 from .binary_options import Binary, BinaryIdentity, Received, Sent
 from .frame_parts import PacketCounter, Part, StatusWord, laid_out, part
@@ -130,10 +130,6 @@ class SentFrame:
         self._numbers = [OutputNumber(label, field) for label, field in options.fields.items()]
         self._counter = NumberCodec(options.counter) if options.counter else None
         self._count = 0
-        try:
-            self.frame([0.0] * first + [number.safe for number in self._numbers])
-        except OutputRefused as problem:
-            raise ConfigError(f"{key}: safe: {problem}") from problem
 
     def frame(self, values: Sequence[float]) -> bytes:
         """The next frame, with `values` of all outputs of the driver. Raises OutputRefused.

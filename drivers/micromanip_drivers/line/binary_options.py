@@ -47,10 +47,11 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
 
 from .frame_options import Counter, Crc, InputField, Known, Length, OutputField, Status, WholeNumber
-from .section import Count, HexBytes, Name, Section
+from .section import Count, HexBytes, Name
 
 Kind = Annotated[int, Field(strict=True, ge=0)]
 

@@ -17,50 +17,29 @@ from typing import Annotated, Literal
 import fastcrc
 from pydantic import Field, field_validator, model_validator
 
-from micromanip.driver import did_you_mean
-from micromanip.driver.quantities import Range, Real, Scale
+from micromanip.driver import Commanded, Scaled, Section, Typed, number_range
 
-from .section import Place, Section, Whole
-
-SIZES = {
-    **{f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 24, 32, 64)},
-    "float32": 4,
-    "float64": 8,
-}
-"""Bytes of each type."""
+from .section import Place, Whole
 
 ByteOrder = Literal["little", "big"]
 _WIDTHS = {"crc8": 1, "crc16": 2, "crc32": 4, "crc64": 8}
 CRC_NAMES = [f"{width}.{name}" for width in _WIDTHS for name in sorted(getattr(fastcrc, width).algorithms_available)]
 
 
-class Number(Section):
+class Number(Typed):
     """A number in a frame."""
 
     at: Place = Field(description="Its first byte, counted from that of the frame, or of the block; 0 is the first.")
-    type: str = Field(description=f"One of {', '.join(SIZES)}.")
     byte_order: ByteOrder | None = Field(
         default=None,
         description="little: its lowest byte comes first; big: its highest. null for a single byte.",
     )
-
-    @field_validator("type")
-    @classmethod
-    def _is_known(cls, kind: str) -> str:
-        if kind not in SIZES:
-            raise ValueError(f"there is no type {kind}; {did_you_mean(kind, SIZES, 'there are')}")
-        return kind
 
     @model_validator(mode="after")
     def _order_is_given(self) -> Number:
         if self.byte_order is None and self.size > 1:
             raise ValueError(f"byte_order must be given for {self.type}: little or big, as the device's manual says")
         return self
-
-    @property
-    def size(self) -> int:
-        """How many bytes it has."""
-        return SIZES[self.type]
 
     @property
     def end(self) -> int:
@@ -101,32 +80,16 @@ class Known(Number):
         return self
 
 
-class InputField(Number):
+class InputField(Scaled, Number):
     """A value that the device measures."""
 
-    scale: Scale = Field(default=1.0, description="Physical unit per count.")
-    offset: Real = Field(default=0.0, description="Value at a number of 0.")
 
-    @model_validator(mode="after")
-    def _scale_is_not_zero(self) -> InputField:
-        if self.scale == 0.0:
-            raise ValueError("a scale of 0 makes every value the same")
-        return self
-
-
-class OutputField(InputField):
+class OutputField(Commanded, InputField):
     """A value that the device is given."""
 
-    range: Range | None = Field(
-        default=None, description="Lowest and highest value that may be sent; null: what the type holds."
-    )
-    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
-
-    @model_validator(mode="after")
-    def _safe_is_in_range(self) -> OutputField:
-        if self.range is not None and not self.range[0] <= self.safe <= self.range[1]:
-            raise ValueError(f"safe {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
-        return self
+    @property
+    def numbers(self) -> tuple[float, float]:
+        return number_range(self.type)
 
 
 def overlap(parts: Iterable[tuple[str, int, int]]) -> str | None:

@@ -6,12 +6,12 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 
-from micromanip.driver import OutputRefused
+from micromanip.driver import OutputRefused, number_range
 
 from .frame_options import InputField, Number, OutputField
 
 _CODES = {1: "b", 2: "h", 4: "i", 8: "q"}
-_FLOATS = {"float32": ("f", (2.0 - 2.0**-23) * 2.0**127), "float64": ("d", (2.0 - 2.0**-52) * 2.0**1023)}
+_FLOATS = {"float32": "f", "float64": "d"}
 
 
 class NumberCodec:
@@ -24,19 +24,12 @@ class NumberCodec:
         self.floating = options.type.startswith("float")
         self._layout: struct.Struct | None = None
         order = "<" if self._order == "little" else ">"
+        self.low, self.high = number_range(options.type)
         if self.floating:
-            code, greatest = _FLOATS[options.type]
-            self._layout = struct.Struct(order + code)
-            self.low, self.high = -greatest, greatest
-        else:
-            bits = 8 * self._size
-            self.low = float(-(1 << (bits - 1))) if self._signed else 0.0
-            self.high = float((1 << (bits - 1)) - 1 if self._signed else (1 << bits) - 1)
-            if self._size in _CODES:
-                code = _CODES[self._size]
-                self._layout = struct.Struct(order + (code if self._signed else code.upper()))
-        if self._size == 8 and not self.floating:
-            self.high = math.nextafter(self.high, 0.0)  # the highest double below, which is a code
+            self._layout = struct.Struct(order + _FLOATS[options.type])
+        elif self._size in _CODES:
+            code = _CODES[self._size]
+            self._layout = struct.Struct(order + (code if self._signed else code.upper()))
 
     def read(self, data: bytes | bytearray, at: int = 0) -> float:
         """The number; an int for a type that is one."""
@@ -80,7 +73,6 @@ class OutputNumber:
         self._scale, self._offset = options.scale, options.offset
         ends = sorted(end * options.scale + options.offset for end in (self._codec.low, self._codec.high))
         self._low, self._high = ends if options.range is None else options.range
-        self.safe = options.safe
 
     def put(self, data: bytearray, value: float) -> None:
         """Write `value`, rounded to the nearest number. Raises OutputRefused."""

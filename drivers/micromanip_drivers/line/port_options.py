@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .section import Section
+from micromanip.driver import Section
 
 PortNumber = Annotated[int, Field(strict=True, ge=1, le=65_535)]
 Microseconds = Annotated[float, Field(strict=True, ge=0, le=100_000)]

@@ -1,16 +1,10 @@
-"""What the sections of the driver's configuration have in common."""
+"""Types of keys that the sections of several drivers have."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
-
-
-class Section(BaseModel):
-    """Keys of a section: unknown ones are refused, numbers are finite."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+from pydantic import AfterValidator, Field
 
 
 def _hexadecimal(text: str) -> str:

@@ -48,10 +48,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
 
 from .frame_options import Counter, Crc, InputField, Known, Number, Status, WholeNumber
-from .section import Count, HexBytes, Name, Section
+from .section import Count, HexBytes, Name
 
 
 class Blocks(WholeNumber):

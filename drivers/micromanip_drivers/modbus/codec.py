@@ -14,14 +14,13 @@ from operator import itemgetter
 
 from micromanip.driver import OutputRefused
 
-from .task_options import REGISTERS, Input, Output, Register
+from .task_options import REGISTERS, Input, Output, Register, code_range
 
 FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"} | {
     "float32": "f",
     "float64": "d",
     "bits": "H",
 }
-_LARGEST = {"float32": struct.unpack(">f", b"\x7f\x7f\xff\xff")[0], "float64": math.inf}
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class _Written:
         self.name, self.place, self.places = field.name, field.place, field.bytes_of()
         self._register, self._shift = register, register.first_bit or 0
         self._struct = struct.Struct(">" + FORMATS.get(register.type, "H"))
-        self._whole = register.type not in _LARGEST
+        self._whole = not register.type.startswith("float")
         self._low, self._high = code_range(register)
         self._range = register.range or (-math.inf, math.inf)
 
@@ -139,14 +138,6 @@ class _Written:
         raise OutputRefused(
             f"{self.name} is {value:g}, its {register.type} holds {ends[0]:g} to {ends[1]:g}: nothing was sent"
         )
-
-
-def code_range(register: Register) -> tuple[float, float]:
-    """Lowest and highest number that it holds."""
-    if register.type in _LARGEST:
-        return -_LARGEST[register.type], _LARGEST[register.type]
-    bits = register.bit_count if register.type in ("bits", "coil") else 16 * register.count
-    return (-(1 << bits - 1), (1 << bits - 1) - 1) if register.type.startswith("int") else (0, (1 << bits) - 1)
 
 
 def _shift_and_mask(register: Register) -> tuple[int, int] | None:

@@ -30,10 +30,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from micromanip.driver import BusOptions
+from micromanip.driver import BusOptions, Section
 
 from ..line.port_options import SerialPort, TcpPort
-from ..line.section import Name, Section
+from ..line.section import Name
 from .task_options import Task
 
 LARGEST_TIMEOUT_MS = 90.0

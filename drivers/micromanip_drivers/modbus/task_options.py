@@ -7,9 +7,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from micromanip.driver.quantities import Latency, Range, Real, SampleRate, Scale
+from micromanip.driver import Commanded, Scaled, Section, number_range
+from micromanip.driver.quantities import Latency, SampleRate
 
-from ..line.section import Name, Section
+from ..line.section import Name
 
 READS = {1: "coils", 2: "discrete inputs", 3: "holding registers", 4: "input registers", 23: "holding registers"}
 WRITES = {5: "coils", 6: "holding registers", 15: "coils", 16: "holding registers", 23: "holding registers"}
@@ -63,24 +64,23 @@ class Register(Section):
         return ((1 << self.bit_count) - 1) << (self.first_bit or 0)
 
 
-class Input(Register):
+def code_range(register: Register) -> tuple[float, float]:
+    """Lowest and highest number that it holds."""
+    if register.type in ("bits", "coil"):
+        return 0.0, (1 << register.bit_count) - 1.0
+    return number_range(register.type)
+
+
+class Input(Scaled, Register):
     """A value that is read."""
 
-    scale: Scale = Field(default=1.0, description="Physical unit per count.")
-    offset: Real = Field(default=0.0, description="Value at a number of 0.")
     latency_us: Latency = Field(
         default=0.0,
         description="Age of a reading in the device when it is asked for; of an output, until it is in force.",
     )
 
-    @model_validator(mode="after")
-    def _scale_is_not_zero(self) -> Input:
-        if self.scale == 0.0:
-            raise ValueError("scale: 0 makes every value the same")
-        return self
 
-
-class Output(Input):
+class Output(Commanded, Input):
     """A value that is written, again and again."""
 
     cyclic_safe: bool = Field(
@@ -89,10 +89,10 @@ class Output(Input):
         description="The manual says that this register may be written for ever. Many are kept in flash memory, which "
         "is worn out after some 10,000 writes: seconds.",
     )
-    range: Range | None = Field(
-        default=None, description="Lowest and highest value that may be sent; null: what the type holds."
-    )
-    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
+
+    @property
+    def numbers(self) -> tuple[float, float]:
+        return code_range(self)
 
     @model_validator(mode="after")
     def _may_be_written(self) -> Output:
@@ -102,8 +102,6 @@ class Output(Input):
                 "registers are flash memory that is worn out after 10,000 writes; if the device's manual allows it, "
                 "write cyclic_safe: true"
             )
-        if self.range is not None and not self.range[0] <= self.safe <= self.range[1]:
-            raise ValueError(f"safe: {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
         return self
 
 

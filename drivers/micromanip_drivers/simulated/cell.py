@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-from numba import types
-
-from micromanip.driver import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, SIGNAL, now_ns, sleep_until
+from micromanip.driver import entries, now_ns, sleep_until
 
 from .bus import receive_samples, send_outputs, send_samples, write
 from .compiled import compiled
@@ -16,14 +13,7 @@ from .faults import disturb, exchange_error, remember
 from .lines import advance_lines, cut_share, follow_enable, latch_switches, powered, read_lines, worked_periods
 from .plant import drive, machining_force, move, quantised
 from .preisach import preisach_step, reset_memory
-from .records import (
-    CONTEXT,
-    CREEP_OPERATORS,
-    MAX_INPUTS,
-    MAX_OUTPUTS,
-    MECHANICAL_STATES,
-    SUBSTEPS,
-)
+from .records import CONTEXT, CREEP_OPERATORS, MECHANICAL_STATES, SUBSTEPS
 from .sensors import read
 
 
@@ -114,36 +104,9 @@ def act(c: Any) -> None:
         latch(c, c["bus"]["outputs"][arrived]["value"])
 
 
-_CONTEXT_POINTER = types.CPointer(numba.from_dtype(CONTEXT))
-
-
-@compiled.c_function(
-    EXCHANGE_SIGNATURE.return_type(
-        _CONTEXT_POINTER,
-        types.CPointer(types.float64),
-        types.CPointer(numba.from_dtype(SIGNAL)),
-        types.int64,
-        types.int64,
-    )
-)
-def exchange_c(context: Any, outputs: Any, inputs: Any, now_ns: Any, periods: Any) -> Any:
-    """C entry of ``exchange``."""
-    return exchange(
-        numba.carray(context, 1)[0],
-        numba.carray(outputs, MAX_OUTPUTS),
-        numba.carray(inputs, MAX_INPUTS),
-        now_ns,
-        periods,
-    )
-
-
-_CONTEXT_FUNCTION = CONTEXT_SIGNATURE.return_type(_CONTEXT_POINTER)
-
-
-@compiled.c_function(_CONTEXT_FUNCTION)
-def open_c(context: Any) -> Any:
+@compiled
+def begin(c: Any) -> int:
     """Switch the amplifier on; the stage is at rest."""
-    c = numba.carray(context, 1)[0]
     rest(c)
     c["lines"]["enable"] = 1.0
     c["opened"] = 1
@@ -151,26 +114,22 @@ def open_c(context: Any) -> Any:
 
 
 @compiled
-def discharge(c: Any) -> None:
-    """Every voltage to 0 in 0.2 s."""
+def discharge(c: Any) -> int:
+    """Every voltage to 0 in 0.2 s, noted for whoever looks."""
     step = begin_discharge(c)
     while step < DISCHARGE_STEPS:
         step += 1
         discharge_to(c, step)
         sleep_until(c["timespec"], now_ns(c["timespec"]) + DISCHARGE_STEP_NS)
     end_discharge(c)
-
-
-@compiled.c_function(_CONTEXT_FUNCTION)
-def safe_c(context: Any) -> Any:
-    """Discharge, noted for whoever looks."""
-    c = numba.carray(context, 1)[0]
-    discharge(c)
     return 0
 
 
-@compiled.c_function(_CONTEXT_FUNCTION)
-def close_c(context: Any) -> Any:
+@compiled
+def end(c: Any) -> int:
     """Switch the amplifier off."""
-    numba.carray(context, 1)[0]["opened"] = 0
+    c["opened"] = 0
     return 0
+
+
+ENTRIES = entries(compiled, CONTEXT, begin, exchange, discharge, end)

@@ -146,7 +146,7 @@ class SimulatedCell(CyclicDriver):
     def functions(self) -> Functions:
         from . import cell  # compiled or loaded only where it is going to be called
 
-        return Functions(cell.open_c.address, cell.exchange_c.address, cell.safe_c.address, cell.close_c.address)
+        return Functions(*cell.ENTRIES.addresses)
 
     def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
         return discharge_in_host

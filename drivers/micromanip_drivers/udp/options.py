@@ -46,10 +46,12 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
+from micromanip.driver.wire import LoopOutput
 from micromanip_drivers.line.frame_options import Counter, Crc, InputField, Known, OutputField, Status, WholeNumber
 from micromanip_drivers.line.port_options import UdpPort
-from micromanip_drivers.line.section import Count, HexBytes, Name, Section
+from micromanip_drivers.line.section import Count, HexBytes, Name
 
 Milliseconds = Annotated[float, Field(strict=True, gt=0, le=10_000)]
 
@@ -96,14 +98,8 @@ class Received(Section):
     slow: dict[Name, Slow] = Field(default={}, description="Groups of inputs that are not, by any name.")
 
 
-class Output(OutputField):
+class Output(LoopOutput, OutputField):
     """A value that the device is given."""
-
-    switch: bool = Field(
-        default=False,
-        strict=True,
-        description="A line that is on or off: need not be at rest before the outputs follow the loop again.",
-    )
 
 
 class Sent(Section):
@@ -151,12 +147,7 @@ class UdpOptions(UdpPort):
     send: Sent = Field(description="What it is sent.")
 
     @model_validator(mode="after")
-    def _outputs_are_watched(self) -> UdpOptions:
-        if self.send.fields and self.watchdog is None:
-            raise ValueError(
-                "watchdog must be given: it brings the outputs to rest when the loop has died; this driver can't move "
-                "a device that has none"
-            )
+    def _outputs_are_acknowledged(self) -> UdpOptions:
         if self.send.fields and self.receive.acknowledges is None:
             raise ValueError(
                 "receive.acknowledges must be given: where in its answer the device says which datagram it has acted "
@@ -166,10 +157,5 @@ class UdpOptions(UdpPort):
             raise ValueError(
                 f"receive.acknowledges.type: {self.receive.acknowledges.type}, but it gives back send.counter, which "
                 f"is {self.send.counter.type}: both must be as long"
-            )
-        if self.watchdog is not None and self.silence_ms > 0.5 * self.watchdog.ms:
-            raise ValueError(
-                f"silence_ms: {self.silence_ms:g} ms must be at most half of the watchdog's {self.watchdog.ms:g} ms: "
-                "the loop must know that the link is lost before the device moves by itself"
             )
         return self

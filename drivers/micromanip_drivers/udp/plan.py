@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from micromanip.driver import ConfigError, OutputRefused
+from micromanip.driver import ConfigError
 from micromanip.driver.wire import FramePlan, GroupPlan
 from micromanip_drivers.line.frame_parts import StatusWord, laid_out, part
 from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumber, mismatches
@@ -41,10 +41,6 @@ class Datagrams:
         self._outputs = [OutputNumber(name, field) for name, field in sent.fields.items()]
         self._counter = NumberCodec(sent.counter)
         self._status = StatusWord(received.status) if received.status is not None else None
-        try:
-            self.frame([output.safe for output in self._outputs], 0)
-        except OutputRefused as problem:
-            raise ConfigError(f"send.fields: safe: {problem}") from problem
 
     @property
     def received_plan(self) -> FramePlan:

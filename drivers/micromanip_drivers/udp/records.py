@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import COUNTED, DEVICE_CLOCK, FRAME, GATE, SAMPLES, SOCKET, record
+from micromanip.driver.wire import WIRE, record
 
-COUNTERS = ("received", "strangers", "wrong_length", "wrong_checksum", "not_this_datagram", "not_sent")
-"""Datagrams that came; those of others, and three kinds of bad ones; datagrams that the system did not take."""
+BAD = ("wrong_length", "wrong_checksum", "not_this_datagram", "not_sent")
+"""Three kinds of bad datagrams; those that the system did not take."""
 
-CONTEXT = record(
-    ("opened", "i8"),
-    ("counts", "i8"),
-    ("gate", GATE),
-    ("samples", SAMPLES),
-    ("counted", COUNTED),
-    ("clock", DEVICE_CLOCK),
-    ("receive", FRAME),
-    ("send", FRAME),
-    ("socket", SOCKET),
-    *((name, "i8") for name in COUNTERS),
-)
+CONTEXT = record(*WIRE, ("strangers", "i8"), ("wrong_checksum", "i8"), ("not_this_datagram", "i8"))
+"""``strangers`` are datagrams of others."""

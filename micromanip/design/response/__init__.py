@@ -3,7 +3,7 @@
 from .attempts import Recorded, identify_again
 from .choice import Identified, Wanted, identify
 from .excitation import PERIOD_S, Multisine, multisine
-from .measured import Measured, measure, of_spectra
+from .measured import Measured, measure, of_spectra, smoothed
 
 __all__ = [
     "PERIOD_S",
@@ -17,4 +17,5 @@ __all__ = [
     "measure",
     "multisine",
     "of_spectra",
+    "smoothed",
 ]

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d
 
 from micromanip.control.system import System
 from micromanip.design.linear import Modes
 
-from .measured import Measured
+from .measured import Measured, smoothed
 from .rational import fit_rational
 
 Array = NDArray[np.float64]
@@ -158,8 +158,7 @@ def _weight(measured: Measured) -> Array:
 def _error(model: Complex, measured: Measured) -> Array:
     share = (model - measured.response) / np.maximum(np.abs(measured.response), 1e-300)
     # what is the same over neighbouring lines is the model's, the rest the measurement's
-    parts = [uniform_filter1d(part, _WINDOW, mode="nearest") for part in (share.real, share.imag)]
-    return np.asarray(np.hypot(*parts))
+    return np.abs(smoothed(share, _WINDOW))
 
 
 def _matters(measured: Measured, wanted: Wanted) -> NDArray[np.bool_]:

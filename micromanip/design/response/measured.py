@@ -76,6 +76,12 @@ def of_spectra(frequency_Hz: Array, U: Complex, Y: Complex) -> Measured:
     return _judged(frequency_Hz, draws, noise)
 
 
+def smoothed(curve: Complex, lines: int) -> Complex:
+    """Mean of a curve (k,) over `lines` neighbouring lines; the end ones count on beyond the ends."""
+    parts = [uniform_filter1d(part, lines, mode="nearest") for part in (curve.real, curve.imag)]
+    return np.asarray(parts[0] + 1j * parts[1])
+
+
 def _judged(frequency_Hz: Array, draws: Complex, noise: Array) -> Measured:
     mean = draws.mean(axis=0)
     scatter = np.sum(np.abs(draws - mean) ** 2, axis=0) / max(len(draws) - 1, 1) / len(draws)

@@ -50,11 +50,10 @@ from micromanip.bus.ethercat.registers import (
     STATION,
     TYPE_DATAGRAMS,
 )
-from micromanip.rt.jit import Compiler
 from micromanip.rt.record import record
 from micromanip.rt.signatures import array_of
 
-compiled = Compiler(__file__)
+from ..compiled import compiled
 
 MEMORY_BYTES = 0x3000
 FMMU_COUNT, SM_COUNT = 8, 8

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.bus.datagram_socket import lend
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.arrivals import gathered
 from micromanip.emulation.cell import EmulatedCell
+from micromanip.emulation.compiled_plant import fill_plant
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.line.device_line import DeviceLine
 from micromanip.emulation.line.fault import Delay, Drop, Duplicate, LineFault, Reorder
@@ -23,7 +23,6 @@ from micromanip.emulation.line.faults import Hang, Unplug
 from micromanip.emulation.line.faults import parsed as line_fault
 from micromanip.emulation.line.port import Hear, Peer
 from micromanip.emulation.messages import MessageFigures
-from micromanip.emulation.plant import MOST_PERIODS, PERIOD_NS
 from micromanip.errors import UsageError
 from micromanip.rt.jit import prepare
 from micromanip.testbus.event_loop import EventLoop
@@ -60,7 +59,7 @@ class EthercatDevice:
         self._signal: list[list[tuple[str, bool]]] = []
         self._output: list[list[str | None]] = []
         self._fill(self._served[0], wires)
-        self._silent_until_ns, self._lent = 0.0, -1
+        self._silent_until_ns = 0.0
         self._began_ns, self._heard_ns = loop.now_ns(), 0
         prepare(serve, lay_out_readings, outputs_taken)
         self._line = DeviceLine(loop, self._make_port)
@@ -72,8 +71,7 @@ class EthercatDevice:
 
     def _fill(self, d: Any, wires: Wires) -> None:
         plant = self._cell.plant
-        d["exchange"], d["context"] = plant.addresses
-        d["period_ns"], d["most_periods"] = PERIOD_NS, MOST_PERIODS
+        fill_plant(d, plant)
         d["output"] = -1
         d["arrived"]["last"] = np.nan
         for k, name in enumerate(self._names):
@@ -209,9 +207,7 @@ class EthercatDevice:
         return (
             now_ns - self._heard_ns < _PAUSE_NS
             and now_ns >= self._silent_until_ns
-            and not self._cell.faults.any
-            and not self._cell.wired_on
-            and all(amplifier.follows for amplifier in self._cell.amplifiers)
+            and self._cell.undisturbed
             and self._line.active(LineFault) is None
         )
 
@@ -291,12 +287,8 @@ class EthercatDevice:
         now_ns = self._loop.now_ns()
         self._cell.advance_to(now_ns)
         self.slaves.tick(now_ns)
-        descriptor = self._port.descriptor
-        if descriptor is not None and descriptor != self._lent:
-            lend(descriptor, self._served[0]["socket"])
+        if self._port.lend(self._served[0]["socket"], self._readable):
             self._served[0]["waiting"] = self._served[0]["next"] = 0
-            self._loop.add_reader(descriptor, self._readable)
-        self._lent = -1 if descriptor is None else descriptor
         self._loop.call_at(now_ns + _TICK_NS, self._tick)
 
 

@@ -8,7 +8,7 @@ import subprocess
 from pathlib import Path
 
 from micromanip.bus.ethercat.registers import ETHERTYPE
-from micromanip.emulation.line.port import Hear, LineFigures, LinePort
+from micromanip.emulation.line.port import Hear, SocketPort
 from micromanip.errors import DeviceUnavailable
 from micromanip.testbus.event_loop import EventLoop
 
@@ -20,17 +20,16 @@ _FAR_END = "-far"
 _LONGEST_NAME = 15
 
 
-class EthernetPort(LinePort):
+class EthernetPort(SocketPort):
     """Hears frames at the far end of the interface that the master's configuration names."""
 
     def __init__(self, loop: EventLoop, interface: str, hear: Hear) -> None:
         """Raises DeviceUnavailable where the pair can't be made or opened."""
-        self.figures, self.echo = LineFigures(), False
-        self._loop, self._hear, self._interface = loop, hear, interface
+        super().__init__(loop, hear)
+        self._interface = interface
         self._made = not (_NETWORKS / interface).is_dir()
         if self._made:
             _make_pair(interface)
-        self._socket: socket.socket | None = None
         try:
             self.plug_in()
         except BaseException:
@@ -40,11 +39,6 @@ class EthernetPort(LinePort):
     @property
     def name(self) -> str:
         return f"ethercat {self._interface}"
-
-    @property
-    def descriptor(self) -> int | None:
-        """Of its socket, for compiled code that serves it in between; None while it is unplugged."""
-        return None if self._socket is None else self._socket.fileno()
 
     def carried(self, frames: int, length: int) -> None:
         """Frames, of so many bytes together, that went there and back another way than through this object."""
@@ -58,9 +52,7 @@ class EthernetPort(LinePort):
             if self._socket is not None:
                 self.figures.bytes_sent += self._socket.send(data)
 
-    def plug_in(self) -> None:
-        if self._socket is not None:
-            return
+    def _opened(self) -> socket.socket:
         far = _far_end(self._interface)
         try:
             opened = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)  # nothing comes before it is bound
@@ -72,15 +64,7 @@ class EthernetPort(LinePort):
         except OSError as problem:
             opened.close()
             raise _unavailable(self._interface, problem) from problem
-        self._socket = opened
-        self._loop.add_reader(opened.fileno(), self.read)
-
-    def unplug(self) -> None:
-        """Nothing comes and nothing arrives."""
-        if self._socket is not None:
-            self._loop.remove_reader(self._socket.fileno())
-            self._socket.close()
-            self._socket = None
+        return opened
 
     def close(self) -> None:
         self.unplug()

@@ -14,7 +14,6 @@ from numba import types
 
 from micromanip.bus.ethercat.al_states import OP, STATUS_MASK
 from micromanip.bus.ethercat.registers import AL_STATUS
-from micromanip.rt.intrinsics import call_exchange
 from micromanip.rt.record import record
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
@@ -23,7 +22,9 @@ from micromanip.rt.wire.datagrams import length_of, receive, send
 from micromanip.rt.wire.records import FRAME, SOCKET
 
 from ..arrivals import ARRIVED, note
-from .controller import ESC, NOT_ETHERCAT, compiled, pass_frame
+from ..compiled import compiled
+from ..compiled_plant import PLANT, advance
+from .controller import ESC, NOT_ETHERCAT, pass_frame
 from .terminal import INPUTS, OUTPUTS
 
 MOST_TERMINALS = 8
@@ -31,11 +32,7 @@ NOBODYS, COUNTS = -1, 1000
 """Of a number in the inputs: no signal of the plant, it reads 1; COUNTS + the signal whose samples it counts."""
 
 SERVED = record(
-    ("exchange", "i8"),
-    ("context", "i8"),
-    ("period_ns", "i8"),
-    ("most_periods", "i8"),
-    ("time_ns", "i8"),
+    *PLANT,
     ("heard_ns", "i8"),
     ("phase_ns", "i8"),
     ("follows", "i8"),
@@ -55,8 +52,8 @@ SERVED = record(
     ("outputs", FRAME, (MOST_TERMINALS,)),
     ("socket", SOCKET),
 )
-"""Plant and line: where the plant's function and context are, which of its signals and outputs each number is, and what
-came; `waiting` frames of a batch are served from `next` on. `taken` are the outputs of a terminal that were seen."""
+"""Plant and line: which of the plant's signals and outputs each number is, and what came; `waiting` frames of a
+batch are served from `next` on. `taken` are the outputs of a terminal that were seen."""
 
 
 @compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), types.float64[::1], array_of(SIGNAL)))
@@ -102,15 +99,6 @@ def has_events(slaves: Any) -> bool:
     for k in range(len(slaves)):
         events |= slaves[k]["events"]
     return events != 0
-
-
-@compiled
-def advance(d: Any, now_ns: int, outputs: Any, signals: Any) -> None:
-    """Let the plant's periods up to now pass with what was in force, then put in force what is in `outputs`."""
-    periods = max(0, (now_ns - d["time_ns"]) // d["period_ns"])
-    d["time_ns"] += periods * d["period_ns"]
-    passed = min(periods, d["most_periods"])
-    call_exchange(d["exchange"], d["context"], outputs.ctypes.data, signals.ctypes.data, d["time_ns"], passed)
 
 
 @compiled

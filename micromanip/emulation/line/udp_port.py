@@ -1,4 +1,4 @@
-"""A UDP port that a emulated device sends from and receives at."""
+"""A UDP port that an emulated device sends from and receives at."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import socket
 from micromanip.errors import DeviceUnavailable
 from micromanip.testbus.event_loop import EventLoop
 
-from .port import Hear, LineFigures, LinePort
+from .port import Hear, SocketPort
 
 _READ_BYTES = 65536
 _OVERHEAD_BYTES = 66
 """Ethernet with its gap, IP and UDP."""
 
 
-class UdpPort(LinePort):
+class UdpPort(SocketPort):
     """The device's end: it sends to where the controller listens, or to who has asked last."""
 
     def __init__(
@@ -25,12 +25,11 @@ class UdpPort(LinePort):
 
         Raises DeviceUnavailable for an address that is in use, or that this machine doesn't have.
         """
-        self.figures, self.echo = LineFigures(), False
-        self._loop, self._address, self._hear = loop, (host, port), hear
+        super().__init__(loop, hear)
+        self._address = host, port
         self._byte_ns = 8e9 / bits_per_s
         self._configured = None if listener is None else (host, listener)
         self._to = self._configured
-        self._socket: socket.socket | None = None
         self._stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._stranger.setblocking(False)
         try:
@@ -42,11 +41,6 @@ class UdpPort(LinePort):
     @property
     def name(self) -> str:
         return f"udp {self._address[0]}:{self._address[1]}"
-
-    @property
-    def descriptor(self) -> int | None:
-        """Of its socket, for compiled code that serves it in between; None while it is unplugged."""
-        return None if self._socket is None else self._socket.fileno()
 
     def carried(self, sent: int, sent_bytes: int, received: int, received_bytes: int) -> None:
         """Datagrams, of so many bytes each, that went another way than through this object."""
@@ -64,9 +58,7 @@ class UdpPort(LinePort):
         """The same from a port that is not the device's."""
         self._send_from(self._stranger, data)
 
-    def plug_in(self) -> None:
-        if self._socket is not None:
-            return
+    def _opened(self) -> socket.socket:
         opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             opened.setblocking(False)
@@ -77,16 +69,11 @@ class UdpPort(LinePort):
                 f"{self.name} can't be opened: {error.strerror}; devices are emulated at an address of this "
                 "machine, on a port that is free"
             ) from error
-        self._socket = opened
-        self._loop.add_reader(opened.fileno(), self.read)
+        return opened
 
     def unplug(self) -> None:
-        """Nothing comes and nothing arrives; who asks is told by the system that nobody listens."""
-        if self._socket is not None:
-            self._loop.remove_reader(self._socket.fileno())
-            self._socket.close()
-            self._socket = None
-            self._to = self._configured
+        super().unplug()
+        self._to = self._configured
 
     def close(self) -> None:
         self.unplug()

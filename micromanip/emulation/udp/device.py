@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.bus.datagram_socket import lend
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.arrivals import gathered
 from micromanip.emulation.cell import EmulatedCell
+from micromanip.emulation.compiled_plant import fill_plant
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.line.device_line import DeviceLine
 from micromanip.emulation.line.fault import LineFault
@@ -25,7 +25,6 @@ from micromanip.emulation.line.number import checksum, line_number
 from micromanip.emulation.line.port import Hear, Peer
 from micromanip.emulation.line.udp_port import UdpPort
 from micromanip.emulation.messages import MessageFigures
-from micromanip.emulation.plant import MOST_PERIODS, PERIOD_NS
 from micromanip.errors import UsageError
 from micromanip.rt.jit import prepare
 from micromanip.rt.wire.counting import OLD
@@ -60,7 +59,7 @@ class UdpDevice:
         self._time_ns = self._served["time_ns"]
         self._data = np.zeros(MAX_BYTES, np.uint8)
         self._off_until_ns = self._silent_until_ns = self._counts_from_ns = 0.0
-        self._began_ns, self._heard_ns, self._lent = loop.now_ns(), 0, -1
+        self._began_ns, self._heard_ns = loop.now_ns(), 0
         prepare(serve, understand, compose)
         self._line = DeviceLine(loop, self._make_port)
         self._line.attach(self._hear)
@@ -73,8 +72,7 @@ class UdpDevice:
     def _fill(self, d: Any) -> None:
         keys, plant = self._keys, self._cell.plant
         d["commands"], d["answers"] = _sent(keys).record()[0], _received(keys).record()[0]
-        d["exchange"], d["context"] = plant.addresses
-        d["period_ns"], d["most_periods"] = PERIOD_NS, MOST_PERIODS
+        fill_plant(d, plant)
         d["counts"], d["counted"]["counts"] = 1 << 8 * keys.receive.counter.size, 1 << 8 * keys.send.counter.size
         d["unit_ns"] = keys.receive.clock.unit_us * 1e3 if keys.receive.clock else 1.0
         d["output"], d["signal"], d["group_signal"] = -1, -1, -1
@@ -149,9 +147,7 @@ class UdpDevice:
         return (
             now_ns - self._heard_ns < _PAUSE_NS
             and now_ns >= max(self._off_until_ns, self._silent_until_ns, self._counts_from_ns)
-            and not self._cell.faults.any
-            and not self._cell.wired_on
-            and all(amplifier.follows for amplifier in self._cell.amplifiers)
+            and self._cell.undisturbed
             and self._line.active(LineFault) is None
         )
 
@@ -231,11 +227,7 @@ class UdpDevice:
         self._gather()
         now_ns = self._loop.now_ns()
         self._cell.advance_to(now_ns)
-        descriptor = self._port.descriptor
-        if descriptor is not None and descriptor != self._lent:
-            lend(descriptor, self._served[0]["socket"])
-            self._loop.add_reader(descriptor, self._readable)
-        self._lent = -1 if descriptor is None else descriptor
+        self._port.lend(self._served[0]["socket"], self._readable)
         self._loop.call_at(now_ns + _TICK_NS, self._tick)
 
 

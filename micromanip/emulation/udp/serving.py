@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from micromanip.rt.intrinsics import call_exchange
-from micromanip.rt.jit import Compiler
 from micromanip.rt.record import record
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
@@ -22,18 +20,14 @@ from micromanip.rt.wire.datagrams import length_of, receive, send_back
 from micromanip.rt.wire.records import FRAME, MAX_GROUPS, SOCKET
 
 from ..arrivals import ARRIVED, note
-
-compiled = Compiler(__file__)
+from ..compiled import compiled
+from ..compiled_plant import PLANT, advance
 
 BAD = -1000
 """What ``understand`` returns for what is no command."""
 
 SERVED = record(
-    ("exchange", "i8"),
-    ("context", "i8"),
-    ("period_ns", "i8"),
-    ("most_periods", "i8"),
-    ("time_ns", "i8"),
+    *PLANT,
     ("heard_ns", "i8"),
     ("count", "i8"),
     ("counts", "i8"),
@@ -54,8 +48,8 @@ SERVED = record(
     ("answers", FRAME),
     ("socket", SOCKET),
 )
-"""Device and plant: where the plant's function and context are, and the index of each output and signal in it; -1
-for an output that nobody has, and for a signal that is not the plant's: it reads 1."""
+"""Device and plant: the index of each output and signal in it; -1 for an output that nobody has, and for a signal
+that is not the plant's: it reads 1."""
 
 
 @compiled.entry(types.void(array_of(SERVED), types.float64[::1], array_of(SIGNAL)))
@@ -89,15 +83,6 @@ def take_command(d: Any, k: int, outputs: Any) -> bool:
                 outputs[d["output"][i]] = d["value"][i]
                 note(d["arrived"][i], d["value"][i])
     return True
-
-
-@compiled
-def advance(d: Any, now_ns: int, outputs: Any, signals: Any) -> None:
-    """Let the plant's periods up to now pass with what was in force, and from now on the command."""
-    periods = max(0, (now_ns - d["time_ns"]) // d["period_ns"])
-    d["time_ns"] += periods * d["period_ns"]
-    passed = min(periods, d["most_periods"])
-    call_exchange(d["exchange"], d["context"], outputs.ctypes.data, signals.ctypes.data, d["time_ns"], passed)
 
 
 @compiled

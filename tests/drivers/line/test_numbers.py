@@ -6,11 +6,12 @@ import struct
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from micromanip_drivers.line.frame_options import SIZES, InputField, Number, OutputField, Status, WholeNumber
+from micromanip_drivers.line.frame_options import InputField, Number, OutputField, Status, WholeNumber
 from micromanip_drivers.line.frame_parts import PacketCounter, StatusWord
 from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumber
 
 from micromanip.bus.errors import OutputRefused
+from micromanip.bus.number_options import SIZES
 
 GOLDEN = [
     ("int8", "little", "80", -128),
@@ -63,7 +64,7 @@ def test_what_is_written_is_read(kind, order, data):
 @example(5.6e306, "int16", 0.03125, 0.0)  # infinite in steps of the scale
 @given(st.floats(), st.sampled_from(sorted(SIZES)), st.floats(1e-6, 1e6), st.floats(-1e3, 1e3))
 def test_every_value_is_sent_as_it_is_or_refused(value, kind, scale, offset):
-    options = OutputField(at=0, type=kind, byte_order="little", scale=scale, offset=offset)
+    options = OutputField(at=0, type=kind, byte_order="little", scale=scale, offset=offset, safe=offset)
     wire = bytearray(8)
     try:
         OutputNumber("voltage", options).put(wire, value)

@@ -75,7 +75,7 @@ def test_the_example_in_the_keys_own_words_works():
         (f"{UNIT}function", 7, "function: expected"),
         (f"{UNIT}function", 16, "read: function 16 can't read"),
         (f"{UNIT}function", 3, "write: function 3 can't write"),
-        (f"{UNIT}read.strain_x.scale", 0.0, "scale: 0 makes every value the same"),
+        (f"{UNIT}read.strain_x.scale", 0.0, "scale: a scale of 0 makes every value the same"),
         (f"{UNIT}read.strain_x.type", "coil", "function 23 is for holding registers"),
         (f"{UNIT}read.enable.first_bit", 16, "first_bit: expected"),
         (f"{UNIT}counter.type", "float32", "type: one of bits, uint16"),

@@ -1,15 +1,11 @@
 """A cyclic driver compiled by numba: an actuator that follows its voltage with a lag, and its strain gauge."""
 
-import numba
 import numpy as np
-from numba import types
 from pydantic import BaseModel, ConfigDict, Field
 
-from micromanip.driver import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, SIGNAL, Compiler, CyclicDriver, Functions
+from micromanip.driver import Compiler, CyclicDriver, Functions, entries
 
 CONTEXT = np.dtype([("um_per_V", "f8"), ("share", "f8"), ("voltage_V", "f8"), ("position_um", "f8")], align=True)
-CONTEXT_POINTER = types.CPointer(numba.from_dtype(CONTEXT))
-SIGNAL_POINTER = types.CPointer(numba.from_dtype(SIGNAL))
 
 compiled = Compiler(__file__)
 
@@ -20,27 +16,26 @@ def follow(c):
     c["position_um"] += c["share"] * (c["um_per_V"] * c["voltage_V"] - c["position_um"])
 
 
-@compiled.c_function(
-    EXCHANGE_SIGNATURE.return_type(
-        CONTEXT_POINTER, types.CPointer(types.float64), SIGNAL_POINTER, types.int64, types.int64
-    )
-)
-def exchange(context, outputs, inputs, now_ns, periods):
+@compiled
+def exchange(c, outputs, inputs, now_ns, periods):
     """Move for the periods that passed, leave a fresh sample, take the new voltage."""
-    c, strain = numba.carray(context, 1)[0], numba.carray(inputs, 1)[0]
+    strain = inputs[0]
     for _ in range(periods):
         follow(c)
     strain["value"], strain["time_ns"], strain["status"] = c["position_um"], now_ns, 0
     strain["sequence"] += 1
-    c["voltage_V"] = numba.carray(outputs, 1)[0]
+    c["voltage_V"] = outputs[0]
     return 0
 
 
-@compiled.c_function(CONTEXT_SIGNATURE.return_type(CONTEXT_POINTER))
-def safe(context):
+@compiled
+def safe(c):
     """Take the voltage away; as open and as close it does no harm either."""
-    numba.carray(context, 1)[0]["voltage_V"] = 0.0
+    c["voltage_V"] = 0.0
     return 0
+
+
+ENTRIES = entries(compiled, CONTEXT, safe, exchange, safe, safe)
 
 
 class LagOptions(BaseModel):
@@ -69,4 +64,4 @@ class LagStage(CyclicDriver):
         return context.view(np.uint8)
 
     def functions(self):
-        return Functions(open=safe.address, exchange=exchange.address, safe=safe.address, close=safe.address)
+        return Functions(*ENTRIES.addresses)

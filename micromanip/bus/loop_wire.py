@@ -1,0 +1,127 @@
+"""A cyclic driver that serves a wire in the loop itself, through the gate: what is the same on every wire."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from micromanip.errors import ConfigError
+from micromanip.rt.wire.gate import MAX_OUTPUTS
+
+from .cyclic import CyclicDriver, Wire
+from .driver import Channel
+from .number_options import Commanded
+from .output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
+from .safe_state import SafeOutput
+
+_UNSAFE = 1
+
+
+class LoopOutput(Commanded):
+    """A value that the device is given in every cycle."""
+
+    switch: bool = Field(
+        default=False,
+        strict=True,
+        description="A line that is on or off: need not be at rest before the outputs follow the loop again.",
+    )
+
+
+class LoopWire(CyclicDriver):
+    """Its options have ``simulated``, ``silence_ms`` and ``watchdog``, which has ``ms``, ``rest_ms`` and ``does``."""
+
+    CONTEXT: ClassVar[np.dtype[Any]]
+    """Record with the fields of ``WIRE`` (``rt/wire/context.py``)."""
+    COUNTERS: ClassVar[tuple[str, ...]]
+    """Its fields that are counters for ``statistics``."""
+    BAD: ClassVar[tuple[str, ...]]
+    """Those of them that count as errors."""
+
+    def __init__(self, options: Any, period_ns: int, fields: Mapping[str, LoopOutput], key: str) -> None:
+        """`fields` are the outputs by name, in the order in which they are sent; `key` is where they stand.
+
+        Raises ConfigError for outputs that nothing would bring to rest, or before the loop knows that the link is lost.
+        """
+        self.options, self.period_ns, self._fields = options, period_ns, fields
+        self.simulated = options.simulated  # type: ignore[misc]
+        self.watchdog = None if options.watchdog is None else options.watchdog.does  # type: ignore[misc]
+        if fields and options.watchdog is None:
+            raise ConfigError(
+                "watchdog must be given: it brings the outputs to rest when the loop has died; this driver can't move "
+                "a device that has none"
+            )
+        if options.watchdog is not None and options.silence_ms > 0.5 * options.watchdog.ms:
+            raise ConfigError(
+                f"silence_ms: {options.silence_ms:g} ms must be at most half of the watchdog's {options.watchdog.ms:g} "
+                "ms: the loop must know that the link is lost before the device moves by itself"
+            )
+        if len(fields) > MAX_OUTPUTS:
+            raise ConfigError(f"{key}: {len(fields)} outputs, at most {MAX_OUTPUTS} are possible")
+
+    @property
+    def virtual(self) -> bool:
+        return False
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return tuple(self._fields)
+
+    @property
+    def slow_outputs(self) -> tuple[Channel, ...]:
+        return tuple(Channel(name, 1e9 / self.period_ns, 0.0, field.safe) for name, field in self._fields.items())
+
+    @property
+    def silent_cycles(self) -> int:
+        """So many in a row without an answer, and the link is lost."""
+        return math.ceil(float(self.options.silence_ms) * 1e6 / self.period_ns)
+
+    def context(self) -> NDArray[np.uint8]:
+        context, watchdog = np.zeros(1, self.CONTEXT), self.options.watchdog
+        context[0]["socket"]["descriptor"] = -1
+        close_gate(
+            context[0]["gate"],
+            [(field.safe, field.switch) for field in self._fields.values()],
+            self.silent_cycles,
+            (watchdog.ms, watchdog.rest_ms) if watchdog else None,
+        )
+        self.fill(context[0])
+        return context.view(np.uint8)
+
+    @abstractmethod
+    def fill(self, c: Any) -> None:
+        """Put into a context what is the driver's own: the tables of both frames, the counts, the device's clock."""
+
+    @abstractmethod
+    def is_at_rest(self) -> bool:
+        """Whether the device, which its watchdog has brought to rest, is there and at rest. May raise BusError."""
+
+    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:
+        adopt_limits(self.record(context)["gate"], outputs, self.period_ns)
+
+    def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
+        return self._made_safe
+
+    def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
+        c = self.record(context)
+        counted = {name: int(c["counted"][name]) for name in ("lost", "doubled", "late", "restarts")}
+        counts = {name: int(c[name]) for name in self.COUNTERS} | gate_statistics(c["gate"])
+        totals = {"performed": int(c["gate"]["sent_count"]), "errors": sum(counts[name] for name in self.BAD)}
+        return {**counts, **counted, "clock_steps": int(c["clock"]["steps"]), **totals}
+
+    def wire(self, context: NDArray[np.uint8]) -> Wire:
+        return wire_of(self.record(context)["gate"])
+
+    def record(self, context: NDArray[np.uint8]) -> Any:
+        """The context as its record."""
+        return context.view(self.CONTEXT)[0]
+
+    def _made_safe(self, context: NDArray[np.uint8]) -> int:
+        """Its watchdog has brought it to rest by then; whether it is there, and takes that."""
+        wait_for_rest(self.record(context)["gate"])
+        return 0 if self.is_at_rest() else _UNSAFE

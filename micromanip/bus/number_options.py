@@ -1,0 +1,90 @@
+"""Keys of numbers in a device: of which type they are, what value one stands for, what may be sent at most.
+
+value = scale x number + offset.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from micromanip.errors import did_you_mean
+from micromanip.quantities import Range, Real, Scale
+
+SIZES = {
+    **{f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 24, 32, 64)},
+    "float32": 4,
+    "float64": 8,
+}
+"""Bytes of each type."""
+_GREATEST = {"float32": (2.0 - 2.0**-23) * 2.0**127, "float64": (2.0 - 2.0**-52) * 2.0**1023}
+
+
+def number_range(kind: str) -> tuple[float, float]:
+    """Lowest and highest number that a type of `SIZES` holds; of 64 bits the highest that is a double as well."""
+    if kind in _GREATEST:
+        return -_GREATEST[kind], _GREATEST[kind]
+    bits = 8 * SIZES[kind]
+    lowest, highest = (0.0, 2.0**bits - 1) if kind.startswith("u") else (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1)
+    return lowest, math.nextafter(highest, 0.0) if bits == 64 else highest
+
+
+class Section(BaseModel):
+    """Keys of a section: unknown ones are refused, numbers are finite."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Typed(Section):
+    """A number of a type."""
+
+    type: str = Field(description=f"One of {', '.join(SIZES)}.")
+
+    @field_validator("type")
+    @classmethod
+    def _is_known(cls, kind: str) -> str:
+        if kind not in SIZES:
+            raise ValueError(f"there is no type {kind}; {did_you_mean(kind, SIZES, 'there are')}")
+        return kind
+
+    @property
+    def size(self) -> int:
+        """How many bytes it has."""
+        return SIZES[self.type]
+
+
+class Scaled(Section):
+    """A number that stands for a value."""
+
+    scale: Scale = Field(default=1.0, description="Physical unit per count: value = scale x number + offset.")
+    offset: Real = Field(default=0.0, description="Value at a number of 0.")
+
+
+class Commanded(Scaled):
+    """A value that the device is given; `safe` is one that can be sent."""
+
+    range: Range | None = Field(
+        default=None, description="Lowest and highest value that may be sent; null: what the type holds."
+    )
+    safe: Real = Field(
+        default=0.0,
+        description="What it is kept at where the configuration uses no such output, and by a driver in the loop "
+        "while the outputs do not follow it.",
+    )
+
+    @property
+    def numbers(self) -> tuple[float, float]:
+        """Lowest and highest number that it can be; text holds any."""
+        return -math.inf, math.inf
+
+    @model_validator(mode="after")
+    def _safe_can_be_sent(self) -> Self:
+        if self.range is not None and not self.range[0] <= self.safe <= self.range[1]:
+            raise ValueError(f"safe {self.safe:g} is outside of the range {self.range[0]:g} to {self.range[1]:g}")
+        low, high = self.numbers
+        if not low <= round((self.safe - self.offset) / self.scale) <= high:
+            ends = sorted(self.scale * end + self.offset for end in (low, high))
+            raise ValueError(f"safe {self.safe:g} can't be sent: the number holds {ends[0]:g} to {ends[1]:g}")
+        return self

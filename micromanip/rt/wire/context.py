@@ -1,0 +1,26 @@
+"""What every driver that serves a wire in the loop remembers from cycle to cycle, where loop and host share it."""
+
+from __future__ import annotations
+
+from .counting import COUNTED
+from .gate import GATE
+from .records import DEVICE_CLOCK, FRAME, SOCKET
+from .samples import SAMPLES
+
+WIRE = (
+    ("opened", "i8"),
+    ("closed", "i8"),
+    ("counts", "i8"),
+    ("gate", GATE),
+    ("samples", SAMPLES),
+    ("counted", COUNTED),
+    ("clock", DEVICE_CLOCK),
+    ("receive", FRAME),
+    ("send", FRAME),
+    ("socket", SOCKET),
+    ("received", "i8"),
+    ("wrong_length", "i8"),
+    ("not_sent", "i8"),
+)
+"""Fields of its context. The count of what is sent begins anew after `counts`; `received` frames came, some of a
+`wrong_length`, and `not_sent` is what the system did not take."""

@@ -1,0 +1,81 @@
+"""What every driver does that serves a wire in the loop: take in what came, give what the gate lets out, come to rest.
+
+Its context has the fields of ``WIRE``; how one frame of its kind is judged is its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from micromanip.rt.clock import now_ns, sleep_until
+from micromanip.rt.jit import compiled
+
+from .datagrams import close, receive
+from .gate import QUIET, has_rest
+from .giving import give
+from .records import BATCH
+
+NOT_OPEN = 1
+"""What ``exchange`` returns before ``open``: fault X-103."""
+_ROUNDS = 4
+"""System calls a cycle at most: what more there is waits, so that nobody can hold up the loop."""
+
+
+@compiled
+def take(c: Any, take_one: Any, inputs: Any, deadline_ns: int) -> int:
+    """Take in what has come since the last cycle; how many frames acknowledge what was sent.
+
+    ``take_one(c, k, inputs, deadline_ns)`` judges what is in the socket's place `k`: 1 if it acknowledges.
+    """
+    news = 0
+    for _ in range(_ROUNDS):
+        count = receive(c["socket"])
+        for k in range(count):
+            news += take_one(c, k, inputs, deadline_ns)
+        if count < BATCH:
+            break
+    return news
+
+
+@compiled
+def send_due(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
+    """Send what is due after a ``turn`` that returned `code`: `outputs`, or what the device rests at, or nothing."""
+    if code == 0:
+        send_outputs(c, outputs, deadline_ns)
+    elif c["gate"]["state"] != QUIET:
+        send_outputs(c, c["gate"]["rest"], deadline_ns)
+
+
+@compiled
+def send_outputs(c: Any, outputs: Any, deadline_ns: int) -> None:
+    """Send `outputs`, as far as the gate lets them."""
+    if give(c["gate"], c["send"], c["socket"], c["counts"], outputs, deadline_ns) != 0:
+        c["not_sent"] += 1
+
+
+@compiled
+def begin(c: Any) -> int:
+    """The socket is open already, the device at rest: begin with the safe values."""
+    if c["socket"]["descriptor"] < 0:
+        return NOT_OPEN
+    c["opened"] = 1
+    has_rest(c["gate"])
+    return 0
+
+
+@compiled
+def rest(c: Any) -> int:
+    """Wait, with nothing sent, until the device's watchdog has brought it to rest."""
+    c["opened"], c["closed"] = 0, 1
+    timespec, still_ns = c["socket"]["timespec"], c["gate"]["sent_ns"] + c["gate"]["still_ns"]
+    if still_ns > now_ns(timespec):
+        sleep_until(timespec, still_ns)
+    return 0
+
+
+@compiled
+def end(c: Any) -> int:
+    """Let go of the socket."""
+    c["opened"], c["closed"] = 0, 1
+    close(c["socket"])
+    return 0

@@ -6,7 +6,7 @@
     Compiler, *_SIGNATURE, now_ns, sleep_until,        what it needs if numba compiles it
     minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
-    Inbox, Sample, Outcome, Answer
+    Inbox, Sample, Outcome, Answer, Steady
     BusError and those derived from it                 what a bus driver raises
     ConfigError, did_you_mean                          options that make no sense together; a name that nobody knows
     worst_case_s, CLASSIC_LENGTHS, FD_LENGTHS          CAN frames at worst
@@ -16,7 +16,7 @@
 driver in virtual time, ``micromanip.driver.wire`` and ``micromanip.driver.datagrams`` are for one that serves a wire in
 the loop itself (tables of frames, datagrams from compiled code), and ``micromanip.driver.conformance`` is the suite
 that a bus driver must pass, which needs the extra ``conformance`` (pytest). What is compiled is loaded when it is asked
-for: a bus driver's worker never imports numba.
+for: a bus driver's worker imports numba only where the driver has compiled functions (``Steady``).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, worst_case_s
 from micromanip.bus.cyclic import CyclicDriver, Functions, Wire
 from micromanip.bus.device_identity import real_because
-from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
+from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Steady, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
@@ -86,6 +86,7 @@ __all__ = [
     "SafeOutput",
     "Sample",
     "SimulatedAxis",
+    "Steady",
     "Task",
     "TransientError",
     "Wire",

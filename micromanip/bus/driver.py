@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar
 
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from .device_identity import real_because
@@ -176,6 +177,19 @@ class Answer:
     note: str = ""
 
 
+@dataclass(frozen=True)
+class Steady:
+    """Two compiled functions that do a driver's ordinary work without Python (``rt/steady/serving.py`` calls them)."""
+
+    receive: int
+    send: int
+    """Their addresses."""
+    context: NDArray[Any]
+    """The record that both are called with."""
+    fileno: Callable[[], int]
+    """The descriptor to wait on for what comes, while the link is open."""
+
+
 class BusDriver(ABC):
     """A driver that runs in a worker process, found by an entry point in ``micromanip.drivers``."""
 
@@ -267,6 +281,14 @@ class BusDriver(ABC):
         LinkError, DeviceFault. The default is for devices that speak only when they are asked.
         """
         time.sleep(max(0, until_ns - time.monotonic_ns()) * 1e-9)
+
+    def steady(self) -> Steady | None:
+        """What serves the open link while nothing out of the ordinary happens; asked once, before the first ``open``.
+
+        None, the default, for a driver that is Python altogether. After a function of these has returned anything but
+        0, the next ``receive`` or ``perform`` begins with what it left.
+        """
+        return None
 
     @abstractmethod
     def close(self) -> None:

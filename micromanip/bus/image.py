@@ -23,7 +23,7 @@ class ProcessImage:
 
     def __init__(self, record: NDArray[Any]) -> None:
         """`record` is an array (1,) of IMAGE in shared memory."""
-        self._record = record
+        self.record = record
         image = record[0]
         # plain views, made once: a field of a record costs ten times an element of an array
         self._words, self._turns = memoryview(image["words"]), memoryview(image["input_turn"])
@@ -51,12 +51,12 @@ class ProcessImage:
     def output_state(self) -> str:
         """What the outputs do: at rest, following, ramping to rest; unknown without a link or a live worker."""
         silent_ns = time.monotonic_ns() - self.ask(rt.ALIVE_NS)
-        reached = self.ask(rt.LINK) == rt.LINK_UP and silent_ns <= self._record[0]["silent_ns"]
+        reached = self.ask(rt.LINK) == rt.LINK_UP and silent_ns <= self.record[0]["silent_ns"]
         return rt.OUTPUT_NAMES[self.ask(rt.OUTPUT_STATE) if reached else rt.UNKNOWN]
 
     def count_as_lost_after(self, silent_ns: int) -> None:
         """Let the loop take a worker that has been silent for so long for dead."""
-        self._record[0]["silent_ns"] = silent_ns
+        self.record[0]["silent_ns"] = silent_ns
 
     def ask(self, word: int) -> int:
         """One of the words."""
@@ -72,7 +72,7 @@ class ProcessImage:
         A sample that was half written keeps its sequence, so that the loop does not take it for a fresh one; it is
         marked as bad.
         """
-        for i in range(int(self._record[0]["inputs"])):
+        for i in range(int(self.record[0]["inputs"])):
             if self._turns[i] & 1:
                 self._status[i] = rt.DOWN
                 shared.tell(self._turns, i, self._turns[i] + 1)
@@ -115,7 +115,7 @@ class ProcessImage:
         """What each of `count` outputs was given last, None for one of which nobody knows; None if nothing ever was."""
         if not self.ask(rt.SENT_NS):
             return None
-        return [value if math.isfinite(value) else None for value in self._record[0]["sent"][:count].tolist()]
+        return [value if math.isfinite(value) else None for value in self.record[0]["sent"][:count].tolist()]
 
     def remember_sent(self, values: NDArray[np.float64], now_ns: int) -> None:
         """Note what the device was given: it is where a worker that takes this one's place begins."""

@@ -23,6 +23,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from micromanip.errors import PermissionDenied
 from micromanip.files.held_folder import HeldFolder
 
@@ -43,7 +46,8 @@ class LastGiven:
         """`memory` is the whole file, at `path` where it lies in one, `count` the number of outputs; use `open`."""
         self._memory, self._count, self._path = memory, count, path
         self._values = struct.Struct(f"<{count}d")
-        self._turn = max((turn for turn, _ in self._slots()), default=0)
+        self.turn = max((turn for turn, _ in self._slots()), default=0)
+        """Number of what was written last."""
 
     @classmethod
     def open(cls, device: str, names: Sequence[str], folder: Path | None = None) -> Self:
@@ -87,17 +91,22 @@ class LastGiven:
 
     def write(self, values: Sequence[float]) -> None:
         """Remember what the device was given; NaN for an output that it was not given yet."""
-        self._turn += 1
-        at = self._place(self._turn % 2)
-        _TURN.pack_into(self._memory, at, self._turn)
+        self.turn += 1
+        at = self._place(self.turn % 2)
+        _TURN.pack_into(self._memory, at, self.turn)
         self._values.pack_into(self._memory, at + _TURN.size, *values)
-        _TURN.pack_into(self._memory, at + _TURN.size + self._values.size, self._turn)
+        _TURN.pack_into(self._memory, at + _TURN.size + self._values.size, self.turn)
 
     def read(self) -> list[float | None] | None:
         """What each output was given last, None for one that never was; None where nothing ever was given."""
         _, values = max(self._slots(), key=lambda slot: slot[0], default=(0, ()))
         found = [value if math.isfinite(value) else None for value in values]
         return found if any(value is not None for value in found) else None
+
+    def slots(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Both slots for compiled code, as whole numbers and as values; they must be gone before it is closed."""
+        memory = np.frombuffer(self._memory, np.uint8, 2 * (2 * _TURN.size + self._values.size), _HEADER_BYTES)
+        return memory.view(np.int64), memory.view(np.float64)
 
     def close(self) -> None:
         """Let go of it; what was written stays."""

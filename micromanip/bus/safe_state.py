@@ -16,9 +16,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
+from micromanip.rt.steady import records
 
 Values = Sequence[float]
 """One for each output of the bus' driver."""
@@ -27,6 +29,12 @@ Known = Sequence[float | None]
 
 VOLTAGE, SWITCH, LAST_SWITCH, UNUSED = "voltage", "switch", "last switch", "unused"
 """Kinds of output: goes on the ramp; to its safe value at once; when all voltages are at rest; always there."""
+_COMPILED_KINDS = {
+    VOLTAGE: records.VOLTAGE,
+    SWITCH: records.SWITCH,
+    LAST_SWITCH: records.SWITCH,
+    UNUSED: records.UNUSED,
+}
 _EQUAL_V = 1e-9
 
 
@@ -141,6 +149,15 @@ class SafeState:
         """It is not known whether the device has taken `values` of these outputs."""
         for i in indices:
             self._lowest[i], self._highest[i] = min(self._lowest[i], values[i]), max(self._highest[i], values[i])
+
+    def lend(self, steady: Any) -> None:
+        """Let the compiled loop go on from here, where the outputs follow or rest: `steady` is a STEADY record."""
+        steady["dead_ns"] = self._dead_ns
+        for i, (output, row) in enumerate(zip(self._outputs, steady["output"], strict=False)):
+            row["kind"] = _COMPILED_KINDS[output.kind]
+            row["safe"], row["low"], row["high"], row["step"] = output.safe, output.low, output.high, self._steps[i]
+            row["last"], row["lowest"], row["highest"] = self._last[i], self._lowest[i], self._highest[i]
+        steady["noted"][: len(self._outputs)] = self.last
 
     @property
     def last(self) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from .driver import Task
 
@@ -31,3 +32,13 @@ class Schedule:
         self._due_ns[task] += turns * self._period_ns[task]
         self.skipped += turns - 1
         return task
+
+    def lend(self, rows: Any) -> None:
+        """Let the compiled loop go on from here: `rows` are TASK records."""
+        for row, period_ns, due_ns in zip(rows, self._period_ns, self._due_ns, strict=False):
+            row["period_ns"], row["due_ns"], row["performed"] = period_ns, due_ns, 0
+
+    def take_back(self, rows: Any, skipped: int) -> None:
+        """Go on from where the compiled loop is."""
+        self._due_ns = rows["due_ns"][: len(self._due_ns)].tolist()
+        self.skipped += skipped

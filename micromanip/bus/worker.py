@@ -27,6 +27,7 @@ from micromanip.rt.bus_image import (
     LINK_UP,
     OUTPUT_STATE,
     RESTING,
+    SAFE_RAMP,
     UNKNOWN,
 )
 
@@ -38,6 +39,7 @@ from .last_given import LastGiven
 from .output_writer import OutputWriter
 from .safe_state import SafeOutput, SafeState, Values
 from .schedule import Schedule
+from .steady import SteadyService
 
 LOOK_NS = 1_000_000
 """The worker looks whether the loop still lives so often at most; five times while that is in doubt."""
@@ -103,18 +105,28 @@ class Worker:
         self._counts = dict.fromkeys(_COUNTERS, 0)
         self._reported_ns = 0
         self._ends = threading.Event()
+        self._steady: SteadyService | None = None
 
     def end(self) -> None:
         """Come to an end: as soon as the loop is silent and the outputs are at rest."""
         self._ends.set()
+        self._ask_back()
 
     def adopt(self, rules: Rules) -> None:
         """Go by these rules from the next turn on; may be called from another thread."""
         self._next_rules = rules
+        self._ask_back()
+
+    def _ask_back(self) -> None:
+        """Have the compiled loop, which looks at nothing of this, return."""
+        if self._steady is not None:
+            self._steady.ask_back()
 
     def run(self) -> None:
         """Keep the link up; returns when it is to end, raises what is a bug."""
         back_off = BackOff(random.Random())
+        with self._while_opening():
+            self._steady = SteadyService.of(self._driver, self._image)
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         while not self._may_leave():
             opened = time.monotonic()
@@ -151,6 +163,7 @@ class Worker:
         self._image.tell(LINK, LINK_UP)
         self._tell("up", self._driver.device)
         while not self._may_leave():
+            self._serve_steadily()
             self._turn()
         self._part()
 
@@ -182,6 +195,27 @@ class Worker:
                     self._perform(number)
                 except BusError as problem:
                     self._tell("unsafe", f"{task.name} was not given its safe values once more: {problem}")
+
+    def _serve_steadily(self) -> None:
+        """Leave the turns to the compiled loop, where there is one, until it needs one of Python's."""
+        steady = self._steady
+        if steady is None or self.safe.state == SAFE_RAMP:
+            return
+        steady.begin()
+        if self._ends.is_set() or self._next_rules is not self._rules:
+            return
+        until_ns = self._reported_ns + _REPORT_NS
+        served = steady.serve(self.safe, self._schedule, self._memory, self._rules.look_ns, until_ns)
+        self._counts["performed"] += served.performed
+        self._counts["received"] += served.received
+        self._counts["lost"] += served.lost
+        self._decided_ns = max(self._decided_ns, served.decided_ns)
+        if served.gave:
+            self._given[: len(self._values)] = self.safe.last
+        if served.calls:
+            self._failures.extend([False] * min(served.calls, _AMONG))
+            if sum(self._failures) < _ERRORS - 1:
+                self._good_ns = time.monotonic_ns()
 
     def _turn(self) -> None:
         """Do what is due, or listen for a moment; hand over what came."""

@@ -6,7 +6,7 @@
     Compiler, entries, *_SIGNATURE, now_ns,            what it needs if numba compiles it
     sleep_until, minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
-    Inbox, Sample, Outcome, Answer
+    Inbox, Sample, Outcome, Answer, Steady
     Section, Typed, Scaled, Commanded,                 keys of an option's section, of a number in a device: its type,
     SIZES, number_range                                scale and range; bytes of each type, what it holds
     BusError and those derived from it                 what a bus driver raises
@@ -18,7 +18,7 @@
 driver in virtual time, ``micromanip.driver.wire`` and ``micromanip.driver.datagrams`` are for one that serves a wire in
 the loop itself (tables of frames, datagrams from compiled code), and ``micromanip.driver.conformance`` is the suite
 that a bus driver must pass, which needs the extra ``conformance`` (pytest). What is compiled is loaded when it is asked
-for: a bus driver's worker never imports numba.
+for: a bus driver's worker imports numba only where the driver has compiled functions (``Steady``).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, worst_case_s
 from micromanip.bus.cyclic import CyclicDriver, Functions, Wire
 from micromanip.bus.device_identity import real_because
-from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Task
+from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Inbox, Load, Outcome, Sample, Steady, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
 from micromanip.bus.number_options import SIZES, Commanded, Scaled, Section, Typed, number_range
 from micromanip.bus.safe_state import SafeOutput
@@ -95,6 +95,7 @@ __all__ = [
     "Scaled",
     "Section",
     "SimulatedAxis",
+    "Steady",
     "Task",
     "TransientError",
     "Typed",

@@ -14,16 +14,18 @@ from micromanip.rt.wire.context import WIRE
 from micromanip.rt.wire.counting import COUNTED
 from micromanip.rt.wire.device_clock import MOST_BITS
 from micromanip.rt.wire.gate import ANSWERS, GATE, MAX_OUTPUTS, QUIET, RECENT, RESTING
-from micromanip.rt.wire.records import DEVICE_CLOCK, FRAME, SOCKET
+from micromanip.rt.wire.records import BATCH, DEVICE_CLOCK, FRAME, MAX_BYTES, SOCKET
 from micromanip.rt.wire.samples import SAMPLES
 
 __all__ = [
     "ANSWERS",
+    "BATCH",
     "COUNTED",
     "DEVICE_CLOCK",
     "DOWN",
     "FRAME",
     "GATE",
+    "MAX_BYTES",
     "MAX_OUTPUTS",
     "MOST_BITS",
     "QUIET",

@@ -46,6 +46,8 @@ class HubBus(can.BusABC):
 
     timestamp_clock = "CLOCK_MONOTONIC"
     """Clock of the messages' time stamps, in seconds: the end of the frame by the time of the bus."""
+    packet_stamp_bytes = STAMP.size
+    """Packets of the socket are SocketCAN's frames, after so many bytes of a time (ns of CLOCK_MONOTONIC)."""
 
     def __init__(
         self,

@@ -49,7 +49,7 @@ def test_a_slot_that_was_half_written_does_not_count(tmp_path):
     given.write([1.0, 2.0])
     given.write([3.0, 4.0])
     whole = path_of(DEVICE, tmp_path).read_bytes()
-    newest = given._place(given._turn % 2)
+    newest = given._place(given.turn % 2)
     path_of(DEVICE, tmp_path).write_bytes(whole[:newest] + (99).to_bytes(8, "little") + whole[newest + 8 :])
     assert reopened(tmp_path) == [1.0, 2.0]
 

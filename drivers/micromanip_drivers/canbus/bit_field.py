@@ -56,8 +56,8 @@ def bit_field(signal: Any, message_length: int) -> BitField:
         bits=signal.length,
         sign=1 << (signal.length - 1) if signal.is_signed and not signal.is_float else 0,
         floating=_FLOATS[signal.length] if signal.is_float else None,
-        scale=signal.scale,
-        offset=signal.offset,
+        scale=float(signal.scale),
+        offset=float(signal.offset),
         low=low,
         high=high,
     )

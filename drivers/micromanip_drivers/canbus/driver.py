@@ -19,6 +19,7 @@ from micromanip.driver import (
     Inbox,
     LinkError,
     Load,
+    Steady,
     Task,
     worst_case_s,
 )
@@ -29,8 +30,10 @@ from .listening import heard
 from .options import CanBusOptions
 from .received_message import ReceivedMessage
 from .sent_message import SentMessage
+from .tables import Tables
 
 _OPEN_NS = 900_000_000
+_COUNTED = ("lost", "repeated", "out_of_order", "restarts")
 _ECHOES = ("udp_multicast",)  # gives a sender its own frames, and can't tell
 
 
@@ -65,6 +68,7 @@ class CanBus(BusDriver):
         self._others = 0
         self._silence_ns = options.silence_ms * 1_000_000 if options.silence_ms and self._received else None
         self._heard_ns = 0
+        self._tables: Tables | None = None
         self._link = CanLink(options, [*self._by_identity, *self._commands])
 
     @property
@@ -107,10 +111,14 @@ class CanBus(BusDriver):
             if message.counter is not None:
                 message.counter.forget()
         self._heard_ns = time.monotonic_ns()
+        if self._tables is not None and (raw := self._link.raw_socket) is not None:
+            self._tables.hold(*raw, self._heard_ns)
         if self._silence_ns is not None:
             self._listen(min(self._silence_ns, _OPEN_NS))
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
+        if self._tables is not None and (problem := self._tables.error("send_error")) is not None:
+            raise self._link.sorted("sending", problem)
         message = self._sent[task]
         self._link.send(message.frame(values))
         message.was_sent()
@@ -119,7 +127,7 @@ class CanBus(BusDriver):
         by_identity = self._by_identity
         failure: BusError | None = None
         began_ns = time.monotonic_ns()
-        frames = self._link.receive(until_ns)
+        frames = self._left() or self._link.receive(until_ns)
         for frame, time_ns in frames:
             message = by_identity.get((frame.arbitration_id, frame.is_extended_id))
             try:
@@ -134,18 +142,28 @@ class CanBus(BusDriver):
             raise failure
 
     def close(self) -> None:
+        if self._tables is not None:
+            self._tables.let_go()
         self._link.close()
+
+    def steady(self) -> Steady | None:
+        if not Tables.have_room(self._received, self._sent):
+            return None
+        from . import exchange  # compiled: loaded only where it is going to be called
+
+        tables = self._tables = Tables(self._received, self._sent, self.options.fd, self._silence_ns)
+        return Steady(exchange.receive_c.address, exchange.send_c.address, tables.record, lambda: tables.descriptor)
 
     def statistics(self) -> Mapping[str, int]:
         counters = [message.counter for message in self._received if message.counter]
+        statistics = {**self._link.statistics(), "not_ours": self._others}
+        if self._tables is not None:
+            for name in ("frames_in", "frames_out", "not_ours"):
+                statistics[name] += self._tables.counted(name)
         return {
-            **self._link.statistics(),
-            "lost": sum(counter.lost for counter in counters),
-            "repeated": sum(counter.repeated for counter in counters),
-            "out_of_order": sum(counter.out_of_order for counter in counters),
-            "restarts": sum(counter.restarts for counter in counters),
+            **statistics,
+            **{name: sum(counter.counted(name) for counter in counters) for name in _COUNTED},
             "short": sum(message.short for message in self._received),
-            "not_ours": self._others,
         }
 
     def probe(self, seconds: float) -> Iterator[Answer]:
@@ -158,6 +176,15 @@ class CanBus(BusDriver):
             if time.monotonic_ns() >= end_ns:
                 raise self._silent(for_ns)
 
+    def _left(self) -> list[tuple[can.Message, int]]:
+        """Frames that the compiled functions left. Raises what their system calls came to."""
+        if self._tables is None:
+            return []
+        self._heard_ns = max(self._heard_ns, self._tables.heard_ns)
+        if (problem := self._tables.error("receive_error")) is not None:
+            raise self._link.sorted("receiving", problem)
+        return self._link.counted(self._tables.left())
+
     def _watch(self, frames: Sequence[tuple[can.Message, int]], began_ns: int) -> None:
         """Note that `frames` came by a call that began then. Raises LinkError if the devices were silent for too long.
 
@@ -165,6 +192,8 @@ class CanBus(BusDriver):
         """
         if self._are_ours(frames):
             self._heard_ns = time.monotonic_ns()
+            if self._tables is not None:
+                self._tables.heard_ns = self._heard_ns
         elif self._silence_ns is not None and began_ns - self._heard_ns > self._silence_ns:
             raise self._silent(self._silence_ns)
 

@@ -93,7 +93,7 @@ class CanLink:
         try:
             self._bus.send(message, timeout=0)
         except _RAISED as error:
-            raise self._sorted("sending", error) from error
+            raise self.sorted("sending", error) from error
         self._counters["frames_out"] += 1
 
     def receive(self, until_ns: int) -> list[tuple[can.Message, int]]:
@@ -104,11 +104,27 @@ class CanLink:
         """
         while True:
             frames = self._taken(until_ns)
-            if any(message.is_error_frame for message, _ in frames):
-                frames = self._without_errors(frames)
+            frames = self.counted(frames)
             if frames or time.monotonic_ns() >= until_ns:
-                self._counters["frames_in"] += len(frames)
                 return frames
+
+    def counted(self, frames: list[tuple[can.Message, int]]) -> list[tuple[can.Message, int]]:
+        """Those of `frames` that are none of error; all are counted. Raises LinkError for bus-off."""
+        if any(message.is_error_frame for message, _ in frames):
+            frames = self._without_errors(frames)
+        self._counters["frames_in"] += len(frames)
+        return frames
+
+    @property
+    def raw_socket(self) -> tuple[int, int] | None:
+        """Descriptor of a socket of CAN frames as the kernel has them, and how many bytes of a time come before each.
+
+        None where the interface has none, or it is not open.
+        """
+        if isinstance(self._reader, socketcan.KernelReader):
+            return self._reader.fileno, 0
+        stamp_bytes = getattr(self._bus, "packet_stamp_bytes", None)
+        return None if self._bus is None or stamp_bytes is None else (self._bus.fileno(), stamp_bytes)
 
     def statistics(self) -> Mapping[str, int]:
         """Counters since ``__init__``."""
@@ -127,7 +143,7 @@ class CanLink:
                 reader.wait(left_s)  # first: it returns at once if something is there, and costs less than to look
             return reader.drain(_LIMIT)
         except _RAISED as error:
-            raise self._sorted("receiving", error) from error
+            raise self.sorted("receiving", error) from error
 
     def _without_errors(self, frames: list[tuple[can.Message, int]]) -> list[tuple[can.Message, int]]:
         for message, _ in frames:
@@ -135,8 +151,8 @@ class CanLink:
                 self._errors.take(message)
         return [frame for frame in frames if not frame[0].is_error_frame]
 
-    def _sorted(self, doing: str, error: Exception) -> BusError:
-        """What python-can or the kernel raised, as an error of the bus."""
+    def sorted(self, doing: str, error: Exception) -> BusError:
+        """What python-can or the kernel raised in "sending" or "receiving", as an error of the bus."""
         what = f"{self.options.device}, {doing}: {_text(error)}"
         code = getattr(error, "errno", None)
         if code is None and self.options.interface in _WITH_ERRNO:

@@ -21,9 +21,7 @@ class UnpackPlan:
         orders = {field.big_endian for field in fields}
         self._plain = len(orders) < 2 and not any(field.floating for field in fields)
         self._order: Literal["big", "little"] = "big" if True in orders else "little"
-        self._rows = [
-            (field.shift, field.mask, field.sign, float(field.scale), float(field.offset), field) for field in fields
-        ]
+        self._rows = [(field.shift, field.mask, field.sign, field.scale, field.offset, field) for field in fields]
 
     def codes(self, data: bytes | bytearray) -> list[int]:
         """What the bits say, before scale and offset; `data` has the length of the message."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import can
+import numpy as np
 
 from micromanip.driver import Channel, ConfigError, OutputRefused
 
@@ -38,10 +39,11 @@ class SentMessage:
         ]
         self.indices = tuple(range(first, first + len(signals)))
         self._slice = slice(first, first + len(signals))
-        self._counts = 1 << counter.length if counter else 0
-        self._count = 0
-        fields = [bit_field(one, message.length) for one in (*signals, *([counter] if counter else []))]
-        self._plan = PackPlan(fields, message.length)
+        self.length: int = message.length
+        self.fields = [bit_field(one, message.length) for one in signals]
+        self.counter = bit_field(counter, message.length) if counter else None
+        self._counting = np.zeros(1, [("count", "i8")])[0]
+        self._plan = PackPlan([*self.fields, *([self.counter] if self.counter else [])], message.length)
         self._frame = {
             "arbitration_id": message.frame_id,
             "is_extended_id": message.is_extended_frame,
@@ -56,13 +58,22 @@ class SentMessage:
         Its counter stays until `was_sent`: a frame that the interface did not take leaves no gap.
         """
         own = values[self._slice]
-        data = self._plan.data([*own, self._count] if self._counts else own)
+        data = self._plan.data([*own, int(self._counting["count"])] if self.counter else own)
         return can.Message(data=data, **self._frame)
+
+    def empty(self) -> can.Message:
+        """The same with no bit set in its data."""
+        return can.Message(data=bytes(self.length), **self._frame)
+
+    def count_in(self, record: Any) -> None:
+        """Keep the counter in `record` from now on, where compiled code goes on with it."""
+        record["count"] = self._counting["count"]
+        self._counting = record
 
     def was_sent(self) -> None:
         """The last frame is on its way: count on."""
-        if self._counts:
-            self._count = (self._count + 1) % self._counts
+        if self.counter is not None:
+            self._counting["count"] = (int(self._counting["count"]) + 1) & self.counter.mask
 
     def _must_rest(self, key: str) -> None:
         rest = [0.0] * self.indices[0] + [output.safe for output in self.outputs]

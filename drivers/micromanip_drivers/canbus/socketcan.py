@@ -14,14 +14,13 @@ from pathlib import Path
 import can
 from can.interfaces.socketcan.socketcan import dissect_can_frame
 
-SO_RXQ_OVFL = 40
-SO_TIMESTAMPNS = 35
-_EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
+SO_TIMESTAMPNS, SO_MEMINFO = 35, 55
+EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
 _FD_SIZE = 72
 _BITRATE_SWITCH, _ERROR_STATE = 0x01, 0x02
 _TIMESPEC = struct.Struct("@ll")
-_COUNTER = struct.Struct("@I")
-_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size) + socket.CMSG_SPACE(_COUNTER.size)
+_MEMORY = struct.Struct("@9I")  # SK_MEMINFO_..., of which the last is that of drops
+_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
 _ARPHRD_CAN = "280"
 _IFF_UP = 1
 NETWORKS = Path("/sys/class/net")
@@ -33,9 +32,17 @@ class KernelReader:
     def __init__(self, raw: socket.socket) -> None:
         self._socket = raw
         raw.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        raw.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
-        self.overflows = 0
         self._earliest_ns = time.monotonic_ns()  # what is still in the queue came after that
+
+    @property
+    def fileno(self) -> int:
+        """Descriptor of the socket."""
+        return self._socket.fileno()
+
+    @property
+    def overflows(self) -> int:
+        """Frames that did not fit into the socket's queue."""
+        return int(_MEMORY.unpack(self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, _MEMORY.size))[-1])
 
     def drain(self, limit: int) -> list[tuple[can.Message, int]]:
         """What is there, `limit` frames at most. Raises OSError."""
@@ -46,7 +53,7 @@ class KernelReader:
             except BlockingIOError:
                 self._earliest_ns = time.monotonic_ns()
                 break
-            frames.append((_message(data), self._received_ns(ancillary)))
+            frames.append((frame_of(data), self._received_ns(ancillary)))
         return frames
 
     def wait(self, seconds: float) -> None:
@@ -54,7 +61,7 @@ class KernelReader:
         select.select([self._socket], [], [], seconds)
 
     def _received_ns(self, ancillary: list[tuple[int, int, bytes]]) -> int:
-        """Time of reception; also takes the overflow counter, which comes along once it is not zero.
+        """Time of reception.
 
         The monotonic clock is read first: if this process is stalled in between, the frame looks older, never newer
         than it is. A wall clock that was stepped makes nonsense of the difference, so it counts only within what is
@@ -67,17 +74,16 @@ class KernelReader:
             if kind == SO_TIMESTAMPNS:
                 seconds, nanoseconds = _TIMESPEC.unpack_from(data)
                 stamp_ns = seconds * 1_000_000_000 + nanoseconds
-            elif kind == SO_RXQ_OVFL:
-                self.overflows = _COUNTER.unpack_from(data)[0]
         if stamp_ns is not None:
             self._earliest_ns = min(now_ns, max(self._earliest_ns, now_ns - (wall_ns - stamp_ns)))
             return self._earliest_ns
         return now_ns
 
 
-def _message(frame: bytes) -> can.Message:
+def frame_of(frame: bytes) -> can.Message:
+    """A ``struct can_frame`` or ``struct canfd_frame`` as python-can has it."""
     word, length, flags, data = dissect_can_frame(frame)
-    extended = bool(word & _EXTENDED)
+    extended = bool(word & EXTENDED)
     return can.Message(
         arbitration_id=word & (0x1FFFFFFF if extended else 0x7FF),
         is_extended_id=extended,

@@ -26,6 +26,7 @@ before."""
 
 _DONT_WAIT, _NO_SIGNAL, _TRUNCATED = 0x40, 0x4000, 0x20
 _REALTIME, _SECOND_NS = 0, 1_000_000_000
+_POLLIN = 1
 _SO_TIMESTAMPNS, _SOL_SOCKET = 35, 1
 _CONTROL_BYTES = CONTROL.itemsize
 
@@ -41,6 +42,9 @@ if numba.config.DISABLE_JIT:
     def _sendto(descriptor: int, data: int, length: int, flags: int, name: int, name_bytes: int) -> int:
         size, to = ctypes.c_size_t(int(length)), ctypes.c_void_p(int(name))
         return int(_libc.sendto(int(descriptor), ctypes.c_void_p(data), size, flags, to, int(name_bytes)))
+
+    def _ppoll(descriptors: int, count: int, timespec: int, mask: int) -> int:
+        return int(_libc.ppoll(ctypes.c_void_p(descriptors), ctypes.c_ulong(count), ctypes.c_void_p(timespec), None))
 
     def _close(descriptor: int) -> int:
         os.close(int(descriptor))
@@ -62,6 +66,7 @@ else:
     _sendto = types.ExternalFunction(
         "sendto", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.uint32)
     )
+    _ppoll = types.ExternalFunction("ppoll", types.int32(types.intp, types.uint64, types.intp, types.intp))
     _close = types.ExternalFunction("close", types.int32(types.int32))
     _clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
 
@@ -69,6 +74,18 @@ else:
     def _wall_ns(timespec: Any) -> int:
         _clock_gettime(_REALTIME, timespec.ctypes.data)
         return timespec[0] * _SECOND_NS + timespec[1]
+
+
+@compiled
+def wait(poll: Any, descriptor: int, for_ns: int, timespec: Any) -> int:
+    """Until something is there to be received, or so long: 1, 0, or less than 0 for a signal.
+
+    `poll` is scratch for a ``struct pollfd``, int32 (2,), `timespec` int64 (2,).
+    """
+    left_ns = max(0, for_ns)
+    timespec[0], timespec[1] = left_ns // _SECOND_NS, left_ns % _SECOND_NS
+    poll[0], poll[1] = descriptor, _POLLIN
+    return _ppoll(poll.ctypes.data, 1, timespec.ctypes.data, 0)
 
 
 @compiled

@@ -13,6 +13,7 @@ from micromanip.conformance.lifetime import LifetimeChecks
 from micromanip.conformance.link import LinkChecks
 from micromanip.testbus.frame import Frame
 
+from .compiled_socket import CompiledCanBus
 from .device_on_hub import BusPeer, Gate, channel_name, cut, strange, unit
 from .hub_in_thread import BITRATE, DATA_BITRATE, bench
 
@@ -147,6 +148,14 @@ class TestCanBus(BusDriverContract):
 
     def partial(self):
         return cut((wire for golden in self.golden_inputs for wire in golden.wire), FD_LENGTHS)
+
+
+@pytest.mark.compiled_only
+class TestCompiledCanBus(TestCanBus):
+    """The same of the compiled functions."""
+
+    driver = CompiledCanBus
+    test_killed_in_mid_write = None  # each of its processes loads a compiler: test_steady_worker.py kills one
 
 
 class TestBusThatDies(LinkChecks, LifetimeChecks):

@@ -1,0 +1,210 @@
+"""What the worker's compiled loop calls: take the frames that came, send the next one (``docs/bus-drivers.md``).
+
+The packets are the kernel's ``struct can_frame`` and ``struct canfd_frame``, on the test bus after a time stamp. Only
+plain frames are dealt with: anything else waits for Python (``receive`` and ``perform`` of the driver).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numba import types
+
+from micromanip.driver import EXCHANGE_SIGNATURE, now_ns
+from micromanip.driver.datagrams import BATCH, length_of, receive, received_ns, send
+from micromanip.driver.steady import INBOX, NOTHING_SENT, SENT_IN_DOUBT
+
+from .bit_codec import code_bits, put_value, value_of
+from .compiled import compiled
+from .frame_counter import STALE, missing_before
+from .records import CONTEXT
+
+_HEADER_BYTES, _CLASSIC_BYTES, _FD_BYTES = 8, 16, 72
+_NOT_PLAIN = 0x60000000
+"""The flags of an error frame and of a remote frame."""
+_IDENTIFIER = 0x9FFFFFFF
+"""The identifier, with the flag that it has 29 bits."""
+_BAD_STATUS = -1
+_FULL = (11, 12, 105)
+"""EAGAIN, ENOMEM, ENOBUFS: the frame was not taken."""
+_MAX_OUTPUTS = 8
+
+
+@compiled
+def word_of(data: Any, first: int) -> int:
+    """The number of 4 bytes that a packet begins with."""
+    word: Any = 0
+    for j in range(4):
+        word |= np.int64(data[first + j]) << (8 * j)
+    return word
+
+
+@compiled
+def stamp_of(data: Any) -> int:
+    """The time that the test bus puts before a frame."""
+    stamp: Any = 0
+    for j in range(8):
+        stamp |= np.int64(data[j]) << (8 * j)
+    return stamp
+
+
+@compiled
+def put_stamp(data: Any, stamp: int) -> None:
+    """Put the time before a frame for the test bus."""
+    for j in range(8):
+        data[j] = np.uint8((stamp >> (8 * j)) & 255)
+
+
+@compiled
+def received_message(c: Any, word: int) -> int:
+    """Number of the message with that identifier among those that are received; -1 for none."""
+    found = -1
+    for m in range(c["received_messages"]):
+        if c["received"][m]["word"] == word:
+            found = m
+    return found
+
+
+@compiled
+def is_sent(c: Any, word: int) -> bool:
+    """Whether that identifier is one of those that only we send."""
+    found = 0
+    for m in range(c["sent_messages"]):
+        found |= c["sent"][m]["word"] == word
+    return found != 0
+
+
+@compiled
+def take_frame(c: Any, k: int, inbox: Any, time_ns: int) -> bool:
+    """Frame `k` of the batch, received at `time_ns`; False for one that is for Python to judge."""
+    data, first = c["socket"]["received"][k], c["stamp_bytes"]
+    size = length_of(c["socket"], k) - first
+    if size != _CLASSIC_BYTES and size != _FD_BYTES:
+        return False
+    if size == _FD_BYTES and c["fd"] == 0:
+        return True  # whoever has not opened the bus for CAN FD does not see its frames
+    word, length = word_of(data, first), np.int64(data[first + 4])
+    if word & _NOT_PLAIN != 0 or length > size - _HEADER_BYTES:
+        return False
+    number = received_message(c, word & _IDENTIFIER)
+    if number < 0:
+        if is_sent(c, word & _IDENTIFIER):
+            return False
+        c["not_ours"] += 1
+        c["frames_in"] += 1
+        return True
+    m = c["received"][number]
+    if length < m["length"]:
+        return False
+    c["frames_in"] += 1
+    c["heard_ns"] = c["socket"]["now_ns"]
+    leave_samples(c, m, data, first + _HEADER_BYTES, inbox, time_ns)
+    return True
+
+
+@compiled
+def leave_samples(c: Any, m: Any, data: Any, first: int, inbox: Any, time_ns: int) -> None:
+    """The signals of message `m` as samples, if the frame is a fresh one."""
+    length, missing, status = m["length"], 0, 0
+    if m["counted"] != 0:
+        count: Any = np.int64(code_bits(m["counter_field"], data, first, length) & np.uint64(0xFFFFFFFF))
+        missing = missing_before(m["counter"], count)
+        if missing == STALE:
+            return
+    if m["judged"] != 0:
+        status = status_of(c, m, data, first)
+    for j in range(m["fields"]):
+        signal = inbox["signal"][m["input"] + j]
+        signal["value"] = value_of(c["field"][m["field"] + j], data, first, length, c["bits"])
+        signal["time_ns"], signal["status"] = time_ns - m["latency_ns"], status
+        signal["sequence"] += 1 + missing
+    inbox["received"] += m["fields"]
+    inbox["lost"] += missing * m["fields"]
+
+
+@compiled
+def status_of(c: Any, m: Any, data: Any, first: int) -> int:
+    """0, or the device's word for what is wrong."""
+    word = code_bits(m["status_field"], data, first, m["length"])
+    for j in range(m["goods"]):
+        if word == m["good"][j]:
+            return 0
+    c["bits"][0] = word
+    found = int(c["bits"].view(np.int64)[0])
+    return found if found != 0 else _BAD_STATUS
+
+
+@compiled
+def take(c: Any, inbox: Any, began_ns: int) -> int:
+    """Take what is there, a batch at most; 0, or 1 where Python has to judge, or the devices are silent too long.
+
+    Silence is judged where a call began: what came while this process stood still is there with the first call after.
+    """
+    if c["left"] != 0 or c["receive_error"] != 0 or c["send_error"] != 0:
+        return 1
+    s, heard_ns = c["socket"], c["heard_ns"]
+    count = receive(s)
+    if count < 0:
+        c["receive_error"] = -count
+        return 1
+    for k in range(min(count, BATCH)):
+        time_ns = min(stamp_of(s["received"][k]), s["now_ns"]) if c["stamp_bytes"] != 0 else received_ns(s, k)
+        if length_of(s, k) == 0:
+            return 1  # the other end is gone, which Python finds too
+        c["odd"][k], c["odd_ns"][k] = 0, time_ns
+        if not take_frame(c, k, inbox, time_ns):
+            c["odd"][k] = 1
+            c["left"] += 1
+    is_silent = c["silence_ns"] > 0 and began_ns - c["heard_ns"] > c["silence_ns"]
+    return 1 if c["left"] != 0 or (heard_ns == c["heard_ns"] and is_silent) else 0
+
+
+@compiled
+def give(c: Any, values: Any, task: int) -> int:
+    """Send the message of `task` with `values` of all outputs of the driver; 0, NOTHING_SENT, SENT_IN_DOUBT."""
+    m, s = c["sent"][task], c["socket"]
+    if c["left"] != 0 or c["receive_error"] != 0 or c["send_error"] != 0:
+        return NOTHING_SENT
+    packet, before, length = s["sent"], c["stamp_bytes"], m["length"]
+    for j in range(m["bytes"]):
+        packet[before + j] = m["packet"][j]
+    first = before + _HEADER_BYTES
+    for j in range(m["fields"]):
+        field = c["field"][m["field"] + j]
+        if not put_value(field, packet, first, length, values[m["output"] + j], c["bits"]):
+            return NOTHING_SENT
+    if m["counted"] != 0 and not put_value(m["counter_field"], packet, first, length, float(m["count"]), c["bits"]):
+        return NOTHING_SENT
+    if before != 0:
+        put_stamp(packet, now_ns(s["timespec"]))
+    error = send(s, before + m["bytes"])
+    if error == 0:
+        m["count"] = (m["count"] + 1) & m["mask"]
+        c["frames_out"] += 1
+        return 0
+    for full in _FULL:
+        if error == full:
+            return NOTHING_SENT  # Python tries once more, and says so
+    c["send_error"] = error
+    return SENT_IN_DOUBT
+
+
+_POINTERS = (
+    types.CPointer(numba.from_dtype(CONTEXT)),
+    types.CPointer(types.float64),
+    types.CPointer(numba.from_dtype(INBOX)),
+)
+
+
+@compiled.c_function(EXCHANGE_SIGNATURE.return_type(*_POINTERS, types.int64, types.int64))
+def receive_c(context: Any, values: Any, inbox: Any, began_ns: Any, task: Any) -> Any:  # noqa: ARG001
+    """C entry of ``take``."""
+    return take(numba.carray(context, 1)[0], numba.carray(inbox, 1)[0], began_ns)
+
+
+@compiled.c_function(EXCHANGE_SIGNATURE.return_type(*_POINTERS, types.int64, types.int64))
+def send_c(context: Any, values: Any, inbox: Any, now: Any, task: Any) -> Any:  # noqa: ARG001
+    """C entry of ``give``."""
+    return give(numba.carray(context, 1)[0], numba.carray(values, _MAX_OUTPUTS), task)

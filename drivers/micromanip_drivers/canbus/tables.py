@@ -1,0 +1,145 @@
+"""The tables of the compiled functions, filled from the messages of a configuration, and what those leave to Python."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import can
+import numpy as np
+from can.interfaces.socketcan.socketcan import build_can_frame
+
+from micromanip.driver.wire import MAX_BYTES, lend
+
+from .bit_field import BitField
+from .received_message import ReceivedMessage
+from .records import CONTEXT, FLOATING, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES, SIGNED, UNSIGNED
+from .sent_message import SentMessage
+from .socketcan import EXTENDED, frame_of
+
+_EXACT_BITS, _LEAST_BYTES = 53, 16
+
+
+class Tables:
+    """The driver's record, and its socket while that is open."""
+
+    def __init__(
+        self, received: Sequence[ReceivedMessage], sent: Sequence[SentMessage], fd: bool, silence_ns: int | None
+    ) -> None:
+        """From now on the counters of the messages are kept in it."""
+        self.record = np.zeros(1, CONTEXT)
+        self._c = self.record[0]
+        self._fields = 0
+        self._c["fd"], self._c["silence_ns"] = fd, silence_ns or 0
+        self._c["received_messages"], self._c["sent_messages"] = len(received), len(sent)
+        for row, message in zip(self._c["received"], received, strict=False):
+            self._receive(row, message)
+        for row, out in zip(self._c["sent"], sent, strict=False):
+            self._send(row, out)
+        self.let_go()
+
+    @staticmethod
+    def have_room(received: Sequence[ReceivedMessage], sent: Sequence[SentMessage]) -> bool:
+        """Whether so many messages, with so many signals, fit."""
+        fields = sum(len(one.fields) for one in received) + sum(len(one.fields) for one in sent)
+        goods = max((len(message.good or ()) for message in received), default=0)
+        return max(len(received), len(sent)) <= MAX_MESSAGES and fields <= MAX_FIELDS and goods <= MAX_GOOD
+
+    def hold(self, descriptor: int, stamp_bytes: int, heard_ns: int) -> None:
+        """Use a socket that Python goes on owning."""
+        lend(descriptor, self._c["socket"])
+        self._c["socket"]["earliest_ns"] = self.heard_ns = heard_ns
+        self._c["stamp_bytes"] = stamp_bytes
+
+    def let_go(self) -> None:
+        """The socket is about to be closed; what came by it and waited is forgotten."""
+        self._c["socket"]["descriptor"] = -1
+        self._c["left"] = self._c["receive_error"] = self._c["send_error"] = 0
+        self._c["odd"] = 0
+
+    @property
+    def descriptor(self) -> int:
+        """The socket's; -1 where there is none."""
+        return int(self._c["socket"]["descriptor"])
+
+    @property
+    def heard_ns(self) -> int:
+        """When a frame of a device came last."""
+        return int(self._c["heard_ns"])
+
+    @heard_ns.setter
+    def heard_ns(self, time_ns: int) -> None:
+        self._c["heard_ns"] = time_ns
+
+    def counted(self, name: str) -> int:
+        """What the compiled functions have counted: frames_in, frames_out, not_ours."""
+        return int(self._c[name])
+
+    def left(self) -> list[tuple[can.Message, int]]:
+        """Frames that they left, with the times of their reception."""
+        if not self._c["left"]:
+            return []
+        frames = list(self._odd())
+        self._c["left"] = self._c["odd"] = 0
+        return frames
+
+    def error(self, name: str) -> OSError | None:
+        """What a system call of theirs came to: receive_error, send_error."""
+        if not (number := int(self._c[name])):
+            return None
+        self._c[name] = 0
+        return OSError(number, os.strerror(number))
+
+    def _odd(self) -> Iterator[tuple[can.Message, int]]:
+        s, first = self._c["socket"], int(self._c["stamp_bytes"])
+        for k in np.flatnonzero(self._c["odd"]):
+            packet = s["received"][k][first : min(int(s["message"][k]["length"]), MAX_BYTES)].tobytes()
+            if len(packet) >= _LEAST_BYTES:
+                yield frame_of(packet), int(self._c["odd_ns"][k])
+
+    def _receive(self, row: Any, message: ReceivedMessage) -> None:
+        identifier, extended = message.identity
+        row["word"], row["length"] = identifier | (EXTENDED if extended else 0), message.length
+        row["latency_ns"], row["input"] = message.latency_ns, message.first
+        row["field"], row["fields"] = self._add(message.fields)
+        if message.counter is not None:
+            row["counted"] = 1
+            _describe(row["counter_field"], message.own[0])
+            message.counter.move_to(row["counter"])
+        if message.good is not None:
+            row["judged"], row["goods"] = 1, len(message.good)
+            row["good"][: len(message.good)] = sorted(message.good)
+            _describe(row["status_field"], message.own[-1])
+
+    def _send(self, row: Any, message: SentMessage) -> None:
+        identifier, extended = message.identity
+        row["word"], row["length"] = identifier | (EXTENDED if extended else 0), message.length
+        packet = build_can_frame(message.empty())
+        row["bytes"], row["packet"][: len(packet)] = len(packet), np.frombuffer(packet, np.uint8)
+        row["output"] = message.indices[0]
+        row["field"], row["fields"] = self._add(message.fields)
+        if message.counter is not None:
+            row["counted"], row["mask"] = 1, (1 << min(message.counter.bits, _EXACT_BITS)) - 1
+            _describe(row["counter_field"], message.counter)
+        message.count_in(row)
+
+    def _add(self, fields: Sequence[BitField]) -> tuple[int, int]:
+        first, self._fields = self._fields, self._fields + len(fields)
+        for row, field in zip(self._c["field"][first:], fields, strict=False):
+            _describe(row, field)
+        return first, len(fields)
+
+
+def _describe(row: Any, field: BitField) -> None:
+    row["big"], row["byte"], row["bit"], row["bits"] = field.big_endian, field.shift // 8, field.shift % 8, field.bits
+    row["kind"] = FLOATING if field.floating else SIGNED if field.sign else UNSIGNED
+    row["scale"], row["offset"] = field.scale, field.offset
+    row["lowest"], row["highest"] = -_highest_double(-field.low), _highest_double(field.high)
+
+
+def _highest_double(bound: float) -> float:
+    """The highest one that is not above `bound`, which may be a whole number of more than 53 bits."""
+    nearest = float(bound)
+    return math.nextafter(nearest, -math.inf) if nearest > bound else nearest

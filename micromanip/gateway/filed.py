@@ -37,10 +37,15 @@ class Filed:
         self.pieces = telemetry.pieces()
         if not self.pieces:
             raise CheckFailed(f"{telemetry.file}: there are no rows in it")
+        self._prefix = f"{telemetry.file}: "
         self._begin: dict[int, int] = {}
         self._known: OrderedDict[int, dict[str, NDArray[Any]]] = OrderedDict()
+        ends = (self._read(piece, ["cycle"])["cycle"] for piece in reversed(range(len(self.pieces))))
+        newest = next((cycle[-1] for cycle in ends if len(cycle)), None)
+        if newest is None:
+            raise CheckFailed(f"{telemetry.file}: it is damaged: none of its rows can be read")
+        self.newest = int(newest)
         self.oldest = self.oldest_full = self._first(0)
-        self.newest = int(self._read(len(self.pieces) - 1, ["cycle"])["cycle"][-1])
         self.count = int(telemetry.end.get("rows") or self.newest - self.oldest + 1)
         self.overview = open_overview(telemetry, fields, self.oldest, self.newest, len(self.pieces))
         self._remarks = [(int(m["cycle"]), "mark", f"{m['text']} ({m['by']})") for m in telemetry.marks]
@@ -49,7 +54,11 @@ class Filed:
     def marks(self) -> list[tuple[int, str, str]]:
         """Faults as far as they are known, and remarks: cycle, kind (``fault`` or ``mark``) and text."""
         faults = [(cycle, "fault", _named(number)) for cycle, number in self.overview.faults()]
-        return sorted(self._remarks + faults)[:_MOST_MARKS]
+        damage = [
+            (first, "damage", f"damaged: {last - first + 1} cycles can't be read ({why.removeprefix(self._prefix)})")
+            for first, last, why in self.overview.damage()
+        ]
+        return sorted(self._remarks + faults + damage)[:_MOST_MARKS]
 
     def index(self, names: Sequence[str]) -> list[int]:
         """Columns of these fields; KeyError where one is unknown."""
@@ -103,16 +112,20 @@ class Filed:
         return low
 
     def _first(self, piece: int) -> int:
-        """First cycle of a piece, which is read for it once."""
+        """First cycle of a piece, which is read for it once; of one that can't be read, that of the next."""
         if piece not in self._begin:
-            self._begin[piece] = int(self._read(piece, ["cycle"])["cycle"][0])
+            cycles = (self._read(later, ["cycle"])["cycle"] for later in range(piece, len(self.pieces)))
+            self._begin[piece] = next((int(cycle[0]) for cycle in cycles if len(cycle)), self.newest + 1)
         return self._begin[piece]
 
     def _read(self, piece: int, paths: Sequence[str]) -> dict[str, NDArray[Any]]:
         known = self._known.setdefault(piece, {})
         self._known.move_to_end(piece)
         if missing := [path for path in paths if path not in known]:
-            known.update(self.pieces[piece](missing))
+            try:
+                known.update(self.pieces[piece](missing))
+            except CheckFailed:  # the overview says so, and where
+                known.update({path: np.empty(0, np.int64) for path in missing})
         if len(self._known) > _KEPT:
             self._known.popitem(last=False)
         return known

@@ -212,9 +212,7 @@ def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period
     steady_u[n:controllable], steady_u[controllable] = 1.0, -1.0
     steady_y[:n], steady_y[controllable] = rest / dc_gain, 1.0 / dc_gain
     feedback = np.concatenate([K, -disturbance])
-    return OuterGains(
-        A, B, C, L, feedback, following, steady_u, steady_y, variance, controllable, outer.sample_cycles
-    )
+    return OuterGains(A, B, C, L, feedback, following, steady_u, steady_y, variance, controllable, outer.sample_cycles)
 
 
 def process_innovation(

@@ -37,6 +37,9 @@ def fill(
             _note_damage(pieces, number, overview, str(problem))
             overview.done[number] = 1
             continue
+        if not len(columns["cycle"]):
+            overview.done[number] = 1
+            continue
         values = np.array([field.shown(columns[field.path]) for field in shown], np.float32)
         for level in overview.levels:
             level.add(columns["cycle"], values)
@@ -62,11 +65,12 @@ def _note_damage(pieces: Sequence[Piece], number: int, overview: Overview, why: 
 
 
 def _edge(pieces: Sequence[Piece], number: int, path: str, place: int) -> int | None:
-    """The first or last value of a column of a piece; None where it can't be read."""
+    """The first or last value of a column of a piece; None where there is none to be read."""
     try:
-        return int(pieces[number]([path])[path][place])
+        values = pieces[number]([path])[path]
     except CheckFailed:
         return None
+    return int(values[place]) if len(values) else None
 
 
 def _in_turn(overview: Overview, count: int, first: int, span: int) -> Iterator[int]:

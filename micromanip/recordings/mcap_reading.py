@@ -28,7 +28,7 @@ from .telemetry import Piece, Rows, Telemetry
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
-_METADATA, _ATTACHMENT, _CHUNK, _DATA_END, _MESSAGE = 0x0C, 0x09, 0x06, 0x0F, 0x05
+_METADATA, _ATTACHMENT, _CHUNK, _DATA_END, _MESSAGE, _CHANNEL = 0x0C, 0x09, 0x06, 0x0F, 0x05, 0x04
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Number of the channel, sequence, and two times, before what a message holds."""
 _SHORT_CHUNK = 4096
@@ -69,6 +69,8 @@ def open_mcap(file: Path) -> Telemetry:
                     elif topics.get(getattr(record, "channel_id", 0)) == layout.MARKS_TOPIC:
                         marks.append(json.loads(record.data))
     if codec is None or layout.ABOUT not in metadata:
+        if _begins_without_chunks(file):
+            raise CheckFailed(f"{file}: its messages are in no chunks; `mcap compress` writes a copy that can be read")
         raise CheckFailed(f"{file}: an MCAP file without telemetry of ours, topic {layout.BLOCKS_TOPIC}")
     about, end = metadata[layout.ABOUT], metadata.get(layout.END, {})
     try:
@@ -168,7 +170,8 @@ def _piece(
         content = stream.read(length)
     try:
         blocks = [codec.decode(data, paths) for data in _messages(file, content, channel)]
-        return {path: np.concatenate([block[path] for block in blocks]) for path in paths}
+        none = [np.empty(0, np.int64)] if not blocks else []  # another program puts chunks without rows between ours
+        return {path: np.concatenate(none or [block[path] for block in blocks]) for path in paths}
     except (ValueError, struct.error) as problem:
         raise CheckFailed(f"{file}: it is damaged here, or has changed since it was opened ({problem})") from problem
 
@@ -227,6 +230,18 @@ def _places(stream: IO[bytes]) -> Iterator[tuple[int, int]]:
             return
         if opcode in (_METADATA, _ATTACHMENT, _CHUNK):
             yield opcode, length
+
+
+def _begins_without_chunks(file: Path) -> bool:
+    """Whether a channel comes before any chunk."""
+    with file.open("rb") as stream:
+        stream.seek(len(MAGIC))
+        while len(head := stream.read(_RECORD.size)) == _RECORD.size:
+            opcode, length = _RECORD.unpack(head)
+            if opcode in (_CHUNK, _CHANNEL, _DATA_END):
+                return bool(opcode == _CHANNEL)
+            stream.seek(length, os.SEEK_CUR)
+    return False
 
 
 def _index(stream: IO[bytes], size: int) -> list[tuple[int, int, int]]:

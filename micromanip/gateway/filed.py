@@ -82,6 +82,13 @@ class Filed:
     def window(self, columns: Sequence[int], first: int, last: int, points: int) -> Window:
         """From cycle `first` to `last` in at most about `points` points; NaN where the overview has nothing yet."""
         self.overview.wanted[:] = first, last
+        shown = self._window(columns, first, last, points)
+        for begin, _, _ in self.overview.damage():
+            if first <= begin <= last:
+                shown = _parted(shown, begin)
+        return shown
+
+    def _window(self, columns: Sequence[int], first: int, last: int, points: int) -> Window:
         if last - first < _ROWS_READ:
             cycles, values = self.whole(columns, first, last)
             missing = int(cycles[-1] - cycles[0]) + 1 - len(cycles) if len(cycles) else 0
@@ -140,6 +147,13 @@ def _points(cycles: Cycles, low: Values, high: Values, per: int, points: int, mi
         cycles = cycles[begins]
         low, high = np.fmin.reduceat(low, begins, axis=1), np.fmax.reduceat(high, begins, axis=1)
     return Window(cycles, low, high, per * step, missing)
+
+
+def _parted(window: Window, cycle: int) -> Window:
+    """With a point at `cycle` where nothing is known: no line goes over it."""
+    at = int(np.searchsorted(window.cycles, cycle))
+    low, high = (np.insert(each, at, np.nan, axis=1) for each in (window.low, window.high))
+    return Window(np.insert(window.cycles, at, cycle), low, high, window.rows, window.missing)
 
 
 def _named(fault: int) -> str:

@@ -169,6 +169,7 @@ def test_a_damaged_piece_is_left_blank_and_said(tmp_path, place):
     assert cycles.tolist() == kept[kept >= source.history.oldest].tolist()
     window = source.history.window(columns, 0, 20_000, 500)
     assert not [begin for begin in window.cycles if first < begin < first + lost - window.rows]
+    assert np.isnan(window.low[:, window.cycles == first]).any(), "no line goes over it"
 
 
 def test_a_file_that_has_changed_gets_an_overview_of_its_own(tmp_path):

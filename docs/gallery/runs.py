@@ -24,9 +24,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from micromanip.design.run_columns import RecordedRun
 
 from micromanip.design.deconvolution import step_response_of
-from micromanip.design.run_columns import RecordedRun
 from micromanip.design.run_comparison import judged
 from micromanip.design.run_figures import run_figures, spectra
 from micromanip.host.recording.mcap_file import McapRecording

@@ -8,8 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from micromanip.design.deconvolution import step_response_of
-from micromanip.design.run_columns import RecordedRun
+from micromanip.design.recorded_run import RecordedRun
 from micromanip.design.run_figures import run_figures
 from micromanip.design.run_report import run_report
 from micromanip.errors import MicromanipError, system_error
@@ -24,7 +23,7 @@ def main(arguments: list[str]) -> int:
     file = Path(arguments[0])
     try:
         run = RecordedRun(open_telemetry(file))
-        page = run_report(run, run_figures(run), {axis: step_response_of(run, axis) for axis in run.axes})
+        page = run_report(run, run_figures(run), {axis: run.axis[axis].steps.response() for axis in run.axes})
     except (MicromanipError, OSError) as problem:
         told = problem if isinstance(problem, MicromanipError) else system_error(problem, file)
         sys.stderr.write(f"{told}\n")

@@ -24,14 +24,21 @@ def command(first: Path, second: Path, out: Path | None, as_json: bool) -> None:
     Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
     --out draws both side by side, judges every quantity, and says what each parameter that differs means.
     """
-    from micromanip.design.run_columns import RecordedRun
+    from micromanip.design.recorded_run import BANDS_Hz, RecordedRun
     from micromanip.design.run_comparison import judged
     from micromanip.design.run_comparison_page import comparison_page
     from micromanip.design.run_confidence import difference
-    from micromanip.design.run_figures import BANDS_Hz, configuration_changes, run_figures
+    from micromanip.design.run_figures import configuration_changes, run_figures
+    from micromanip.design.run_report import damage
     from micromanip.recordings import open_telemetry
 
-    runs = [RecordedRun(open_telemetry(file)) for file in (first, second)]
+    from .progress import steps
+
+    with steps() as bar:
+        runs = [RecordedRun(open_telemetry(file), bar.say) for file in (first, second)]
+    for run in runs:
+        if told := damage(run):
+            click.echo(f"warning: {run.telemetry.file}:{told}", err=True)
     a, b = figures = [run_figures(run) for run in runs]
     changes = configuration_changes(*(run.telemetry.configuration for run in runs))
     found_differences = judged(runs, figures)

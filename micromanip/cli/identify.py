@@ -88,7 +88,10 @@ def command(
         else:
             from micromanip.virtual.experiment import VirtualExperiment
 
-            rows = VirtualExperiment(prepared)(variant(configuration), duration_s, samples)
+            from .progress import steps
+
+            with steps() as bar:
+                rows = VirtualExperiment(prepared, say=bar.say)(variant(configuration), duration_s, samples)
         columns = recording(configuration, excitation, rows)
         if old := int(held(configuration, axis, rows).sum() if f"stage_{axis}" in configuration.signals else 0):
             click.echo(

@@ -10,6 +10,8 @@ from typing import Literal, Self
 
 from rich.console import Group, RenderableType
 from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
 from rich.text import Text
 
 from micromanip.faults import FaultReport
@@ -49,6 +51,8 @@ class LiveLine:
     """
 
     def __init__(self) -> None:
+        self.planned_s: float | None = None
+        """How long the run takes, where that is known: then a bar with the time left stands beside the line."""
         self._console, self._printer = error_console(), Printer()
         self._live = Live(console=self._console, refresh_per_second=5, transient=True) if sys.stderr.isatty() else None
         self._journal = journal.is_connected()
@@ -77,12 +81,19 @@ class LiveLine:
 
     def show(self, report: Status) -> None:
         """The live line."""
-        line = state_line(report)
+        line = state_line(report) if self.planned_s is None else _with_time_left(report, self.planned_s)
         if self._live is not None:
             self._printer.do(partial(self._live.update, line))
         elif not self._journal and time.monotonic() - self._told > _PLAIN_EVERY_S:
             self._told = time.monotonic()
             self._printer.do(lambda: self._console.print(line, soft_wrap=True))
+
+
+def _with_time_left(report: Status, planned_s: float) -> RenderableType:
+    done_s = min(report["cycles"] * report["period_ns"] * 1e-9, planned_s)
+    shown = Table.grid(padding=(0, 1))
+    shown.add_row(ProgressBar(planned_s, done_s, width=20), f"{planned_s - done_s:.0f} s left", state_line(report))
+    return shown
 
 
 def summary(report: Status) -> None:

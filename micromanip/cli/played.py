@@ -53,7 +53,8 @@ def play(
     arming_s = int(planned_cycles(experiment.parameters[0], at_rest)) * variant.loop.period_ns * 1e-9
     with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
         file = Path(folder) / "experiment.h5"
-        report = serve(experiment, Options(socket_path, arming_s + duration_s + 0.5, file), line.say, line.show)
+        line.planned_s = arming_s + duration_s + 0.5
+        report = serve(experiment, Options(socket_path, line.planned_s, file), line.say, line.show)
         if report["faults"]:
             raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {report['faults'][0]}")
         recorded = report["recording"]

@@ -19,18 +19,23 @@ def command(file: Path, to: Path | None, as_json: bool) -> None:
 
     With --json its figures, too: those of `compare` for one run.
     """
-    from micromanip.design.deconvolution import step_response_of
-    from micromanip.design.run_columns import RecordedRun
+    from micromanip.design.recorded_run import RecordedRun
     from micromanip.design.run_figures import run_figures
-    from micromanip.design.run_report import run_report
+    from micromanip.design.run_report import damage, run_report
     from micromanip.recordings import open_telemetry
 
+    from .progress import steps
+
     to = to or file.with_suffix(".html")
-    run = RecordedRun(open_telemetry(file))
-    figures = run_figures(run)
-    steps = {axis: step_response_of(run, axis) for axis in run.axes}
-    page = run_report(run, figures, steps)
+    with steps() as bar:
+        run = RecordedRun(open_telemetry(file), bar.say)
+        bar.say("drawing")
+        figures = run_figures(run)
+        responses = {axis: run.axis[axis].steps.response() for axis in run.axes}
+        page = run_report(run, figures, responses)
+    if told := damage(run):
+        click.echo(f"warning:{told}", err=True)
     write_new_page(to, page, "--to")
     document = {"report": str(to), "run": figures.document()}
-    document["step_response"] = {axis: found.document() for axis, found in steps.items()}
+    document["step_response"] = {axis: found.document() for axis, found in responses.items()}
     print_answer(document, lambda _: click.echo(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from micromanip.errors import UsageError
+
 from .options import Quantity, StrictCommand, json_option, print_answer
 from .recording_options import Cut
 from .results import keep, require_room
@@ -30,8 +32,12 @@ if TYPE_CHECKING:
 )
 @click.argument("files", type=click.Path(path_type=Path), metavar="RECORDING...", nargs=-1, required=True)
 @click.option(
-    "--vary", "varied", multiple=True, required=True, metavar="KEY=LOW:HIGH[:log]",
+    "--vary", "varied", multiple=True, metavar="KEY=LOW:HIGH[:log]",
     help="A key to draw, and between what; axes.*. is every axis alike. Again for more keys.",
+)  # fmt: skip
+@click.option(
+    "--space", "space_file", type=click.Path(path_type=Path), metavar="FILE.yaml",
+    help="The same as a file: vary: {KEY: {low: 1, high: 100, log: true}}; with --vary, both.",
 )  # fmt: skip
 @click.option(
     "--config", type=click.Path(path_type=Path), help="Tuning that is varied.  [default: that of the first recording]"
@@ -44,6 +50,9 @@ if TYPE_CHECKING:
     help="SQLite file of the results; where it is there, what it lacks is tried.",
 )  # fmt: skip
 @click.option("--best", type=click.Path(path_type=Path, dir_okay=False), help="File for the keys of the best tuning.")
+@click.option(
+    "--table", type=click.Path(path_type=Path, dir_okay=False), help="New file for all results, .csv or .parquet."
+)
 @click.option("--top", type=click.IntRange(1, 1000), default=5, show_default=True, help="How many are shown.")
 @click.option(
     "--jobs", type=click.IntRange(-1, 1024), default=-1, show_default="one a CPU", help="Processes that share the work."
@@ -51,9 +60,9 @@ if TYPE_CHECKING:
 @click.option("--cluster", "address", help="Dask scheduler that takes the work instead, e.g. tcp://host:8786.")
 @json_option
 def command(
-    files: tuple[Path, ...], varied: tuple[str, ...], config: Path | None, number: int, seed: int,
-    cut: tuple[float, float] | None, out: Path, best: Path | None, top: int, jobs: int, address: str | None,
-    as_json: bool,
+    files: tuple[Path, ...], varied: tuple[str, ...], space_file: Path | None, config: Path | None, number: int,
+    seed: int, cut: tuple[float, float] | None, out: Path, best: Path | None, table: Path | None, top: int, jobs: int,
+    address: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Draw tunings, try each on recordings as `replay --with` does, and list those that hold the path best.
 
@@ -66,13 +75,19 @@ def command(
     from micromanip.design.loops import cluster
     from micromanip.design.sweep.running import run_trials
     from micromanip.design.sweep.space import Dimension, Space
+    from micromanip.design.sweep.space_file import read_dimensions
     from micromanip.design.sweep.store import Store
     from micromanip.design.sweep.work import Work
     from micromanip.rt.jit import Compiler
 
     Compiler.tell = staticmethod(lambda name: click.echo(f"compiling {name} (the first time only)", err=True))
-    space = Space(tuple(Dimension.parse(text) for text in varied), seed)
-    for place in [out] if best is None else [out, best]:
+    if not varied and space_file is None:
+        raise UsageError("nothing is varied: give --vary KEY=LOW:HIGH, or --space FILE.yaml")
+    dimensions = () if space_file is None else read_dimensions(space_file)
+    space = Space((*dimensions, *(Dimension.parse(text) for text in varied)), seed)
+    if table is not None:
+        _require_table(table)
+    for place in (each for each in (out, best, table) if each is not None):
         require_room(place.parent, str(place))
     trials, about = _prepare(files, config, space, cut)
     about |= {"vary": [str(each) for each in space.dimensions], "seed": seed, "cut": None if cut is None else list(cut)}
@@ -93,6 +108,8 @@ def command(
         where = nullcontext if address is None else partial(cluster, address)
         run_trials(store, work, number, jobs, lambda count: bar.advance(task, count), where)
         found, base, counts = store.best(top), store.one(0), store.counts()
+        if table is not None:
+            keep(store.write_table, table)
     judged = [(each, _judged(trials, each)) for each in found]
     good = next((each for each, problem in judged if problem is None), None)
     good = None if good is None or good.number == 0 else good
@@ -106,6 +123,7 @@ def command(
         "base": _told(base, None, axes),
         "best": [_told(each, problem, axes) for each, problem in judged],
         "written": None if best is None or good is None else str(best),
+        "table": None if table is None else str(table),
     }
     if best is not None and good is not None:
         keep(partial(_write, text=_fragment(trials, space, good, base, document)), best)
@@ -114,6 +132,13 @@ def command(
         from micromanip.errors import CheckFailed
 
         raise CheckFailed(f"{best} is not written: none of the best {len(found)} that passes the check beats tuning 0")
+
+
+def _require_table(table: Path) -> None:
+    if table.suffix not in (".csv", ".parquet"):
+        raise UsageError(f"--table {table}: its ending is .csv or .parquet")
+    if table.exists():
+        raise UsageError(f"{table} is there already: nothing is replaced; give another name")
 
 
 def _prepare(

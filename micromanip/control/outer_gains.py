@@ -87,9 +87,20 @@ class OuterGains:
     reference: Matrix
     steady_u: Matrix
     steady_y: Matrix
-    closed_loop_poles: NDArray[np.complex128]
     innovation_variance: float
     """Variance (um^2) of the stationary filter's innovation."""
+    controllable: int
+    """States that the actuator moves; they come first."""
+    sample_cycles: int
+
+    @property
+    def closed_loop_poles(self) -> NDArray[np.complex128]:
+        """Of the regulator per cycle, then of the observer per sample."""
+        own, n = np.eye(len(self.A)), self.controllable
+        regulator = self.A[:n, :n] - np.outer(self.B[:n], self.feedback[:n])
+        sampled = np.linalg.matrix_power(self.A, self.sample_cycles)
+        observer = (own - np.outer(self.observer, self.C)) @ sampled
+        return np.concatenate([np.linalg.eigvals(regulator), np.linalg.eigvals(observer)])
 
 
 def rotation(omega: float, period_s: float) -> Matrix:
@@ -165,9 +176,14 @@ def regulate(
     target[len(D)] = target[len(D) + 3] = 1.0
     m = len(exo)
     # unknowns: Pi column by column, then Gamma
-    dynamics = np.hstack([np.kron(exo.T, np.eye(controllable)) - np.kron(np.eye(m), Ac), -np.kron(np.eye(m), Bc)])
-    output = np.hstack([np.kron(np.eye(m), Cc[None, :]), np.zeros((m, m))])
-    solution = np.linalg.solve(np.vstack([dynamics, output]), np.concatenate([forcing.T.ravel(), target]))
+    each, states = np.arange(m), m * controllable
+    equations = np.zeros((states + m, states + m))
+    dynamics = equations[:states, :states].reshape(m, controllable, m, controllable)
+    dynamics += exo.T[:, None, :, None] * np.eye(controllable)[None, :, None, :]
+    dynamics[each, :, each] -= Ac
+    equations[:states, states:].reshape(m, controllable, m)[each, :, each] = -Bc[:, 0]
+    equations[states:, :states].reshape(m, m, controllable)[each, each] = Cc
+    solution = np.linalg.solve(equations, np.concatenate([forcing.T.ravel(), target]))
     Pi = solution[: m * controllable].reshape(m, controllable).T
     gain = solution[m * controllable :] + K @ Pi
     return K, gain[: len(D)], gain[len(D) :]
@@ -195,13 +211,8 @@ def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period
     steady_u, steady_y = np.zeros(len(A)), np.zeros(len(A))
     steady_u[n:controllable], steady_u[controllable] = 1.0, -1.0
     steady_y[:n], steady_y[controllable] = rest / dc_gain, 1.0 / dc_gain
-    Ac, Bc = A[:controllable, :controllable], B[:controllable]
-    sampled = np.linalg.matrix_power(A, outer.sample_cycles)
-    poles = np.concatenate(
-        [np.linalg.eigvals(Ac - np.outer(Bc, K)), np.linalg.eigvals((np.eye(len(A)) - np.outer(L, C)) @ sampled)]
-    )
     feedback = np.concatenate([K, -disturbance])
-    return OuterGains(A, B, C, L, feedback, following, steady_u, steady_y, poles, variance)
+    return OuterGains(A, B, C, L, feedback, following, steady_u, steady_y, variance, controllable, outer.sample_cycles)
 
 
 def process_innovation(

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy.signal.windows import hann
 from scipy.stats import t as student
 
-from .run_columns import RecordedRun
 from .run_confidence import Array
 
 Complex = NDArray[np.complex128]
+Cycles = NDArray[np.int64]
 
 WINDOW_S, SHOWN_S, _BEFORE_S = 0.5, 0.05, 0.002
 """The response is shown from `_BEFORE_S` before the step to `SHOWN_S` after it."""
@@ -42,6 +42,8 @@ _LEAST_PERIODS = 3.0
 _FADED = 0.3
 _MOST_BRIDGED = 10
 """Cycles in a row that the loop skipped, or that were lost: longer gaps begin a new piece."""
+_MOST_SUMS = 256
+"""Of windows that follow one another; of a longer run more windows are summed in each."""
 
 
 @dataclass(frozen=True)
@@ -74,41 +76,94 @@ class StepResponse:
         }
 
 
+@dataclass(frozen=True)
+class _Sums:
+    """Power and cross spectra (f,) of some windows that follow one another, summed."""
+
+    windows: int
+    uu: Array
+    yy: Array
+    uy: Complex
+
+    def with_(self, other: _Sums) -> _Sums:
+        return _Sums(self.windows + other.windows, self.uu + other.uu, self.yy + other.yy, self.uy + other.uy)
+
+
 def _nothing(problem: str, reach_Hz: float = 0.0) -> StepResponse:
     none = np.empty(0)
     return StepResponse(none, none, none, none, reach_Hz, False, (np.nan, np.nan), (np.nan, np.nan), problem)
 
 
-def step_response_of(run: RecordedRun, axis: str) -> StepResponse:
-    """From the set-point to the strain gauge of an axis, while it tracks."""
-    pieces = list(_pieces(run, run.of_axis(axis, "setpoint_um"), run.of_axis(axis, "strain_um")))
-    return step_response(pieces, 1.0 / run.period_s)
+class StepSpectra:
+    """Spectra of a set-point and a position (um), taken while they are read: `add`, then `response`."""
+
+    def __init__(self, rate_Hz: float) -> None:
+        self._rate_Hz, self._count = rate_Hz, round(WINDOW_S * rate_Hz)
+        self._rest: tuple[Cycles, Array, Array] = (np.empty(0, np.int64), np.empty(0), np.empty(0))
+        self._sums: list[_Sums] = []
+        self._each, self._windows = 1, 0
+
+    def add(self, cycles: Cycles, u: Array, y: Array) -> None:
+        """Rows (n,) that follow: those in which the axis tracks and both are known."""
+        rest = [np.concatenate(both) for both in zip(self._rest, (cycles, u, y), strict=True)]
+        stretches = list(_stretches(*rest))
+        for stretch in stretches:
+            self._take(*stretch)
+        if stretches:
+            grid, u, y = stretches[-1]
+            begin = max(0, (len(u) - 1 - self._count) // self._step + 1) * self._step
+            self._rest = grid[begin:], u[begin:], y[begin:]
+
+    @property
+    def _step(self) -> int:
+        return self._count // 2
+
+    def _take(self, _: Cycles, u: Array, y: Array) -> None:
+        for U, Y in _windows(np.diff(u), np.diff(y), self._count):
+            one = _Sums(1, np.abs(U) ** 2, np.abs(Y) ** 2, np.conj(U) * Y)
+            self._windows += 1
+            if self._sums and self._sums[-1].windows < self._each:
+                self._sums[-1] = self._sums[-1].with_(one)
+            else:
+                self._sums.append(one)
+            if len(self._sums) > _MOST_SUMS:
+                last = self._sums[len(self._sums) // 2 * 2 :]
+                self._sums = [a.with_(b) for a, b in zip(self._sums[::2], self._sums[1::2], strict=False)] + last
+                self._each *= 2
+
+    def response(self) -> StepResponse:
+        """The step response, or why nothing is said of it."""
+        return _response(self._sums, self._windows, self._count, self._rate_Hz)
 
 
-def _pieces(run: RecordedRun, *columns: Array) -> Iterator[tuple[Array, ...]]:
-    """Stretches of tracking; single missing cycles are drawn straight between their neighbours."""
-    known = run.tracks & np.logical_and.reduce([np.isfinite(column) for column in columns])
-    rows = np.flatnonzero(known)
-    cycles = run.column("cycle")[rows]
-    for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(cycles) > _MOST_BRIDGED) + 1):
-        if len(part) > 1:
+def _stretches(cycles: Cycles, u: Array, y: Array) -> Iterator[tuple[Cycles, Array, Array]]:
+    """Pieces without gaps; single missing cycles are drawn straight between their neighbours."""
+    for part in np.split(np.arange(len(cycles)), np.flatnonzero(np.diff(cycles) > _MOST_BRIDGED) + 1):
+        if len(part):
             grid = np.arange(cycles[part[0]], cycles[part[-1]] + 1)
-            yield tuple(np.interp(grid, cycles[part], column[rows[part]]) for column in columns)
+            yield grid, np.interp(grid, cycles[part], u[part]), np.interp(grid, cycles[part], y[part])
 
 
 def step_response(pieces: Sequence[tuple[Array, ...]], rate_Hz: float) -> StepResponse:
     """Of pieces without gaps, each an input and an output (n,) of one unit."""
-    count = round(WINDOW_S * rate_Hz)
-    spectra = [pair for u, y in pieces for pair in _windows(np.diff(u), np.diff(y), count)]
-    if len(spectra) < _FEWEST:
+    found, begin = StepSpectra(rate_Hz), 0
+    for u, y in pieces:
+        found.add(begin + np.arange(len(u)), u, y)
+        begin += len(u) + _MOST_BRIDGED
+    return found.response()
+
+
+def _response(sums: Sequence[_Sums], windows: int, count: int, rate_Hz: float) -> StepResponse:
+    if windows < _FEWEST:
         needed = (_FEWEST + 1) / 2 * WINDOW_S
         return _nothing(f"too short to say: less than {needed:.2g} s of tracking in pieces of {WINDOW_S:g} s or more")
-    U, Y = (np.array(each) for each in zip(*spectra, strict=True))
-    groups = np.array_split(np.arange(len(U)), min(_GROUPS, len(U) // 2))
-    S_uu, S_yy = (np.array([np.sum(np.abs(each[g]) ** 2, axis=0) for g in groups]) for each in (U, Y))
-    S_uy = np.array([np.sum(np.conj(U[g]) * Y[g], axis=0) for g in groups])
+    groups = np.array_split(np.arange(len(sums)), min(_GROUPS, len(sums) // 2))
+    S_uu, S_yy, S_uy = (
+        np.array([np.sum([getattr(sums[k], name) for k in group], axis=0) for group in groups])
+        for name in ("uu", "yy", "uy")
+    )
     frequency = np.asarray(np.fft.rfftfreq(count, 1.0 / rate_Hz), dtype=np.float64)
-    error = _relative_error(S_uu.sum(axis=0), S_yy.sum(axis=0), S_uy.sum(axis=0), len(U), frequency[1])
+    error = _relative_error(S_uu.sum(axis=0), S_yy.sum(axis=0), S_uy.sum(axis=0), windows, frequency[1])
     reach_Hz = _reach(frequency, error)
     if reach_Hz * SHOWN_S < _LEAST_PERIODS:
         return _nothing(

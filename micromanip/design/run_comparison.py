@@ -7,21 +7,18 @@ nothing can be said of a single greatest value.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from .run_columns import RecordedRun
+from .recorded_run import SECTIONS_S, TIMING_PERCENT, BANDS_Hz, RecordedRun
 from .run_confidence import FEWEST, Array, Mean, batch_mean, change, difference
-from .run_figures import BANDS_Hz, RunFigures
+from .run_figures import RunFigures
+from .run_sums import Sections
 
 TOO_SHORT = "too short to judge"
-_SECTION_S = 1.0
-_LEAST_CYCLES = 1000
-"""In a section: a p99.9 of fewer is its maximum."""
-_TIMING = (("lateness", 50.0), ("lateness", 99.9), ("compute", 50.0), ("compute", 99.9))
 
 
 @dataclass(frozen=True)
@@ -47,8 +44,8 @@ class Judged:
 
 def judged(runs: Sequence[RecordedRun], figures: Sequence[RunFigures]) -> list[Judged]:
     """Two runs and their figures, compared: each axis that both have, then the timing."""
-    shortest_s = min(np.count_nonzero(run.tracks) * run.period_s for run in runs)
-    sections = [round(min(_SECTION_S, shortest_s / FEWEST) / run.period_s) for run in runs]
+    shortest_s = min(run.cell.tracked * run.period_s for run in runs)
+    section_s = next((each for each in SECTIONS_S if FEWEST * each <= shortest_s * (1.0 + 1e-9)), None)
     found: list[Judged] = []
     for axis in (name for name in runs[0].axes if name in runs[1].axes):
         a, b = (run.squares[axis] for run in figures)
@@ -56,19 +53,27 @@ def judged(runs: Sequence[RecordedRun], figures: Sequence[RunFigures]) -> list[J
         for k, (low, high) in enumerate(BANDS_Hz):
             both = [run.axes[axis].bands_um[k] for run in figures]
             found.append(_rms(axis, f"error rms {low:g}-{high:g} Hz", a.bands[k], b.bands[k], both))
-        errors = [np.abs(run.error_um(axis)) for run in runs]
-        found.append(_sections(axis, "error, greatest of a section", "um", errors, sections, np.max))
-        if all(run.voltage_range(axis) for run in runs):
-            left = [run.voltage_left(axis)[run.tracks] for run in runs]
-            found.append(_sections(axis, "voltage left, least of a section", "V", left, sections, np.min))
-    for name, percent in _TIMING:
-        values = [run.column(f"{name}_ns") * 1e-3 for run in runs]
-        found.append(_sections("", f"{name} p{percent:g}", "us", values, sections, _percentile(percent)))
+        series = [_found(run.axis[axis].sections, section_s, "error") for run in runs]
+        whole = [run.axes[axis].max_um for run in figures]
+        found.append(by_section(axis, "error, greatest of a section", "um", series, whole))
+        least = [run.axes[axis].headroom_V for run in figures]
+        if all(each is not None for each in least):
+            series = [_found(run.axis[axis].sections, section_s, "left") for run in runs]
+            found.append(
+                by_section(axis, "voltage left, least of a section", "V", series, [each or 0.0 for each in least])
+            )
+    for name in runs[0].cell.timing:
+        series = [_found(run.timing_sections, section_s, name) for run in runs]
+        for k, percent in enumerate(TIMING_PERCENT):
+            whole = [1e-3 * run.cell.timing[name].percentiles((percent,))[0] for run in runs]
+            columns = [each[:, k] if len(each) else each for each in series]
+            found.append(by_section("", f"{name} p{percent:g}", "us", columns, whole))
     return found
 
 
-def _percentile(percent: float) -> Callable[[Array], float]:
-    return lambda values: float(np.percentile(values, percent))
+def _found(sections: Mapping[float, Mapping[str, Sections]], section_s: float | None, name: str) -> Array:
+    """Values by section; none where no length is short enough, or none of its cycles at this rate."""
+    return sections[section_s][name].found if section_s is not None and section_s in sections else np.empty(0)
 
 
 def _rms(axis: str, quantity: str, a: Mean | None, b: Mean | None, both: Sequence[float] = ()) -> Judged:
@@ -79,24 +84,10 @@ def _rms(axis: str, quantity: str, a: Mean | None, b: Mean | None, both: Sequenc
     return Judged(axis, quantity, "um", a.root, b.root, low, high, found.verdict)
 
 
-def _sections(
-    axis: str,
-    quantity: str,
-    unit: str,
-    values: Sequence[Array],
-    lengths: Sequence[int],
-    of_section: Callable[[Array], float],
-) -> Judged:
-    """`of_section` of each section of so many samples, its mean over the sections compared."""
-    series = [
-        np.array([of_section(part) for part in each[: len(each) // length * length].reshape(-1, length)])
-        if length >= _LEAST_CYCLES
-        else np.empty(0)
-        for each, length in zip(values, lengths, strict=True)
-    ]
+def by_section(axis: str, quantity: str, unit: str, series: Sequence[Array], whole: Sequence[float]) -> Judged:
+    """What was taken of each section of both runs (sections,), its means compared; `whole` are of each run as one."""
     if min(map(len, series)) < FEWEST:
-        a, b = (float(of_section(each)) for each in values)
-        return Judged(axis, quantity, unit, a, b, None, None, TOO_SHORT)
+        return Judged(axis, quantity, unit, whole[0], whole[1], None, None, TOO_SHORT)
     one, two = map(batch_mean, series)
     found = change(one, two)
     return Judged(axis, quantity, unit, one.value, two.value, found.low, found.high, found.verdict)

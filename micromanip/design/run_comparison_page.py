@@ -11,9 +11,8 @@ from micromanip.settings.text import units
 from micromanip.settings.text.shape import Shape
 
 from . import run_drawings as drawn
-from .deconvolution import step_response_of
 from .page import page, section, table
-from .run_columns import RecordedRun
+from .recorded_run import RecordedRun
 from .run_comparison import TOO_SHORT, Judged
 from .run_confidence import SAME
 from .run_figures import RunFigures
@@ -54,7 +53,7 @@ def comparison_page(
         section("Spectrum of the path error", ABOUT_SPECTRUM, drawn.densities(runs)),
         section("Voltage left", ABOUT_HEADROOM, drawn.headroom(runs)),
         section("Hysteresis loop", ABOUT_LOOPS, drawn.loops(runs)),
-        steps_part(axes, [{axis: step_response_of(run, axis) for axis in axes} for run in runs]),
+        steps_part(axes, [{axis: run.axis[axis].steps.response() for axis in axes} for run in runs]),
         section("Timing", ABOUT_TIMING, drawn.timing(runs)),
         *(remarks(f"Marks of {letter}", run) for letter, run in zip(drawn.LETTERS, runs, strict=True)),
     ]

@@ -41,11 +41,11 @@ class Mean:
         return float(np.sqrt(self.value))
 
 
-def mean_square(x: Array) -> Mean:
-    """Of the samples `x` (n,) in order. CheckFailed where there are too few."""
-    if len(x) < _LEAST_SAMPLES:
-        raise CheckFailed(f"{len(x)} cycles of tracking are too few to judge; at least {_LEAST_SAMPLES} are needed")
-    return batch_mean(x * x)
+def mean_square(squares: Array, samples: int) -> Mean:
+    """Of the squares of so many samples in order, or of means of equal blocks of them. CheckFailed for too few."""
+    if samples < _LEAST_SAMPLES:
+        raise CheckFailed(f"{samples} cycles of tracking are too few to judge; at least {_LEAST_SAMPLES} are needed")
+    return batch_mean(squares)
 
 
 def batch_mean(values: Array) -> Mean:

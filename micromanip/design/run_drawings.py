@@ -6,22 +6,18 @@ They are thinned to what can be seen: of each column of pixels the least and the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from micromanip.rt.states import STATE_NAMES
 
 from .deconvolution import StepResponse
 from .page import COLOURS, GREY, drawing
-from .run_columns import RecordedRun
-from .run_confidence import Array
-from .run_figures import spectra
+from .recorded_run import RecordedRun
 
-_COLUMNS, _LOOP_POINTS, _LINES = 600, 1500, 800
+_LINES = 800
 _STATE_COLOURS = {"TRACKING": "#31a354", "FAULT": "#de2d26", "HOLDING": "#fdae61", "ARMING": "#2b8cbe"}
 LETTERS = "AB"
 
@@ -31,8 +27,8 @@ def errors(runs: Sequence[RecordedRun]) -> Figure:
     figure, panels = drawing(rows=len(runs), height=3.2 if len(runs) == 1 else 5.2)
     for run, panel in zip(runs, panels[:, 0], strict=True):
         for place, axis in enumerate(run.axes):
-            error = np.where(run.tracks, run.of_axis(axis, "path_error_um"), np.nan)
-            where, low, high = _envelope(run.t_s, error)
+            cycles, low, high = run.error.of(place)
+            where = (cycles - run.cell.first) * run.period_s
             panel.fill_between(where, low, high, color=COLOURS[place], alpha=0.6, linewidth=0.5, label=axis)
         _states(panel, run)
         panel.set(ylabel=_of_run("path error, um", runs, run))
@@ -49,10 +45,10 @@ def densities(runs: Sequence[RecordedRun]) -> Figure:
     for place, axis in enumerate(axes):
         panel = panels[0, 0 if len(runs) == 1 else place]
         for number, run in enumerate(runs):
-            frequency, density = spectra(run.error_um(axis), 1.0 / run.period_s)
+            frequency, density = run.axis[axis].spectra.frequency_Hz, run.axis[axis].spectra.density
             kept = np.unique(np.geomspace(1, len(frequency) - 1, _LINES).astype(int))
             colour, label = (COLOURS[place], axis) if len(runs) == 1 else (COLOURS[number], LETTERS[number])
-            shown = np.sqrt(density.mean(axis=1)[kept])
+            shown = np.sqrt(density[kept])
             panel.loglog(frequency[kept], shown, color=colour, linewidth=0.8, alpha=0.85, label=label)
         panel.set(xlabel="frequency, Hz", title="" if len(runs) == 1 else axis)
     panels[0, 0].set(ylabel="um / sqrt(Hz)")
@@ -66,10 +62,11 @@ def headroom(runs: Sequence[RecordedRun]) -> Figure:
     figure, panels = drawing(rows=len(runs), height=2.6 if len(runs) == 1 else 4.4)
     for run, panel in zip(runs, panels[:, 0], strict=True):
         for place, axis in enumerate(run.axes):
-            left = run.voltage_left(axis)
-            if len(left):
-                where, low, _ = _envelope(run.t_s, left)
-                panel.plot(where, low, color=COLOURS[place], linewidth=0.8, label=axis)
+            cycles, low, _ = run.left.of(place)
+            if len(cycles):
+                panel.plot(
+                    (cycles - run.cell.first) * run.period_s, low, color=COLOURS[place], linewidth=0.8, label=axis
+                )
         panel.set(ylabel=_of_run("voltage left, V", runs, run), ylim=(0, None))
     _one_scale(panels[:, 0])
     panels[-1, 0].set(xlabel="time, s")
@@ -83,10 +80,9 @@ def loops(runs: Sequence[RecordedRun]) -> Figure:
     figure, panels = drawing(columns=len(axes))
     for place, (panel, axis) in enumerate(zip(panels[0], axes, strict=True)):
         for number, run in enumerate(runs):
-            voltage, strain = run.of_axis(axis, "voltage_V"), run.of_axis(axis, "strain_um")
-            step = max(1, len(voltage) // _LOOP_POINTS)
+            voltage, strain = run.axis[axis].loop.values
             colour = COLOURS[place if len(runs) == 1 else number]
-            panel.plot(voltage[::step], strain[::step], color=colour, linewidth=0.5, alpha=0.8, label=LETTERS[number])
+            panel.plot(voltage, strain, color=colour, linewidth=0.5, alpha=0.8, label=LETTERS[number])
         panel.set(title=axis, xlabel="voltage, V", ylabel="gauge, um" if place == 0 else "")
     if len(runs) > 1:
         _legend(panels[0, 0], "upper left")
@@ -120,11 +116,12 @@ def timing(runs: Sequence[RecordedRun]) -> Figure:
     for place, name in enumerate(names):
         panel = panels[0, 0 if len(runs) == 1 else place]
         for number, run in enumerate(runs):
-            values = np.sort(run.column(f"{name}_ns"))
-            rank = np.unique(len(values) - np.geomspace(1, len(values), 400).astype(int))
+            values, ranks = run.cell.timing[name].sorted()
+            count = int(ranks[-1])
+            rank = np.unique(count - np.geomspace(1, count, 400).astype(int))
             colour, label = (COLOURS[place], name) if len(runs) == 1 else (COLOURS[number], LETTERS[number])
-            shown = np.maximum(values[rank], 1) / 1e3
-            panel.loglog(shown, (len(values) - rank) / len(values), color=colour, label=label)
+            shown = np.maximum(values[np.searchsorted(ranks, rank, side="right")], 1) / 1e3
+            panel.loglog(shown, (count - rank) / count, color=colour, label=label)
         panel.set(xlabel="longer than, us" if len(runs) == 1 else f"{name} longer than, us")
     panels[0, 0].set(ylabel="share of cycles")
     _legend(panels[0, 0], "lower left")
@@ -152,21 +149,12 @@ def _one_scale(panels: Sequence[Any]) -> None:
 
 
 def _states(panel: Any, run: RecordedRun) -> None:
-    t_s, states = run.t_s, run.column("state")
-    changes = [0, *(np.flatnonzero(np.diff(states)) + 1).tolist(), len(states)]
-    for first, last in pairwise(changes):
-        colour = _STATE_COLOURS.get(STATE_NAMES[int(states[first])], GREY)
-        panel.axvspan(t_s[first], t_s[last - 1], ymax=0.03, color=colour, linewidth=0)
+    for first, last, state in run.cell.states:
+        colour = _STATE_COLOURS.get(STATE_NAMES[state], GREY)
+        panel.axvspan(run.at_s(first), run.at_s(last), ymax=0.03, color=colour, linewidth=0)
+    for gap in run.unread:
+        begin = run.cell.first if gap.first is None else gap.first
+        end = run.cell.last if gap.last is None else gap.last
+        panel.axvspan(run.at_s(begin), run.at_s(end), color=GREY, alpha=0.4, linewidth=0)
     for mark in run.telemetry.marks[1:]:
-        at = np.searchsorted(run.column("cycle"), mark["cycle"])
-        panel.axvline(t_s[min(int(at), len(t_s) - 1)], color=GREY, linestyle=":")
-
-
-def _envelope(t_s: Array, values: Array) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Time, least and greatest known value of each column of pixels."""
-    edges = np.unique(np.linspace(0, len(values), _COLUMNS + 1).astype(int))[:-1]
-    known = np.isfinite(values)
-    low = np.minimum.reduceat(np.where(known, values, np.inf), edges)
-    high = np.maximum.reduceat(np.where(known, values, -np.inf), edges)
-    some = low <= high
-    return t_s[edges][some], low[some], high[some]
+        panel.axvline(run.at_s(min(max(mark["cycle"], run.cell.first), run.cell.last)), color=GREY, linestyle=":")

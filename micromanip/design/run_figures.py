@@ -8,17 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
-from scipy.signal import spectrogram
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 
-from .run_columns import RecordedRun
+from .recorded_run import TIMING_PERCENT, AxisSums, RecordedRun
 from .run_confidence import FEWEST, Array, Mean, batch_mean, mean_square
-
-BANDS_Hz = ((0.0, 10.0), (10.0, 100.0), (100.0, 1000.0), (1000.0, 5000.0))
-_SPECTRUM_S = 1.0
+from .run_sums import Counts
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,10 @@ class Squares(NamedTuple):
 
 @dataclass(frozen=True)
 class RunFigures:
-    """A run: `tracking_s` of `seconds`, skipped and lost cycles, timing (ns) at p50, p99.9 and the maximum."""
+    """A run: `tracking_s` of `seconds`, skipped and lost cycles, timing (ns) at p50, p99.9 and the maximum.
+
+    `unread` are the times (from, to; s from the first row) in which the file is damaged; None at an end of the file.
+    """
 
     file: str
     seconds: float
@@ -55,6 +54,7 @@ class RunFigures:
     faults: tuple[str, ...]
     lateness_ns: tuple[int, ...]
     compute_ns: tuple[int, ...]
+    unread: tuple[tuple[float | None, float | None], ...]
     axes: Mapping[str, AxisFigures]
     squares: Mapping[str, Squares]
 
@@ -64,71 +64,56 @@ class RunFigures:
 
 
 def run_figures(run: RecordedRun) -> RunFigures:
-    """Figures of a whole recording. CheckFailed where it does not track, or is damaged."""
-    file, cycle, periods = run.telemetry.file, run.column("cycle"), run.column("periods")
-    if not len(cycle):
+    """Figures of a whole recording. CheckFailed where it does not track."""
+    file, cell = run.telemetry.file, run.cell
+    if not cell.rows:
         raise CheckFailed(f"{file}: there is no cycle in it")
     axes, judged = {}, {}
-    for name in run.axes:
-        error = run.error_um(name)
+    for name, sums in run.axis.items():
         try:
-            square = mean_square(error)
+            square = mean_square(sums.squares.means, sums.samples)
         except CheckFailed as problem:
             raise CheckFailed(f"{file}: axis {name}: {problem}") from problem
-        frequency, density = spectra(error, 1.0 / run.period_s)
-        judged[name] = Squares(square, _by_band(frequency, density))
-        axes[name] = _axis(run, name, error, frequency, density.mean(axis=1))
-    faults = np.unique(run.column("fault"))
+        power = sums.spectra.power
+        judged[name] = Squares(square, tuple(batch_mean(each) if len(each) >= FEWEST else None for each in power.T))
+        axes[name] = _axis(sums, power.mean(axis=0))
     return RunFigures(
         file=str(file),
-        seconds=float((cycle[-1] - cycle[0]) * run.period_s),
-        tracking_s=float(periods[run.tracks].sum() * run.period_s),
-        skipped=int((periods - 1).clip(0).sum()),
-        lost=int((np.diff(cycle) - periods[1:]).clip(0).sum()),
-        faults=tuple(KINDS[int(number)].code if int(number) in KINDS else str(number) for number in faults if number),
-        lateness_ns=_percentiles(run.column("lateness_ns")),
-        compute_ns=_percentiles(run.column("compute_ns")),
+        seconds=run.at_s(cell.last),
+        tracking_s=cell.tracking_cycles * run.period_s,
+        skipped=cell.skipped,
+        lost=cell.lost,
+        faults=tuple(
+            KINDS[number].code if number in KINDS else str(number) for number in sorted(cell.faults) if number
+        ),
+        lateness_ns=_timing(cell.timing["lateness"]),
+        compute_ns=_timing(cell.timing["compute"]),
+        unread=tuple(
+            (None if each.first is None else run.at_s(each.first), None if each.last is None else run.at_s(each.last))
+            for each in run.unread
+        ),
         axes=axes,
         squares=judged,
     )
 
 
-def spectra(error: Array, rate_Hz: float) -> tuple[Array, Array]:
-    """Frequency (f,) and power density (f, s) of segments of 1 s that overlap by a half: their mean is Welch's."""
-    segment = min(len(error), round(_SPECTRUM_S * rate_Hz))
-    frequency, _, density = spectrogram(error, rate_Hz, "hann", segment, segment // 2, detrend="constant")
-    return frequency, density
-
-
-def _by_band(frequency: Array, density: Array) -> tuple[Mean | None, ...]:
-    if density.shape[1] < FEWEST:
-        return (None,) * len(BANDS_Hz)
-    step = float(frequency[1])
-    return tuple(batch_mean(_inside(frequency, density, band).sum(axis=0) * step) for band in BANDS_Hz)
-
-
-def _inside(frequency: Array, density: Array, band: tuple[float, float]) -> Array:
-    return density[(frequency >= band[0]) & (frequency < band[1])]
-
-
-def _axis(run: RecordedRun, name: str, error: Array, frequency: Array, density: Array) -> AxisFigures:
+def _axis(sums: AxisSums, bands: Array) -> AxisFigures:
+    frequency, density = sums.spectra.frequency_Hz, sums.spectra.density
     step = float(frequency[1])
     at = 1 + int(np.argmax(density[1:]))
     near = float(np.sqrt(density[max(1, at - 2) : at + 3].sum() * step))  # a line of the Hann window is five wide
-    left = run.voltage_left(name)
-    left = left[run.tracks] if len(left) else left
     return AxisFigures(
-        rms_um=float(np.sqrt(np.mean(error**2))),
-        max_um=float(np.abs(error).max()),
-        headroom_V=float(left.min()) if len(left) else None,
-        bands_um=tuple(float(np.sqrt(_inside(frequency, density, band).sum() * step)) for band in BANDS_Hz),
+        rms_um=float(np.sqrt(sums.sum_of_squares / sums.samples)),
+        max_um=sums.greatest_um,
+        headroom_V=sums.least_left_V if np.isfinite(sums.least_left_V) else None,
+        bands_um=tuple(np.sqrt(bands).tolist()),
         peak_Hz=float(frequency[at]),
         peak_um=near,
     )
 
 
-def _percentiles(values: NDArray[Any]) -> tuple[int, ...]:
-    return tuple(int(value) for value in (*np.percentile(values, (50.0, 99.9)), values.max()))
+def _timing(counts: Counts) -> tuple[int, ...]:
+    return tuple(int(value) for value in counts.percentiles((*TIMING_PERCENT, 100.0)))
 
 
 def configuration_changes(first: str, second: str) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from . import run_drawings as drawn
 from .deconvolution import StepResponse
 from .page import page, section, table
-from .run_columns import RecordedRun
+from .recorded_run import RecordedRun
 from .run_figures import RunFigures
 from .run_steps import steps_part
 
@@ -19,6 +19,7 @@ ABOUT_HEADROOM = "To the nearer end of the range that the limiter keeps."
 ABOUT_LOOPS = "Gauge over voltage, as it was driven."
 ABOUT_SPECTRUM = "While tracking; Welch, Hann window, 1 s."
 ABOUT_TIMING = "Share of cycles that took longer."
+_MOST_TOLD = 5
 
 
 def run_report(run: RecordedRun, figures: RunFigures, steps: Mapping[str, StepResponse]) -> str:
@@ -46,7 +47,21 @@ def facts(run: RecordedRun, figures: RunFigures) -> str:
     return (
         f"{figures.seconds:.1f} s, of which {figures.tracking_s:.1f} s tracking; {figures.skipped} cycles skipped by "
         f"overruns, {figures.lost} lost by the recorder; faults: {', '.join(figures.faults) or 'none'}; {whole}."
+        + damage(run)
     )
+
+
+def damage(run: RecordedRun) -> str:
+    """Which seconds are missing because the file is damaged there, and why; empty where all of it could be read."""
+    if not run.unread:
+        return ""
+    told = [
+        f"from {'the beginning' if each.first is None else f'{run.at_s(each.first):.3f} s'} "
+        f"to {'the end' if each.last is None else f'{run.at_s(each.last + 1):.3f} s'}"
+        for each in run.unread[:_MOST_TOLD]
+    ]
+    more = f" and {len(run.unread) - _MOST_TOLD} more times" if len(run.unread) > _MOST_TOLD else ""
+    return f" The file is damaged {', '.join(told)}{more}: that is missing in all figures ({run.unread[0].why})."
 
 
 def _summary(run: RecordedRun, figures: RunFigures) -> str:

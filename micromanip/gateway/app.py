@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import tempfile
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,11 +56,12 @@ class Gateway:
         beside: Beside = contextlib.nullcontext,
         home: str = "cell.html",
         runs: Runs | None = None,
+        expiries: Callable[[], Mapping[str, float]] = dict,
     ) -> None:
         """`differs` says so where the controller runs another configuration than was expected, else None.
 
         What `beside` gives is entered as long as the pages are served; `home` is the page that the address alone shows.
-        Without `runs` there are none to be found.
+        Without `runs` there are none to be found; `expiries` are those of `Metrics`.
         """
         self._runs = runs
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
@@ -87,7 +88,7 @@ class Gateway:
         ]
         handlers: Any = {MicromanipError: _refused}
         self.guard = Guard(Starlette(routes=routes, lifespan=self._alive, exception_handlers=handlers), origins)
-        self._collected = Metrics(cell, lambda: self.guard.connections, lambda: self.guard.refused)
+        self._collected = Metrics(cell, lambda: self.guard.connections, lambda: self.guard.refused, expiries)
 
     @contextlib.asynccontextmanager
     async def _alive(self, _: Starlette) -> AsyncIterator[None]:

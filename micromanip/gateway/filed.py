@@ -37,10 +37,15 @@ class Filed:
         self.pieces = telemetry.pieces()
         if not self.pieces:
             raise CheckFailed(f"{telemetry.file}: there are no rows in it")
+        self._prefix = f"{telemetry.file}: "
         self._begin: dict[int, int] = {}
         self._known: OrderedDict[int, dict[str, NDArray[Any]]] = OrderedDict()
+        ends = (self._read(piece, ["cycle"])["cycle"] for piece in reversed(range(len(self.pieces))))
+        newest = next((cycle[-1] for cycle in ends if len(cycle)), None)
+        if newest is None:
+            raise CheckFailed(f"{telemetry.file}: it is damaged: none of its rows can be read")
+        self.newest = int(newest)
         self.oldest = self.oldest_full = self._first(0)
-        self.newest = int(self._read(len(self.pieces) - 1, ["cycle"])["cycle"][-1])
         self.count = int(telemetry.end.get("rows") or self.newest - self.oldest + 1)
         self.overview = open_overview(telemetry, fields, self.oldest, self.newest, len(self.pieces))
         self._remarks = [(int(m["cycle"]), "mark", f"{m['text']} ({m['by']})") for m in telemetry.marks]
@@ -49,7 +54,11 @@ class Filed:
     def marks(self) -> list[tuple[int, str, str]]:
         """Faults as far as they are known, and remarks: cycle, kind (``fault`` or ``mark``) and text."""
         faults = [(cycle, "fault", _named(number)) for cycle, number in self.overview.faults()]
-        return sorted(self._remarks + faults)[:_MOST_MARKS]
+        damage = [
+            (first, "damage", f"damaged: {last - first + 1} cycles can't be read ({why.removeprefix(self._prefix)})")
+            for first, last, why in self.overview.damage()
+        ]
+        return sorted(self._remarks + faults + damage)[:_MOST_MARKS]
 
     def index(self, names: Sequence[str]) -> list[int]:
         """Columns of these fields; KeyError where one is unknown."""
@@ -73,6 +82,13 @@ class Filed:
     def window(self, columns: Sequence[int], first: int, last: int, points: int) -> Window:
         """From cycle `first` to `last` in at most about `points` points; NaN where the overview has nothing yet."""
         self.overview.wanted[:] = first, last
+        shown = self._window(columns, first, last, points)
+        for begin, _, _ in self.overview.damage():
+            if first <= begin <= last:
+                shown = _parted(shown, begin)
+        return shown
+
+    def _window(self, columns: Sequence[int], first: int, last: int, points: int) -> Window:
         if last - first < _ROWS_READ:
             cycles, values = self.whole(columns, first, last)
             missing = int(cycles[-1] - cycles[0]) + 1 - len(cycles) if len(cycles) else 0
@@ -103,16 +119,20 @@ class Filed:
         return low
 
     def _first(self, piece: int) -> int:
-        """First cycle of a piece, which is read for it once."""
+        """First cycle of a piece, which is read for it once; of one that can't be read, that of the next."""
         if piece not in self._begin:
-            self._begin[piece] = int(self._read(piece, ["cycle"])["cycle"][0])
+            cycles = (self._read(later, ["cycle"])["cycle"] for later in range(piece, len(self.pieces)))
+            self._begin[piece] = next((int(cycle[0]) for cycle in cycles if len(cycle)), self.newest + 1)
         return self._begin[piece]
 
     def _read(self, piece: int, paths: Sequence[str]) -> dict[str, NDArray[Any]]:
         known = self._known.setdefault(piece, {})
         self._known.move_to_end(piece)
         if missing := [path for path in paths if path not in known]:
-            known.update(self.pieces[piece](missing))
+            try:
+                known.update(self.pieces[piece](missing))
+            except CheckFailed:  # the overview says so, and where
+                known.update({path: np.empty(0, np.int64) for path in missing})
         if len(self._known) > _KEPT:
             self._known.popitem(last=False)
         return known
@@ -127,6 +147,13 @@ def _points(cycles: Cycles, low: Values, high: Values, per: int, points: int, mi
         cycles = cycles[begins]
         low, high = np.fmin.reduceat(low, begins, axis=1), np.fmax.reduceat(high, begins, axis=1)
     return Window(cycles, low, high, per * step, missing)
+
+
+def _parted(window: Window, cycle: int) -> Window:
+    """With a point at `cycle` where nothing is known: no line goes over it."""
+    at = int(np.searchsorted(window.cycles, cycle))
+    low, high = (np.insert(each, at, np.nan, axis=1) for each in (window.low, window.high))
+    return Window(np.insert(window.cycles, at, cycle), low, high, window.rows, window.missing)
 
 
 def _named(fault: int) -> str:

@@ -35,9 +35,16 @@ class Metrics:
 
     media_type = CONTENT_TYPE_PLAIN_0_0_4
 
-    def __init__(self, cell: Cell, connections: Callable[[], int], refused: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        connections: Callable[[], int],
+        refused: Callable[[], int],
+        expiries: Callable[[], Mapping[str, float]] = dict,
+    ) -> None:
+        """`expiries` has the Unix times at which certificates in use expire, by the names of their files."""
         self._registry = CollectorRegistry()
-        self._registry.register(_Collector(cell, connections, refused))
+        self._registry.register(_Collector(cell, connections, refused, expiries))
         ProcessCollector(registry=self._registry)
         GCCollector(registry=self._registry)
 
@@ -47,8 +54,14 @@ class Metrics:
 
 
 class _Collector(Collector):
-    def __init__(self, cell: Cell, connections: Callable[[], int], refused: Callable[[], int]) -> None:
-        self._cell, self._connections, self._refused = cell, connections, refused
+    def __init__(
+        self,
+        cell: Cell,
+        connections: Callable[[], int],
+        refused: Callable[[], int],
+        expiries: Callable[[], Mapping[str, float]],
+    ) -> None:
+        self._cell, self._connections, self._refused, self._expiries = cell, connections, refused, expiries
 
     def describe(self) -> Iterable[Metric]:
         """Nothing is known before the first fetch."""
@@ -60,6 +73,9 @@ class _Collector(Collector):
         yield _gauge("up", "1 while the controller answers, else 0.", status is not None)
         yield _gauge("gateway_connections", "Connections of clients to the gateway.", self._connections())
         yield _counter("gateway_refused", "Connections that the gateway has refused.", self._refused())
+        if expiries := {(name,): seconds for name, seconds in self._expiries().items()}:
+            what = "When a certificate in use expires, Unix time."
+            yield _labelled("gateway_certificate_expiry_timestamp_seconds", what, ["certificate"], expiries)
         if source is not None:
             yield _counter("gateway_rows_seen", "Rows of telemetry that the gateway has read.", source.history.count)
             yield _counter("gateway_rows_lost", "Rows overwritten before the gateway read them.", source.reader.lost)

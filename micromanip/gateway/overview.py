@@ -29,7 +29,7 @@ _FINE, _STEP = 32, 32
 """Cycles in a block of the fine level; blocks of it in one of the coarse level."""
 _MOST_BYTES, _KEPT_BYTES = 1_000_000_000, 5_000_000_000
 """Of one overview, with longer blocks for a longer recording; of all that are kept."""
-_LAYOUT = 1
+_LAYOUT = 2
 
 
 class Level:
@@ -94,6 +94,20 @@ class Overview:
         """A fault that begins at this cycle."""
         with (self.folder / "faults").open("a") as faults:
             faults.write(f"{cycle} {number}\n")
+
+    def damage(self) -> list[tuple[int, int, str]]:
+        """First and last cycle of each piece that can't be read, as far as was found so far, and why."""
+        try:
+            lines = (self.folder / "damage").read_text().splitlines()
+        except FileNotFoundError:
+            return []
+        found = (line.split(" ", 2) for line in lines)
+        return sorted({(int(first), int(last), why) for first, last, why in found})
+
+    def note_damage(self, first: int, last: int, why: str) -> None:
+        """Cycles that the file has, and nobody can read."""
+        with (self.folder / "damage").open("a") as damage:
+            damage.write(f"{first} {last} {why.splitlines()[0]}\n")
 
     def alone(self) -> Any | None:
         """What keeps others from filling it, as long as it is held; None where somebody does."""

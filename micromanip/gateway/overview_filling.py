@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from micromanip.errors import MicromanipError
+from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.recordings import open_telemetry
 from micromanip.recordings.telemetry import Piece
 from micromanip.rt.states import NO_FAULT
@@ -25,23 +25,52 @@ from .overview import Overview, reopened
 def fill(
     pieces: Sequence[Piece], shown: Sequence[Field], overview: Overview, goes_on: Callable[[], bool] = lambda: True
 ) -> None:
-    """Every piece that is not in the overview yet, as long as `goes_on`. CheckFailed where the file is damaged."""
+    """Every piece that is not in the overview yet, as long as `goes_on`; one that can't be read is noted there."""
     paths = list(dict.fromkeys(["cycle", "fault", *(field.path for field in shown)]))
     first, span = overview.about["first"], overview.about["last"] - overview.about["first"] + 1
     for number in _in_turn(overview, len(pieces), first, span):
         if not goes_on():
             return
-        columns = pieces[number](paths)
+        try:
+            columns = pieces[number](paths)
+        except CheckFailed as problem:
+            _note_damage(pieces, number, overview, str(problem))
+            overview.done[number] = 1
+            continue
+        if not len(columns["cycle"]):
+            overview.done[number] = 1
+            continue
         values = np.array([field.shown(columns[field.path]) for field in shown], np.float32)
         for level in overview.levels:
             level.add(columns["cycle"], values)
         faults = columns["fault"]
         if faults.any():
             follows = number > 0 and faults[0] != NO_FAULT
-            before = int(pieces[number - 1](["fault"])["fault"][-1]) if follows else NO_FAULT
+            before = (_edge(pieces, number - 1, "fault", -1) if follows else None) or NO_FAULT
             for k in np.flatnonzero((np.diff(faults, prepend=before) != 0) & (faults != NO_FAULT)):
                 overview.note_fault(int(columns["cycle"][k]), int(faults[k]))
         overview.done[number] = 1
+
+
+def _note_damage(pieces: Sequence[Piece], number: int, overview: Overview, why: str) -> None:
+    """The cycles between the pieces beside it; those of neighbours that are damaged as well are noted with them."""
+    last = next(
+        (found for k in range(number - 1, -1, -1) if (found := _edge(pieces, k, "cycle", -1)) is not None), None
+    )
+    first = next(
+        (found for k in range(number + 1, len(pieces)) if (found := _edge(pieces, k, "cycle", 0)) is not None), None
+    )
+    begin = overview.about["first"] if last is None else last + 1
+    overview.note_damage(begin, overview.about["last"] if first is None else first - 1, why)
+
+
+def _edge(pieces: Sequence[Piece], number: int, path: str, place: int) -> int | None:
+    """The first or last value of a column of a piece; None where there is none to be read."""
+    try:
+        values = pieces[number]([path])[path]
+    except CheckFailed:
+        return None
+    return int(values[place]) if len(values) else None
 
 
 def _in_turn(overview: Overview, count: int, first: int, span: int) -> Iterator[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import hashlib
 import socket
@@ -19,7 +20,7 @@ from micromanip.extras import required
 from .addresses import is_local, listening, parsed_address, shown
 from .app import Gateway
 from .cell import Cell
-from .certificates import checked, ends_soon, is_for, names
+from .certificates import InUse, checked, ends_soon, is_for, names
 from .fields import fields
 from .guard import Origins
 from .history import History
@@ -68,7 +69,8 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     host, port = parsed_address(options.listen, "--listen")
     origins = _origins(options, host)
     tokens, is_new = of_file(options.tokens)
-    called = _check_certificate(options, host, say)
+    in_use = InUse(say)
+    called = _check_certificate(options, host, in_use, say)
     cell = Cell(options.control)
 
     def differs() -> str | None:
@@ -80,19 +82,20 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
             "configuration, or values that were changed (`micromanip diff`)."
         )
 
-    opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, say)
+    opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, in_use, say)
     sparkplug = None if options.sparkplug is None else _sparkplug(options.sparkplug, cell, say)
 
     @contextlib.asynccontextmanager
     async def beside() -> AsyncIterator[None]:
         async with contextlib.AsyncExitStack() as stack:
+            stack.callback(asyncio.create_task(in_use.follow()).cancel)
             for other in (opcua, sparkplug):
                 if other is not None:
                     await stack.enter_async_context(other.serving())
             yield
 
     runs = None if options.state is None else Runs(options.state, options.runs)
-    gateway = Gateway(cell, tokens, origins, differs, beside, runs=runs)
+    gateway = Gateway(cell, tokens, origins, differs, beside, runs=runs, expiries=in_use.expiries)
     with listening(host, port, "--listen") as socket_:
         address = options.behind_proxy or f"{origins.scheme}://{shown(called, socket_.getsockname()[1])}"
         if is_new:
@@ -126,17 +129,18 @@ def run(gateway: Gateway, socket_: socket.socket, certificate: Path | None = Non
         uvicorn.Server(config).run([socket_])
 
 
-def _opcua(listen: str, folder: Path, cell: Cell, say: Callable[[str], None]) -> OpcUa:
+def _opcua(listen: str, folder: Path, cell: Cell, in_use: InUse, say: Callable[[str], None]) -> OpcUa:
     with required("--opcua", "opcua"):
         from .opcua.service import OpcUa
     host, port = parsed_address(listen, "--opcua")
     with listening(host, port, "--opcua"):
         pass  # it is free: asyncua would end the gateway with a traceback
     made = OpcUa(cell, host, port, folder, is_local=is_local(host))
-    if made.is_new:
+    if made.own.is_new:
         say(f"made a certificate for OPC UA in {folder}; put those of clients into operate/ or observe/ there")
-    if made.warning is not None:
-        say(made.warning)
+    if made.own.warning is not None:
+        say(made.own.warning)
+    in_use.add(made.own.certificate, made.own.shown)
     return made
 
 
@@ -174,7 +178,7 @@ def _origins(options: Options, host: str) -> Origins:
     return Origins()
 
 
-def _check_certificate(options: Options, host: str, say: Callable[[str], None]) -> str:
+def _check_certificate(options: Options, host: str, in_use: InUse, say: Callable[[str], None]) -> str:
     """The host that the address is told with; what will keep browsers away is said.
 
     Raises ConfigError or PermissionDenied where certificate and key can't be used.
@@ -182,6 +186,7 @@ def _check_certificate(options: Options, host: str, say: Callable[[str], None]) 
     if options.certificate is None or options.key is None:
         return host
     found = checked(options.certificate, options.key)
+    in_use.add(options.certificate, found)
     if (soon := ends_soon(found)) is not None:
         say(f"{options.certificate} {soon}; browsers and scrapers will refuse it then")
     named = names(found)

@@ -11,7 +11,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -28,7 +28,7 @@ from .telemetry import Piece, Rows, Telemetry
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
-_METADATA, _ATTACHMENT, _CHUNK, _DATA_END, _MESSAGE = 0x0C, 0x09, 0x06, 0x0F, 0x05
+_METADATA, _ATTACHMENT, _CHUNK, _DATA_END, _MESSAGE, _CHANNEL = 0x0C, 0x09, 0x06, 0x0F, 0x05, 0x04
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Number of the channel, sequence, and two times, before what a message holds."""
 _SHORT_CHUNK = 4096
@@ -61,7 +61,7 @@ def open_mcap(file: Path) -> Telemetry:
                 record = _parsed(file, "Attachment", stream.read(length))
                 attachments[record.name] = record.data
             elif codec is None or length < _SHORT_CHUNK:  # a remark has a chunk of its own
-                for record in _chunk(file, stream.read(length)):
+                for record in _chunk(file, stream.read(length), sure=codec is None):
                     if getattr(record, "encoding", None) == layout.BLOCKS_ENCODING:
                         codec = _described(file, record.data)
                     elif hasattr(record, "topic"):
@@ -69,6 +69,8 @@ def open_mcap(file: Path) -> Telemetry:
                     elif topics.get(getattr(record, "channel_id", 0)) == layout.MARKS_TOPIC:
                         marks.append(json.loads(record.data))
     if codec is None or layout.ABOUT not in metadata:
+        if _begins_without_chunks(file):
+            raise CheckFailed(f"{file}: its messages are in no chunks; `mcap compress` writes a copy that can be read")
         raise CheckFailed(f"{file}: an MCAP file without telemetry of ours, topic {layout.BLOCKS_TOPIC}")
     about, end = metadata[layout.ABOUT], metadata.get(layout.END, {})
     try:
@@ -83,11 +85,11 @@ def open_mcap(file: Path) -> Telemetry:
             parts=partial(_parts, file, codec),
             rows=partial(_rows, file, codec),
             pieces=partial(_pieces, file, codec),
-            state=_array(attachments.get(layout.STATE)),
-            parameters=[_sure(data) for name, data in attachments.items() if name.startswith("parameters-")],
-            states=[_sure(data) for name, data in attachments.items() if name.startswith(layout.STATES)],
+            state=_array(file, attachments, layout.STATE),
+            parameters=[_sure(file, *each) for each in attachments.items() if each[0].startswith("parameters-")],
+            states=[_sure(file, *each) for each in attachments.items() if each[0].startswith(layout.STATES)],
             marks=marks,
-            samples=_array(attachments.get(layout.SAMPLES)),
+            samples=_array(file, attachments, layout.SAMPLES),
             sources=about.get("sources", ""),
         )
     except (KeyError, ValueError) as problem:
@@ -98,12 +100,15 @@ def _value(text: str) -> Any:
     return int(text) if text.isdigit() else text == "true" if text in ("true", "false") else text
 
 
-def _array(data: bytes | None) -> NDArray[Any] | None:
-    return None if data is None else _sure(data)
+def _array(file: Path, attachments: Mapping[str, bytes], name: str) -> NDArray[Any] | None:
+    return _sure(file, name, attachments[name]) if name in attachments else None
 
 
-def _sure(data: bytes) -> NDArray[Any]:
-    found: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
+def _sure(file: Path, name: str, data: bytes) -> NDArray[Any]:
+    try:
+        found: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, OSError, EOFError) as problem:  # NumPy's words have all of a record in them
+        raise CheckFailed(f"{file}: {_WHY} (its attachment {name} can't be read)") from problem
     return found
 
 
@@ -149,9 +154,9 @@ def _pieces(file: Path, codec: BlockCodec) -> list[Piece]:
                 continue
             at = stream.tell()
             if channel is None or length < _SHORT_CHUNK:
-                records = _chunk(file, stream.read(length))
+                records = _chunk(file, stream.read(length), sure=channel is None)
                 channel = next((r.id for r in records if getattr(r, "topic", "") == layout.BLOCKS_TOPIC), channel)
-                if channel is None or not _on_channel(records, channel):
+                if channel is None or (records and not _on_channel(records, channel)):
                     continue
             found.append(partial(_piece, file, codec, at, length, channel))
     return found
@@ -165,9 +170,10 @@ def _piece(
         content = stream.read(length)
     try:
         blocks = [codec.decode(data, paths) for data in _messages(file, content, channel)]
-        return {path: np.concatenate([block[path] for block in blocks]) for path in paths}
+        none = [np.empty(0, np.int64)] if not blocks else []  # another program puts chunks without rows between ours
+        return {path: np.concatenate(none or [block[path] for block in blocks]) for path in paths}
     except (ValueError, struct.error) as problem:
-        raise CheckFailed(f"{file}: it has changed since it was opened ({problem})") from problem
+        raise CheckFailed(f"{file}: it is damaged here, or has changed since it was opened ({problem})") from problem
 
 
 def _messages(file: Path, content: bytes, channel: int) -> Iterator[bytes]:
@@ -226,6 +232,18 @@ def _places(stream: IO[bytes]) -> Iterator[tuple[int, int]]:
             yield opcode, length
 
 
+def _begins_without_chunks(file: Path) -> bool:
+    """Whether a channel comes before any chunk."""
+    with file.open("rb") as stream:
+        stream.seek(len(MAGIC))
+        while len(head := stream.read(_RECORD.size)) == _RECORD.size:
+            opcode, length = _RECORD.unpack(head)
+            if opcode in (_CHUNK, _CHANNEL, _DATA_END):
+                return bool(opcode == _CHANNEL)
+            stream.seek(length, os.SEEK_CUR)
+    return False
+
+
 def _index(stream: IO[bytes], size: int) -> list[tuple[int, int, int]]:
     """Place, kind and length of the same, by the index at the end of a file that was ended in order; else nothing."""
     if size < len(MAGIC) + _FOOTER.size:
@@ -260,14 +278,15 @@ def _parsed(file: Path, kind: str, content: bytes) -> Any:
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
 
 
-def _chunk(file: Path, content: bytes) -> list[Any]:
-    """The records in a chunk; its checksum is looked at."""
+def _chunk(file: Path, content: bytes, *, sure: bool = True) -> list[Any]:
+    """The records in a chunk; its checksum is looked at. None of a damaged one that is not `sure` to be needed."""
     from mcap.stream_reader import breakup_chunk
 
-    chunk = _parsed(file, "Chunk", content)
     try:
-        return list(breakup_chunk(chunk, validate_crc=True))
+        return list(breakup_chunk(_parsed(file, "Chunk", content), validate_crc=True))
     except Exception as problem:  # whatever the decompressors raise
+        if not sure:
+            return []
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+
+import numpy as np
 
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
@@ -22,8 +25,14 @@ class VirtualExperiment:
     Raises CheckFailed where the cell does not come to TRACKING, or a fault ends the experiment.
     """
 
-    def __init__(self, prepared: Prepared, *, process: bool = False) -> None:
-        """`process` keeps the machining force, which an experiment is normally free of."""
+    def __init__(
+        self, prepared: Prepared, *, process: bool = False, say: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """`process` keeps the machining force, which an experiment is normally free of.
+
+        `say` hears of each second that begins, as "second 3 of 13".
+        """
+        self._say = say
         drivers = prepared.wiring.drivers
         kept = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
         self._wiring = replace(prepared.wiring, drivers=kept)
@@ -38,9 +47,14 @@ class VirtualExperiment:
         except CheckFailed:
             self.require_no_fault(cell)
             raise
-        rows = cell.run(seconds, every)
+        period_s = configuration.loop.period_ns * 1e-9
+        cycles, part = round(seconds / period_s), max(1, round(1.0 / period_s) // every) * every
+        rows = []
+        for begin in range(0, max(cycles, 1), part):
+            self._say(f"second {begin // part + 1} of {-(-cycles // part)}")
+            rows.append(cell.run(min(part, cycles - begin) * period_s, every))
         self.require_no_fault(cell)
-        return at_own_time(rows, configuration, self._wiring)
+        return at_own_time(np.concatenate(rows), configuration, self._wiring)
 
     def require_no_fault(self, cell: VirtualCell) -> None:
         """Raise CheckFailed where `cell` has a fault latched."""

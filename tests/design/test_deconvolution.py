@@ -8,8 +8,8 @@ import pytest
 from replay.recorded import recording
 from scipy.signal import butter, dlsim, lfilter, sosfiltfilt
 
-from micromanip.design.deconvolution import SHOWN_S, _pieces, step_response, step_response_of
-from micromanip.design.run_columns import RecordedRun
+from micromanip.design.deconvolution import SHOWN_S, StepSpectra, _stretches, step_response
+from micromanip.design.recorded_run import RecordedRun
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
 from micromanip.rt.records import CELL_PARAMETERS
@@ -103,6 +103,18 @@ def test_pieces_are_not_run_together():
     assert np.abs(found.response - closed_form(found.t_s)).max() < 0.02
 
 
+def test_a_run_that_is_read_in_parts_answers_as_at_once():
+    u, y = ordinary(1, 20.0, 0.02)
+    at_once, in_parts, cycles = step_response([(u, y)], RATE_HZ), StepSpectra(RATE_HZ), np.arange(len(u))
+    for first in range(0, len(u), 7_777):
+        part = slice(first, first + 7_777)
+        in_parts.add(cycles[part], u[part], y[part])
+    found = in_parts.response()
+    np.testing.assert_allclose(found.response, at_once.response, atol=1e-9)
+    assert found.rise_ms == pytest.approx(at_once.rise_ms, rel=1e-6)
+    assert found.overshoot_percent == pytest.approx(at_once.overshoot_percent, rel=1e-6)
+
+
 def with_a_step(folder, step_um):
     """Set-point and gauge of axis x (um) under strain control: a step of the set-point, with the noise of that seed."""
     source = "reference: {source: step, offset_um: 60.0, step_um: STEP, start_s: 0.1}\n\n".replace("STEP", str(step_um))
@@ -121,7 +133,7 @@ def test_the_simulated_cell_answers_a_true_step_as_was_read_off_its_running(tmp_
     prepared = prepare(CONFIG)
     cell = VirtualCell(prepared.parameters.copy(), prepared.wiring)
     rows = np.concatenate([cell.arm(), cell.run(10.0)])
-    found = step_response_of(RecordedRun(recording(tmp_path / "run.mcap", prepared, rows)), "x")
+    found = RecordedRun(recording(tmp_path / "run.mcap", prepared, rows)).axis["x"].steps.response()
     assert found.problem is None
     (setpoint, stepped), (_, still) = (with_a_step(tmp_path, step_um) for step_um in (1.5, 0.0))
     at = int(np.flatnonzero(np.diff(setpoint) > 1.0)[0]) + 1 - int(np.searchsorted(found.t_s, 0.0))
@@ -148,9 +160,8 @@ def test_a_skipped_cycle_is_bridged_and_a_longer_gap_parts_the_run(tmp_path):
     )
     written.append(rows[kept], np.zeros(1, CELL_PARAMETERS))
     written.close()
-    run = RecordedRun(open_telemetry(file))
-    pieces = list(_pieces(run, run.of_axis("x", "setpoint_um"), run.of_axis("x", "strain_um")))
-    assert [len(each) for each, _ in pieces] == [100_000, 99_900]
-    assert pieces[0][0][777] == pytest.approx((u[776] + u[778]) / 2)
-    found = step_response_of(run, "x")
+    pieces = list(_stretches(np.flatnonzero(kept), u[kept], y[kept]))
+    assert [len(each) for each, *_ in pieces] == [100_000, 99_900]
+    assert pieces[0][1][777] == pytest.approx((u[776] + u[778]) / 2)
+    found = RecordedRun(open_telemetry(file)).axis["x"].steps.response()
     assert np.abs(found.response - closed_form(found.t_s)).max() < 0.02

@@ -8,13 +8,18 @@ import pytest
 from cli.command import code_of
 from host.test_mcap_recording import CONFIGURATION as CONFIGURATION_IN_FILE
 from host.test_mcap_recording import begun, slots, some_rows
-from scipy.signal import lfilter
+from hypothesis import given
+from hypothesis import strategies as st
+from recordings.damaged import damage
+from scipy.signal import lfilter, welch
 
-from micromanip.design.run_columns import RecordedRun
-from micromanip.design.run_comparison import TOO_SHORT, _sections
+from micromanip.design import run_confidence
+from micromanip.design.recorded_run import RecordedRun
+from micromanip.design.run_comparison import TOO_SHORT, by_section
 from micromanip.design.run_comparison_page import _parameters
-from micromanip.design.run_confidence import difference, mean_square
+from micromanip.design.run_confidence import difference
 from micromanip.design.run_figures import configuration_changes, run_figures
+from micromanip.design.run_sums import BlockMeans, Counts, Envelope, Picked, Sections, Spectra
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.recordings import open_telemetry
@@ -25,6 +30,10 @@ def correlated(count, memory, seed):
     """A first-order process with unit variance; `memory` is the correlation of neighbours."""
     noise = np.random.default_rng(seed).standard_normal(count + 5000)
     return lfilter([np.sqrt(1 - memory**2)], [1, -memory], noise)[5000:]
+
+
+def mean_square(x):
+    return run_confidence.mean_square(x * x, len(x))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99, 0.998])
@@ -79,7 +88,8 @@ def recording(file, amplitude=1.0, tracking=slice(None), fault=0, marks=()):
     sets = slots(1)
     sets["axis"]["limiter"]["low_V"], sets["axis"]["limiter"]["high_V"] = -20, 100
     written = begun(file)
-    written.append(rows, sets)
+    for part in np.array_split(rows, 40):
+        written.append(part, sets)
     for mark in marks:
         written.mark(mark, 5000, "alice", 5000 * 100_000)
     written.close()
@@ -213,10 +223,10 @@ def test_parameters_with_what_they_mean(tmp_path):
 def test_a_greatest_value_is_judged_by_sections():
     """A single peak in one of ten sections is no difference; a level that is higher throughout is one."""
     noise = np.random.default_rng(3).standard_normal((2, 100_000))
-    sections = [10_000, 10_000]
 
     def verdict(*values):
-        return _sections("x", "greatest", "um", list(values), sections, np.max).verdict
+        series = [each.reshape(-1, 10_000).max(axis=1) for each in values]
+        return by_section("x", "greatest", "um", series, [each.max() for each in values]).verdict
 
     assert verdict(*noise) == "no difference shown"
     peak = noise[1].copy()
@@ -224,3 +234,70 @@ def test_a_greatest_value_is_judged_by_sections():
     assert verdict(noise[0], peak) == "no difference shown"
     assert verdict(noise[0], noise[1] + 2.0) == "higher"
     assert verdict(noise[0][:70_000], noise[1]) == TOO_SHORT
+
+
+def in_parts(values, lengths, axis=-1):
+    """`values` cut into parts of these lengths, over and over."""
+    edges = np.cumsum(np.resize(lengths, 1 + values.shape[axis]))
+    return np.split(values, edges[edges < values.shape[axis]], axis=axis)
+
+
+@given(st.lists(st.integers(1, 700), min_size=1, max_size=5), st.integers(1, 3000))
+def test_what_is_read_in_parts_is_what_it_would_be_at_once(lengths, count):
+    values = np.random.default_rng(count).normal(size=count)
+    means, counts, sections = BlockMeans(most=100), Counts(), Sections(30, lambda part: part.max(axis=1))
+    envelope, picked, cycles = Envelope(1, columns=50), Picked(1, most=64), np.arange(count) + 7
+    for part, at in zip(in_parts(values, lengths), in_parts(cycles, lengths), strict=True):
+        means.add(part)
+        counts.add(np.round(1e6 * part).astype(np.int64))
+        sections.add(part)
+        envelope.add(at, part[None])
+        picked.add(part[None])
+    whole = len(means.means) * means.per
+    assert count - whole < means.per
+    assert len(means.means) <= 100
+    np.testing.assert_allclose(means.means, values[:whole].reshape(-1, means.per).mean(axis=1), atol=1e-12)
+    expected = np.percentile(np.round(1e6 * values), (0.0, 50.0, 99.9, 100.0))
+    np.testing.assert_allclose(counts.percentiles((0.0, 50.0, 99.9, 100.0)), expected, atol=1e-6)
+    np.testing.assert_array_equal(sections.found, values[: count // 30 * 30].reshape(-1, 30).max(axis=1))
+    begins, low, high = envelope.of(0)
+    assert len(begins) <= 100
+    np.testing.assert_array_equal(low, np.minimum.reduceat(values, begins - 7))
+    np.testing.assert_array_equal(high, np.maximum.reduceat(values, begins - 7))
+    every = max(1, -(-count // len(picked.values[0])))
+    np.testing.assert_array_equal(picked.values[0], values[:: 1 << (every - 1).bit_length()])
+
+
+@given(st.lists(st.integers(1, 900), min_size=1, max_size=5), st.integers(2, 2500))
+def test_the_spectrum_in_parts_is_welchs(lengths, count):
+    values = np.random.default_rng(count).normal(size=count)
+    found = Spectra(400.0, [(0.0, 50.0), (50.0, 201.0)])
+    for part in in_parts(values, lengths):
+        found.add(part)
+    found.end()
+    segment = min(400, count)
+    frequency, density = welch(values, 400.0, "hann", segment, segment // 2, detrend="constant")
+    np.testing.assert_allclose(found.density, density, rtol=1e-9)
+    assert found.power.sum(axis=1).mean() == pytest.approx(density.sum() * frequency[1], rel=1e-9)
+
+
+def test_a_damaged_piece_is_told_and_the_rest_is_read(tmp_path, capsys):
+    file = recording(tmp_path / "run.mcap")
+    whole = run_figures(RecordedRun(open_telemetry(file)))
+    damage(file, 0.5)
+    run = RecordedRun(open_telemetry(file))
+    (gap,) = run.unread
+    assert 5_000 < gap.first < 15_000
+    assert 0 < gap.cycles <= 1000
+    assert run.axis["x"].samples == 20_000 - gap.cycles
+    found = run_figures(run)
+    assert (found.lost, whole.unread) == (0, ())
+    assert found.axes["x"].rms_um == pytest.approx(whole.axes["x"].rms_um, rel=1e-2)
+    assert code_of("report", file, "--json") == 0
+    printed = capsys.readouterr()
+    begin_s, end_s = run.at_s(gap.first), run.at_s(gap.last)
+    assert end_s - begin_s == pytest.approx((gap.cycles - 1) * 1e-4)
+    seconds = f"from {begin_s:.3f} s to {end_s + 1e-4:.3f} s"
+    assert f"warning: The file is damaged {seconds}: that is missing" in printed.err
+    assert json.loads(printed.out)["run"]["unread"] == [[begin_s, end_s]]
+    assert f"The file is damaged {seconds}" in (tmp_path / "run.html").read_text()

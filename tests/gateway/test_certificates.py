@@ -1,6 +1,9 @@
 """Certificates that browsers and clients would not believe: told at the start, with what is wrong."""
 
+import asyncio
 import ipaddress
+import re
+import time
 
 import pytest
 
@@ -9,10 +12,13 @@ pytest.importorskip("uvicorn", reason="the extra gateway is not installed")
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
+from prometheus_client.parser import text_string_to_metric_families
 
 from micromanip.errors import ConfigError, PermissionDenied
-from micromanip.gateway import serving
-from micromanip.gateway.certificates import checked, is_for
+from micromanip.gateway import certificates, serving
+from micromanip.gateway.cell import Cell
+from micromanip.gateway.certificates import InUse, checked, is_for
+from micromanip.gateway.metrics import Metrics
 from micromanip.gateway.opcua.people import prepared_folder
 
 from .certificates import LOCAL, certificate
@@ -123,3 +129,37 @@ def test_a_name_is_matched_as_browsers_do(tmp_path, name, host, fits):
         alternative = x509.DNSName(name)
     public, _ = made(tmp_path, names=(alternative,))
     assert is_for(x509.load_pem_x509_certificate(public.read_bytes()), host) is fits
+
+
+def test_what_expires_while_it_is_served_is_told_again_and_in_the_metrics(tmp_path):
+    said, public = [], {name: made(tmp_path, name, days)[0] for name, days in (("old", (-9, -1)), ("soon", (-9, 20)))}
+    good = made(tmp_path, "good")[0]
+    used = InUse(said.append)
+    for file in (*public.values(), good):
+        used.add(file, x509.load_pem_x509_certificate(file.read_bytes()))
+    used.look()
+    assert [re.sub(r"\d{4}-\d\d-\d\d", "DAY", line).partition(";")[0] for line in said] == [
+        f"WARNING: {public['old']} expired on DAY",
+        f"WARNING: {public['soon']} expires on DAY, in 19 days",
+    ]
+    text = Metrics(Cell(tmp_path / "control.sock"), int, int, used.expiries).text().decode()
+    (family,) = [each for each in text_string_to_metric_families(text) if "certificate" in each.name]
+    found = {sample.labels["certificate"]: sample.value for sample in family.samples}
+    assert set(found) == {str(each) for each in (*public.values(), good)}
+    assert found[str(public["soon"])] == pytest.approx(time.time() + 20 * 86_400, abs=600)
+
+
+def test_it_is_looked_at_again_without_a_new_start(tmp_path, monkeypatch):
+    monkeypatch.setattr(certificates, "_AGAIN_S", 0.0)
+
+    async def watched():
+        said = asyncio.Queue()
+        used = InUse(said.put_nowait)
+        file = made(tmp_path, days=(-9, -1))[0]
+        used.add(file, x509.load_pem_x509_certificate(file.read_bytes()))
+        following = asyncio.create_task(used.follow())
+        lines = [await asyncio.wait_for(said.get(), 10.0) for _ in range(2)]
+        following.cancel()
+        return lines
+
+    assert all("expired on" in line for line in asyncio.run(watched()))

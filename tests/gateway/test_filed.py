@@ -1,9 +1,11 @@
 """A recording as the scope's past against all of its rows: no peak is lost, faults and remarks are found."""
 
 import os
+import re
 
 import numpy as np
 import pytest
+from recordings.damaged import damage
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 from micromanip.gateway.overview_filling import fill, halving
@@ -149,6 +151,25 @@ def test_an_overview_that_is_half_made_shows_what_is_there_and_the_rest_as_unkno
     whole = again.history.window(again.history.index(NAMES[:1]), 100, 100 + 20_000, 500)
     assert np.nanmax(whole.high) == np.float32(strain.max())
     assert whole.missing == 50
+
+
+@pytest.mark.parametrize("place", [0.3, 0.7])
+def test_a_damaged_piece_is_left_blank_and_said(tmp_path, place):
+    file, every = written(tmp_path / "run.mcap"), made()
+    damage(file, place)
+    source = opened(file)
+    fill(open_telemetry(file).pieces(), source.fields, source.history.overview)
+    assert source.history.overview.share == 1.0
+    ((first, _, text),) = [mark for mark in source.so_far()["marks"] if mark[1] == "damage"]
+    lost = int(re.fullmatch(r"damaged: (\d+) cycles can't be read \(it is damaged here.*\)", text)[1])
+    assert 0 < lost < 1000
+    columns = source.history.index(NAMES[:1])
+    cycles, _ = source.history.whole(columns, 0, 20_000)
+    kept = every["cycle"][(every["cycle"] < first) | (every["cycle"] >= first + lost)]
+    assert cycles.tolist() == kept[kept >= source.history.oldest].tolist()
+    window = source.history.window(columns, 0, 20_000, 500)
+    assert not [begin for begin in window.cycles if first < begin < first + lost - window.rows]
+    assert np.isnan(window.low[:, window.cycles == first]).any(), "no line goes over it"
 
 
 def test_a_file_that_has_changed_gets_an_overview_of_its_own(tmp_path):

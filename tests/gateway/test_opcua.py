@@ -275,7 +275,7 @@ def test_faults_states_and_refusals_are_events(served):
 
 
 def test_the_server_s_key_is_its_owner_s_alone(tmp_path):
-    public, private, is_new, _ = prepared_folder(tmp_path / "opcua")
+    public, private, is_new, *_ = prepared_folder(tmp_path / "opcua")
     assert is_new
     assert private.stat().st_mode & 0o777 == 0o600
     before = public.read_bytes()

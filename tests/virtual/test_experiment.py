@@ -52,6 +52,16 @@ def test_rows_may_be_thinned_out(prepared):
     assert set(all_rows["state"]) == {TRACKING}
 
 
+def test_it_says_how_far_it_is_and_the_rows_stay_the_same(prepared):
+    said = []
+    experiment = VirtualExperiment(prepared, say=said.append)
+    told, at_once = experiment(prepared.configuration, 1.25, every=30), experiment.cell(prepared.configuration)
+    at_once.arm()
+    assert said == ["second 1 of 2", "second 2 of 2"]
+    assert len(told) == 416
+    assert told.tobytes() == at_once.run(1.25, 30).tobytes()
+
+
 def test_a_cell_that_cannot_arm_says_so(prepared):
     signals = prepared.configuration.signals
     gauge = signals["strain_y"].model_copy(update={"range_um": (500.0, 600.0)})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,8 @@ class Dimension:
     low: float
     high: float
     log: bool = False
+    origin: str = field(default="--vary", compare=False)
+    """What messages about it begin with: the option, or file and line."""
 
     @classmethod
     def parse(cls, text: str) -> Dimension:
@@ -63,8 +65,8 @@ class Space:
 
     def __post_init__(self) -> None:
         keys = [dimension.key for dimension in self.dimensions]
-        if twice := next((key for key in keys if keys.count(key) > 1), None):
-            raise UsageError(f"--vary {twice} is given twice")
+        if twice := next((each for each in reversed(self.dimensions) if keys.count(each.key) > 1), None):
+            raise UsageError(f"{twice.origin} {twice.key} is given twice")
 
     def values(self, number: int) -> dict[str, float]:
         """Key -> value of tuning `number`, rounded as they are written to a file; empty for the base."""

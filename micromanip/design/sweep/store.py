@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import sqlite3
 from collections.abc import Iterable, Sequence
@@ -9,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from micromanip.errors import DeviceUnavailable, UsageError
+from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 
 from .work import Tried
 
@@ -89,6 +90,29 @@ class Store:
     def one(self, number: int) -> Tried:
         """Tuning `number`."""
         return self._read(self._database.execute("SELECT * FROM tunings WHERE number = ?", (number,)).fetchone())
+
+    def write_table(self, file: Path) -> None:
+        """All rows, by number: CSV, or Parquet by the ending. CheckFailed without the extra for that."""
+        found = self._database.execute("SELECT * FROM tunings ORDER BY number")
+        names, rows = [each[0] for each in found.description], found.fetchall()
+        if file.suffix == ".parquet":
+            try:
+                import pyarrow
+                from pyarrow import parquet
+            except ImportError as problem:
+                raise CheckFailed(f"{file}: Parquet needs the extra: pip install micromanip[parquet]") from problem
+            columns = zip(*rows, strict=True)
+            kinds = {"number": pyarrow.int64(), "stopped": pyarrow.int64(), "problem": pyarrow.string()}
+            arrays = [
+                pyarrow.array(column, kinds.get(name, pyarrow.float64()))
+                for name, column in zip(names, columns, strict=True)
+            ]
+            parquet.write_table(pyarrow.table(arrays, names), file)
+            return
+        with file.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(names)
+            writer.writerows(rows)
 
     def counts(self) -> dict[str, int]:
         """How many were tried, of those how many are refused and how many stop."""

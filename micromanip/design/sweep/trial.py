@@ -78,15 +78,20 @@ def require_keys(trials: Trials) -> None:
     """Raise UsageError for a key that is not there, no number, or no part of a tuning."""
     known = trials.base.configuration.model_dump(mode="json")
     axes = list(trials.base.configuration.axes)
-    for key in for_axes({dimension.key: 0.0 for dimension in trials.space.dimensions}, axes):
-        place: Any = known
-        for part in key_path(key):
-            inside = isinstance(place, list) and isinstance(part, int) and part < len(place)
-            if not inside and not (isinstance(place, dict) and part in place):
-                there = place if isinstance(place, dict) else ()
-                raise UsageError(f"--vary {key}: there is no {part}; {did_you_mean(str(part), there)}")
-            place = place[part]
-        if key.partition(".")[0] not in ("axes", "reference"):
-            raise UsageError(f"--vary {key}: only axes and reference are a tuning; the rest is another cell")
-        if isinstance(place, bool) or not isinstance(place, int | float):
-            raise UsageError(f"--vary {key}: it is {place!s:.40}, and no number to be drawn")
+    for dimension in trials.space.dimensions:
+        for key in for_axes({dimension.key: 0.0}, axes):
+            _require_key(known, key, f"{dimension.origin} {key}")
+
+
+def _require_key(known: Any, key: str, told: str) -> None:
+    place: Any = known
+    for part in key_path(key):
+        inside = isinstance(place, list) and isinstance(part, int) and part < len(place)
+        if not inside and not (isinstance(place, dict) and part in place):
+            there = place if isinstance(place, dict) else ()
+            raise UsageError(f"{told}: there is no {part}; {did_you_mean(str(part), there)}")
+        place = place[part]
+    if key.partition(".")[0] not in ("axes", "reference"):
+        raise UsageError(f"{told}: only axes and reference are a tuning; the rest is another cell")
+    if isinstance(place, bool) or not isinstance(place, int | float):
+        raise UsageError(f"{told}: it is {place!s:.40}, and no number to be drawn")

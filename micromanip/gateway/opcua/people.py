@@ -101,12 +101,15 @@ class People:
 
 
 class Own(NamedTuple):
-    """The server's certificate and key, whether they were made just now, and what will be wrong with them soon."""
+    """The server's certificate and key, whether they were made just now, what will be wrong with them soon; the first
+    as it is shown.
+    """
 
     certificate: Path
     key: Path
     is_new: bool
     warning: str | None
+    shown: x509.Certificate
 
 
 def prepared_folder(folder: Path) -> Own:
@@ -130,7 +133,7 @@ def prepared_folder(folder: Path) -> Own:
     except OSError as problem:
         raise system_error(problem, folder) from problem
     soon = ends_soon(shown)
-    return Own(certificate, key, is_new, None if soon is None else f"{certificate} {soon}; {_MEND}")
+    return Own(certificate, key, is_new, None if soon is None else f"{certificate} {soon}; {_MEND}", shown)
 
 
 def _make(certificate: Path, key: Path) -> None:

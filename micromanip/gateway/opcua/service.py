@@ -39,7 +39,7 @@ class OpcUa:
     def __init__(self, cell: Cell, host: str, port: int, folder: Path, *, is_local: bool) -> None:
         """Raises what `prepared_folder` does. Where `is_local` everybody may look, unencrypted."""
         self._cell, self._url = cell, f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/micromanip"
-        self._certificate, self._key, self.is_new, self.warning = prepared_folder(folder)
+        self.own = prepared_folder(folder)
         self._people = People(folder, strangers_observe=is_local)
         self._is_local = is_local
         self._speaking: contextvars.ContextVar[Person] = contextvars.ContextVar("speaking")
@@ -72,8 +72,8 @@ class OpcUa:
         policies = [ua.SecurityPolicyType.NoSecurity, encrypted] if self._is_local else [encrypted]
         server.set_security_policy(policies, permission_ruleset=Rules(self._speaking))
         server.set_identity_tokens([ua.AnonymousIdentityToken, ua.X509IdentityToken])
-        await server.load_certificate(self._certificate, "pem")
-        await server.load_private_key(self._key, format="pem")
+        await server.load_certificate(self.own.certificate, "pem")
+        await server.load_private_key(self.own.key, format="pem")
         index = await server.register_namespace(NAMESPACE)
         cell = await server.nodes.objects.add_object(ua.NodeId("cell", index), ua.QualifiedName("Cell", index))
         await cell.set_event_notifier([ua.EventNotifier.SubscribeToEvents])

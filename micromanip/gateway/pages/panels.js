@@ -170,14 +170,14 @@ export class Panels {
     ctx.restore();
   }
 
-  /** Faults and remarks of a recording: a line each, named in the first panel where there is room. */
+  /** Faults, damage and remarks of a recording: a line each, named in the first panel where there is room. */
   drawMarks(plot) {
     const { ctx, bbox } = plot, isFirst = plot === this.plots[0]?.plot;
     let free = -Infinity;
     for (const [at, kind, text] of this.marks) {
       if (!this.shown || at < this.shown[0] || at > this.shown[1]) continue;
       const x = plot.valToPos(at, "x", true), line = 18 * devicePixelRatio;
-      ctx.strokeStyle = ctx.fillStyle = colour(kind === "fault" ? "--bad" : "--accent");
+      ctx.strokeStyle = ctx.fillStyle = colour(kind === "mark" ? "--accent" : "--bad");
       ctx.setLineDash([]);
       ctx.lineWidth = 1.5 * devicePixelRatio;
       ctx.beginPath();

@@ -128,6 +128,7 @@ function grow({ known, marks }) {
   if (marks.length !== recording.marks.length) {
     recording.marks = marks;
     offerMarks(marks);
+    noticeRecording(recording);
   }
   recording.known = known;
   clearTimeout(growing);
@@ -161,7 +162,7 @@ function tell(header) {
   by("told").replaceChildren(
     controller.recording ? part("from the first cycle,", `${moment((header.first - reference) * period())} to ${moment((header.last - reference) * period())}`) : part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
     part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
-    part("skipped by the loop", `${count(header.missing)} cycles`),
+    part(controller.recording ? "not in the file" : "skipped by the loop", `${count(header.missing)} cycles`),
     part("lost", String(header.lost), header.lost > 0),
     ...(header.known < 1 ? [part("overview so far", `${(header.known * 100).toFixed(0)} %`)] : []),
     part(controller.recording ? "recorded" : "history", seconds((header.newest - header.oldest) * period())),
@@ -251,7 +252,14 @@ function arrangeRecording({ file, marks, problem }) {
   for (const id of ["freeze", "save-recording", "trigger-card", "pages"]) by(id).hidden = true;
   by("where").textContent = file;
   document.title = `${file} - micromanip`;
-  notice(problem);
+  noticeRecording({ marks, problem });
+}
+
+/** How it ended, and where nothing of it can be read. */
+function noticeRecording({ marks, problem }) {
+  const damaged = marks.filter(([, kind]) => kind === "damage").length;
+  const places = damaged === 1 ? "one place" : `${damaged} places`;
+  notice([problem, damaged ? `The file is damaged in ${places}, which are left blank: see the list of marks.` : ""].join(" ").trim(), damaged > 0);
 }
 
 /** In the middle; out of a view of all, a twentieth of it. */

@@ -35,12 +35,14 @@ def key_path(key: str) -> Path:
 
 
 def assigned(document: Mapping[str, Any], known: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of `document` with `values` (key -> value); `known` is the same with every default spelt out.
+    """`document` with `values` (key -> value); `known` is the same with every default spelt out.
+
+    Sections that nothing is assigned in are those of `document`, which stays as it is.
 
     A key whose section is known may be new: validation says what that section takes. Raises UsageError, a line a
     key, where there is no such section, naming the nearest key.
     """
-    revised: dict[str, Any] = copy.deepcopy(dict(document))
+    revised: dict[str, Any] = dict(document)
     unknown: list[Path] = []
     for key, value in values.items():
         path = key_path(key)
@@ -59,7 +61,11 @@ def _assign(document: dict[str, Any], known: Mapping[str, Any], path: Path, valu
         if isinstance(part, str) and isinstance(place, dict) and place.get(part) is None:
             default = _at(known, path[:end])
             place[part] = {} if isinstance(default, Mapping) else copy.deepcopy(default)
-        place = place[part] if _may_take(place, part) else None
+        if _may_take(place, part):
+            place[part] = copy.copy(place[part])
+            place = place[part]
+        else:
+            place = None
     if not _may_take(place, path[-1]):
         raise UsageError(f"{key_text(path)}: another key of the same set replaces the section that it stands in")
     place[path[-1]] = value

@@ -1,5 +1,6 @@
 """Drawn tunings: what is drawn, that results follow from their number alone whoever dies, what the command says."""
 
+import csv
 import json
 import pickle
 import sqlite3
@@ -13,9 +14,10 @@ from hypothesis import strategies as st
 
 from micromanip.design.sweep import running
 from micromanip.design.sweep.space import Dimension, Space, for_axes
+from micromanip.design.sweep.space_file import read_dimensions
 from micromanip.design.sweep.store import Store
 from micromanip.design.sweep.work import Work
-from micromanip.errors import DeviceUnavailable, UsageError
+from micromanip.errors import ConfigError, DeviceUnavailable, UsageError
 from tools.counterfactual import record, recorded_cell, run
 
 from .mortal import Mortal, tried
@@ -72,6 +74,46 @@ def test_what_is_kept_is_read_again(tmp_path):
         Store(tmp_path / "nowhere" / "s.sqlite", ABOUT, KEYS, AXES)
 
 
+def test_a_space_in_a_file_is_that_of_the_options(tmp_path):
+    file = tmp_path / "space.yaml"
+    file.write_text("vary:\n  axes.*.outer.control_weight: {low: 1, high: 100, log: true}\n  m: {low: -1, high: 1}\n")
+    found = read_dimensions(file)
+    assert found == (Dimension.parse("axes.*.outer.control_weight=1:100:log"), Dimension.parse("m=-1:1"))
+    assert [each.origin for each in found] == [f"{file}:2:", f"{file}:3:"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("varry: {m: {low: 0, high: 1}}", ":1: varry: .*did you mean vary"),
+        ("vary:\n  m: {low: 0, hihg: 1}", ":2: vary.m.hihg: .*did you mean high"),
+        ("vary:\n  m:\n    low: 1\n    high: 0", ":4: vary.m.high: must be above low, 1"),
+        ("vary: {m: {low: 0, high: 1, log: true}}", ":1: vary.m.low: a logarithm begins above 0"),
+        ("vary: {}", ":1: vary: "),
+    ],
+)
+def test_what_is_wrong_in_a_space_is_told_with_its_line(tmp_path, text, says):
+    file = tmp_path / "space.yaml"
+    file.write_text(text + "\n")
+    with pytest.raises(ConfigError, match=says):
+        read_dimensions(file)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_results_as_a_table(tmp_path, ending):
+    with Store(tmp_path / "s.sqlite", ABOUT, KEYS, AXES) as store:
+        store.add(tried(number) for number in range(20))
+        file = tmp_path / f"t.{ending}"
+        store.write_table(file)
+    if ending == "parquet":
+        rows = [tuple(row.values()) for row in pytest.importorskip("pyarrow.parquet").read_table(file).to_pylist()]
+        assert rows == results(tmp_path / "s.sqlite")
+        return
+    head, *rows = csv.reader(file.read_text().splitlines())
+    assert head[:6] == ["number", "cost_um", "stopped", "problem", "a.b", "c"]
+    assert rows == [["" if each is None else str(each) for each in row] for row in results(tmp_path / "s.sqlite")]
+
+
 def results(file):
     with sqlite3.connect(file) as database:
         return database.execute("SELECT * FROM tunings ORDER BY number").fetchall()
@@ -114,7 +156,8 @@ def test_the_command(recording, tmp_path, capsys):
     assert first["tried"] == 4
     assert swept("s.sqlite", 9, "--json", "--best", tmp_path / "best.yaml", "--top", 20) == 0
     more = json.loads(capsys.readouterr().out)
-    assert swept("again.sqlite", 9) == 0
+    assert swept("again.sqlite", 9, "--table", tmp_path / "all.csv") == 0
+    assert len((tmp_path / "all.csv").read_text().splitlines()) == 11
     printed = capsys.readouterr().out
     assert results(tmp_path / "again.sqlite") == results(tmp_path / "s.sqlite")
     assert f"{more['tried']} tried, {more['refused']} refused, {more['stopped']} would stop the cell" in printed
@@ -132,6 +175,14 @@ def test_the_command(recording, tmp_path, capsys):
 
     assert swept("s.sqlite", 3, "--seed", 2) == 64
     assert "holds another sweep: its seed is 1, not 2" in capsys.readouterr().err
+
+    space = tmp_path / "space.yaml"
+    space.write_text("vary:\n  axes.x.inner.Tii_ms: {low: 1, high: 2}\n")
+    assert code_of("sweep", recording, "--space", space, "--out", tmp_path / "none.sqlite") == 64
+    said = capsys.readouterr().err
+    assert f"{space}:2: axes.x.inner.Tii_ms: there is no Tii_ms; did you mean Ti_ms?" in said
+    assert code_of("sweep", recording, "--out", tmp_path / "none.sqlite") == 64
+    assert "nothing is varied: give --vary KEY=LOW:HIGH, or --space FILE.yaml" in capsys.readouterr().err
 
 
 @pytest.mark.compiled_only

@@ -15,6 +15,8 @@ from .options import Quantity, StrictCommand, json_option, prepare_and_warn, pri
 if TYPE_CHECKING:
     from micromanip.design.preview.preview import AxisPreview, Preview
 
+_MOST_SHOWN = 24
+
 
 @click.command(
     "preview",
@@ -25,8 +27,8 @@ if TYPE_CHECKING:
 @click.option("--config", type=click.Path(path_type=Path), metavar="CONFIG", required=True, help="The cell.")
 @click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
 @click.option(
-    "--reserve", "reserve_um", type=Quantity("DistanceOrZero"), default=2.0, show_default=True, metavar="UM",
-    help="Kept at each end of the set-point's range, for the process' force, creep and noise.",
+    "--reserve", "reserve_um", type=Quantity("DistanceOrZero"), default=3.0, show_default=True, metavar="UM",
+    help="Kept at each end of the set-point's range, and as much of the voltage's, for force, creep and noise.",
 )  # fmt: skip
 @click.option(
     "--tolerance", "tolerance_um", type=Quantity("Distance"), metavar="UM",
@@ -107,12 +109,14 @@ def _print(found: Preview) -> None:
     over = [stretch for axis in found.axes for stretch in axis.stretches]
     if over:
         places = Figures("from, s", "to, s", "axis", "what", "asked", "limit", "over", title="More than there is")
-        for stretch in sorted(over, key=lambda each: each.from_s):
+        for stretch in sorted(over, key=lambda each: each.from_s)[:_MOST_SHOWN]:
             places.add_row(
                 f"{stretch.from_s:.2f}", f"{stretch.to_s:.2f}", stretch.axis, stretch.what, f"{stretch.asked:.4g}",
                 f"{stretch.limit:.4g}", f"{stretch.over:.3g} {stretch.unit}",
             )  # fmt: skip
         console.print(places)
+        if len(over) > _MOST_SHOWN:
+            click.echo(f"and {len(over) - _MOST_SHOWN} more: --json has them all")
     offset = found.document()["offset"]
     click.echo(
         f"offset for the robot, slower than {offset['corner_Hz']:g} Hz: at most {offset['peak_um']:.1f} um, "

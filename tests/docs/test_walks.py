@@ -59,7 +59,8 @@ def difference(shown, printed):
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
-    ("page", "outputs"), [("quickstart.md", 3), ("linear.md", 4), ("identification.md", 2), ("budget.md", 1)]
+    ("page", "outputs"),
+    [("quickstart.md", 3), ("linear.md", 4), ("identification.md", 2), ("budget.md", 1), ("preview.md", 1)],
 )
 def test_what_a_page_shows_is_printed(page, outputs, tmp_path):
     for name in ("config", "docs"):

@@ -19,7 +19,7 @@ _MOST = 20_000
 
 def draw_preview(axis: AxisPreview, left: AxisPreview, settings: Axis, folder: Path, about: str = "") -> Iterator[Path]:
     """Write the picture of one axis, with and without the robot's offset, into `folder`, as PNG and SVG; the files."""
-    verdict = "fits" if not axis.stretches else f"more than there is asked for in {len(axis.stretches)}"
+    verdict = "fits" if not axis.stretches else f"asks {len(axis.stretches)} times for more than there is"
     figure, (path, setpoint, error) = panels(3, f"Preview of axis {axis.axis}: {verdict}", 1.7)
     time_s = np.arange(len(axis.predicted.setpoint_um)) / axis.predicted.rate_Hz
     shown = slice(None, None, max(1, len(time_s) // _MOST))

@@ -23,10 +23,10 @@ _COARSE_HZ = 50.0
 
 def seen_path(file: Path, axes: Sequence[str]) -> PathDeviation:
     """The deviation of `axes` in `file`, a recording of ours or a table. CheckFailed for what is neither."""
-    return _recorded(open_telemetry(file), axes) if is_recording(file) else read_path_deviation(file, axes)
+    return recorded_path(open_telemetry(file), axes) if is_recording(file) else read_path_deviation(file, axes)
 
 
-def _recorded(telemetry: Telemetry, axes: Sequence[str]) -> PathDeviation:
+def recorded_path(telemetry: Telemetry, axes: Sequence[str]) -> PathDeviation:
     """What the tracker saw of each axis, at the times when it saw it; the first axis' times for all."""
     missing = [axis for axis in axes if axis not in telemetry.axes]
     if missing:

@@ -18,9 +18,11 @@ from .prediction import Predicted
 Array = NDArray[np.float64]
 
 TRACKER, RANGE, RESERVE = "tracker range", "set-point range", "set-point reserve"
-SLEW, VOLTAGE, VOLTAGE_SLEW, ERROR = "set-point slew", "voltage range", "voltage slew", "following error"
-_JOINED_S = 0.05
-"""Stretches that are nearer to one another are one."""
+SLEW, VOLTAGE, VOLTAGE_RESERVE = "set-point slew", "voltage range", "voltage reserve"
+VOLTAGE_SLEW, ERROR = "voltage slew", "following error"
+_RESERVES, _RANGES = (RESERVE, VOLTAGE_RESERVE), (TRACKER, RANGE, VOLTAGE)
+_JOINED_S = 0.25
+"""Stretches that are nearer to one another are one: a robot's joints swing some 8 times a second."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,9 @@ class Demand:
 def demands(
     axis: Axis, output: Output, tracker: Tracker, found: Predicted, reserve_um: float, tolerance_um: float
 ) -> Iterator[Demand]:
-    """All that has a limit; `reserve_um` is kept at either end of the set-point's range, errors are tolerated up to
-    `tolerance_um`.
+    """All that has a limit; errors are tolerated up to `tolerance_um`.
+
+    `reserve_um` is kept at either end of the set-point's range, and the same share of it of the voltage's.
     """
     per_ms = 1e-3 * found.rate_Hz
     low, high = axis.setpoint.range_um
@@ -66,7 +69,10 @@ def demands(
     yield Demand(RESERVE, "um", found.setpoint_um, low + reserve_um, high - reserve_um)
     yield Demand(SLEW, "um/ms", _steps(found.setpoint_um) * per_ms, -slew, slew)
     if found.voltage_V is not None:
-        yield Demand(VOLTAGE, "V", found.voltage_V, *output.range_V)
+        low_V, high_V = output.range_V
+        reserve_V = reserve_um * (high_V - low_V) / (high - low)
+        yield Demand(VOLTAGE, "V", found.voltage_V, low_V, high_V)
+        yield Demand(VOLTAGE_RESERVE, "V", found.voltage_V, low_V + reserve_V, high_V - reserve_V)
         steps = _steps(found.voltage_V) * per_ms
         yield Demand(VOLTAGE_SLEW, "V/ms", steps, -output.slew_V_per_ms, output.slew_V_per_ms)
     yield Demand(ERROR, "um", found.error_um, -tolerance_um, tolerance_um)
@@ -94,12 +100,12 @@ def stretches(axis: str, demand: Demand, rate_hz: float) -> list[Stretch]:
 
 
 def beyond(found: list[Stretch]) -> list[Stretch]:
-    """Without the stretches of the reserve that lead to one beyond the range itself."""
-    hard = [stretch for stretch in found if stretch.what == RANGE]
+    """Without the stretches of a reserve around one that is beyond a range itself."""
+    hard = [each for each in found if each.what in _RANGES]
     return [
         stretch
         for stretch in found
-        if stretch.what != RESERVE
+        if stretch.what not in _RESERVES
         or not any(each.from_s <= stretch.to_s and stretch.from_s <= each.to_s for each in hard)
     ]
 

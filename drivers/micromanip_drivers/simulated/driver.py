@@ -108,7 +108,8 @@ class SimulatedCell(CyclicDriver):
             c["s"][i]["random"] = seeds[2 * i : 2 * i + 2]
         self._fill_lines(c)
         self._fill_bus(c["bus"])
-        c["path"] = self._path
+        if self._path["rows"] > 0:  # else its pages stay untouched
+            c["path"] = self._path
         self._fill_faults(c)
         return record.view(np.uint8)
 

@@ -23,6 +23,8 @@ VOLTAGE_SLEW, ERROR = "voltage slew", "following error"
 _RESERVES, _RANGES = (RESERVE, VOLTAGE_RESERVE), (TRACKER, RANGE, VOLTAGE)
 _JOINED_S = 0.25
 """Stretches that are nearer to one another are one: a robot's joints swing some 8 times a second."""
+_LEAD_S = 0.05
+"""A reserve that is used for less than this before a range ends tells nothing new."""
 
 
 @dataclass(frozen=True)
@@ -100,13 +102,13 @@ def stretches(axis: str, demand: Demand, rate_hz: float) -> list[Stretch]:
 
 
 def beyond(found: list[Stretch]) -> list[Stretch]:
-    """Without the stretches of a reserve around one that is beyond a range itself."""
+    """Without the stretches of a reserve around one that is beyond a range itself, unless they begin well before it."""
     hard = [each for each in found if each.what in _RANGES]
     return [
         stretch
         for stretch in found
         if stretch.what not in _RESERVES
-        or not any(each.from_s <= stretch.to_s and stretch.from_s <= each.to_s for each in hard)
+        or not any(each.from_s - _LEAD_S <= stretch.from_s <= each.to_s for each in hard)
     ]
 
 

@@ -31,8 +31,9 @@ def test_a_reserve_is_told_where_it_leads_to_no_more():
     def of(what, from_s, to_s):
         return Stretch("x", what, from_s, to_s, 1.0, 0.0, 1.0, "um")
 
-    hard, around, alone = of(RANGE, 1.0, 2.0), of(RESERVE, 0.9, 2.1), of(RESERVE, 3.0, 3.5)
-    assert beyond([hard, around, alone]) == [hard, alone]
+    hard, around = of(RANGE, 1.0, 2.0), of(RESERVE, 0.98, 2.1)
+    before, alone = of(RESERVE, 0.7, 2.1), of(RESERVE, 3.0, 3.5)
+    assert beyond([hard, around, before, alone]) == [hard, before, alone]
 
 
 def test_the_offset_is_the_slow_part_without_delay_and_half_of_what_lies_at_its_corner():

@@ -62,6 +62,7 @@ GROUPS = {
         "sweep": "thousands of tunings tried on recordings, the best of them",
         "analyse": "describing function, margins and robustness, with a verdict",
         "budget": "what the path error is made of, and what would make it smaller",
+        "preview": "whether the stage reaches a path, before a part is mounted",
         "evaluate": "the paper's experiment in virtual time",
     },
     "Devices and the machine": {

@@ -13,6 +13,7 @@
     ConfigError, did_you_mean                          options that make no sense together; a name that nobody knows
     worst_case_s, CLASSIC_LENGTHS, FD_LENGTHS          CAN frames at worst
     real_because, require_regular                      whether a device may be a real one; a file that can be read
+    read_path_deviation, CheckFailed                   a robot's deviation out of a table; what is wrong with one
 
 ``micromanip.driver.quantities`` has types of options with their bounds, ``micromanip.driver.testing`` runs a cyclic
 driver in virtual time, ``micromanip.driver.wire`` and ``micromanip.driver.datagrams`` are for one that serves a wire in
@@ -33,11 +34,12 @@ from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkE
 from micromanip.bus.number_options import SIZES, Commanded, Scaled, Section, Typed, number_range
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
-from micromanip.errors import ConfigError, did_you_mean
+from micromanip.errors import CheckFailed, ConfigError, did_you_mean
 from micromanip.files.regular_file import require_regular
 from micromanip.rt.records import SIGNAL
 
 if TYPE_CHECKING:
+    from micromanip.recordings.path_deviation import read_path_deviation
     from micromanip.rt.clock import now_ns, sleep_until
     from micromanip.rt.entries import entries
     from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
@@ -53,16 +55,17 @@ then goes on working for one version of Micromanip, with a DeprecationWarning th
 here may change at any time.
 """
 
-_COMPILED = {
+_LATE = {
     "CONTEXT_SIGNATURE": "micromanip.rt.intrinsics",
     "EXCHANGE_SIGNATURE": "micromanip.rt.intrinsics",
     "Compiler": "micromanip.rt.jit",
     "entries": "micromanip.rt.entries",
     "minimum_jerk": "micromanip.rt.laws.minimum_jerk",
     "now_ns": "micromanip.rt.clock",
+    "read_path_deviation": "micromanip.recordings.path_deviation",
     "sleep_until": "micromanip.rt.clock",
 }
-"""What imports numba, and where it stands."""
+"""What imports numba, or readers of files, and where it stands."""
 
 __all__ = [
     "CLASSIC_LENGTHS",
@@ -77,6 +80,7 @@ __all__ = [
     "BusError",
     "BusOptions",
     "Channel",
+    "CheckFailed",
     "Commanded",
     "Compiler",
     "ConfigError",
@@ -105,6 +109,7 @@ __all__ = [
     "minimum_jerk",
     "now_ns",
     "number_range",
+    "read_path_deviation",
     "real_because",
     "require_regular",
     "sleep_until",
@@ -113,9 +118,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _COMPILED:
+    if name not in _LATE:
         raise AttributeError(f"micromanip.driver has no {name}")
     from importlib import import_module
 
-    found = globals()[name] = getattr(import_module(_COMPILED[name]), name)
+    found = globals()[name] = getattr(import_module(_LATE[name]), name)
     return found

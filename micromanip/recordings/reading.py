@@ -52,6 +52,12 @@ def open_telemetry(file: Path) -> Telemetry:
     raise CheckFailed(f"{file}: no recording of ours: MCAP or HDF5 of `run --record` or `record start`")
 
 
+def is_recording(file: Path) -> bool:
+    """Whether `file` is a recording of ours. CheckFailed where it can't be read."""
+    head = _head(file)
+    return head.startswith(MAGIC) or (head.startswith(_HDF5) and is_telemetry(file))
+
+
 def _head(file: Path) -> bytes:
     try:
         with open_regular(file, _PARTS) as opened:

@@ -14,6 +14,7 @@ from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions, Sim
 from . import mechanics
 from . import options as o
 from .discharge import discharge_in_host
+from .path_file import fill_path
 from .records import (
     AXIS_LINES,
     CARRIED,
@@ -26,6 +27,7 @@ from .records import (
     IN_FLIGHT,
     MAX_AXES,
     MECHANICAL_STATES,
+    PATH,
     SUBSTEPS,
     SWITCHES,
 )
@@ -47,6 +49,8 @@ class SimulatedCell(CyclicDriver):
             if name not in options.axes:
                 raise ConfigError(f"variation.{name}: there is no axis {name}; axes are {', '.join(options.axes)}")
         self._check_bus()
+        self._path = np.zeros(1, PATH)[0]
+        fill_path(self._path, options.deviation, options.axes)
         rows = options.tracker.coordinates
         if rows is not None and [len(row) for row in rows] != [len(options.axes)] * len(options.axes):
             raise ConfigError(f"tracker.coordinates: a row and a column per axis, {len(options.axes)} of each")
@@ -104,6 +108,8 @@ class SimulatedCell(CyclicDriver):
             c["s"][i]["random"] = seeds[2 * i : 2 * i + 2]
         self._fill_lines(c)
         self._fill_bus(c["bus"])
+        if self._path["rows"] > 0:  # else its pages stay untouched
+            c["path"] = self._path
         self._fill_faults(c)
         return record.view(np.uint8)
 
@@ -112,6 +118,8 @@ class SimulatedCell(CyclicDriver):
         return SimulatedCell(self.options.model_copy(update={"force": idle}), self.period_ns)
 
     def simulated_axis(self, name: str) -> SimulatedAxis:
+        if self.options.deviation.file is not None:
+            raise ConfigError("deviation.file: a budget is of sines; leave the file out for it")
         from .linear import linear_plant  # for who asks for it, not for the loop's process
 
         period_s, force, count = self.period_ns * 1e-9, self.options.force, len(self.options.axes)

@@ -120,8 +120,14 @@ class Force(_Options):
 
 
 class Deviation(_Options):
-    """Path deviation of the robot: slow path error plus oscillation of the joints."""
+    """Path deviation of the robot: slow path error plus oscillation of the joints, or what a file says."""
 
+    file: str | None = Field(
+        default=None,
+        description="Table that is played instead, relative to the working directory: t_s and deviation_<axis>_um, "
+        "even rows, at most 65536; null: the sines below.",
+    )
+    start_s: SecondsOrZero = Field(default=5.0, description="When the file begins, after the loop's start.")
     amplitudes_um: tuple[Micrometres, Micrometres, Micrometres] = Field(
         default=(130.0, 60.0, 30.0), description="Path error."
     )

@@ -8,6 +8,7 @@ from typing import Any
 from .bouc_wen import bouc_wen_step
 from .compiled import compiled
 from .noise import normal
+from .played_path import played
 from .preisach import preisach_step
 from .records import CREEP_OPERATORS, DEVIATION_SINES, MECHANICAL_STATES
 
@@ -66,9 +67,11 @@ def machining_force(p: Any, s: Any, t_s: float) -> float:
 
 
 @compiled
-def deviation(p: Any, t_s: float) -> float:
-    """Path deviation (um) of the robot at `t_s`."""
-    total = 0.0
+def deviation(c: Any, axis: int, t_s: float) -> float:
+    """Path deviation (um) of the robot along `axis` at `t_s`."""
+    if c["path"]["rows"] > 0:
+        return played(c["path"], axis, t_s)
+    p, total = c["p"][axis], 0.0
     for i in range(DEVIATION_SINES):
         total += p["deviation_um"][i] * math.sin(p["deviation_omega"][i] * t_s + p["deviation_phase"][i])
     return total

@@ -16,6 +16,8 @@ MECHANICAL_STATES = 7
 MOST_LATE = 8
 """Periods by which an output may be late on top of its own."""
 DEVIATION_SINES = 4
+MOST_ROWS = 65_536
+"""Of a deviation that is played from a file: a minute at 1 kHz."""
 SUBSTEPS = 2
 """Plant steps a loop period."""
 CHANNELS = (
@@ -183,6 +185,8 @@ BUS = _record(
     ("outputs", OUTPUTS_FRAME, (IN_FLIGHT,)),
 )
 """A bus between loop and cell: options, ticks so far, the sensors as they are, and what is on its way."""
+PATH = _record(("rows", "i8"), ("rows_per_s", "f8"), ("start_s", "f8"), ("um", "f8", (MAX_AXES, MOST_ROWS)))
+"""The robot's deviation out of a file; 0 rows: it is the sum of sines."""
 CONTEXT = _record(
     ("axes", "i8"),
     ("inputs", "i8"),
@@ -198,4 +202,5 @@ CONTEXT = _record(
     ("fault", FAULT, (MAX_FAULTS,)),
     ("p", AXIS_PARAMETERS, (MAX_AXES,)),
     ("s", AXIS_STATE, (MAX_AXES,)),
+    ("path", PATH),
 )

@@ -36,7 +36,7 @@ def read(c: Any, inputs: Any, now_ns: int) -> None:
     for i in range(c["axes"]):
         p, s, first = c["p"][i], c["s"][i], i * _CHANNELS
         stage = stage_position(c, i)
-        path = deviation(p, t_s)
+        path = deviation(c, i, t_s)
         hum = p["hum_um"] * np.sin(p["hum_omega"] * t_s + _HUM_PHASE)
         strain = s["x"][4] - p["strain_zero_um"] + p["strain_noise_um"] * normal(s) + hum
         put(inputs[first], quantised(strain, p["strain_step_um"], p["strain_range_um"]), now_ns)
@@ -53,7 +53,7 @@ def read(c: Any, inputs: Any, now_ns: int) -> None:
             tracked = p["tracker_noise_um"] * normal(s)
             for j in range(c["axes"]):
                 if p["tracker_row"][j] != 0.0:
-                    tracked += p["tracker_row"][j] * deviation(c["p"][j], taken_s)
+                    tracked += p["tracker_row"][j] * deviation(c, j, taken_s)
             put(inputs[first + 2], tracked, now_ns - passed_ns - p["tracker_latency_ns"])
         row = p["stage_acceleration"]
         acceleration = row[MECHANICAL_STATES + 1] * s["force_N"] + p["acceleration_noise"] * normal(s)

@@ -1,0 +1,76 @@
+"""A path as it was seen: a file of deviations, or what the tracker saw in a recording, on an even grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed
+from micromanip.recordings import Telemetry, open_telemetry
+from micromanip.recordings.path_deviation import PathDeviation, read_path_deviation
+from micromanip.recordings.reading import is_recording
+from micromanip.rt.telemetry import DEVIATION_FRESH
+
+Array = NDArray[np.float64]
+
+_LONGEST_S = 3600.0
+_COARSE_HZ = 50.0
+"""Rows that come more rarely show nothing of the robot's joints."""
+
+
+def seen_path(file: Path, axes: Sequence[str]) -> PathDeviation:
+    """The deviation of `axes` in `file`, a recording of ours or a table. CheckFailed for what is neither."""
+    return recorded_path(open_telemetry(file), axes) if is_recording(file) else read_path_deviation(file, axes)
+
+
+def recorded_path(telemetry: Telemetry, axes: Sequence[str]) -> PathDeviation:
+    """What the tracker saw of each axis, at the times when it saw it; the first axis' times for all."""
+    missing = [axis for axis in axes if axis not in telemetry.axes]
+    if missing:
+        raise CheckFailed(
+            f"{telemetry.file}: axis {missing[0]} is not in it; its axes are {', '.join(telemetry.axes) or 'none'}"
+        )
+    now_s = telemetry.column("time_ns").astype(float) * 1e-9
+    found = []
+    for axis in axes:
+        path = f"axis.{telemetry.axes.index(axis)}"
+        age_ns, values = (
+            np.asarray(telemetry.column(f"{path}.{name}"), dtype=float) for name in ("deviation_age_ns", "deviation_um")
+        )
+        fresh = (telemetry.column(f"{path}.fresh").astype(int) & DEVIATION_FRESH) != 0
+        fresh &= np.isfinite(values) & np.isfinite(age_ns)
+        if np.count_nonzero(fresh) < 2:
+            raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} in it")
+        taken, first = np.unique((now_s - 1e-9 * age_ns)[fresh], return_index=True)
+        found.append((taken, values[fresh][first]))
+    time_s = found[0][0]
+    columns = [np.interp(time_s, taken, values) for taken, values in found]
+    return PathDeviation(telemetry.file, tuple(axes), time_s - time_s[0], np.column_stack(columns))
+
+
+def on_grid(path: PathDeviation, rate_hz: float) -> tuple[Array, list[str]]:
+    """Deviation (n, axes) `rate_hz` times a second, by monotone cubics, and what is to be said of the rows."""
+    from scipy.interpolate import PchipInterpolator
+
+    seconds = float(path.time_s[-1])
+    if seconds > _LONGEST_S:
+        raise CheckFailed(f"{path.file}: it lasts {seconds:.6g} s; at most {_LONGEST_S:g} s are previewed: cut it")
+    if seconds * rate_hz < 2.0:
+        raise CheckFailed(f"{path.file}: it lasts {seconds:.3g} s: too short to say anything")
+    steps, notes = np.diff(path.time_s), list(path.notes)
+    if np.median(steps) > 1.0 / _COARSE_HZ:
+        notes.append(
+            f"{path.file}: a row every {np.median(steps):.3g} s: what is faster than {0.5 / np.median(steps):.3g} Hz, "
+            "the joints' oscillation too, is not in it"
+        )
+    gaps = np.flatnonzero(steps > 10.0 * np.median(steps))
+    if len(gaps):
+        k = int(gaps[0])
+        notes.append(
+            f"{path.file}: {len(gaps)} gaps, the first of {steps[k]:.3g} s at {path.time_s[k]:.6g} s: bridged smoothly"
+        )
+    wanted = np.arange(int(seconds * rate_hz) + 1) / rate_hz
+    return np.asarray(PchipInterpolator(path.time_s, path.deviation_um)(wanted)), notes

@@ -1,0 +1,84 @@
+"""The prediction of a path: standing, swinging, in part; its voltage through the model that it inverts."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.control.outer_gains import dc_gain
+from micromanip.design.preview.prediction import inverse_voltage, predict
+from micromanip.design.preview.preview import cell_of
+from micromanip.errors import CheckFailed
+from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
+from micromanip.rt.laws.hysteresis import model_output
+from micromanip.settings.check import prepare
+from micromanip.settings.compile.hysteresis import fill_hysteresis
+
+CONFIG = Path(__file__).parents[3] / "config"
+RATE_HZ = 2000.0
+
+
+@pytest.fixture(scope="module")
+def cell():
+    return cell_of(prepare(CONFIG / "simulated.yaml"), ["x"])
+
+
+def predicted(cell, deviation, **changed):
+    laws = cell.laws["x"]
+    laws = type(laws)("x", laws.axis.model_copy(update=changed), laws.tracker, laws.period_s)
+    return predict(laws, cell.tracking["x"], 0.0, deviation, RATE_HZ)
+
+
+def test_where_the_path_stands_the_actuator_is_its_share_of_the_gain_away(cell):
+    axis = cell.laws["x"].axis
+    found = predicted(cell, np.full(3000, 120.0))
+    np.testing.assert_allclose(found.setpoint_um, axis.centre_um + 120.0 / dc_gain(axis.outer), atol=0.01)
+    np.testing.assert_allclose(found.error_um, 0.0, atol=0.02)
+
+
+@pytest.mark.parametrize("hertz", [3.0, 25.0])
+def test_a_sine_comes_through_as_the_closed_loop_says(cell, hertz):
+    time_s = np.arange(6000) / RATE_HZ
+    found = predicted(cell, 20.0 * np.sin(2.0 * np.pi * hertz * time_s))
+    laws, tracking = cell.laws["x"], cell.tracking["x"]
+    omega = np.array([2.0 * np.pi * hertz])
+    loop = laws.around(laws.model(omega), omega)
+    given = tracking.response(laws.gains.reference, omega) / tracking.every
+    given *= np.exp(-1j * omega * tracking.latency_s)
+    middle = slice(2000, 4000)  # whole periods, far from both ends
+    turned = np.exp(-1j * omega * time_s[middle])
+    for values, response in (
+        (found.setpoint_um - laws.axis.centre_um, loop.following * loop.sensitivity * given),
+        (found.error_um, 1.0 - loop.followed * given),
+    ):
+        assert 2j * np.mean(values[middle] * turned) == pytest.approx(20.0 * response[0], rel=1e-3, abs=2e-3)
+
+
+def test_half_of_the_authority_leaves_half_of_the_path(cell):
+    path = 50.0 * np.sin(2.0 * np.pi * 0.5 * np.arange(4000) / RATE_HZ)
+    whole, half = predicted(cell, path), predicted(cell, path, authority_percent=50.0)
+    np.testing.assert_allclose(half.error_um, 0.5 * (path + whole.error_um), atol=1e-9)
+
+
+def test_the_voltage_gives_the_set_point_back_through_the_model(cell):
+    axis = cell.laws["x"].axis
+    time_s = np.arange(2000) / RATE_HZ
+    wanted = 66.0 + 55.0 * np.sin(2.0 * np.pi * 2.0 * time_s) * np.exp(-time_s)
+    voltage = inverse_voltage(axis, 0.0, wanted, RATE_HZ)
+    h = np.zeros(1, HYSTERESIS_PARAMETERS)[0]
+    fill_hysteresis(h, axis.hysteresis, 1.0 / RATE_HZ)
+    memory = np.zeros(len(h["r"]))
+    given = np.array([model_output(h, memory, volts) for volts in voltage])
+    # whatever the model remembered before is wiped out by the first full swing
+    np.testing.assert_allclose(given[500:], wanted[500:], atol=1e-6)
+
+
+def test_without_an_inverse_no_voltage_is_claimed(cell):
+    axis = cell.laws["x"].axis
+    pid = axis.model_copy(update={"inner": axis.inner.model_copy(update={"mode": "pid"})})
+    assert inverse_voltage(pid, 0.0, np.zeros(3), RATE_HZ) is None
+
+
+def test_a_cell_without_a_tracker_has_no_preview():
+    with pytest.raises(CheckFailed, match=r"reference\.source is .*, it must be signal"):
+        cell_of(prepare(CONFIG / "factory.yaml"), ["x"])

@@ -1,0 +1,79 @@
+"""The preview beside the truth: drawn paths, played; what the tracker saw in a recording as a path."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.design.preview.seen import on_grid, recorded_path
+from micromanip.errors import CheckFailed
+from micromanip.recordings.path_deviation import PathDeviation
+from micromanip.rt.telemetry import DEVIATION_FRESH
+from micromanip.settings.check import prepare
+from tools.check_preview import compare
+
+CONFIG = Path(__file__).parents[3] / "config"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("seed", "verdict"), [(2, "fits"), (9, "does not fit")])
+def test_the_verdict_holds_where_the_path_is_played(tmp_path, seed, verdict):
+    found = compare(prepare(CONFIG / "simulated.yaml"), seed, tmp_path)
+    assert (found.verdict, found.agreed) == (verdict, True), found.said
+
+
+@dataclass
+class Recorded:
+    """As much of a recording as a path takes of it."""
+
+    columns: dict
+    axes: tuple = ("x", "y")
+    file: Path = Path("run.mcap")
+
+    def column(self, path):
+        return self.columns[path]
+
+
+def recording(cycles=4000, every=10, age_ns=1_000_000):
+    """10 kHz rows of a tracker that is fresh in each tenth, 1 ms late."""
+    at = np.arange(cycles)
+    fresh = np.where(at % every == 3, DEVIATION_FRESH, 0)
+    taken_s = (at - (at - 3) % every) * 1e-4 - 1e-9 * age_ns
+    columns = {"time_ns": 7_000_000_000 + at * 100_000}
+    for k, hertz in enumerate((1.0, 2.0)):
+        columns |= {
+            f"axis.{k}.fresh": fresh | 1,
+            f"axis.{k}.deviation_age_ns": np.full(cycles, float(age_ns)),
+            f"axis.{k}.deviation_um": 100.0 * np.sin(2.0 * np.pi * hertz * taken_s),
+        }
+    return Recorded(columns)
+
+
+def test_what_the_tracker_saw_counts_when_it_was_taken():
+    path = recorded_path(recording(), ["y", "x"])
+    assert path.even_step_s() == pytest.approx(1e-3)
+    first_s = 3e-4 - 1e-3
+    for column, hertz in zip(path.deviation_um.T, (2.0, 1.0), strict=True):
+        np.testing.assert_allclose(column, 100.0 * np.sin(2.0 * np.pi * hertz * (path.time_s + first_s)), atol=1e-6)
+
+
+def test_a_recording_without_the_axis_or_its_samples_is_told():
+    with pytest.raises(CheckFailed, match=r"run\.mcap: axis q is not in it; its axes are x, y"):
+        recorded_path(recording(), ["q"])
+    silent = recording()
+    silent.columns["axis.1.fresh"] = np.ones(4000, dtype=int)
+    with pytest.raises(CheckFailed, match="axis y: no samples of deviation_y in it"):
+        recorded_path(silent, ["x", "y"])
+
+
+def test_uneven_rows_become_an_even_grid_and_gaps_are_told():
+    time_s = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(1.5, 2.5, 0.01)])
+    path = PathDeviation(Path("p.csv"), ("x",), time_s, (40.0 * time_s)[:, None])
+    even, notes = on_grid(path, 2000.0)
+    np.testing.assert_allclose(even[:, 0], 40.0 * np.arange(len(even)) / 2000.0, atol=1e-9)
+    assert notes == ["p.csv: 1 gaps, the first of 0.51 s at 0.99 s: bridged smoothly"]
+    sparse = PathDeviation(Path("p.csv"), ("x",), np.arange(5.0), np.zeros((5, 1)))
+    assert "what is faster than 0.5 Hz" in on_grid(sparse, 2000.0)[1][0]
+    with pytest.raises(CheckFailed, match="at most 3600 s are previewed: cut it"):
+        on_grid(PathDeviation(Path("p.csv"), ("x",), np.array([0.0, 4000.0]), np.zeros((2, 1))), 2000.0)

@@ -98,7 +98,7 @@ def recorded_budget(
     for axis in axes:
         say(f"axis {axis}")
         stretch = _stretch(telemetry, configuration, axis)
-        laws = AxisLaws(axis, configuration.axes[axis], configuration.reference, telemetry.period_ns * 1e-9)
+        laws = AxisLaws(axis, configuration.axes[axis], configuration.reference.of(axis), telemetry.period_ns * 1e-9)
         found.append(_explained(stretch, laws, coherence_s))
     return found
 

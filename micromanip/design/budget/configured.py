@@ -224,11 +224,9 @@ def _variants(cell: Cell, rest_um2: float) -> list[Variant]:
             add(f"force {100 * factor:g} %", replace(cell, known=pushed))
         joint_Hz = max(known.deviation)[0]
         swinging = laws.tracker.oscillations
-        nearest = min(swinging, key=lambda each: abs(each.frequency_Hz - joint_Hz), default=None)
-        if nearest is not None and f"{nearest.frequency_Hz:.3g}" != f"{joint_Hz:.3g}":
-            right = nearest.model_copy(update={"frequency_Hz": joint_Hz})
-            moved = tuple(right if each is nearest else each for each in swinging)
-            tracker = replace(laws.tracker, oscillations=moved)
+        if len(swinging) == 1 and f"{swinging[0].frequency_Hz:.4g}" != f"{joint_Hz:.4g}":
+            right = swinging[0].model_copy(update={"frequency_Hz": joint_Hz})
+            tracker = replace(laws.tracker, oscillations=(right,))
             other = Cell(replace(laws, tracker=tracker), replace(tracking, tracker=tracker), known)
-            add(f"joints' oscillation at {joint_Hz:.4g} Hz", other)
+            add(f"reference.oscillation_Hz {joint_Hz:.4g}", other)
     return found

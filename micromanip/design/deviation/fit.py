@@ -6,9 +6,9 @@ more is believed where the part held out becomes more likely by a margin, and th
 chosen model is fitted to all samples in the end.
 
 A walk of ``b s sqrt(2 h)`` gives an oscillation's filter the bandwidth b (noise s, h between samples, b small beside
-the rate). A sine that was seen for some seconds looks as if it never changed; a filter that believes so takes longer to
-settle than anybody has watched, and is lost when the robot moves its joints. So b is at least what settles in the
-record, and at least so much that a frequency off by `moves_percent` costs no more than needed: ``b h s^2`` of the noise
+the rate). A sine that was seen for some seconds looks as if it never changed; a filter that believes so takes for ever
+to settle, and is lost when the robot moves its joints. So b is at least what settles in a third of a second, and at
+least so much that a frequency off by `moves_percent` costs no more than needed: ``b h s^2`` of the noise
 comes through, and the filter lags by ``(A dw / b)^2 / 2`` behind an amplitude A whose frequency is off by dw; together
 they are least at ``b^3 = A^2 dw^2 / (h s^2)``. The other parameters are fitted anew beside these walks.
 """
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,12 @@ _LEAST_TURNS, _FITTED = 4.0, 0.7
 """Turns of an oscillation that must be seen; share of the samples that is fitted to while others are held out."""
 _MARGIN = 5.0
 """Log-likelihood that an oscillation must add on what was held out."""
-_SETTLED = 10.0
-"""Time constants of the slowest filter that fit into the record."""
+_APART = 0.1
+"""Nearer than this share of its frequency to another it is the same one once more."""
+_SETTLING_PER_S = 3.0
+"""Least bandwidth (rad/s) of an oscillation's filter: it begins anew after every gap in the samples."""
+_SLOWEST_POLE_PER_S = 1.0
+"""An oscillation that path and jerk nearly explain, a slow one, is refused where the filter would settle slower."""
 _CANDIDATES, _BEGUN_SHARE, _CALMER = 10, 0.2, (1.0, 0.03)
 """Frequencies at which an oscillation is begun; the bandwidth in terms of one; the jerk in terms of that without it."""
 _LOG_JERK, _LOG_WALK = (np.log(1e-3), np.log(1e7)), np.log(1e5)
@@ -62,6 +67,21 @@ class Deviation:
     held_out: Whiteness
     seconds: float
     notes: tuple[str, ...] = ()
+
+    def settings(self) -> dict[str, Any]:
+        """The keys of this axis in the section ``reference.axes``, to as many digits as are known."""
+        return {
+            "oscillations": [
+                {
+                    "frequency_Hz": float(f"{each.frequency_Hz:.5g}"),
+                    "um_per_s": float(f"{each.um_per_s:.3g}"),
+                    **({"decay_per_s": float(f"{each.decay_per_s:.3g}")} if each.decay_per_s > 0.0 else {}),
+                }
+                for each in self.model.oscillations
+            ],
+            "jerk_um_per_s3": float(f"{self.model.jerk_um_per_s3:.3g}"),
+            "noise_um": float(f"{self.model.noise_um:.3g}"),
+        }
 
 
 def fit_deviation(samples: Array, rate_Hz: float, moves_percent: float = MOVES_PERCENT) -> Deviation:
@@ -176,10 +196,14 @@ class _Search:
         for _ in range(MAX_MODES):
             more = self.fitted(self._begun(best), self._known)
             better = self._score(more)
-            swinging = more.oscillations[-1]
+            swinging, apart = more.oscillations[-1], _APART * more.oscillations[-1].frequency_Hz
             if better[0] - score[0] < 1.5 * np.log(self._known) or better[1] - score[1] < _MARGIN:
                 break
             if swinging.decay_per_s > 2.0 * np.pi * swinging.frequency_Hz:
+                break
+            if Whitening.of(more).settles_per_s(self._rate) < _SLOWEST_POLE_PER_S:
+                break
+            if any(abs(each.frequency_Hz - swinging.frequency_Hz) < apart for each in more.oscillations[:-1]):
                 break
             best, score = more, better
         return best
@@ -187,10 +211,10 @@ class _Search:
     def fitted(self, model: AxisTracker, known: int, walks: Sequence[float] | None = None) -> AxisTracker:
         """`model` with the parameters that leave the least of the first `known` samples, begun at its own.
 
-        Its oscillations walk at least as fast as `walks`, or as a filter that settles.
+        Its oscillations walk at least as fast as `walks`, or as a filter does that settles in time.
         """
         samples = self._samples[:known]
-        slowest = _SETTLED / self._seconds * np.sqrt(2.0 / self._rate)
+        slowest = _SETTLING_PER_S * np.sqrt(2.0 / self._rate)
         start, low, high = self._vector(model, [slowest] * len(model.oscillations) if walks is None else walks)
 
         def left(x: Array) -> Array:

@@ -44,6 +44,10 @@ class Whitening:
         zeros = np.array([1.0, 1.0, 1.0, *turns, *np.conj(turns)], dtype=complex)
         return cls(np.hstack([_sections(zeros), _sections(poles)]), poles, variance)
 
+    def settles_per_s(self, rate_Hz: float) -> float:
+        """How fast the filter forgets how it began, at its slowest (1/s), with `rate_Hz` samples a second."""
+        return float(-np.log(np.abs(self.poles).max()) * rate_Hz)
+
     def innovations(self, samples: Array, known: int | None = None) -> Array:
         """Innovations (n,), um, of evenly spaced `samples` (n,); the first `known` tell the state at the start."""
         known = len(samples) if known is None else known

@@ -17,7 +17,7 @@ from micromanip.rt.laws import coordinate_transform, estimator, feedforward, lqg
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
-_REFERENCE = ("SIGNAL", "JOG", "REFERENCE_STATES")
+_REFERENCE = ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES")
 _LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
 _RECORDS = (*_LAWS, limit_cycle, watch, arming, faults, figures, records, telemetry)
 """What is part of another record comes before it."""

@@ -124,15 +124,27 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
 
 static inline bool is_silent(const struct sensor_state *s, int64_t ns) { return s->sequence == 0 || s->silent_ns > ns; }
 
-/* Tracker: position, velocity, acceleration and oscillation, extrapolated in closed form. */
-static void extrapolate(const double *restrict from, double omega, double tau_s, double *restrict to)
+/* Tracker: position, velocity, acceleration and oscillations, extrapolated in closed form. */
+static void extrapolate(const struct reference_parameters *p, const double *restrict from, double tau_s, double *restrict to)
 {
-    double sine = sin(omega * tau_s), cosine = cos(omega * tau_s);
     to[0] = from[0] + tau_s * (from[1] + 0.5 * tau_s * from[2]);
     to[1] = from[1] + tau_s * from[2];
     to[2] = from[2];
-    to[3] = cosine * from[3] + sine / omega * from[4];
-    to[4] = -omega * sine * from[3] + cosine * from[4];
+    for (int k = 0; k < p->modes; k++) {
+        double omega = p->oscillator[k], left = p->decay[k] > 0.0 ? exp(-p->decay[k] * tau_s) : 1.0;
+        double sine = left * sin(omega * tau_s), cosine = left * cos(omega * tau_s);
+        const double *o = from + 3 + 2 * k;
+        to[3 + 2 * k] = cosine * o[0] + sine / omega * o[1];
+        to[4 + 2 * k] = -omega * sine * o[0] + cosine * o[1];
+    }
+}
+
+static double position(const double *w)
+{
+    double total = w[0];
+    for (int k = 0; k < MAX_MODES; k++)
+        total += w[3 + 2 * k];
+    return total;
 }
 
 static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns)
@@ -145,8 +157,8 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
     if (s->time_ns != 0 && gap_s <= 0.0)
         return;
     if (s->time_ns != 0 && gap_s <= p->horizon_s) {
-        extrapolate(s->filtered, p->oscillator, gap_s, s->w);
-        innovation = value - s->w[0] - s->w[3];
+        extrapolate(p, s->filtered, gap_s, s->w);
+        innovation = value - position(s->w);
     }
     bool lost = s->followed && !isfinite(innovation);
     double jump_um = isfinite(innovation) ? innovation : lost ? value - s->sampled_um : 0.0;
@@ -166,7 +178,7 @@ static void tracker_reference(const struct reference_parameters *p, struct refer
 {
     double age_s = (double)(now_ns - s->time_ns) * 1e-9;
     if (p->predict && s->time_ns > 0 && age_s <= p->horizon_s) {
-        extrapolate(s->filtered, p->oscillator, age_s, s->w);
+        extrapolate(p, s->filtered, age_s, s->w);
         return;
     }
     for (int i = 0; i < REFERENCE_STATES; i++)
@@ -223,7 +235,7 @@ static void remember_wanted(struct axis_state *s, int64_t cycle)
         s->references[skipped & HISTORY_MASK] = s->references[last & HISTORY_MASK];
     }
     s->setpoints[cycle & HISTORY_MASK] = s->setpoint_um;
-    s->references[cycle & HISTORY_MASK] = s->reference.w[0] + s->reference.w[3];
+    s->references[cycle & HISTORY_MASK] = position(s->reference.w);
     s->wanted_cycle = cycle;
 }
 
@@ -261,7 +273,7 @@ static double demand(const struct axis_parameters *p, struct axis_state *s)
     for (int i = 0; i < REFERENCE_STATES; i++)
         w[i] *= s->authority;
     s->blend_um *= p->blend_decay;
-    double u = dot(p->outer.reference, w, REFERENCE_STATES) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
+    double u = dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
     return p->centre_um + u + s->blend_um;
 }
 
@@ -467,7 +479,7 @@ static int came(const struct sensor_state *s, const double *range_um, int64_t no
 static void write_axis(const struct axis_parameters *p, const struct axis_state *a, const struct signal *signals,
                        struct axis_row *row, int64_t now_ns)
 {
-    row->reference_um = a->reference.w[0] + a->reference.w[3];
+    row->reference_um = position(a->reference.w);
     row->deviation_um = a->deviation.value;
     row->strain_um = a->strain.value;
     row->stage_um = a->stage.value;

@@ -6,6 +6,7 @@ import click
 
 from .fit_hysteresis import command as hysteresis
 from .fit_linear import command as linear
+from .fit_tracker import command as tracker
 
 
 @click.group("fit")
@@ -15,3 +16,4 @@ def command() -> None:
 
 command.add_command(hysteresis)
 command.add_command(linear)
+command.add_command(tracker)

@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .predictor import TrackerSettings, diagonal, reference_transition, rotation, shown
 from .riccati import solve_riccati
 
 Matrix = NDArray[np.float64]
@@ -60,21 +61,6 @@ class OuterSettings(Protocol):
     def sample_cycles(self) -> int: ...
 
 
-class TrackerSettings(Protocol):
-    """What is known of the reference signal: the section ``reference`` of a tracker."""
-
-    @property
-    def sample_rate_Hz(self) -> float: ...
-    @property
-    def oscillation_Hz(self) -> float: ...
-    @property
-    def oscillation_um_per_s(self) -> float: ...
-    @property
-    def jerk_um_per_s3(self) -> float: ...
-    @property
-    def noise_um(self) -> float: ...
-
-
 @dataclass(frozen=True)
 class OuterGains:
     """The augmented model (n, n), (n,), (n,) and its gains, all per loop cycle."""
@@ -101,19 +87,6 @@ class OuterGains:
         sampled = np.linalg.matrix_power(self.A, self.sample_cycles)
         observer = (own - np.outer(self.observer, self.C)) @ sampled
         return np.concatenate([np.linalg.eigvals(regulator), np.linalg.eigvals(observer)])
-
-
-def rotation(omega: float, period_s: float) -> Matrix:
-    """Transition over one period of an oscillation's (value, rate)."""
-    s, c = np.sin(omega * period_s), np.cos(omega * period_s)
-    return np.array([[c, s / omega], [-omega * s, c]])
-
-
-def reference_transition(omega: float, period_s: float) -> Matrix:
-    """Transition of (p, v, a, o, o') over one period."""
-    h = period_s
-    moving = np.array([[1.0, h, h * h / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-    return _diagonal(moving, rotation(omega, h))
 
 
 def augment(outer: OuterSettings, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]:
@@ -165,15 +138,15 @@ def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int)
 def regulate(
     A: Matrix, B: Matrix, C: Matrix, controllable: int, weight: float, S: Matrix
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """LQR gain K (nc,), feedforward (nd,) of the disturbances and (5,) of the reference with transition `S`."""
+    """LQR gain K (nc,), feedforward (nd,) of the disturbances and (r,) of the reference with transition `S`."""
     Ac, Bc, Cc = A[:controllable, :controllable], B[:controllable, None], C[:controllable]
     P = solve_riccati(Ac, Bc, np.outer(Cc, Cc), np.array([[weight]]))
     K = np.linalg.solve(Bc.T @ P @ Bc + weight, Bc.T @ P @ Ac)[0]
     E, D = A[:controllable, controllable:], A[controllable:, controllable:]
-    exo = _diagonal(D, S)
+    exo = diagonal(D, S)
     forcing = np.hstack([E, np.zeros((controllable, len(S)))])
     target = np.zeros(len(exo))
-    target[len(D)] = target[len(D) + 3] = 1.0
+    target[len(D) :] = shown(len(S))
     m = len(exo)
     # unknowns: Pi column by column, then Gamma
     each, states = np.arange(m), m * controllable
@@ -190,7 +163,7 @@ def regulate(
 
 
 def outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period_s: float) -> OuterGains:
-    """All gains of one axis; `reference` tells the oscillation to be followed, if any.
+    """All gains of one axis; `reference` tells the oscillations to be followed, if any.
 
     Raises LinAlgError, ValueError or FloatingPointError where there are none.
     """
@@ -200,8 +173,7 @@ def outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period_
 
 def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period_s: float) -> OuterGains:
     A, B, C, controllable = augment(outer, period_s)
-    omega = 2 * np.pi * (reference.oscillation_Hz if reference else 1.0)
-    S = reference_transition(omega, period_s)
+    S = reference_transition(reference.oscillations if reference else (), period_s)
     K, disturbance, following = regulate(A, B, C, controllable, outer.control_weight, S)
     L, variance = observer_gain(outer, A, C, controllable)
     n = len(outer.model.A)
@@ -250,15 +222,6 @@ def _convolved(x: Matrix, y: Matrix) -> Matrix:
     return np.asarray(np.fft.irfft(np.fft.rfft(x, size) * np.fft.rfft(y, size), size)[: len(x)], dtype=np.float64)
 
 
-def _diagonal(*blocks: Matrix) -> Matrix:
-    """Square blocks along the diagonal."""
-    total, at = np.zeros((sum(map(len, blocks)),) * 2), 0
-    for block in blocks:
-        total[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
-    return total
-
-
 def _angle(gains: OuterGains) -> float:
     """Angle (rad) that the oscillation turns by in a cycle."""
     return math.acos(min(1.0, float(gains.A[-2, -2])))
@@ -274,25 +237,3 @@ def dc_gain(outer: OuterSettings | None) -> float:
         return float(np.array(model.C) @ np.linalg.solve(np.eye(len(a)) - a, np.array(model.B)))
     except np.linalg.LinAlgError:
         return math.inf
-
-
-def tracker_gain(reference: TrackerSettings) -> Matrix:
-    """Stationary Kalman gain (5,) of the reference's predictor at the signal's own rate; raises as `outer_gains`."""
-    with np.errstate(divide="raise", over="raise", invalid="raise"):
-        return _tracker_gain(reference)
-
-
-def _tracker_gain(reference: TrackerSettings) -> Matrix:
-    h = 1.0 / reference.sample_rate_Hz
-    omega = 2 * np.pi * reference.oscillation_Hz
-    F = reference_transition(omega, h)
-    moving = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
-    # the oscillation's amplitude walks by oscillation_um_per_s per root second, in both its states
-    walking = np.diag([1.0, omega**2]) * h
-    Q = _diagonal(reference.jerk_um_per_s3**2 * moving, reference.oscillation_um_per_s**2 * walking)
-    H = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
-    # in units in which all states are of like size: the plain equation is too badly scaled
-    scale = np.array([1.0, omega, omega**2, 1.0, omega])
-    Fs, Qs = F * scale[None, :] / scale[:, None], Q / np.outer(scale, scale)
-    P = solve_riccati(Fs.T, H[:, None], Qs, np.array([[reference.noise_um**2]]))
-    return np.asarray(scale * (P @ H) / (H @ P @ H + reference.noise_um**2), dtype=np.float64)

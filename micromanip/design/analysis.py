@@ -85,7 +85,7 @@ def analyse_axis(
     if settings.outer is None:
         missing.append("no margins of the outer loop: the axis has no section outer with an identified model")
     else:
-        tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
+        tracker = configuration.reference.of(axis) if isinstance(configuration.reference, Tracker) else None
         late = experiment.path(configuration, axis).stage_late if experiment is not None else 0
         stage = analyse_stage(settings, tracker, period_s, late)
     samples: list[Sample] = []

@@ -14,7 +14,7 @@ from micromanip.design.describing import limit_cycles, sweep
 from micromanip.design.loops import stage_loop, strain_loop
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import AxisTracker
 
 from .actuation import Actuator
 from .describing import (
@@ -115,7 +115,7 @@ def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) 
     return Strain(actuator, side, slopes, loops, tuple(margins(loop) for loop in loops), cycles)
 
 
-def analyse_stage(settings: Axis, tracker: Tracker | None, period_s: float, late_cycles: int = 0) -> Stage:
+def analyse_stage(settings: Axis, tracker: AxisTracker | None, period_s: float, late_cycles: int = 0) -> Stage:
     """Margins of the loop broken at the set-point; limit cycles with an inverse that is wrong by ``SPREAD``."""
     outer = settings.outer
     if outer is None:

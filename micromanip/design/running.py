@@ -145,7 +145,7 @@ def _stage(configuration: Configuration, path: FeedbackPath, axis: str, plant: M
     outer = settings.outer
     if outer is None:
         raise CheckFailed(f"axis {axis} has no section outer")
-    tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
+    tracker = configuration.reference.of(axis) if isinstance(configuration.reference, Tracker) else None
     gains, model = outer_gains(outer, tracker, period_s), model_system(outer.model, period_s)
     around = stage_loop(gains, model, outer.sample_cycles, path.stage_late)
     predicted = margins(around)

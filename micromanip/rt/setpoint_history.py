@@ -12,6 +12,7 @@ is the same number.
 from __future__ import annotations
 
 from micromanip.rt.laws.estimator import INPUT_HISTORY
+from micromanip.rt.laws.reference import position
 
 from .jit import compiled
 from .record import Record
@@ -24,7 +25,7 @@ def start_history(s: Record) -> None:
     """The axis has rested where its set-point is now, as far as its memory goes."""
     for k in range(INPUT_HISTORY):
         s["setpoints"][k] = s["setpoint_um"]
-        s["references"][k] = s["reference"]["w"][0] + s["reference"]["w"][3]
+        s["references"][k] = position(s["reference"]["w"])
 
 
 @compiled
@@ -35,7 +36,7 @@ def remember_setpoint(s: Record, cycle: int) -> None:
         s["setpoints"][skipped & _MASK] = s["setpoints"][last & _MASK]
         s["references"][skipped & _MASK] = s["references"][last & _MASK]
     s["setpoints"][cycle & _MASK] = s["setpoint_um"]
-    s["references"][cycle & _MASK] = s["reference"]["w"][0] + s["reference"]["w"][3]
+    s["references"][cycle & _MASK] = position(s["reference"]["w"])
     s["wanted_cycle"] = cycle
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from micromanip.rt.laws.estimator import change_model
 from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
 from micromanip.rt.laws.pid import retune, start_pid
+from micromanip.rt.laws.reference import change_modes
 
 from .arming import carry_checks
 from .jit import compiled
@@ -32,6 +33,7 @@ def swap_axis(old: Record, new: Record, s: Record) -> None:
         s["pid"]["output_V"] += before - after
     carry_checks(old, new, s)
     change_model(old["outer"], new["outer"], s["estimator"])
+    change_modes(old["reference"], new["reference"], s["reference"])
     if new["mode"] != STAGE:
         s["estimator"]["running"] = 0
     s["watch"]["fallback"] = s["watch"]["band_cycles"] = 0

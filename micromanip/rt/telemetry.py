@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from micromanip.rt.laws.estimator import output
+from micromanip.rt.laws.reference import position
 from micromanip.rt.laws.sensor import is_on
 
 from .digital_io import asks_feed_hold, is_enabled
@@ -117,7 +118,7 @@ def _fresh(p: Record, a: Record, now_ns: int) -> int:
 @compiled
 def _axis_row(p: Record, a: Record, signals: Any, row: Record, now_ns: int) -> None:
     stage = p["mode"] == STAGE
-    row["reference_um"] = a["reference"]["w"][0] + a["reference"]["w"][3]
+    row["reference_um"] = position(a["reference"]["w"])
     row["conditions"] = a["watch"]["raised"]
     row["deviation_um"] = a["deviation"]["value"] if p["deviation"] >= 0 else math.nan
     row["strain_um"] = a["strain"]["value"]

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.outer_gains import dc_gain, outer_gains, tracker_gain
+from micromanip.control.outer_gains import dc_gain, outer_gains
+from micromanip.control.predictor import tracker_gain
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.compile.reference import load_samples
 from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, attainable_um
@@ -238,16 +239,26 @@ def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
 def _stability(configuration: Configuration) -> Iterator[Finding]:
     tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
     if tracker is not None:
-        try:
-            tracker_gain(tracker)
-        except _NO_SOLUTION as problem:
-            yield ("reference",), f"no predictor exists for these rates and noises ({problem})"
-            return
+        for name in tracker.axes:
+            if name not in configuration.axes:
+                yield (
+                    ("reference", "axes", name),
+                    f"there is no axis {name}; the axes are {', '.join(configuration.axes)}",
+                )
+        for name in configuration.axes:
+            try:
+                tracker_gain(tracker.of(name))
+            except _NO_SOLUTION as problem:
+                where = ("reference", "axes", name) if name in tracker.axes else ("reference",)
+                yield where, f"no predictor exists for these rates and noises ({problem})"
+                return
     for name, axis in configuration.axes.items():
         if axis.outer is None:
             continue
         try:
-            gains = outer_gains(axis.outer, tracker, configuration.loop.period_ns * 1e-9)
+            gains = outer_gains(
+                axis.outer, None if tracker is None else tracker.of(name), configuration.loop.period_ns * 1e-9
+            )
         except _NO_SOLUTION as problem:
             yield ("axes", name, "outer"), f"no stabilising gains exist for this model and these knobs ({problem})"
             continue

@@ -42,6 +42,7 @@ def parameters(gains, **changed):
         "c": gains.C,
         "gain": gains.observer,
         "feedback": gains.feedback,
+        "reference_states": len(gains.reference),
         "reference": gains.reference,
         "steady_u": gains.steady_u,
         "steady_y": gains.steady_y,

@@ -5,16 +5,30 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from micromanip.control.outer_gains import reference_transition
+from micromanip.control.predictor import reference_transition
 from micromanip.rt.laws.estimator import ESTIMATOR_STATE, output
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS, outer_setpoint
-from micromanip.settings.schema.reference import Tracker
+from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATES, extrapolate
+from micromanip.settings.schema.reference import AxisDeviation, Oscillation, Tracker
 
 from .builders import PERIOD_S, record
 from .kernels import outer_course
 from .outer_loops import designed, process_noise
 
-TRACKER = Tracker(source="signal", oscillation_Hz=8.0)
+TRACKER = Tracker(
+    source="signal",
+    oscillation_Hz=8.0,
+    axes={
+        "y": AxisDeviation(
+            oscillations=(
+                Oscillation(frequency_Hz=8.0, um_per_s=60.0),
+                Oscillation(frequency_Hz=21.0, um_per_s=60.0),
+                Oscillation(frequency_Hz=1.0, um_per_s=60.0, decay_per_s=0.4),
+            )
+        )
+    },
+)
+MOVED = {"x": [(8.0, 0.0)], "y": [(8.0, 0.0), (21.0, 0.0), (1.0, 0.4)]}
 VARIANTS = [(0, None), (0, 200.0), (2, None), (2, 200.0), (5, 180.0)]
 variants = pytest.mark.parametrize(("delay", "oscillation_Hz"), VARIANTS)
 
@@ -139,7 +153,18 @@ REFERENCES = {
     "parabola": [-20.0, 150.0, 400.0, 0.0, 0.0],
     "oscillation": [0.0, 0.0, 0.0, 30.0, 500.0],
     "all": [10.0, -100.0, 300.0, 10.0, -900.0],
+    "three oscillations": [10.0, -100.0, 300.0, 10.0, -900.0, 5.0, 100.0, -40.0, 20.0],
 }
+
+
+def moved(axis):
+    """The oscillations of `axis`, written down once more."""
+    omegas, decays = ([factor * each[i] for each in MOVED[axis]] for i, factor in ((0, 2 * np.pi), (1, 1.0)))
+    return record(REFERENCE_PARAMETERS, modes=len(omegas), oscillator=omegas, decay=decays)
+
+
+def state(name):
+    return np.pad(REFERENCES[name], (0, REFERENCE_STATES - len(REFERENCES[name])))
 
 
 @pytest.mark.long
@@ -148,15 +173,16 @@ REFERENCES = {
 @pytest.mark.parametrize(("delay", "oscillation_Hz"), [(0, None), (2, 200.0), (5, 180.0)])
 def test_references_are_followed_and_disturbances_cancelled(delay, oscillation_Hz, reference):
     """To 1e-6 um after the transient, by the very code that runs in the loop."""
-    _, gains, p = designed(delay, TRACKER, oscillation_Hz=oscillation_Hz, oscillation_um=0.01)
+    axis = "x" if len(REFERENCES[reference]) == 5 else "y"
+    _, gains, p = designed(delay, TRACKER.of(axis), oscillation_Hz=oscillation_Hz, oscillation_um=0.01)
     n = len(gains.A)
-    plant, omega = np.zeros(p["a_columns"].shape[0]), 2 * np.pi * TRACKER.oscillation_Hz
+    plant = np.zeros(p["a_columns"].shape[0])
     walk = n - 3 if oscillation_Hz is not None else n - 1
     plant[walk] = 4.0  # um at the set-point
     if oscillation_Hz is not None:
         plant[-(len(plant) - n) - 2] = 2.0
-    w, scratch, out = np.array(REFERENCES[reference]), np.zeros(5), np.zeros((4000, 3))
-    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, w, omega, PERIOD_S, out)
+    w, scratch, out = state(reference), np.zeros(REFERENCE_STATES), np.zeros((4000, 3))
+    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, w, moved(axis), PERIOD_S, out)
     error = out[:, 0] - out[:, 1]
     assert np.abs(error[:200]).max() > 1.0  # there was something to do
     assert np.abs(error[-500:]).max() < 1e-6
@@ -165,12 +191,10 @@ def test_references_are_followed_and_disturbances_cancelled(delay, oscillation_H
 
 def test_without_the_regulator_equations_it_would_not_follow():
     """Negative control: the feedforward of the velocity left out."""
-    _, gains, p = designed(2, TRACKER)
+    _, gains, p = designed(2, TRACKER.of("x"))
     p["reference"][1] = 0.0
-    plant, out = np.zeros(p["a_columns"].shape[0]), np.zeros((4000, 3))
-    outer_course(
-        p, record(ESTIMATOR_STATE), plant, np.zeros(5), np.array(REFERENCES["ramp"]), 2 * np.pi * 8.0, PERIOD_S, out
-    )
+    plant, out, scratch = np.zeros(p["a_columns"].shape[0]), np.zeros((4000, 3)), np.zeros(REFERENCE_STATES)
+    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, state("ramp"), moved("x"), PERIOD_S, out)
     assert np.abs(out[-500:, 0] - out[-500:, 1]).min() > 1e-3
     assert len(gains.reference) == 5
 
@@ -188,16 +212,19 @@ def test_steady_states():
 def test_law_is_a_sum_of_products():
     rng = np.random.default_rng(3)
     p = record(
-        OUTER_PARAMETERS, states=9, feedback=rng.normal(size=16), reference=rng.normal(size=5), c=rng.normal(size=16)
+        OUTER_PARAMETERS,
+        states=9,
+        feedback=rng.normal(size=16),
+        reference_states=7,
+        reference=rng.normal(size=9),
+        c=rng.normal(size=16),
     )
-    x, w = rng.normal(size=16), rng.normal(size=5)
-    assert outer_setpoint(p, x, w) == pytest.approx(p["reference"] @ w - p["feedback"][:9] @ x[:9])
+    x, w = rng.normal(size=16), rng.normal(size=9)
+    assert outer_setpoint(p, x, w) == pytest.approx(p["reference"][:7] @ w[:7] - p["feedback"][:9] @ x[:9])
     assert output(p, x) == pytest.approx(p["c"][:9] @ x[:9])
 
 
 def test_reference_transition_is_that_of_extrapolate():
-    from micromanip.rt.laws.reference import extrapolate
-
-    omega, w, out = 2 * np.pi * 8.0, np.array([1.0, 20.0, 300.0, 4.0, 50.0]), np.zeros(5)
-    extrapolate(w, omega, PERIOD_S, out)
-    assert out == pytest.approx(reference_transition(omega, PERIOD_S) @ w)
+    w, out = state("three oscillations"), np.zeros(REFERENCE_STATES)
+    extrapolate(moved("y"), w, PERIOD_S, out)
+    assert out == pytest.approx(reference_transition(TRACKER.of("y").oscillations, PERIOD_S) @ w)

@@ -8,33 +8,38 @@ from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.linalg import block_diag
 
-from micromanip.control.outer_gains import reference_transition, tracker_gain
+from micromanip.control.predictor import reference_transition, shown, tracker_gain
 from micromanip.rt.laws.reference import (
     HOLD,
+    MAX_MODES,
     REFERENCE_PARAMETERS,
     REFERENCE_STATE,
+    REFERENCE_STATES,
     SAMPLES,
     SIGNAL,
     SINES,
     STEP,
+    change_modes,
     extrapolate,
     own_reference,
+    position,
     signal_reference,
     signal_sample,
 )
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import AxisTracker, Oscillation, Tracker
 
 from .builders import record
 
 NO_SAMPLES = np.zeros((1, 3))
+NO_MOTION = [0.0] * (REFERENCE_STATES - 1)
 MS = 1_000_000
 
 
 def own(p, t_s, samples=NO_SAMPLES):
-    w = np.full(5, np.nan)
+    w = np.full(REFERENCE_STATES, np.nan)
     own_reference(p, w, t_s, samples)
     return w
 
@@ -42,25 +47,43 @@ def own(p, t_s, samples=NO_SAMPLES):
 # -- extrapolation ----------------------------------------------------------------------------------
 
 
-@given(st.lists(st.floats(-100.0, 100.0), min_size=5, max_size=5), st.floats(10.0, 500.0), st.floats(-0.02, 0.02))
-def test_extrapolation_is_the_differential_equation(w, omega, tau_s):
-    w, out = np.array(w), np.zeros(5)
-    extrapolate(w, omega, tau_s, out)
+def swinging(*modes):
+    """Parameters of oscillations of (rad/s, decay)."""
+    omegas, decays = ([each[i] for each in modes] for i in (0, 1))
+    return record(REFERENCE_PARAMETERS, modes=len(modes), oscillator=omegas, decay=decays)
+
+
+MODES = st.lists(st.tuples(st.floats(10.0, 500.0), st.sampled_from([0.0, 0.3, 20.0])), max_size=MAX_MODES)
+STATES = st.lists(st.floats(-100.0, 100.0), min_size=REFERENCE_STATES, max_size=REFERENCE_STATES)
+
+
+@given(STATES, MODES, st.floats(-0.02, 0.02))
+def test_extrapolation_is_the_differential_equation(w, modes, tau_s):
+    w, out, used = np.array(w), np.full(REFERENCE_STATES, np.nan), 3 + 2 * len(modes)
+    extrapolate(swinging(*modes), w, tau_s, out)
 
     def slope(_, x):
-        return [x[1], x[2], 0.0, x[4], -omega * omega * x[3]]
+        turned = [(x[i + 1] - d * x[i], -omega * omega * x[i] - d * x[i + 1]) for i, (omega, d) in parts]
+        return [x[1], x[2], 0.0, *(value for pair in turned for value in pair)]
 
-    fine = solve_ivp(slope, (0.0, tau_s), w, rtol=1e-10, atol=1e-10).y[:, -1] if tau_s else w
-    assert out == pytest.approx(fine, rel=1e-6, abs=1e-5)
+    parts = list(zip(range(3, used, 2), modes, strict=True))
+    fine = solve_ivp(slope, (0.0, tau_s), w[:used], rtol=1e-10, atol=1e-10).y[:, -1] if tau_s else w[:used]
+    assert out[:used] == pytest.approx(fine, rel=1e-6, abs=1e-5)
+    assert np.isnan(out[used:]).all(), "what it has not is not touched"
 
 
 @given(st.floats(0.0, 0.01), st.floats(0.0, 0.01))
 def test_extrapolations_add_up(first_s, second_s):
-    w, middle, end, direct = np.array([1.0, 20.0, 300.0, 4.0, -50.0]), np.zeros(5), np.zeros(5), np.zeros(5)
-    extrapolate(w, 50.0, first_s, middle)
-    extrapolate(middle, 50.0, second_s, end)
-    extrapolate(w, 50.0, first_s + second_s, direct)
+    w = np.array([1.0, 20.0, 300.0, 4.0, -50.0, 2.0, 30.0, -1.0, 8.0])
+    p, (middle, end, direct) = swinging((50.0, 0.0), (31.0, 2.0), (90.0, 0.1)), np.zeros((3, REFERENCE_STATES))
+    extrapolate(p, w, first_s, middle)
+    extrapolate(p, middle, second_s, end)
+    extrapolate(p, w, first_s + second_s, direct)
     assert end == pytest.approx(direct, rel=1e-9, abs=1e-9)
+
+
+def test_the_position_is_the_path_with_its_oscillations():
+    assert position(np.array([1.0, 99.0, 99.0, 4.0, 99.0, 20.0, 99.0, 300.0, 99.0])) == 325.0
 
 
 # -- own sources --------------------------------------------------------------------------------------
@@ -70,8 +93,8 @@ def test_hold_and_step():
     hold = record(REFERENCE_PARAMETERS, kind=HOLD, offset_um=7.0, start_s=1.0)
     step = record(REFERENCE_PARAMETERS, kind=STEP, offset_um=7.0, step_um=3.0, start_s=1.0)
     for t in (-1.0, 0.0, 0.999, 1.0, 5.0):
-        assert own(hold, t).tolist() == [7.0, 0.0, 0.0, 0.0, 0.0]
-        assert own(step, t).tolist() == [10.0 if t >= 1.0 else 7.0, 0.0, 0.0, 0.0, 0.0]
+        assert own(hold, t).tolist() == [7.0, *NO_MOTION]
+        assert own(step, t).tolist() == [10.0 if t >= 1.0 else 7.0, *NO_MOTION]
 
 
 SINES_25 = record(
@@ -87,7 +110,7 @@ SINES_25 = record(
 
 
 def test_sines_are_equation_25_and_begin_without_a_step():
-    assert own(SINES_25, 0.4).tolist() == [70.0, 0.0, 0.0, 0.0, 0.0]
+    assert own(SINES_25, 0.4).tolist() == [70.0, *NO_MOTION]
     assert own(SINES_25, 0.5)[0] == pytest.approx(70.0)
     t = 0.6137
     expected = 70.0 + 30.0 * math.sin(20 * math.pi * (t - 0.5))
@@ -116,19 +139,19 @@ def test_samples_have_the_velocity_of_their_neighbours():
     assert own(PLAYER, 0.002, PLAYED)[1] == pytest.approx((8.0 - 3.0) / 0.002)
 
 
-@pytest.mark.parametrize(("t_s", "position"), [(-1.0, 1.0), (-0.0011, 1.0), (0.0052, 6.0), (3600.0, 6.0)])
-def test_before_and_after_the_samples_it_stands_still(t_s, position):
+@pytest.mark.parametrize(("t_s", "place"), [(-1.0, 1.0), (-0.0011, 1.0), (0.0052, 6.0), (3600.0, 6.0)])
+def test_before_and_after_the_samples_it_stands_still(t_s, place):
     """A held position has no velocity: fed forward it would be a lasting error."""
-    assert own(PLAYER, t_s, PLAYED).tolist() == [position, 0.0, 0.0, 0.0, 0.0]
+    assert own(PLAYER, t_s, PLAYED).tolist() == [place, *NO_MOTION]
 
 
 def test_a_single_sample_is_a_constant():
-    assert own(PLAYER, 5.0, np.full((1, 3), 4.0)).tolist() == [4.0, 0.0, 0.0, 0.0, 0.0]
+    assert own(PLAYER, 5.0, np.full((1, 3), 4.0)).tolist() == [4.0, *NO_MOTION]
 
 
 # -- signal -------------------------------------------------------------------------------------------
 
-SETTINGS = Tracker(source="signal", sample_rate_Hz=1000.0, oscillation_Hz=8.0, noise_um=0.5)
+SETTINGS = Tracker(source="signal", sample_rate_Hz=1000.0, oscillation_Hz=8.0, noise_um=0.5).of("x")
 OMEGA = 2 * math.pi * 8.0
 
 
@@ -136,7 +159,8 @@ def tracker(**fields):
     defaults = {
         "kind": SIGNAL,
         "predict": 1,
-        "oscillator": OMEGA,
+        "modes": 1,
+        "oscillator": [OMEGA],
         "gain": tracker_gain(SETTINGS),
         "horizon_s": 0.02,
         "low_um": -300.0,
@@ -153,10 +177,10 @@ def path(t):
 def test_gain_and_filter_are_filterpys():
     kf = KalmanFilter(dim_x=5, dim_z=1)
     h = 1e-3
-    kf.F = reference_transition(OMEGA, h)
+    kf.F = reference_transition(SETTINGS.oscillations, h)
     kf.H = np.array([[1.0, 0.0, 0.0, 1.0, 0.0]])
     smooth = Q_continuous_white_noise(3, dt=h, spectral_density=SETTINGS.jerk_um_per_s3**2)
-    kf.Q = block_diag(smooth, SETTINGS.oscillation_um_per_s**2 * h * np.diag([1.0, OMEGA**2]))
+    kf.Q = block_diag(smooth, SETTINGS.oscillations[0].um_per_s ** 2 * h * np.diag([1.0, OMEGA**2]))
     kf.R = np.array([[SETTINGS.noise_um**2]])
     kf.P = np.diag([1.0, 1e2, 1e4, 1.0, 1e2])
     for _ in range(20_000):
@@ -173,8 +197,60 @@ def test_gain_and_filter_are_filterpys():
         else:
             kf.predict()
             kf.update(np.array([y]))
-        assert s["filtered"] == pytest.approx(kf.x[:, 0], rel=1e-3, abs=1e-3 * max(1.0, np.abs(kf.x).max()))
+        assert s["filtered"][:5] == pytest.approx(kf.x[:, 0], rel=1e-3, abs=1e-3 * max(1.0, np.abs(kf.x).max()))
     assert s["rejected"] == 0
+
+
+THREE = AxisTracker(
+    sample_rate_Hz=500.0,
+    oscillations=(
+        Oscillation(frequency_Hz=7.5, um_per_s=4.0),
+        Oscillation(frequency_Hz=0.9, um_per_s=9.0, decay_per_s=0.5),
+        Oscillation(frequency_Hz=21.0, um_per_s=2.0, decay_per_s=3.0),
+    ),
+    jerk_um_per_s3=900.0,
+    noise_um=0.4,
+)
+
+
+def test_three_oscillations_are_filterpys_too():
+    kf, h = KalmanFilter(dim_x=9, dim_z=1), 2e-3
+    kf.F = reference_transition(THREE.oscillations, h)
+    kf.H = shown(9)[None, :]
+    walked = [
+        o.um_per_s**2 * quad(lambda t, d=o.decay_per_s: math.exp(-2 * d * t), 0.0, h)[0] for o in THREE.oscillations
+    ]
+    turns = [
+        w * np.diag([1.0, (2 * np.pi * o.frequency_Hz) ** 2]) for w, o in zip(walked, THREE.oscillations, strict=True)
+    ]
+    kf.Q = block_diag(Q_continuous_white_noise(3, dt=h, spectral_density=THREE.jerk_um_per_s3**2), *turns)
+    kf.R = np.array([[THREE.noise_um**2]])
+    kf.P = np.diag([1.0, 1e2, 1e4, 1.0, 1e2, 1.0, 1e2, 1.0, 1e2])
+    for _ in range(5_000):
+        kf.predict()
+        kf.update(np.zeros(1))
+    assert tracker_gain(THREE) == pytest.approx(kf.K[:, 0], rel=1e-4)
+    omegas = [2 * np.pi * o.frequency_Hz for o in THREE.oscillations]
+    p = tracker(modes=3, oscillator=omegas, decay=[0.0, 0.5, 3.0], gain=tracker_gain(THREE))
+    rng, s = np.random.default_rng(6), record(REFERENCE_STATE)
+    for k in range(1, 200):
+        y = path(k * h) + 0.4 * rng.normal()
+        signal_sample(p, s, y, 2 * k * MS)
+        if k == 1:
+            kf.x = np.zeros((9, 1))
+            kf.x[0] = y
+        else:
+            kf.predict()
+            kf.update(np.array([y]))
+        assert s["filtered"] == pytest.approx(kf.x[:, 0], rel=1e-3, abs=1e-3 * max(1.0, np.abs(kf.x).max()))
+
+
+@pytest.mark.parametrize(("before", "after", "kept"), [(1, 3, 5), (3, 1, 5), (2, 2, 7), (0, 3, 3)])
+def test_other_oscillations_begin_at_rest(before, after, kept):
+    s = record(REFERENCE_STATE, filtered=np.arange(1.0, 10.0), w=np.arange(1.0, 10.0))
+    change_modes(tracker(modes=before), tracker(modes=after), s)
+    for name in ("filtered", "w"):
+        assert s[name].tolist() == [*np.arange(1.0, kept + 1.0), *[0.0] * (9 - kept)]
 
 
 def test_it_predicts_to_now():
@@ -220,7 +296,7 @@ def test_past_the_horizon_the_last_position_is_held():
     signal_reference(p, s, 99 * MS + 20 * MS)
     assert s["w"][0] + s["w"][3] > 220.0  # still extrapolated: 2 um a ms
     signal_reference(p, s, 99 * MS + 20 * MS + 1)
-    assert s["w"].tolist() == [198.0, 0.0, 0.0, 0.0, 0.0]
+    assert s["w"].tolist() == [198.0, *NO_MOTION]
 
 
 def test_after_a_gap_it_starts_anew():
@@ -228,7 +304,7 @@ def test_after_a_gap_it_starts_anew():
     for k in range(1, 100):
         signal_sample(p, s, 2.0 * k, k * MS)
     signal_sample(p, s, -50.0, 99 * MS + 21 * MS)
-    assert s["filtered"].tolist() == [-50.0, 0.0, 0.0, 0.0, 0.0]
+    assert s["filtered"].tolist() == [-50.0, *NO_MOTION]
     signal_reference(p, s, 121 * MS)
     assert s["w"][0] == -50.0
 
@@ -293,7 +369,7 @@ def test_a_lost_memory_starts_anew_with_the_next_sample(state):
         signal_sample(p, s, 2.0 * k, k * MS)
     s["filtered"][state] = math.nan
     signal_sample(p, s, 20.0, 10 * MS)
-    assert s["filtered"].tolist() == [20.0, 0.0, 0.0, 0.0, 0.0]
+    assert s["filtered"].tolist() == [20.0, *NO_MOTION]
 
 
 @pytest.mark.parametrize("late_ns", [0, MS // 2, 3 * MS])
@@ -310,7 +386,7 @@ def test_a_sample_out_of_order_is_ignored(late_ns):
 def test_before_the_first_sample_the_reference_is_zero():
     p, s = tracker(), record(REFERENCE_STATE)
     signal_reference(p, s, 5 * MS)
-    assert s["w"].tolist() == [0.0] * 5
+    assert s["w"].tolist() == [0.0, *NO_MOTION]
 
 
 @given(st.lists(st.tuples(st.floats(allow_nan=True, allow_infinity=True), st.integers(-5 * MS, 30 * MS)), max_size=60))

@@ -69,6 +69,8 @@ def _framed():
     document = _simulated()
     document["signals"]["tracker_a"] = document["signals"].pop("deviation_x") | {"channel": "deviation_x"}
     document["reference"]["frame"] = _FRAME
+    swinging = [{"frequency_Hz": 7.8, "um_per_s": 2.0, "decay_per_s": 0.1}]
+    document["reference"]["axes"] = {"x": {"oscillations": swinging, "jerk_um_per_s3": 300.0, "noise_um": 0.4}}
     return document
 
 

@@ -44,7 +44,7 @@ USED_BY_NOBODY_THAT_RUNS = {
 
 IS_A_SECTION = (
     *(
-        r"reference\.(source|frame|sines)",
+        r"reference\.(source|frame|sines|axes|axes\.\*\.oscillations)",
         r"axes\.\*\.(outer|commissioned|inner\.notch)",
         r"axes\.\*\.hysteresis\.(model|shaping)",
     ),

@@ -65,7 +65,7 @@ def test_the_outer_loop_too_and_a_model_that_is_not_the_plant_is_told(prepared):
     """The measured loop is the true one whatever the configuration's model says; another gain does not agree."""
     plant, axis, period_s = plant_and_axis(prepared)
     feedforward = abs(harmonics(inverse_operator(axis.hysteresis), SWING_UM, CENTRE_UM).gain)
-    gains = outer_gains(axis.outer, prepared.configuration.reference, period_s)
+    gains = outer_gains(axis.outer, prepared.configuration.reference.of("x"), period_s)
     found = measured(prepared, "stage")
     compared(found, margins(stage_loop(gains, plant.behind(axis, feedforward))))
     wrong = replace(found, loop=replace(found.loop, apart=0.3))

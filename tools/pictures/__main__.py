@@ -127,7 +127,7 @@ def force_step(prepared: Prepared) -> Figure:
     damping = decrement / np.hypot(2 * np.pi, decrement)
     assert axis.outer is not None
     tracker: Any = prepared.configuration.reference
-    roots = np.log(outer_gains(axis.outer, tracker, _PERIOD_S).closed_loop_poles.astype(complex)) / _PERIOD_S
+    roots = np.log(outer_gains(axis.outer, tracker.of("x"), _PERIOD_S).closed_loop_poles.astype(complex)) / _PERIOD_S
     mode = min(roots[roots.imag > 0], key=lambda s: abs(abs(s) / (2 * np.pi) - 90.0))
     figure, (both, near) = panels(2, f"Spindle after a step of {_FORCE_N:g} N", 5.4)
     shown = (time > -0.02) & (time < 0.4)

@@ -87,8 +87,8 @@ def cell_of(prepared: Prepared, axis: str) -> Cell:
             "and whose voltages are written, in every cycle"
         )
     timing = signal_timing(configuration, wiring, f"deviation_{axis}")
-    laws = AxisLaws(axis, configuration.axes[axis], tracker, configuration.loop.period_ns * 1e-9)
-    tracking = Tracking(tracker, cycles_between(configuration, timing), timing.latency_s, laws.period_s)
+    laws = AxisLaws(axis, configuration.axes[axis], tracker.of(axis), configuration.loop.period_ns * 1e-9)
+    tracking = Tracking(laws.tracker, cycles_between(configuration, timing), timing.latency_s, laws.period_s)
     driver = wiring.drivers[configuration.outputs[f"voltage_{axis}"].driver]
     simulated = getattr(driver, "simulated_axis", None)  # a driver of a bus has none
     return Cell(laws, tracking, None if simulated is None else simulated(axis))
@@ -193,13 +193,13 @@ def _variants(cell: Cell, rest_um2: float) -> list[Variant]:
 
     tracking, laws, known = cell.tracking, cell.laws, cell.known
     for factor in (0.2, 0.4, 2.0, 4.0):
-        tracker = laws.tracker.model_copy(update={"noise_um": factor * laws.tracker.noise_um})
+        tracker = replace(laws.tracker, noise_um=factor * laws.tracker.noise_um)
         quieter = None if known is None else replace(known, tracker_noise_um=factor * known.tracker_noise_um)
         other = Cell(replace(laws, tracker=tracker), replace(tracking, tracker=tracker), quieter)
         add(f"tracker noise {tracker.noise_um:g} um", other)
     for every in (2 * tracking.every, max(1, tracking.every // 2)):
         rate_hz = 1.0 / (every * tracking.period_s)
-        tracker = laws.tracker.model_copy(update={"sample_rate_Hz": rate_hz})
+        tracker = replace(laws.tracker, sample_rate_Hz=rate_hz)
         if every != tracking.every:
             other = Cell(replace(laws, tracker=tracker), replace(tracking, tracker=tracker, every=every), known)
             add(f"tracker rate {rate_hz:g} Hz", other)
@@ -223,8 +223,10 @@ def _variants(cell: Cell, rest_um2: float) -> list[Variant]:
             pushed = replace(known, force_noise=(factor * noise_N, bandwidth_Hz), tooth=(tooth_Hz, factor * tooth_N))
             add(f"force {100 * factor:g} %", replace(cell, known=pushed))
         joint_Hz = max(known.deviation)[0]
-        if joint_Hz != laws.tracker.oscillation_Hz:
-            tracker = laws.tracker.model_copy(update={"oscillation_Hz": joint_Hz})
+        swinging = laws.tracker.oscillations
+        if len(swinging) == 1 and f"{swinging[0].frequency_Hz:.4g}" != f"{joint_Hz:.4g}":
+            right = swinging[0].model_copy(update={"frequency_Hz": joint_Hz})
+            tracker = replace(laws.tracker, oscillations=(right,))
             other = Cell(replace(laws, tracker=tracker), replace(tracking, tracker=tracker), known)
             add(f"reference.oscillation_Hz {joint_Hz:.4g}", other)
     return found

@@ -29,7 +29,7 @@ from micromanip.design.loops import model_system
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import AxisTracker
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -82,7 +82,7 @@ class AxisLaws:
 
     name: str
     axis: Axis
-    tracker: Tracker
+    tracker: AxisTracker
     period_s: float
 
     def __post_init__(self) -> None:

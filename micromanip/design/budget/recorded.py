@@ -33,7 +33,7 @@ from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.load import validate_document
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import AxisTracker, Tracker
 from micromanip.settings.text.source import Source
 
 from .bound import prediction_variance
@@ -82,6 +82,11 @@ class Stretch:
         return float(np.median(self.arrived_s - self.taken_s))
 
     @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Cycles (n,) away from both ends."""
+        return np.asarray((self.time_s > _EDGE_S) & (self.time_s < self.time_s[-1] - _EDGE_S))
+
+    @property
     def truth(self) -> bool:
         """Whether a simulation said where the stage really was."""
         return bool(np.isfinite(self.true_stage_um).all() and np.isfinite(self.path_error_um).all())
@@ -98,7 +103,7 @@ def recorded_budget(
     for axis in axes:
         say(f"axis {axis}")
         stretch = _stretch(telemetry, configuration, axis)
-        laws = AxisLaws(axis, configuration.axes[axis], configuration.reference, telemetry.period_ns * 1e-9)
+        laws = AxisLaws(axis, configuration.axes[axis], configuration.reference.of(axis), telemetry.period_ns * 1e-9)
         found.append(_explained(stretch, laws, coherence_s))
     return found
 
@@ -151,12 +156,35 @@ def _stretch(telemetry: Telemetry, configuration: Configuration, axis: str) -> S
     )
 
 
-def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudget:
-    time_s, truth = stretch.time_s, stretch.truth
+def predicted_share(telemetry: Telemetry, axis: str, tracker: AxisTracker) -> float:
+    """Rms (um) of what noise, delay and prediction of the samples would have left of the path, with another `tracker`.
+
+    Raises CheckFailed as `recorded_budget`.
+    """
+    configuration = validate_document(Source.parse(telemetry.file, telemetry.configuration))
+    laws = AxisLaws(axis, configuration.axes[axis], tracker, telemetry.period_ns * 1e-9)
+    stretch = _stretch(telemetry, configuration, axis)
+    followed = _followed(stretch, laws)
+    left = (followed.parts[TRACKER] + followed.parts[PREDICTION])[stretch.inside]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """How the path (n,), um, was followed through `tracking` and the loop, `noise` (k,) being the samples' own."""
+
+    path: Array
+    noise: Array
+    tracking: Tracking
+    filters: Filters
+    parts: dict[str, Array]
+
+
+def _followed(stretch: Stretch, laws: AxisLaws) -> _Followed:
+    time_s = stretch.time_s
     step_s = float(np.median(np.diff(stretch.taken_s)))
-    stage = stretch.true_stage_um if truth else stretch.stage_um
-    path = stretch.path_error_um + stage if truth else smoothed(stretch.taken_s, stretch.samples_um, time_s)
-    error = path - stage
+    truth = stretch.path_error_um + stretch.true_stage_um
+    path = truth if stretch.truth else smoothed(stretch.taken_s, stretch.samples_um, time_s)
     clean = np.interp(stretch.taken_s, time_s, path)
     noise = stretch.samples_um - clean
     tracking = Tracking(laws.tracker, max(1, round(step_s / laws.period_s)), stretch.late_s, laws.period_s)
@@ -165,11 +193,21 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
         for samples in (clean, noise)
     ]
     filters = Filters.of(laws, len(time_s))
-    moved = stage - filters.through("plant", stretch.setpoint_um - laws.axis.centre_um)
     parts = {
         TRACKER: -filters.through("followed", seen[1]),
         PREDICTION: path - filters.through("followed", seen[0]),
     }
+    return _Followed(path, noise, tracking, filters, parts)
+
+
+def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudget:
+    truth, inside = stretch.truth, stretch.inside
+    followed = _followed(stretch, laws)
+    path, noise, tracking, filters = followed.path, followed.noise, followed.tracking, followed.filters
+    stage = stretch.true_stage_um if truth else stretch.stage_um
+    error = path - stage
+    moved = stage - filters.through("plant", stretch.setpoint_um - laws.axis.centre_um)
+    parts = dict(followed.parts)
     if truth and np.isfinite(stretch.uncompensated_um).all():
         pushed = _answering(moved, path - stretch.uncompensated_um, laws.period_s)
         parts[FORCE] = -filters.through("sensitivity", pushed)
@@ -178,7 +216,6 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
         parts[DISTURBANCE] = -filters.through("sensitivity", moved)
     if truth:
         parts[STAGE] = -filters.through("of_stage_noise", stretch.stage_um - stage)
-    inside = (time_s > _EDGE_S) & (time_s < time_s[-1] - _EDGE_S)
     rest = error - np.sum(list(parts.values()), axis=0)
     missed, limited = _felt(stretch.skipped, laws.period_s), _felt(stretch.limited, laws.period_s)
     parts[MISSED] = np.where(missed, rest, 0.0)

@@ -13,28 +13,24 @@ of the deviation comes out at its own frequency and, weaker, at its images ``w +
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.outer_gains import reference_transition, tracker_gain
-from micromanip.settings.schema.reference import Tracker
+from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.settings.schema.reference import AxisTracker
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-_SHOWN = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
-"""What a sample shows of the state: position and oscillation."""
 
 
 @dataclass(frozen=True)
 class Tracking:
     """The predictor of `tracker`; a sample every `every` cycles of `period_s`, seen `latency_s` after it was taken."""
 
-    tracker: Tracker
+    tracker: AxisTracker
     every: int
     latency_s: float
     period_s: float
@@ -43,21 +39,20 @@ class Tracking:
     def _gain(self) -> Array:
         return tracker_gain(self.tracker)
 
-    @property
-    def _omega(self) -> float:
-        return 2.0 * math.pi * self.tracker.oscillation_Hz
+    def _moved(self, time_s: float) -> Array:
+        return reference_transition(self.tracker.oscillations, time_s)
 
     def response(self, taken: Array, omega: Array) -> Complex:
-        """R (n,) at `omega` (n,) rad/s; `taken` (5,) is the row G."""
+        """R (n,) at `omega` (n,) rad/s; `taken` (r,) is the row G."""
         turn = np.exp(-1j * omega * self.period_s)
         ages = self.latency_s + self.period_s * np.arange(self.every)
         if not self.tracker.predict:
             return np.asarray(taken[0] * (turn[:, None] ** np.arange(self.every)).sum(axis=1))
-        rows = np.array([taken @ reference_transition(self._omega, age) for age in ages])
+        rows = np.array([taken @ self._moved(age) for age in ages])
         given = (turn[:, None] ** np.arange(self.every)) @ rows
-        step = reference_transition(self._omega, self.every * self.period_s)
+        step = self._moved(self.every * self.period_s)
         gain = self._gain
-        kept = (np.eye(5) - np.outer(gain, _SHOWN)) @ step
+        kept = (np.eye(len(gain)) - np.outer(gain, shown(len(gain)))) @ step
         poles, vectors = np.linalg.eig(kept)
         entering = np.linalg.solve(vectors, gain.astype(complex))
         state = vectors @ (entering[:, None] / (1.0 - poles[:, None] * turn[None, :] ** self.every))
@@ -73,21 +68,24 @@ class Tracking:
     def given(self, taken_s: Array, arrived_s: Array, samples: Array, now_s: Array, row: Array) -> Array:
         """What the outer loop is given (n,) in the cycles at `now_s` (n,), by the same steps as the loop's.
 
-        `samples` (k,) were taken at `taken_s` (k,) and seen from `arrived_s` (k,) on; `row` (5,) is G. The predictor
+        `samples` (k,) were taken at `taken_s` (k,) and seen from `arrived_s` (k,) on; `row` (r,) is G. The predictor
         starts at rest at the first.
         """
         place = np.maximum(np.searchsorted(arrived_s, now_s + 1e-3 * self.period_s, side="right") - 1, 0)
         if not self.tracker.predict:
             return np.asarray(row[0] * samples[place])
-        state, gaps = np.zeros((len(samples), 5)), np.round(np.diff(taken_s), 9)
+        gain, gaps = self._gain, np.round(np.diff(taken_s), 9)
+        state, seen = np.zeros((len(samples), len(gain))), shown(len(gain))
         state[0, 0] = samples[0]
-        steps = {gap: reference_transition(self._omega, gap) for gap in np.unique(gaps)}
+        steps = {gap: self._moved(gap) for gap in np.unique(gaps)}
         for k, gap in enumerate(gaps, start=1):
             expected = steps[gap] @ state[k - 1]
-            state[k] = expected + self._gain * (samples[k] - _SHOWN @ expected)
-        p, v, a, o, rate = state[place].T
-        tau, omega = now_s - taken_s[place], self._omega
-        cosine, sine = np.cos(omega * tau), np.sin(omega * tau)
+            state[k] = expected + gain * (samples[k] - seen @ expected)
+        p, v, a, *swinging = state[place].T
+        tau = now_s - taken_s[place]
         now = [p + tau * (v + 0.5 * tau * a), v + tau * a, a]
-        now += [cosine * o + sine / omega * rate, cosine * rate - omega * sine * o]
+        for each, o, rate in zip(self.tracker.oscillations, swinging[::2], swinging[1::2], strict=True):
+            omega, left = 2.0 * np.pi * each.frequency_Hz, np.exp(-each.decay_per_s * tau)
+            cosine, sine = left * np.cos(omega * tau), left * np.sin(omega * tau)
+            now += [cosine * o + sine / omega * rate, cosine * rate - omega * sine * o]
         return np.asarray(row @ np.array(now))

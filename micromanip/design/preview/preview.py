@@ -89,9 +89,10 @@ class Preview:
 
 @dataclass(frozen=True)
 class Cell:
-    """Each axis' laws and its tracker, as a preview needs them."""
+    """Each axis' laws and its tracker, whose samples are believed within `seen_um`, as a preview needs them."""
 
     prepared: Prepared
+    seen_um: tuple[float, float]
     laws: dict[str, AxisLaws]
     tracking: dict[str, Tracking]
     notes: tuple[str, ...]
@@ -107,7 +108,7 @@ class Cell:
         if 2.0 * reserve_um >= high - low:
             raise CheckFailed(f"axis {axis}: a reserve of {reserve_um:g} um leaves nothing of {low:g}..{high:g} um")
         found = predict(laws, self.tracking[axis], output.park_V, deviation_um, rate_hz)
-        asking = demands(laws.axis, output, laws.tracker, found, reserve_um, allowed_um)
+        asking = demands(laws.axis, output, self.seen_um, found, reserve_um, allowed_um)
         over = [stretch for demand in asking for stretch in stretches(axis, demand, rate_hz)]
         return AxisPreview(axis, found, allowed_um, tuple(sorted(beyond(over), key=lambda each: each.from_s)))
 
@@ -132,9 +133,10 @@ def cell_of(prepared: Prepared, axes: Sequence[str]) -> Cell:
     timing = {axis: signal_timing(configuration, wiring, followed[axis]) for axis in axes}
     return Cell(
         prepared,
-        {axis: AxisLaws(axis, configuration.axes[axis], tracker, period_s) for axis in axes},
+        tracker.range_um,
+        {axis: AxisLaws(axis, configuration.axes[axis], tracker.of(axis), period_s) for axis in axes},
         {
-            axis: Tracking(tracker, cycles_between(configuration, channel), channel.latency_s, period_s)
+            axis: Tracking(tracker.of(axis), cycles_between(configuration, channel), channel.latency_s, period_s)
             for axis, channel in timing.items()
         },
         tuple(

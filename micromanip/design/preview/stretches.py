@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Output
-from micromanip.settings.schema.reference import Tracker
 
 from .prediction import Predicted
 
@@ -57,16 +56,21 @@ class Demand:
 
 
 def demands(
-    axis: Axis, output: Output, tracker: Tracker, found: Predicted, reserve_um: float, tolerance_um: float
+    axis: Axis,
+    output: Output,
+    seen_um: tuple[float, float],
+    found: Predicted,
+    reserve_um: float,
+    tolerance_um: float,
 ) -> Iterator[Demand]:
-    """All that has a limit; errors are tolerated up to `tolerance_um`.
+    """All that has a limit; errors are tolerated up to `tolerance_um`, the tracker is believed within `seen_um`.
 
     `reserve_um` is kept at either end of the set-point's range, and the same share of it of the voltage's.
     """
     per_ms = 1e-3 * found.rate_Hz
     low, high = axis.setpoint.range_um
     slew = axis.setpoint.slew_um_per_ms
-    yield Demand(TRACKER, "um", found.deviation_um, *tracker.range_um)
+    yield Demand(TRACKER, "um", found.deviation_um, *seen_um)
     yield Demand(RANGE, "um", found.setpoint_um, low, high)
     yield Demand(RESERVE, "um", found.setpoint_um, low + reserve_um, high - reserve_um)
     yield Demand(SLEW, "um/ms", _steps(found.setpoint_um) * per_ms, -slew, slew)

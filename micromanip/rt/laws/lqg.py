@@ -1,7 +1,7 @@
 """Outer loop of one axis (section 4.5): state feedback on the estimate, with reference feedforward.
 
 ``u = G w - K x``: x is the estimate of ``estimator.py`` and w the reference's own state (position,
-velocity, acceleration, oscillation; ``reference.py``). Integral action is the gain on the
+velocity, acceleration, oscillations; ``reference.py``). Integral action is the gain on the
 estimated input disturbance; G and the gains on disturbances solve the regulator equations, so
 that, in the model, every such reference is followed and every such disturbance cancelled
 without error. The actuation delay is part of the model. Gains come from
@@ -19,15 +19,20 @@ from micromanip.rt.record import Record, record
 from .estimator import MAX_STATES, MODEL
 from .reference import REFERENCE_STATES
 
-OUTER_PARAMETERS = record(*MODEL, ("feedback", "f8", (MAX_STATES,)), ("reference", "f8", (REFERENCE_STATES,)))
-"""The estimator's model with K and G, per cycle."""
+OUTER_PARAMETERS = record(
+    *MODEL,
+    ("feedback", "f8", (MAX_STATES,)),
+    ("reference_states", "i8"),
+    ("reference", "f8", (REFERENCE_STATES,)),
+)
+"""The estimator's model with K and G, per cycle; G has `reference_states`."""
 
 
 @compiled
 def outer_setpoint(p: Record, x: Any, w: Any) -> float:
     """Actuator set-point (um, relative to the working point) for estimate `x` and reference `w`."""
     u = 0.0
-    for i in range(REFERENCE_STATES):
+    for i in range(p["reference_states"]):
         u += p["reference"][i] * w[i]
     for i in range(p["states"]):
         u -= p["feedback"][i] * x[i]

@@ -2,8 +2,8 @@
 
 Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle, and a position that is
 jogged by hand. A signal
-(laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o, o']`` (o
-an oscillation of known frequency) is corrected at each sample's own time and extrapolated to now in
+(laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o1, o1', ..]`` (up to
+three oscillations o of known frequency and decay) is corrected at each sample's own time and extrapolated to now in
 closed form; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken, and none
 that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was. A signal that
 stays where it jumped to is believed after the horizon, but not while the axis follows it (``followed``): once it has
@@ -21,7 +21,8 @@ from micromanip.rt.record import Record, record
 HOLD, SINES, STEP, SIGNAL, SAMPLES, JOG = range(6)
 
 MAX_SINES = 8
-REFERENCE_STATES = 5
+MAX_MODES = 3
+REFERENCE_STATES = 3 + 2 * MAX_MODES
 REFERENCE_PARAMETERS = record(
     ("kind", "i8"),
     ("offset_um", "f8"),
@@ -34,7 +35,9 @@ REFERENCE_PARAMETERS = record(
     ("samples_per_s", "f8"),
     ("column", "i8"),
     ("predict", "i8"),
-    ("oscillator", "f8"),
+    ("modes", "i8"),
+    ("oscillator", "f8", (MAX_MODES,)),
+    ("decay", "f8", (MAX_MODES,)),
     ("gain", "f8", (REFERENCE_STATES,)),
     ("horizon_s", "f8"),
     ("low_um", "f8"),
@@ -60,15 +63,34 @@ REFERENCE_STATE = record(
 
 
 @compiled
-def extrapolate(w: Any, omega: float, tau_s: float, out: Any) -> None:
-    """`out` = `w` after `tau_s` seconds: constant acceleration plus an undamped oscillation."""
-    sine, cosine = math.sin(omega * tau_s), math.cos(omega * tau_s)
-    o, o_dot = w[3], w[4]
+def extrapolate(p: Record, w: Any, tau_s: float, out: Any) -> None:
+    """`out` = `w` after `tau_s` seconds: constant acceleration, and each oscillation turned and decayed.
+
+    Of a decaying one the second state is not quite the rate of the first: both decay alike (Harvey, Forecasting,
+    Structural Time Series Models and the Kalman Filter, section 2.3.3).
+    """
     out[0] = w[0] + tau_s * (w[1] + 0.5 * tau_s * w[2])
     out[1] = w[1] + tau_s * w[2]
     out[2] = w[2]
-    out[3] = cosine * o + sine / omega * o_dot
-    out[4] = -omega * sine * o + cosine * o_dot
+    for k in range(p["modes"]):
+        omega = p["oscillator"][k]
+        sine, cosine = math.sin(omega * tau_s), math.cos(omega * tau_s)
+        if p["decay"][k] > 0.0:
+            left = math.exp(-p["decay"][k] * tau_s)
+            sine *= left
+            cosine *= left
+        o, o_dot = w[3 + 2 * k], w[4 + 2 * k]
+        out[3 + 2 * k] = cosine * o + sine / omega * o_dot
+        out[4 + 2 * k] = -omega * sine * o + cosine * o_dot
+
+
+@compiled
+def position(w: Any) -> float:
+    """Where the reference is (um): the path and its oscillations; those that it has not are 0."""
+    total = w[0]
+    for k in range(MAX_MODES):
+        total += w[3 + 2 * k]
+    return total
 
 
 @compiled
@@ -117,8 +139,8 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
         return
     filtered, innovation = s["filtered"], math.nan
     if s["time_ns"] != 0 and gap_s <= p["horizon_s"]:
-        extrapolate(filtered, p["oscillator"], gap_s, s["w"])
-        innovation = value_um - s["w"][0] - s["w"][3]
+        extrapolate(p, filtered, gap_s, s["w"])
+        innovation = value_um - position(s["w"])
     # once nothing is expected any more, whoever follows it stands where it was last
     lost = s["followed"] != 0 and not math.isfinite(innovation)
     moved_um = value_um - s["sampled_um"] if lost else 0.0
@@ -143,11 +165,19 @@ def signal_reference(p: Record, s: Record, now_ns: int) -> None:
     """Fill ``s["w"]`` with the signal's reference now; past the horizon its last position is held."""
     age_s = (now_ns - s["time_ns"]) * 1e-9
     if p["predict"] and s["time_ns"] > 0 and age_s <= p["horizon_s"]:
-        extrapolate(s["filtered"], p["oscillator"], age_s, s["w"])
+        extrapolate(p, s["filtered"], age_s, s["w"])
         return
     for i in range(REFERENCE_STATES):
         s["w"][i] = 0.0
     s["w"][0] = s["sampled_um"]
+
+
+@compiled.rare
+def change_modes(old: Record, new: Record, s: Record) -> None:
+    """Carry the filter over to other oscillations: one that `old` did not have begins at rest."""
+    first = 3 + 2 * min(old["modes"], new["modes"])
+    for i in range(first, REFERENCE_STATES):
+        s["filtered"][i] = s["w"][i] = 0.0
 
 
 @compiled

@@ -76,7 +76,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
         _fill_timing(p["axis"][i], name, configuration, wiring)
         if axis.outer is not None:
-            tracker = configuration.reference if isinstance(configuration.reference, Tracker) else None
+            tracker = configuration.reference.of(name) if isinstance(configuration.reference, Tracker) else None
             gains = _gains(axis.outer, tracker, period_s)
             _fill_outer(p["axis"][i]["outer"], axis.outer, gains)
             _fill_innovation(p["axis"][i], axis, axis.outer, gains, cycles)
@@ -186,5 +186,6 @@ def _fill_outer(o: Any, outer: Outer, gains: OuterGains) -> None:
     o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
     o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
     o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
-    o["gain"][:n], o["feedback"][:n], o["reference"] = gains.observer, gains.feedback, gains.reference
+    o["gain"][:n], o["feedback"][:n] = gains.observer, gains.feedback
+    o["reference_states"], o["reference"][: len(gains.reference)] = len(gains.reference), gains.reference
     o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y

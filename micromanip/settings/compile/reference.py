@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.outer_gains import tracker_gain
+from micromanip.control.predictor import tracker_gain
 from micromanip.files.regular_file import open_regular
 from micromanip.rt.laws import reference as law
 from micromanip.rt.records import MAX_AXES
@@ -20,7 +20,7 @@ from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sin
 from micromanip.settings.text.source import Source
 
 _gain = functools.lru_cache(8)(tracker_gain)
-"""The same for all axes."""
+"""Of the axes: those of which nothing of their own is said have the same."""
 _JOG_SMOOTHING_S = 0.05
 _MOST_BYTES = 500_000_000
 _MOST_ROWS = 40_000_000
@@ -29,12 +29,14 @@ _MOST_ROWS = 40_000_000
 
 def fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_hz: int) -> None:
     """Fill a REFERENCE_PARAMETERS record for `axis`, whose samples of a file stand in `column`."""
-    r["oscillator"] = 2 * math.pi
     r["jump_um"] = math.inf
     if isinstance(reference, Tracker):
         r["kind"], r["predict"] = law.SIGNAL, reference.predict
-        r["oscillator"] = 2 * math.pi * reference.oscillation_Hz
-        r["gain"] = _gain(reference)
+        own = reference.of(axis)
+        r["modes"] = len(own.oscillations)
+        for k, each in enumerate(own.oscillations):
+            r["oscillator"][k], r["decay"][k] = 2 * math.pi * each.frequency_Hz, each.decay_per_s
+        r["gain"][: 3 + 2 * len(own.oscillations)] = _gain(own)
         r["horizon_s"] = reference.horizon_ms * 1e-3
         r["low_um"], r["high_um"] = reference.range_um
         r["jump_um"] = math.inf if reference.jump_um is None else reference.jump_um

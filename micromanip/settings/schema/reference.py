@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -12,16 +13,28 @@ from micromanip.quantities import (
     Hertz,
     Micrometres,
     Milliseconds,
+    NotNegative,
     Positive,
     RangeUm,
     SecondsOrZero,
     Speed,
 )
-from micromanip.rt.laws.reference import MAX_SINES
+from micromanip.rt.laws.reference import MAX_MODES, MAX_SINES
 
 from .base import Flag, Settings
 from .frame import Frame
 from .key import Live, NewStart
+
+
+@dataclass(frozen=True)
+class AxisTracker:
+    """The tracker of one axis, as its predictor needs it."""
+
+    sample_rate_Hz: float
+    oscillations: tuple[Oscillation, ...]
+    jerk_um_per_s3: float
+    noise_um: float
+    predict: bool = True
 
 
 class _Own(Settings):
@@ -66,6 +79,26 @@ class File(Settings):
     sample_rate_Hz: Hertz = Field(default=10_000.0, description="Rows per second; interpolated to the loop's rate.")
 
 
+class Oscillation(Settings):
+    """One way in which the robot's joints oscillate."""
+
+    frequency_Hz: Hertz
+    um_per_s: Speed = Field(description="How fast its amplitude changes (um per root second).")
+    decay_per_s: NotNegative = Field(default=0.0, description="How fast it dies away by itself; 0: it does not.")
+
+
+class AxisDeviation(Settings):
+    """What is known of the deviation of one axis."""
+
+    oscillations: tuple[Oscillation, ...] | None = Field(
+        default=None,
+        max_length=MAX_MODES,
+        description="The joints' oscillations; [] for none, null for that of oscillation_Hz.",
+    )
+    jerk_um_per_s3: Positive | None = Field(default=None, description="As above; null: that of all axes.")
+    noise_um: Distance | None = Field(default=None, description="As above; null: that of all axes.")
+
+
 class Tracker(Settings):
     """The path deviation, as a signal (laser tracker)."""
 
@@ -80,6 +113,9 @@ class Tracker(Settings):
         default=20000.0, description="How rough the rest of the path is (rms jerk, 1/sqrt(Hz))."
     )
     noise_um: Distance = Field(default=0.5, description="Noise of the signal, rms.")
+    axes: dict[str, AxisDeviation] = Field(
+        default={}, description="What is known of single axes beyond that: `micromanip fit tracker` finds it."
+    )
     horizon_ms: Milliseconds = Field(default=20.0, description="Without a sample for longer the last position is held.")
     range_um: RangeUm = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")
     jump_um: Distance | None = Field(
@@ -89,6 +125,18 @@ class Tracker(Settings):
         default=None,
         description="The tracker's own coordinates, of which deviation_<axis> are computed; null: those are read.",
     )
+
+    def of(self, axis: str) -> AxisTracker:
+        """What is known of `axis`: its own where it has some, else what is said of all."""
+        own = self.axes.get(axis, AxisDeviation())
+        common = Oscillation(frequency_Hz=self.oscillation_Hz, um_per_s=self.oscillation_um_per_s)
+        return AxisTracker(
+            sample_rate_Hz=self.sample_rate_Hz,
+            oscillations=(common,) if own.oscillations is None else own.oscillations,
+            jerk_um_per_s3=self.jerk_um_per_s3 if own.jerk_um_per_s3 is None else own.jerk_um_per_s3,
+            noise_um=self.noise_um if own.noise_um is None else own.noise_um,
+            predict=self.predict,
+        )
 
 
 class Jog(_Own):

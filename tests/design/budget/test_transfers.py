@@ -1,5 +1,6 @@
 """Variances by spectra beside covariances by Lyapunov equations, and the loop's transfers beside steps of its laws."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
-from micromanip.control.outer_gains import reference_transition, tracker_gain
+from micromanip.control.predictor import reference_transition, shown, tracker_gain
 from micromanip.design.budget.bound import autocovariance, prediction_variance
 from micromanip.design.budget.causes import Grid, followed_line, shared_out, tracker_noise
 from micromanip.design.budget.loop import AxisLaws
@@ -17,16 +18,18 @@ from micromanip.design.budget.recorded import binned, smoothed
 from micromanip.design.budget.tracking import Tracking
 from micromanip.errors import CheckFailed
 from micromanip.settings.load import load
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import Oscillation, Tracker
 
 CONFIG = Path(__file__).parents[3] / "config" / "simulated.yaml"
-SHOWN = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
 
 
 @pytest.fixture(scope="module")
 def laws():
     found = load(CONFIG)
-    return AxisLaws("x", found.axes["x"], found.reference, 1e-4)
+    return AxisLaws("x", found.axes["x"], found.reference.of("x"), 1e-4)
+
+
+TWO = (Oscillation(frequency_Hz=7.8, um_per_s=3.0), Oscillation(frequency_Hz=0.9, um_per_s=20.0, decay_per_s=0.5))
 
 
 def closed_model(laws):
@@ -58,23 +61,25 @@ def test_sensor_noise_is_what_the_lyapunov_equation_says(laws):
     assert grid.white(loop.of_stage_noise, 0.012**2).sum() == pytest.approx(C @ P @ C, rel=1e-4)
 
 
-@pytest.mark.parametrize(("every", "latency_s"), [(10, 1e-3), (20, 0.7e-3), (1, 0.0)])
-def test_tracker_noise_is_what_the_lifted_lyapunov_equation_says(laws, every, latency_s):
+@pytest.mark.parametrize(("every", "latency_s", "modes"), [(10, 1e-3, 1), (20, 0.7e-3, 1), (1, 0.0, 1), (10, 1e-3, 2)])
+def test_tracker_noise_is_what_the_lifted_lyapunov_equation_says(laws, every, latency_s, modes):
     """The predictor's state changes at samples, the loop's in each cycle: one period of both is time-invariant."""
-    tracker = laws.tracker.model_copy(update={"sample_rate_Hz": 1e4 / every})
+    own = TWO if modes == 2 else laws.tracker.oscillations
+    tracker = replace(laws.tracker, sample_rate_Hz=1e4 / every, oscillations=own)
+    laws = replace(laws, tracker=tracker)
     tracking = Tracking(tracker, every, latency_s, 1e-4)
     A, r, _, C = closed_model(laws)
-    omega, n = 2 * np.pi * tracker.oscillation_Hz, len(A)
-    scale = np.array([1.0, 50.0, 2500.0, 1.0, 50.0])
-    step = reference_transition(omega, every * 1e-4) * scale / scale[:, None]
+    n, r_states = len(A), 3 + 2 * modes
+    scale = np.array([1.0, 50.0, 2500.0, 1.0, 50.0, 1.0, 6.0])[:r_states]
+    step = reference_transition(own, every * 1e-4) * scale / scale[:, None]
     gain = tracker_gain(tracker) / scale
-    taken = [laws.gains.reference @ reference_transition(omega, latency_s + j * 1e-4) * scale for j in range(every)]
-    arriving = np.eye(n + 5)
-    arriving[n:, n:] = (np.eye(5) - np.outer(gain, SHOWN)) @ step
+    taken = [laws.gains.reference @ reference_transition(own, latency_s + j * 1e-4) * scale for j in range(every)]
+    arriving = np.eye(n + r_states)
+    arriving[n:, n:] = (np.eye(r_states) - np.outer(gain, shown(r_states))) @ step
     entering = np.concatenate([np.zeros(n), gain])
     cycles = []
     for row in taken:
-        cycle = np.eye(n + 5)
+        cycle = np.eye(n + r_states)
         cycle[:n, :n], cycle[:n, n:] = A, np.outer(r, row)
         cycles.append(cycle)
     whole = arriving
@@ -83,9 +88,9 @@ def test_tracker_noise_is_what_the_lifted_lyapunov_equation_says(laws, every, la
     driven = np.linalg.multi_dot([*reversed(cycles), entering]) if every > 1 else cycles[0] @ entering
     P = solve_discrete_lyapunov(whole, np.outer(driven, driven) * 0.25)
     P = arriving @ P @ arriving.T + 0.25 * np.outer(entering, entering)
-    shown, variance = np.concatenate([C, np.zeros(5)]), 0.0
+    read, variance = np.concatenate([C, np.zeros(r_states)]), 0.0
     for cycle in cycles:
-        variance += shown @ P @ shown / every
+        variance += read @ P @ read / every
         P = cycle @ P @ cycle.T
     grid = Grid(10_000.0)
     loop = laws.around(laws.model(grid.omega), grid.omega)
@@ -96,7 +101,7 @@ def test_tracker_noise_is_what_the_lifted_lyapunov_equation_says(laws, every, la
 @pytest.mark.parametrize("predict", [True, False])
 @pytest.mark.parametrize("hertz", [0.83, 7.76, 60.0])
 def test_a_sine_is_followed_as_stepping_the_laws_says(laws, hertz, predict):
-    tracker = laws.tracker.model_copy(update={"predict": predict})
+    tracker = replace(laws.tracker, predict=predict)
     tracking = Tracking(tracker, 10, 1e-3, 1e-4)
     A, r, _, C = closed_model(laws)
     now = np.arange(60_000) * 1e-4
@@ -175,4 +180,4 @@ def test_an_axis_without_a_model_of_its_stage_or_behind_a_bus_is_refused():
         (SimpleNamespace(sample_cycles=10), "stage", r"axis x: its stage is measured every 10 cycles"),
     ):
         with pytest.raises(CheckFailed, match=said):
-            AxisLaws("x", SimpleNamespace(outer=outer, mode=mode), Tracker(source="signal"), 1e-4)
+            AxisLaws("x", SimpleNamespace(outer=outer, mode=mode), Tracker(source="signal").of("x"), 1e-4)

@@ -12,7 +12,7 @@ from micromanip.rt.laws.move import advance_move
 from micromanip.rt.laws.network import network_output
 from micromanip.rt.laws.notch import notch_output
 from micromanip.rt.laws.pid import pid_output, unwind
-from micromanip.rt.laws.reference import extrapolate
+from micromanip.rt.laws.reference import extrapolate, position
 
 compiled = Compiler(__file__)
 
@@ -89,8 +89,11 @@ def estimator_course(p: Any, s: Any, cycles: Any, u: Any, y: Any, age: Any, out:
 
 
 @compiled
-def outer_course(p: Any, s: Any, plant: Any, exogenous: Any, w: Any, omega: float, period_s: float, out: Any) -> None:
-    """Estimator and LQG around their own model (state `plant`, its disturbances last); column 0 y, 1 reference, 2 u."""
+def outer_course(p: Any, s: Any, plant: Any, exogenous: Any, w: Any, moved: Any, period_s: float, out: Any) -> None:
+    """Estimator and LQG around their own model (state `plant`, its disturbances last); column 0 y, 1 reference, 2 u.
+
+    `w` is the reference's state, moved on by the parameters `moved` of its law.
+    """
     start_estimator(p, s, 0, 0.0, output(p, plant))
     for k in range(len(out)):
         if k > 0:
@@ -100,9 +103,9 @@ def outer_course(p: Any, s: Any, plant: Any, exogenous: Any, w: Any, omega: floa
             update(p, s, k, y)
         u = outer_setpoint(p, s["x"], w)
         remember(s, u)
-        out[k, 0], out[k, 1], out[k, 2] = y, w[0] + w[3], u
+        out[k, 0], out[k, 1], out[k, 2] = y, position(w), u
         predict(p, plant, s["scratch"], u)
-        extrapolate(w, omega, period_s, exogenous)
+        extrapolate(moved, w, period_s, exogenous)
         for i in range(len(w)):
             w[i] = exogenous[i]
 

@@ -1,0 +1,145 @@
+"""``micromanip fit tracker``: what the predictor of a tracker's samples should know of each axis' deviation."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from micromanip.errors import CheckFailed, ConfigError, UsageError
+
+from .options import Quantity, StrictCommand, json_option, print_json
+from .progress import steps
+
+if TYPE_CHECKING:
+    from micromanip.design.deviation.fit import Deviation
+    from micromanip.recordings import Telemetry
+    from micromanip.settings.text.source import Source
+
+
+@click.command(
+    "tracker",
+    cls=StrictCommand,
+    epilog="Example: micromanip fit tracker run.mcap --into config/cell.yaml",
+)
+@click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
+@click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@click.option(
+    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=0.5, show_default=True,
+    metavar="PERCENT", help="By how much an oscillation's frequency may be another than in the recording.",
+)  # fmt: skip
+@click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put it into, as reference.axes.")
+@json_option
+def command(file: Path, only: str, moves_percent: float, into: Path | None, as_json: bool) -> None:
+    """Noise, jerk and up to three oscillations of each axis' path deviation, from the tracker's samples in RECORDING.
+
+    By maximum likelihood; the number of oscillations by samples held out. Record the robot on its path, as it will run:
+    one that stands still shows no jerk. Exit code 1 where the samples don't do.
+    """
+    from micromanip.design.deviation.fit import fit_deviation
+    from micromanip.design.deviation.recorded import recorded_samples
+    from micromanip.recordings import open_telemetry
+    from micromanip.settings.text.source import Source
+
+    telemetry = open_telemetry(file)
+    if only != "all" and only not in telemetry.axes:
+        raise UsageError(f"there is no axis {only} in {file}; its axes are {', '.join(telemetry.axes)}")
+    source = None if into is None else Source.read(into)
+    if source is not None:
+        _require_tracker(source)
+    found, shares = {}, {}
+    with steps() as bar:
+        for axis in telemetry.axes if only == "all" else [only]:
+            bar.say(f"axis {axis}")
+            samples, rate_Hz = recorded_samples(telemetry, axis)
+            try:
+                found[axis] = fit_deviation(samples, rate_Hz, moves_percent)
+            except CheckFailed as problem:
+                raise CheckFailed(f"{file}: axis {axis}: {problem}") from problem
+            shares[axis] = _shares(telemetry, axis, found[axis])
+    if source is not None:
+        _put(source, found)
+    axes = {axis: _document(each, shares[axis]) for axis, each in found.items()}
+    if as_json:
+        print_json({"file": str(file), "axes": axes, "into": None if into is None else str(into)})
+    else:
+        _print(axes)
+        if into is not None:
+            click.echo(f"wrote reference.axes of {into}")
+
+
+def _shares(telemetry: Telemetry, axis: str, found: Deviation) -> dict[str, Any]:
+    """What noise and prediction leave of the path, as it ran and with the new figures, or why that isn't told."""
+    from micromanip.design.budget.recorded import predicted_share
+    from micromanip.settings.load import validate_document
+    from micromanip.settings.schema.reference import Tracker
+    from micromanip.settings.text.source import Source
+
+    reference = validate_document(Source.parse(telemetry.file, telemetry.configuration)).reference
+    if not isinstance(reference, Tracker):
+        return {"before_um": None, "after_um": None, "reason": "what ran followed no tracker"}
+    try:
+        before, after = (predicted_share(telemetry, axis, each) for each in (reference.of(axis), found.model))
+    except CheckFailed as problem:
+        return {"before_um": None, "after_um": None, "reason": str(problem)}
+    return {"before_um": before, "after_um": after, "reason": None}
+
+
+def _require_tracker(source: Source) -> None:
+    reference = source.data.get("reference")
+    if not isinstance(reference, dict) or reference.get("source") != "signal":
+        raise ConfigError(f"{source.path}: reference.source must be signal: there is no tracker to be told about")
+
+
+def _put(source: Source, found: dict[str, Deviation]) -> None:
+    from micromanip.settings.check import prepared
+    from micromanip.settings.text.source import Source
+    from micromanip.settings.write_values import write_into
+
+    document = copy.deepcopy(source.data)
+    reference = document["reference"]
+    reference["axes"] = {**reference.get("axes", {}), **{axis: each.settings() for axis, each in found.items()}}
+    prepared(Source.of(document, source.path))
+    write_into(source, document)
+
+
+def _document(found: Deviation, share: dict[str, Any]) -> dict[str, Any]:
+    held_out, fitted = found.held_out, found.fitted
+    return {
+        **found.settings(),
+        "amplitudes_um": list(found.amplitudes_um),
+        "seconds": found.seconds,
+        "nis_held_out": held_out.nis,
+        "nis_bounds": list(held_out.nis_bounds),
+        "correlation": fitted.correlation,
+        "correlation_bound": fitted.correlation_bound,
+        "white": fitted.white,
+        "path_share_um": share,
+        "notes": list(found.notes),
+    }
+
+
+def _print(axes: dict[str, dict[str, Any]]) -> None:
+    from .tables import Figures, out_console
+
+    table = Figures("axis", "noise, um", "jerk, um/s^3", "oscillations, Hz (um/s)", "NIS held out", title="Deviation")
+    for axis, each in axes.items():
+        swinging = ", ".join(f"{o['frequency_Hz']:.4g} ({o['um_per_s']:.3g})" for o in each["oscillations"])
+        table.add_row(
+            axis, f"{each['noise_um']:.3g}", f"{each['jerk_um_per_s3']:.3g}", swinging or "none",
+            f"{each['nis_held_out']:.3f}",
+        )  # fmt: skip
+    out_console().print(table)
+    for axis, each in axes.items():
+        share = each["path_share_um"]
+        if share["reason"] is None:
+            click.echo(
+                f"axis {axis}: the tracker's noise, delay and prediction leave {share['after_um']:.3f} um rms of this "
+                f"path, {share['before_um']:.3f} um as it ran"
+            )
+        else:
+            click.echo(f"axis {axis}: what it would be is not told: {share['reason']}")
+        for note in each["notes"]:
+            click.echo(f"axis {axis}: {note}")

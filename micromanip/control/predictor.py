@@ -1,0 +1,112 @@
+"""The tracker's predictor as a linear model: how its state moves on, and the gain of its stationary Kalman filter.
+
+State ``[p, v, a, o1, o1', ..]``: position with white jerk, and oscillations whose amplitudes walk, and decay where that
+is said (``rt/laws/reference.py`` runs it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .riccati import solve_riccati
+
+Matrix = NDArray[np.float64]
+
+_PATH_OMEGA = 50.0
+"""rad/s: in units of it position, velocity and acceleration are of like size."""
+
+
+class OscillationSettings(Protocol):
+    """One oscillation of the reference: frequency, how fast its amplitude walks and decays."""
+
+    @property
+    def frequency_Hz(self) -> float: ...
+    @property
+    def um_per_s(self) -> float: ...
+    @property
+    def decay_per_s(self) -> float: ...
+
+
+class TrackerSettings(Protocol):
+    """What is known of one axis' reference signal: the section ``reference`` of a tracker."""
+
+    @property
+    def sample_rate_Hz(self) -> float: ...
+    @property
+    def oscillations(self) -> Sequence[OscillationSettings]: ...
+    @property
+    def jerk_um_per_s3(self) -> float: ...
+    @property
+    def noise_um(self) -> float: ...
+
+
+def rotation(omega: float, period_s: float) -> Matrix:
+    """Transition over one period of an oscillation's (value, rate)."""
+    s, c = np.sin(omega * period_s), np.cos(omega * period_s)
+    return np.array([[c, s / omega], [-omega * s, c]])
+
+
+def reference_transition(oscillations: Sequence[OscillationSettings], period_s: float) -> Matrix:
+    """Transition of the predictor's state (r, r) over one period."""
+    h = period_s
+    moving = np.array([[1.0, h, h * h / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
+    turns = (np.exp(-o.decay_per_s * h) * rotation(2 * np.pi * o.frequency_Hz, h) for o in oscillations)
+    return diagonal(moving, *turns)
+
+
+def shown(states: int) -> Matrix:
+    """What a sample shows of the state (r,): position and every oscillation."""
+    row = np.zeros(states)
+    row[0] = 1.0
+    row[3::2] = 1.0
+    return row
+
+
+def tracker_gain(reference: TrackerSettings) -> Matrix:
+    """Stationary Kalman gain (r,) of the reference's predictor at the signal's own rate.
+
+    Raises LinAlgError, ValueError or FloatingPointError where there is none.
+    """
+    return stationary(reference)[0]
+
+
+def stationary(reference: TrackerSettings) -> tuple[Matrix, float]:
+    """The gain (r,) and the variance (um^2) of the innovations; raises as `tracker_gain`."""
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        return _stationary(reference)
+
+
+def _stationary(reference: TrackerSettings) -> tuple[Matrix, float]:
+    h = 1.0 / reference.sample_rate_Hz
+    F = reference_transition(reference.oscillations, h)
+    moving = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
+    blocks, scale = [reference.jerk_um_per_s3**2 * moving], [1.0, _PATH_OMEGA, _PATH_OMEGA**2]
+    for each in reference.oscillations:
+        # the amplitude walks by um_per_s per root second, in both states
+        omega, time_s = 2 * np.pi * each.frequency_Hz, _walked(each.decay_per_s, h)
+        blocks.append(each.um_per_s**2 * np.diag([1.0, omega**2]) * time_s)
+        scale += [1.0, omega]
+    # in units in which all states are of like size: the plain equation is too badly scaled
+    units, H = np.array(scale), shown(len(F))
+    Fs, Qs = F * units[None, :] / units[:, None], diagonal(*blocks) / np.outer(units, units)
+    P = solve_riccati(Fs.T, H[:, None], Qs, np.array([[reference.noise_um**2]]))
+    variance = float(H @ P @ H + reference.noise_um**2)
+    return np.asarray(units * (P @ H) / variance, dtype=np.float64), variance
+
+
+def _walked(decay_per_s: float, time_s: float) -> float:
+    """Integral of ``exp(-2 decay t)`` over `time_s`: the time for which a decaying state has walked."""
+    return float(-np.expm1(-2.0 * decay_per_s * time_s) / (2.0 * decay_per_s)) if decay_per_s > 0.0 else time_s
+
+
+def diagonal(*blocks: Matrix) -> Matrix:
+    """Square blocks along the diagonal."""
+    total, at = np.zeros((sum(map(len, blocks)),) * 2), 0
+    for block in blocks:
+        total[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return total

@@ -1,0 +1,91 @@
+"""Innovations of a tracker's samples under a model of the deviation, and the likelihood that they give.
+
+The stationary filter's innovations are the samples behind zeros at the model's poles z and poles at the filter's own p,
+
+    e = prod (1 - z_i / q) / prod (1 - p_i / q) y,   z = eig F,   p = eig (I - g H) F
+
+(innovations form; Ljung, System Identification, section 4.3). In sections of second order that is exact to rounding
+even for slow oscillations. What is not known of the state at the beginning decays with the same p: least squares
+takes it away. Where all intensities are told in terms of the noise, the noise itself is what the innovations say,
+``s^2 = mean e^2 / v`` with their variance v for a noise of 1, and the likelihood is a function of ``mean e^2`` alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import sosfilt
+
+from micromanip.control.predictor import reference_transition, shown, stationary
+from micromanip.settings.schema.reference import AxisTracker
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """The filter that leaves innovations of samples, for `model`; raises as `stationary` where it has none."""
+
+    sections: Array
+    poles: NDArray[np.complex128]
+    variance_um2: float
+    """Of the innovations, as the model states it."""
+
+    @classmethod
+    def of(cls, model: AxisTracker) -> Whitening:
+        """From the predictor's gain."""
+        gain, variance = stationary(model)
+        step_s = 1.0 / model.sample_rate_Hz
+        step = reference_transition(model.oscillations, step_s)
+        poles = np.linalg.eigvals((np.eye(len(gain)) - np.outer(gain, shown(len(gain)))) @ step).astype(complex)
+        turns = [np.exp((-o.decay_per_s + 2j * np.pi * o.frequency_Hz) * step_s) for o in model.oscillations]
+        zeros = np.array([1.0, 1.0, 1.0, *turns, *np.conj(turns)], dtype=complex)
+        return cls(np.hstack([_sections(zeros), _sections(poles)]), poles, variance)
+
+    def settles_per_s(self, rate_Hz: float) -> float:
+        """How fast the filter forgets how it began, at its slowest (1/s), with `rate_Hz` samples a second."""
+        return float(-np.log(np.abs(self.poles).max()) * rate_Hz)
+
+    def innovations(self, samples: Array, known: int | None = None) -> Array:
+        """Innovations (n,), um, of evenly spaced `samples` (n,); the first `known` tell the state at the start."""
+        known = len(samples) if known is None else known
+        whole = np.asarray(sosfilt(self.sections, samples))
+        upper = self.poles[self.poles.imag >= 0.0]
+        answers = np.exp(np.arange(len(samples))[:, None] * np.log(upper)[None, :])
+        basis = np.hstack([answers.real, answers.imag[:, upper.imag > 0.0]])
+        begun = np.linalg.lstsq(basis[:known], whole[:known], rcond=None)[0]
+        return np.asarray(whole - basis @ begun)
+
+
+def _sections(roots: NDArray[np.complex128]) -> Array:
+    """Polynomials (k, 3) of second order with these `roots`, an odd number with their conjugates; the last of first.
+
+    By frequency, so that zeros and poles that nearly cancel stand together.
+    """
+    upper = np.sort_complex(roots[roots.imag > 0.0])[::-1]
+    real = np.sort(roots.real[roots.imag == 0.0])[::-1]
+    pairs = [(2.0 * root.real, abs(root) ** 2) for root in sorted(upper, key=np.angle)]
+    pairs = [(a + b, a * b) for a, b in zip(real[0:-1:2], real[1::2], strict=True)] + pairs
+    return np.array([[1.0, -total, product] for total, product in pairs] + [[1.0, -real[-1], 0.0]])
+
+
+def with_noise(model: AxisTracker, noise_um: float) -> AxisTracker:
+    """`model` with another noise, all else in the same proportion to it: its gain stays."""
+    factor = noise_um / model.noise_um
+    swinging = tuple(o.model_copy(update={"um_per_s": factor * o.um_per_s}) for o in model.oscillations)
+    return replace(model, noise_um=noise_um, jerk_um_per_s3=factor * model.jerk_um_per_s3, oscillations=swinging)
+
+
+def noise_of(model: AxisTracker, innovations: Array) -> float:
+    """The noise (um) for which the stated variance is that of `innovations` (n,), by the likelihood's maximum."""
+    stated = Whitening.of(model).variance_um2
+    return float(model.noise_um * np.sqrt(np.mean(innovations**2) / stated))
+
+
+def log_likelihood(model: AxisTracker, samples: Array) -> float:
+    """Gaussian log-likelihood of `samples` (n,), of the stationary filter, the state at the start at its best."""
+    whitening = Whitening.of(model)
+    e, variance = whitening.innovations(samples), whitening.variance_um2
+    return float(-0.5 * (len(e) * np.log(2.0 * np.pi * variance) + np.sum(e**2) / variance))

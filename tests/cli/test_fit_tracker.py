@@ -1,0 +1,78 @@
+"""`micromanip fit tracker`: from a recording to `reference.axes` of a configuration that then predicts better."""
+
+import json
+from pathlib import Path
+
+import pytest
+from replay.recorded import recording
+
+from micromanip.cli.budget import command as budget
+from micromanip.cli.fit_tracker import command
+from micromanip.design.budget.configured import cell_of
+from micromanip.errors import CheckFailed, ConfigError, UsageError
+from micromanip.settings.check import prepare
+from micromanip.virtual.experiment import VirtualExperiment
+
+from .test_budget import CONFIG, CliRunner
+
+pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
+SIMULATED = CONFIG / "simulated.yaml"
+
+
+def asked(*arguments, of=command):
+    result = CliRunner().invoke(of, [str(each) for each in arguments], catch_exceptions=False)
+    return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """8 s of the simulated cell from arming on, as recorded."""
+    prepared = prepare(SIMULATED)
+    cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration, prepared.samples)
+    cell.arm()
+    file = tmp_path_factory.mktemp("tracker") / "run.mcap"
+    recording(file, prepared, cell.run(8.0))
+    return file
+
+
+@pytest.fixture(scope="module")
+def fitted(recorded, tmp_path_factory):
+    """What was found of axis y, and the configuration that it was put into."""
+    copied = tmp_path_factory.mktemp("into") / "cell.yaml"
+    copied.write_bytes(SIMULATED.read_bytes())
+    return asked(recorded, "--axis", "y", "--into", copied, "--json")["axes"]["y"], copied
+
+
+def test_an_axis_is_found_and_put_into_a_configuration(fitted):
+    found, copied = fitted
+    assert [each["frequency_Hz"] for each in found["oscillations"]] == pytest.approx([7.76], abs=0.01)
+    assert found["noise_um"] == pytest.approx(0.5, rel=0.05)
+    assert "# The simulated cell, tuned" in copied.read_text(), "comments stay"
+    before, after = (cell_of(prepare(file), "y") for file in (SIMULATED, copied))
+    assert after.laws.tracker.noise_um == found["noise_um"]
+    assert after.rms_um() < 0.92 * before.rms_um()
+    untouched = cell_of(prepare(copied), "x")
+    assert untouched.laws.tracker == cell_of(prepare(SIMULATED), "x").laws.tracker
+
+
+def test_what_it_would_be_is_told_as_the_recordings_budget_tells_what_was(fitted, recorded):
+    share = fitted[0]["path_share_um"]
+    assert share["reason"] is None
+    assert share["after_um"] < 0.7 * share["before_um"]
+    (axis,) = asked(recorded, "--axis", "y", "--json", of=budget)["axes"]
+    causes = {cause["name"]: cause["variance_um2"] for cause in axis["causes"]}
+    together = causes["tracker noise"] + causes["tracker delay, rate, prediction"]
+    assert share["before_um"] ** 2 == pytest.approx(together, rel=0.15)
+
+
+def test_what_can_not_be_done_is_told_and_nothing_written(recorded, tmp_path):
+    held = tmp_path / "held.yaml"
+    text = (CONFIG / "factory.yaml").read_text()
+    held.write_text(text)
+    with pytest.raises(ConfigError, match=r"reference\.source must be signal"):
+        asked(recorded, "--axis", "x", "--into", held, "--json")
+    assert held.read_text() == text
+    with pytest.raises(UsageError, match="there is no axis q"):
+        asked(recorded, "--axis", "q")
+    with pytest.raises(CheckFailed, match="no recording of ours"):
+        asked(Path(__file__))

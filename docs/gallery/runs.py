@@ -24,11 +24,10 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from micromanip.design.run_columns import RecordedRun
 
-from micromanip.design.deconvolution import step_response_of
+from micromanip.design.recorded_run import RecordedRun
 from micromanip.design.run_comparison import judged
-from micromanip.design.run_figures import run_figures, spectra
+from micromanip.design.run_figures import run_figures
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
 from micromanip.settings.check import prepare
@@ -68,8 +67,8 @@ after = recorded("after", CONFIG.read_text().replace("control_weight: 10.0", "co
 # %%
 figure, panel = plt.subplots()
 for label, run in (("before", before), ("after", after)):
-    frequency, density = spectra(run.error_um("x"), 1.0 / run.period_s)
-    panel.loglog(frequency[1:], np.sqrt(density.mean(axis=1)[1:]), label=label)
+    spectra = run.axis["x"].spectra
+    panel.loglog(spectra.frequency_Hz[1:], np.sqrt(spectra.density[1:]), label=label)
 panel.set(title="Path error, axis x", xlabel="frequency, Hz", ylabel="um / sqrt(Hz)")
 panel.legend()
 
@@ -80,7 +79,8 @@ panel.legend()
 
 # %%
 figure, panel = plt.subplots()
-panel.plot(before.of_axis("x", "voltage_V")[::20], before.of_axis("x", "strain_um")[::20], linewidth=0.5)
+telemetry = before.telemetry
+panel.plot(telemetry.column("axis.0.voltage_V")[::20], telemetry.column("axis.0.strain_um")[::20], linewidth=0.5)
 panel.set(title="Axis x", xlabel="voltage, V", ylabel="gauge, um")
 
 # %% [markdown]
@@ -89,7 +89,7 @@ panel.set(title="Axis x", xlabel="voltage, V", ylabel="gauge, um")
 # Deconvolved from what ran: there was no step.
 
 # %%
-step = step_response_of(before, "x")
+step = before.axis["x"].steps.response()
 figure, panel = plt.subplots()
 panel.fill_between(1e3 * step.t_s, step.low, step.high, alpha=0.3)
 panel.plot(1e3 * step.t_s, step.response)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from dataclasses import asdict
 from typing import Any
 
@@ -25,6 +24,7 @@ from micromanip.virtual.own_time import at_own_time
 
 from ..controller import Controller
 from ..ring import RingReader
+from .lease import Lease
 
 _LOOK_S, _LEASE_S = 0.05, 1.0
 """How often the ring is read; an injection that nobody asks about for so long is taken back."""
@@ -37,7 +37,7 @@ class Injecting:
     def __init__(self, controller: Controller) -> None:
         """None yet."""
         self._controller = controller
-        self._number, self._progress, self._asked_s = 0, 0.0, 0.0
+        self._number, self._progress, self._lease = 0, 0.0, Lease(_LEASE_S, _LOOK_S)
         self._task: asyncio.Task[Response] | None = None
         self._what = ""
 
@@ -60,11 +60,12 @@ class Injecting:
             )
         index = list(configuration.axes).index(axis)
         self._require_room(index, axis, wave)
-        self._number, self._progress, self._asked_s = self._number + 1, 0.0, time.monotonic()
+        self._number, self._progress = self._number + 1, 0.0
         self._what = f"the sensitivity of axis {axis}, {loop} loop,"
         reader = RingReader(self._controller.ring)
         async with self._controller.commanding():
             await self._put(wave, index)
+        self._lease = Lease(_LEASE_S, _LOOK_S)
         self._task = asyncio.create_task(self._follow(wave, axis, loop, index, reader, state))
         return Injected(
             number=self._number,
@@ -78,7 +79,7 @@ class Injecting:
         """Where injection `number` stands, with its spectra once it is done; CheckFailed where it was ended early."""
         if number != self._number or self._task is None:
             raise UsageError(f"sensitivity: there is no measurement {number}, the last is {self._number}")
-        self._asked_s = time.monotonic()
+        self._lease.renew()
         if self._task.done():
             return self._task.result()
         return Response(
@@ -135,8 +136,8 @@ class Injecting:
                 raise CheckFailed(f"the measurement was ended: the state is {now}, it began while {state}")
             if a["over"]:
                 raise CheckFailed(f"the measurement was ended by the loop: a sensor of axis {axis} is not usable")
-            if time.monotonic() - self._asked_s > _LEASE_S:
-                raise CheckFailed(f"the measurement was ended: nobody has asked for it for {_LEASE_S:g} s")
+            if self._lease.ran_out():
+                raise CheckFailed(f"the measurement was ended: nobody has asked for it for {self._lease.seconds:g} s")
 
     def _spectra(self, wave: Injection, loop: str, index: int, rows: NDArray[Any]) -> Response:
         prepared = self._controller.prepared

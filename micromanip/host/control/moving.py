@@ -18,6 +18,7 @@ from micromanip.rt.states import HOLDING, STATE_NAMES
 from micromanip.settings.moved import Held, Wanted, planned_move
 
 from ..controller import Controller
+from .lease import Lease
 
 _LOOK_S, _LEASE_S, _LATE_S = 0.02, 1.0, 2.0
 """How often it is looked at; one that nobody asks about for so long ends; so much longer it may take than planned."""
@@ -29,7 +30,7 @@ class Moving:
     def __init__(self, controller: Controller) -> None:
         """None yet."""
         self._controller = controller
-        self._number, self._asked_s, self._stopped = 0, 0.0, ""
+        self._number, self._lease, self._stopped = 0, Lease(_LEASE_S, _LOOK_S), ""
         self._index = 0
         self._move: Move | None = None
         self._task: asyncio.Task[Moved] | None = None
@@ -59,7 +60,7 @@ class Moving:
         async with controller.commanding():
             self._require_held()
             await self._put(stop=False)
-        self._asked_s = time.monotonic()
+        self._lease = Lease(_LEASE_S, _LOOK_S)
         self._task = asyncio.create_task(self._follow(move))
         return self._report(done=False)
 
@@ -67,7 +68,7 @@ class Moving:
         """Where move `number` stands; CheckFailed where it was ended early."""
         if number != self._number or self._task is None:
             raise UsageError(f"move: there is no move {number}, the last is {self._number}")
-        self._asked_s = time.monotonic()
+        self._lease.renew()
         return self._task.result() if self._task.done() else self._report(done=False)
 
     def stop(self, why: str) -> bool:
@@ -114,8 +115,8 @@ class Moving:
             while not self._is_over():
                 await asyncio.sleep(_LOOK_S)
                 now_s = time.monotonic()
-                if now_s - self._asked_s > _LEASE_S:
-                    self.stop(f"nobody has asked for it for {_LEASE_S:g} s")
+                if self._lease.ran_out():
+                    self.stop(f"nobody has asked for it for {self._lease.seconds:g} s")
                 if now_s > end_s:
                     self.stop("it took too long: the loop misses cycles")
                 if self._stopped and not told:

@@ -41,3 +41,15 @@ def test_one_state_has_a_closed_form():
 def test_where_nothing_stabilises_it_says_so(A, B):
     with pytest.raises(np.linalg.LinAlgError):
         solve_riccati(A, np.array(B), np.eye(2), np.eye(1))
+
+
+def test_where_doubling_loses_its_digits_the_answer_is_still_right():
+    """An integrator's chain in states of very different size, and a price that hardly limits anything."""
+    states = 8
+    A = np.eye(states) + np.diag(np.full(states - 1, 1e-4), 1)
+    scale = np.geomspace(1.0, 1e12, states)
+    A, B = A * scale[:, None] / scale[None, :], np.zeros((states, 1))
+    B[-1] = scale[-1] * 1e-4
+    about = A, B, np.eye(states), np.array([[1e-3]])
+    found, expected = solve_riccati(*about), solve_discrete_are(*about)
+    assert found == pytest.approx(expected, rel=1e-5, abs=1e-7 * np.abs(expected).max())

@@ -13,12 +13,13 @@ from micromanip.control.system import System
 from micromanip.design.response import Measured
 from micromanip.design.running import judge_running
 from micromanip.errors import CheckFailed
+from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import FeedbackPath
 
 from .figures import PlantFigures, commissioned, plant_figures
-from .history import MARGINS, Check, tuning_of
+from .history import MARGINS, Check
 
 DRAWS = 1
 """Injections for each loop: 5 s; what one tells less than two is told by the checks before."""
@@ -55,4 +56,4 @@ def checked(
         found = judge_running(configuration, path, axis, "stage", responses["stage"])
         margins = found.measured[found.nominal]
         figures |= dict(zip(MARGINS, (margins.gain_dB, margins.phase_deg), strict=True))
-    return Check(time, axis, tuning_of(settings), figures)
+    return Check(time, axis, tuning_hash(settings), figures)

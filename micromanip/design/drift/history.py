@@ -1,14 +1,13 @@
 """The checks of an axis through the months: a CSV file with a row a check, which other programs read too.
 
 A row has been written whole if it ends with its newline; what follows the last one is none, and the next check takes
-its place. A tuning is named by the first digits of its hash: what was tuned anew is watched anew.
+its place. A tuning is named by its hash, as in reports: what was tuned anew is watched anew.
 """
 
 from __future__ import annotations
 
 import csv
 import fcntl
-import hashlib
 import math
 import os
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ from pathlib import Path
 
 from micromanip.errors import CheckFailed
 from micromanip.files.regular_file import open_regular
-from micromanip.settings.schema.axis import Axis
 
 from .figures import FIGURES
 
@@ -33,7 +31,6 @@ LABELS = {
 }
 """For people."""
 HEADER = ("time", "axis", "tuning", *COLUMNS)
-_DIGITS = 12
 
 
 @dataclass(frozen=True)
@@ -49,12 +46,6 @@ class Check:
         """As in the file; an empty field where there is no such figure."""
         values = ("" if math.isnan(value) else f"{value:.7g}" for value in (self.figures[name] for name in COLUMNS))
         return [self.time.isoformat(timespec="seconds"), self.axis, self.tuning, *values]
-
-
-def tuning_of(axis: Axis) -> str:
-    """What names the controllers of an axis: a change of them starts another series."""
-    text = axis.model_dump_json(include={"inner", "outer", "hysteresis", "mode"})
-    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
 
 
 def read_history(file: Path) -> list[Check]:

@@ -23,7 +23,7 @@ SETTLE_S = 1.0
 """Sigma and maximum count after the first period, and at least so long, of the sine."""
 WINDOW_S = 2.0
 TUNED = "D"
-"""Configuration C with the PID that `commission` found."""
+"""Configuration C with the PID that `commission` found, and with the axis' section `actuator`."""
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,12 @@ def variant_of(axis: Axis, config: str, own_pid: bool) -> Axis:
     if model is None or isinstance(model, NoModel):  # an axis that is not judged yet
         mode, model = "pid", NoModel(model="none")
     return axis.model_copy(
-        update={"mode": "strain", "inner": pid.model_copy(update={"mode": mode}), "hysteresis": model}
+        update={
+            "mode": "strain",
+            "inner": pid.model_copy(update={"mode": mode}),
+            "hysteresis": model,
+            "actuator": axis.actuator if config == TUNED else None,
+        }
     )
 
 

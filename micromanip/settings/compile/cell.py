@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.bus.driver import Channel
 from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation
 from micromanip.control.pid import pid_gains
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
+from micromanip.settings.schema.actuator import Actuator
 from micromanip.settings.schema.axis import Axis, Outer
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import PLAUSIBLE_UM, Configuration, Output, Signal, Start
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import Jog, Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
 
@@ -27,6 +29,7 @@ from .reference import fill_reference
 
 _BLEND_S = 0.05
 _FIGURES_S = 1.0
+_GAINS = ("K_V_per_um", "integral", "derivative")
 _gains = functools.lru_cache(8)(outer_gains)
 """Of the axes: a change in one leaves the others."""
 _PROCESS_MARGIN = 2.0
@@ -89,7 +92,24 @@ def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring
     strain, stage = (sensor_timing(configuration, wiring, role, name) for role in ("strain", "stage"))
     between = cycles_between(configuration, stage)
     fill_axis_limits(a, faults, configuration.reference, rate_hz, strain.rate_hz, between)
-    a["answer_cycles"] = output_cycles(configuration, output_timing(configuration, wiring, f"voltage_{name}"))
+    _fill_answer(a, configuration, name, output_timing(configuration, wiring, f"voltage_{name}"))
+
+
+def _fill_answer(a: Any, configuration: Configuration, name: str, output: Channel) -> None:
+    """When the gauge shows a set-point, and how far ahead of it a known reference is followed."""
+    axis, period_s = configuration.axes[name], configuration.loop.period_ns * 1e-9
+    a["answer_cycles"] = output_cycles(configuration, output)
+    actuator = _in_use(axis)
+    if actuator is None:
+        return
+    a["awaited_cycles"] = 1e-6 * (actuator.delay_us + actuator.gauge_us) / period_s
+    if not isinstance(configuration.reference, Tracker | Jog):
+        a["preview_s"] = a["answer_cycles"] * period_s + 1e-6 * actuator.delay_us
+
+
+def _in_use(axis: Axis) -> Actuator | None:
+    """The actuator's dynamics where there is a feedforward to undo them, and no model of the stage that has them."""
+    return axis.actuator if axis.mode == "strain" and axis.inner.mode != "pid" else None
 
 
 def _max_age_ns(signal: Signal | None) -> int:
@@ -147,11 +167,15 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
     limiter["slew_V"], limiter["park_V"] = output.slew_V_per_ms * 1e3 * period_s, output.park_V
     for name, value in asdict(pid_gains(axis.inner, period_s)).items():
         a["pid"][name] = value
+    actuator = _in_use(axis)
+    for gain in _GAINS:
+        a["pid"][gain] *= 1.0 if actuator is None else 0.01 * actuator.feedback_percent
     a["fallback"] = a["pid"]
-    for gain in ("K_V_per_um", "integral", "derivative"):
+    for gain in _GAINS:
         a["fallback"][gain] = axis.faults.oscillation.fallback * a["pid"][gain]
     a["authority"] = axis.authority_percent / 100.0
-    fill_hysteresis(a["hysteresis"], NoModel(model="none") if axis.inner.mode == "pid" else axis.hysteresis, period_s)
+    model = NoModel(model="none") if axis.inner.mode == "pid" else axis.hysteresis
+    fill_hysteresis(a["hysteresis"], model, period_s, actuator)
 
 
 def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:

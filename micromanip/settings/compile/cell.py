@@ -15,7 +15,6 @@ from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, pro
 from micromanip.control.pid import pid_gains
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
-from micromanip.settings.schema.actuator import Actuator
 from micromanip.settings.schema.axis import Axis, Outer
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import PLAUSIBLE_UM, Configuration, Output, Signal, Start
@@ -29,7 +28,6 @@ from .reference import fill_reference
 
 _BLEND_S = 0.05
 _FIGURES_S = 1.0
-_GAINS = ("K_V_per_um", "integral", "derivative")
 _gains = functools.lru_cache(8)(outer_gains)
 """Of the axes: a change in one leaves the others."""
 _PROCESS_MARGIN = 2.0
@@ -99,17 +97,12 @@ def _fill_answer(a: Any, configuration: Configuration, name: str, output: Channe
     """When the gauge shows a set-point, and how far ahead of it a known reference is followed."""
     axis, period_s = configuration.axes[name], configuration.loop.period_ns * 1e-9
     a["answer_cycles"] = output_cycles(configuration, output)
-    actuator = _in_use(axis)
+    actuator = axis.undone
     if actuator is None:
         return
     a["awaited_cycles"] = 1e-6 * (actuator.delay_us + actuator.gauge_us) / period_s
     if not isinstance(configuration.reference, Tracker | Jog):
         a["preview_s"] = a["answer_cycles"] * period_s + 1e-6 * actuator.delay_us
-
-
-def _in_use(axis: Axis) -> Actuator | None:
-    """The actuator's dynamics where there is a feedforward to undo them, and no model of the stage that has them."""
-    return axis.actuator if axis.mode == "strain" and axis.inner.mode != "pid" else None
 
 
 def _max_age_ns(signal: Signal | None) -> int:
@@ -165,17 +158,14 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
     limiter = a["limiter"]
     limiter["low_V"], limiter["high_V"] = output.range_V
     limiter["slew_V"], limiter["park_V"] = output.slew_V_per_ms * 1e3 * period_s, output.park_V
-    for name, value in asdict(pid_gains(axis.inner, period_s)).items():
+    for name, value in asdict(pid_gains(axis.running_inner, period_s)).items():
         a["pid"][name] = value
-    actuator = _in_use(axis)
-    for gain in _GAINS:
-        a["pid"][gain] *= 1.0 if actuator is None else 0.01 * actuator.feedback_percent
     a["fallback"] = a["pid"]
-    for gain in _GAINS:
+    for gain in ("K_V_per_um", "integral", "derivative"):
         a["fallback"][gain] = axis.faults.oscillation.fallback * a["pid"][gain]
     a["authority"] = axis.authority_percent / 100.0
     model = NoModel(model="none") if axis.inner.mode == "pid" else axis.hysteresis
-    fill_hysteresis(a["hysteresis"], model, period_s, actuator)
+    fill_hysteresis(a["hysteresis"], model, period_s, axis.undone)
 
 
 def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:

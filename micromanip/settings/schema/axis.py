@@ -143,6 +143,19 @@ class Axis(Settings):
     accept: NewStart[Accept] = Field(default=Accept(), description="What `commission` asks of the axis.")
     commissioned: Live[Commissioned | None] = Field(default=None, description="The report that this tuning belongs to.")
 
+    @property
+    def undone(self) -> Actuator | None:
+        """The section `actuator` where it acts: there is a feedforward, and no outer loop whose model has all of it."""
+        return self.actuator if self.mode == "strain" and self.inner.mode != "pid" else None
+
+    @property
+    def running_inner(self) -> Inner:
+        """The PID with the gain that runs."""
+        if self.undone is None:
+            return self.inner
+        gain = 0.01 * self.undone.feedback_percent * self.inner.K_V_per_um
+        return self.inner.model_copy(update={"K_V_per_um": gain})
+
     def tuning(self) -> dict[str, Any]:
         """What a commissioning report is about: all but the note of it, what it must reach, limits and authority.
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,13 +79,11 @@ def undo(
     late = delay(delay_cycles, dynamics.period_s)
     system = late.then(dynamics)
     plants = [late.then(_moved(dynamics, *factors)) for factors in product(OFF, DAMPED)]
-    steps = {
-        "delay": Actuator(gauge_us=gauge_us),
-        "resonances": Actuator(gauge_us=gauge_us, resonances=resonances(dynamics)),
+    additions: dict[str, dict[str, Any]] = {
+        "delay": {},
+        "resonances": {"resonances": resonances(dynamics)},
+        "lag": {"lag_us": lag(dynamics)},
     }
-    lag_us = lag(dynamics)
-    if lag_us is not None:
-        steps["lag"] = steps["resonances"].model_copy(update={"lag_us": lag_us})
 
     def errors(section: Actuator) -> tuple[float, float]:
         each = np.array([_error(plant, system, inner, section) for plant in plants])
@@ -93,8 +92,8 @@ def undo(
     chosen, taken = Actuator(gauge_us=gauge_us), []
     tried = {"nothing": errors(chosen)}
     rms, worst = tried["nothing"]
-    for name, section in steps.items():
-        timed = with_delay(system, section)
+    for name, addition in additions.items():
+        timed = with_delay(system, chosen.model_copy(update=addition))
         tried[name] = errors(timed)
         if tried[name][0] < _WORTH * rms and tried[name][1] <= worst:
             chosen, (rms, worst) = timed, tried[name]

@@ -60,7 +60,8 @@ def _fill_dynamics(h: Any, actuator: Actuator, period_s: float) -> None:
         h["pole_band"][i], h["pole_high"][i] = 2.0 * each.resonance_damping / ratio, ratio**-2
     if actuator.lag_us is not None:
         # exact for a voltage that is held from cycle to cycle, and a cycle late
-        h["lead"] = 1.0 / math.expm1(period_s / (1e-6 * actuator.lag_us))
+        passed = period_s / (1e-6 * actuator.lag_us)
+        h["lead"] = -math.exp(-passed) / math.expm1(-passed)
 
 
 def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -> None:

@@ -129,6 +129,18 @@ class CyclicDriver(ABC):
         """
         return ()
 
+    @property
+    def steers(self) -> bool:
+        """Whether the loop's deadlines follow a clock of this driver's: ``steering_ns``. At most one driver's do."""
+        return False
+
+    def steering_ns(self, context: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Where in the context ``exchange`` writes, in each cycle, by how much the next deadline comes later: (1,).
+
+        The loop takes a hundredth of a period at most. Asked where it ``steers``.
+        """
+        raise NotImplementedError
+
     def loads(self) -> Sequence[Load]:
         """What the loop's rate costs on a wire, where there is one."""
         return ()

@@ -27,6 +27,7 @@ import ctypes
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -105,6 +106,12 @@ class CyclicDriver(ABC):
     @abstractmethod
     def __init__(self, options: Any, period_ns: int) -> None:
         """`options` is a validated ``Options``; raises ConfigError for what only the driver can know."""
+
+    def check_files(self, folder: Path) -> None:  # noqa: B027 (most name none)
+        """Hold the files that the options name, seen from `folder`, that of the configuration, against the options.
+
+        Where a configuration is checked; raises ConfigError.
+        """
 
     @property
     @abstractmethod

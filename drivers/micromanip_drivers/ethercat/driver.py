@@ -6,6 +6,7 @@ import math
 import struct
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from micromanip.driver.ethercat import INIT, OP, STATE_MASK, registers
 from micromanip.driver.wire import MOST_BITS, LoopWire, lend, set_lock
 
 from .bring_up import bring_to_safeop
+from .described import compare_with_file
 from .image import Image
 from .link import LOOP_SENDER, Link, open_interface
 from .options import EthercatOptions
@@ -65,6 +67,10 @@ class Ethercat(LoopWire):
                 f"terminals: a frame of {len(self._image.frame)} bytes takes {1e6 * self._wire_s:.0f} us on the wire, "
                 f"longer than the cycle of {1e-3 * period_ns:g} us"
             )
+
+    def check_files(self, folder: Path) -> None:
+        for name, terminal in self.options.terminals.items():
+            compare_with_file(name, terminal, folder)
 
     @property
     def device(self) -> str:

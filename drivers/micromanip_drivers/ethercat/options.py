@@ -135,6 +135,10 @@ class Terminal(Section):
     vendor: Number32 = Field(description="Vendor identity, of its EEPROM.")
     product: Number32 = Field(description="Product code.")
     revision: Number32 | None = Field(default=None, description="Revision number; null: any.")
+    esi: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description="Its ESI file, seen from the folder of the configuration: what it says must agree with these keys.",
+    )
     serial: Number32 | None = Field(default=None, description="Serial number; null: any.")
     sync0_shift_us: Annotated[float, Field(strict=True, ge=0, le=100_000)] | None = Field(
         default=None,

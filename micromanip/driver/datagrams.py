@@ -1,5 +1,6 @@
 """Compiled functions for a cyclic driver on a wire: send and receive without Python, frames to values and back."""
 
+from micromanip.rt.wire.clock_lock import hear_clock, steer
 from micromanip.rt.wire.codec import (
     BAD_STATUS,
     GOOD,
@@ -44,6 +45,7 @@ __all__ = [
     "forget_clock",
     "give",
     "has_rest",
+    "hear_clock",
     "is_from_peer",
     "judged",
     "leave_samples",
@@ -58,6 +60,7 @@ __all__ = [
     "send",
     "send_due",
     "status_of",
+    "steer",
     "take",
     "taken_ns",
     "turn",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -44,16 +44,17 @@ def on_cluster(address: str) -> Share:
     def share(work: Work, batches: list[list[int]]) -> Iterator[list[Tried]]:
         with connected(address) as client:
             import dask
-            from distributed import KilledWorker, as_completed
+            import distributed
 
             with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):
                 held = client.submit(_held, work, pure=False)
+            as_they_come: Any = distributed.as_completed
             futures = client.map(try_some, [held] * len(batches), batches, pure=False)
             try:
-                for future in as_completed(futures):
+                for future in as_they_come(futures):
                     yield future.result()
                     future.release()
-            except KilledWorker as problem:
+            except distributed.KilledWorker as problem:
                 raise WorkerDiedError(str(problem)) from problem
             except (CancelledError, OSError) as problem:
                 raise DeviceUnavailable(f"the Dask scheduler at {address} has gone: {problem}") from problem

@@ -159,13 +159,15 @@ def _plain(texts: Any) -> list[str]:
 def _write_page(place: Path, found: list[Entry], trends: list[tuple[Path, Trend, str]]) -> None:
     from html import escape
 
-    from micromanip.design.page import page, section, table
+    from micromanip.design.page import legible, page, section, table
     from micromanip.design.trend import drawn
 
     parts = [table(_HEAD, [_row(entry) for entry in found], words=True)]
     for folder, trend, field in trends:
         about = f"{escape(str(folder))}, a value a minute."
-        parts.append(section(f"Trend of {escape(field)}", about, drawn(trend, [field])))
+        with legible():
+            figure = drawn(trend, [field])
+        parts.append(section(f"Trend of {escape(field)}", about, figure))
     try:
         place.write_text(page("Runs", parts), encoding="utf-8")
     except OSError as problem:

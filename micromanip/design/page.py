@@ -8,6 +8,7 @@ from __future__ import annotations
 import html
 import io
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
 from matplotlib import rc_context
@@ -20,6 +21,7 @@ _DRAWN: Any = {
     "svg.hashsalt": "micromanip",
     "svg.fonttype": "none",
     "font.size": 9,
+    "legend.frameon": False,
     **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), GREY),
 }
 _STYLE = """
@@ -59,14 +61,19 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = F
 def section(title: str, about: str, figure: Figure) -> str:
     """A drawing with its headline and a sentence about it."""
     drawn = io.StringIO()
-    with rc_context(_DRAWN):
+    with legible():
         figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
     text = drawn.getvalue()
     return f"<h2>{title}</h2><p>{about}</p>{text[text.index('<svg') :]}"
 
 
+def legible() -> AbstractContextManager[None]:
+    """Within it figures are made whose text and lines are legible in light and in dark."""
+    return rc_context(_DRAWN)
+
+
 def drawing(rows: int = 1, columns: int = 1, height: float = 3.2) -> tuple[Figure, Any]:
     """A figure as wide as the page, and its axes, shape (rows, columns)."""
-    with rc_context(_DRAWN):
+    with legible():
         figure = Figure(figsize=(9.0, height), layout="constrained")
         return figure, figure.subplots(rows, columns, squeeze=False)

@@ -18,6 +18,7 @@ from micromanip.errors import CheckFailed
 
 from . import mcap_layout as layout
 from .blocks import BlockCodec
+from .foreign_mcap import read_foreign
 from .mcap_places import (
     ATTACHMENT,
     CHUNK,
@@ -39,9 +40,17 @@ _SHORT_CHUNK = 4096
 _WHY = "it is damaged, or not a recording of ours"
 
 
+class NotOursError(CheckFailed):
+    """A whole MCAP file of another program."""
+
+
 def read_mcap(file: Path) -> Table:
-    """The columns of a recording. CheckFailed where it is damaged, or of another program."""
-    return open_mcap(file).table()
+    """The columns of a recording, or of messages that another program wrote. CheckFailed where it is damaged."""
+    try:
+        telemetry = open_mcap(file)
+    except NotOursError:
+        return read_foreign(file)
+    return telemetry.table()
 
 
 def open_mcap(file: Path) -> Telemetry:
@@ -78,7 +87,7 @@ def open_mcap(file: Path) -> Telemetry:
     if codec is None or layout.ABOUT not in metadata or not chunked:
         if begins_without_chunks(file):
             raise CheckFailed(f"{file}: its messages are in no chunks; `mcap compress` writes a copy that can be read")
-        raise CheckFailed(f"{file}: an MCAP file without telemetry of ours, topic {layout.BLOCKS_TOPIC}")
+        raise NotOursError(f"{file}: an MCAP file without telemetry of ours, topic {layout.BLOCKS_TOPIC}")
     about, end = metadata[layout.ABOUT], metadata.get(layout.END, {})
     try:
         return Telemetry(

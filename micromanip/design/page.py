@@ -32,10 +32,14 @@ body { color: var(--ink); background: var(--ground); font: 16px/1.5 system-ui, s
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { border-bottom: 1px solid var(--line); padding: .2rem .8rem .2rem 0; text-align: right; }
 th:first-child, td:first-child { text-align: left; }
+table:not(.words) td:first-child { white-space: nowrap; } details { margin: .6rem 0; }
 table.words td { text-align: left; vertical-align: top; overflow-wrap: anywhere; min-width: 5rem; }
 table.words th { text-align: left; }
 table.words td:first-child { overflow-wrap: normal; }
-.wide { overflow-x: auto; } svg { max-width: 100%; height: auto; } pre { overflow-x: auto; font-size: .8rem; }
+table.words td:last-child { min-width: 14rem; }
+.wide { overflow-x: auto; } svg { max-width: 100%; height: auto; }
+@media (max-width: 40rem) { .wide > svg { max-width: none; width: 40rem; } }
+pre { overflow-x: auto; font-size: .8rem; }
 """
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -59,12 +63,12 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = F
 
 
 def section(title: str, about: str, figure: Figure) -> str:
-    """A drawing with its headline and a sentence about it."""
+    """A drawing with its headline and a sentence about it; on a narrow screen it is shifted, and stays legible."""
     drawn = io.StringIO()
     with legible():
         figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
     text = drawn.getvalue()
-    return f"<h2>{title}</h2><p>{about}</p>{text[text.index('<svg') :]}"
+    return f'<h2>{title}</h2><p>{about}</p><div class="wide">{text[text.index("<svg") :]}</div>'
 
 
 def legible() -> AbstractContextManager[None]:

@@ -14,15 +14,27 @@ from micromanip.rt.wire.context import WIRE
 from micromanip.rt.wire.counting import COUNTED
 from micromanip.rt.wire.device_clock import MOST_BITS
 from micromanip.rt.wire.gate import ANSWERS, GATE, MAX_OUTPUTS, QUIET, RECENT, RESTING
-from micromanip.rt.wire.records import BATCH, DEVICE_CLOCK, FRAME, MAX_BYTES, SOCKET
+from micromanip.rt.wire.records import (
+    BATCH,
+    CODE,
+    DEVICE_CLOCK,
+    FLOATING,
+    FRAME,
+    MAX_BYTES,
+    SIGNED,
+    SOCKET,
+    UNSIGNED,
+)
 from micromanip.rt.wire.samples import SAMPLES
 
 __all__ = [
     "ANSWERS",
     "BATCH",
+    "CODE",
     "COUNTED",
     "DEVICE_CLOCK",
     "DOWN",
+    "FLOATING",
     "FRAME",
     "GATE",
     "MAX_BYTES",
@@ -32,8 +44,10 @@ __all__ = [
     "RECENT",
     "RESTING",
     "SAMPLES",
+    "SIGNED",
     "SOCKET",
     "TAKEN",
+    "UNSIGNED",
     "WIRE",
     "FramePlan",
     "GroupPlan",

@@ -4,7 +4,7 @@
 """
 
 from micromanip.bus.datagram_socket import hand_over, lend, open_datagrams
-from micromanip.bus.frame_plan import FramePlan, GroupPlan
+from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopOutput, LoopWire
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.rt.bus_image import DOWN, TAKEN
@@ -21,6 +21,7 @@ from micromanip.rt.wire.records import (
     FLOATING,
     FRAME,
     MAX_BYTES,
+    NUMBER,
     SIGNED,
     SOCKET,
     UNSIGNED,
@@ -40,6 +41,7 @@ __all__ = [
     "MAX_BYTES",
     "MAX_OUTPUTS",
     "MOST_BITS",
+    "NUMBER",
     "QUIET",
     "RECENT",
     "RESTING",
@@ -56,6 +58,7 @@ __all__ = [
     "adopt_limits",
     "begin_frame",
     "close_gate",
+    "fill_number",
     "gate_statistics",
     "hand_over",
     "lend",

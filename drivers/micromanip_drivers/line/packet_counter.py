@@ -12,7 +12,7 @@ from .number import NumberCodec
 from .records import COUNTER
 
 STALE = -1
-_MOST_BITS = 62
+_MOST_BITS = 32
 """Of a wider counter the lowest bits count as well."""
 _RESTARTED_AFTER = 3
 """So many packets in a row that go on from a count in the past: the device began anew, it is no reordering."""

@@ -119,7 +119,8 @@ class BinaryFraming(Framing):
             self._reader.complain()
 
     def steady(self) -> Steady | None:
-        if not self._port.is_plain or any(self._answers):
+        says_who = {self._identity_kind} if self._asking else set()  # frames of that kind have no samples
+        if not self._port.is_plain or any(self._answers) or any(one.kind in says_who for one in self._messages):
             return None
         from .tables import Tables  # not needed by who only describes the line
 

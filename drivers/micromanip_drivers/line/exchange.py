@@ -17,6 +17,7 @@ from micromanip.driver import EXCHANGE_SIGNATURE, now_ns
 from micromanip.driver.byte_stream import ask, read_bytes, write_bytes
 from micromanip.driver.datagrams import GOOD, begin_frame, code_of, judged, leave_samples, put_value, seal
 from micromanip.driver.steady import INBOX, NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
+from micromanip.driver.wire import MAX_OUTPUTS
 
 from .compiled import compiled
 from .frame_reader import STALE_NS
@@ -26,7 +27,6 @@ from .records import CONTEXT, MAX_CHUNKS, READ_BYTES
 _MORE, _ODD = -1, -2
 """Of what is there from some byte on: it may become a frame; it is for Python to judge."""
 _WOULD_BLOCK = 11
-_MAX_OUTPUTS = 8
 
 
 @compiled
@@ -202,4 +202,4 @@ def receive_c(context: Any, values: Any, inbox: Any, began_ns: Any, task: Any) -
 @compiled.c_function(EXCHANGE_SIGNATURE.return_type(*_POINTERS, types.int64, types.int64))
 def send_c(context: Any, values: Any, inbox: Any, now: Any, task: Any) -> Any:  # noqa: ARG001
     """C entry of ``give``."""
-    return give(numba.carray(context, 1)[0], numba.carray(values, _MAX_OUTPUTS), task)
+    return give(numba.carray(context, 1)[0], numba.carray(values, MAX_OUTPUTS), task)

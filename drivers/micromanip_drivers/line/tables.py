@@ -35,6 +35,9 @@ class Tables:
         sync = bytes.fromhex(options.sync)
         if max(len(received), len(sent)) > MAX_MESSAGES or len(sync) > MAX_SYNC_BYTES:
             raise ConfigError("more messages, or sync bytes, than compiled code has room for")
+        covered = options.crc.first + options.crc.size if options.crc else 0
+        if min([one.length for one in received] + [one.length for one in sent]) < covered:
+            raise ConfigError("a checksum that covers nothing")
         plans = [one.plan().record()[0] for one in received], [one.plan().record()[0] for one in sent]
         c["sync"][: len(sync)], c["sync_bytes"] = np.frombuffer(sync, np.uint8), len(sync)
         c["header_bytes"], c["longest"] = kinds.header, max((message.length for message in received), default=0)
@@ -51,7 +54,7 @@ class Tables:
             plan["template"][: out.length] = np.frombuffer(out.empty(), np.uint8)
             row["frame"], row["output"] = plan, out.first
             out.count_in(row)
-        self._received, self._sent = received, sent
+        self._sent_messages = len(sent)
         self.forget()
 
     def forget(self) -> None:
@@ -90,7 +93,7 @@ class Tables:
             filled += len(data)
             c["chunk_end"][k], c["chunk_ns"][k] = filled, time_ns
         c["filled"], c["chunks"] = filled, len(chunks or ())
-        for task, row in enumerate(c["sent"][: len(self._sent)]):
+        for task, row in enumerate(c["sent"][: self._sent_messages]):
             row["unheard"] = task in unheard
 
     def take_back(self, reader: FrameReader, port: Port, silence: Silence, unheard: set[int]) -> None:
@@ -110,4 +113,4 @@ class Tables:
         if c["silence_ns"]:
             silence.heard(int(c["heard_ns"]), more=True)
         unheard.clear()
-        unheard.update(np.flatnonzero(c["sent"]["unheard"][: len(self._sent)]).tolist())
+        unheard.update(np.flatnonzero(c["sent"]["unheard"][: self._sent_messages]).tolist())

@@ -260,9 +260,16 @@ def test_samples_have_the_time_of_their_last_byte_less_the_latency():
 
 
 def test_where_python_is_needed_each_time_there_are_no_compiled_functions():
-    """A device that is asked, and one with more bytes in a frame than there is room for."""
+    """A device that is asked, one that says who it is in frames of the same kind, and one whose frames are too long."""
     asked = FRAMING["binary"]["send"]["voltages"] | {"reply": "strains"}
-    for changed in ({"send": {"voltages": asked}}, {"receive": {"strains": long_message()}, "length": None}):
+    same_kind = FRAMING["binary"]["identity"] | {"kind": 0x10}
+    beyond = FRAMING["binary"]["crc"] | {"first": 30}
+    for changed in (
+        {"send": {"voltages": asked}},
+        {"identity": same_kind},
+        {"crc": beyond},
+        {"receive": {"strains": long_message()}, "length": None},
+    ):
         options = Binary.model_validate(BOARD.model_dump() | changed)
         with Spoken(options, False) as at:
             assert at.framing.steady() is None

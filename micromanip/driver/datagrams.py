@@ -21,6 +21,7 @@ from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive
 from micromanip.rt.wire.device_clock import forget_clock, taken_ns
 from micromanip.rt.wire.gate import acknowledge, has_rest, lose, turn
 from micromanip.rt.wire.giving import give
+from micromanip.rt.wire.numbers import find_code, value_of_code
 from micromanip.rt.wire.records import BATCH
 from micromanip.rt.wire.samples import leave_samples
 from micromanip.rt.wire.serving import NOT_OPEN, begin, end, rest, send_due, take
@@ -42,6 +43,7 @@ __all__ = [
     "close",
     "code_of",
     "end",
+    "find_code",
     "forget_clock",
     "give",
     "has_rest",
@@ -65,4 +67,5 @@ __all__ = [
     "taken_ns",
     "turn",
     "value_of",
+    "value_of_code",
 ]

@@ -43,15 +43,8 @@ def recording(prepared, rows, **changed):
     rows = rows.copy()
     for name, value in changed.items():
         (rows if name in rows.dtype.names else rows["axis"])[name] = value
-
-    def column(path):
-        return rows["axis"][path.split(".")[2]][:, int(path.split(".")[1])] if path.startswith("axis.") else rows[path]
-
-    return Telemetry(
-        Path("run.h5"), list(prepared.configuration.axes), prepared.configuration.loop.period_ns, rows.dtype,
-        prepared.source.text, prepared.source.hash, {}, lambda paths: iter([{path: column(path) for path in paths}]),
-        lambda: iter([rows]), lambda: iter([]),
-    )  # fmt: skip
+    names, period_ns = list(prepared.configuration.axes), prepared.configuration.loop.period_ns
+    return Telemetry.of_rows(Path("run.h5"), names, period_ns, rows, prepared.source.text)
 
 
 def by_name(budget):

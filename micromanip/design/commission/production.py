@@ -24,6 +24,7 @@ from ..experiment import Experiment, with_axes, with_reference
 from .at_rest import AtRest
 from .composition import TITLE, composition
 from .evidence import Curve, Plot, Section
+from .predictor import known_deviations
 
 Array = NDArray[np.float64]
 Budgeted = Callable[[Configuration, NDArray[Any]], list[AxisBudget]]
@@ -137,9 +138,9 @@ def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -
     else:
         reference = rest.reference()
         low, high = _reach(configuration)
-        reference = reference.model_copy(
-            update={"range_um": (max(reference.range_um[0], low), min(reference.range_um[1], high))}
-        )
+        axes, said = known_deviations(reference, rest)
+        within = max(reference.range_um[0], low), min(reference.range_um[1], high)
+        reference = reference.model_copy(update={"range_um": within, "axes": axes})
         joints = (
             "its joints were not seen to oscillate"
             if rest.joints_Hz is None
@@ -149,6 +150,7 @@ def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -
             f"The reference is the tracker as it was seen at rest: {reference.sample_rate_Hz:g} samples a second, "
             f"noise {reference.noise_um:g} um; of the robot, {joints}."
         )
+        decided += said
     return Production(with_reference(with_axes(configuration, mode="stage"), reference), decided=tuple(decided))
 
 

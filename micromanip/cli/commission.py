@@ -174,6 +174,8 @@ def _budgeted(
     prepared: Prepared, seed: int, configuration: Configuration, rows: NDArray[Any], *, virtual: bool
 ) -> list[AxisBudget]:
     """Of a cell in virtual time computed, and played once more without noise; else what the trial's rows show."""
+    import numpy as np
+
     from micromanip.design.budget.configured import budget_of
     from micromanip.design.budget.recorded import recorded_budget
     from micromanip.recordings import Telemetry
@@ -184,7 +186,8 @@ def _budgeted(
     if virtual:
         tuned = prepared_of(Source.parse(prepared.source.path, text))
         return budget_of(tuned, axes, _BUDGET_S, seed, _COHERENCE_S, _silent)
-    telemetry = Telemetry.of_rows(prepared.source.path, axes, configuration.loop.period_ns, rows, text)
+    _, own = np.unique(rows["cycle"], return_index=True)  # a skipped cycle's row is a copy of the one before
+    telemetry = Telemetry.of_rows(prepared.source.path, axes, configuration.loop.period_ns, rows[own], text)
     return recorded_budget(telemetry, axes, _COHERENCE_S, _silent)
 
 

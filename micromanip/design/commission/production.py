@@ -105,7 +105,7 @@ class Production:
             "uncompensated": f"{seen.uncompensated_rms:.1f} um rms",
             "told by": "the simulation's truth"
             if self.known
-            else "the tracker's samples less the stage, their noise included",
+            else "the tracker's reference less the stage, its noise included",
         }
         plot = Plot("Path error as it will run", "time, s", "um", (Curve("left", seen.t_s, seen.left),))
         return Section("In production", text, figures, (plot,))

@@ -12,7 +12,8 @@ from micromanip.rt.record import MAX_AXES
 
 Array = NDArray[np.float64]
 
-FADE_S = 0.25
+FADE_S = 0.05
+"""Soft for the stage's first mode, and short beside a part, which is not corrected in full meanwhile."""
 
 
 def rows_to_play(corrections: Mapping[int, Array], rate_hz: float, loop_hz: float) -> Array:

@@ -14,7 +14,8 @@ with the true T_D and the share r that repeats, each update leaves of whatever c
 Control, 2006; Saab, A Discrete-Time Stochastic Learning Control Algorithm, 2001). Only below 1 is it applied.
 
 A part whose error, in the band that is learned, is larger than that of the part before beyond doubt goes back to what
-was played before; if nothing was, all is forgotten.
+was played before; if nothing was, all is forgotten. A part in which nothing was played though there was something to
+play counts for the mean, and is compared with none.
 """
 
 from __future__ import annotations
@@ -45,7 +46,10 @@ _MOST_PARTS = 20
 _CORNER = 2.0 / 3.0
 """Of the highest frequency that is learned, where Q leaves one half."""
 _TOLD = 50
-WORSE, BETTER, ALIKE, FIRST = "worse", "better", "no difference", "first"
+WORSE, BETTER, ALIKE, FIRST, UNPLAYED = "worse", "better", "no difference", "first", "not played"
+_NOTHING_UM, _AS_PLAYED = 0.002, 0.25
+"""Rms of a recorded correction that is none; by how much of itself it may be another than the memory's."""
+_STEP_HZ = 0.25
 
 
 class Way(Protocol):
@@ -72,27 +76,50 @@ class Update:
 
 
 def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) -> Update:
-    """The memory after `part` (of `what`, told in its story). CheckFailed where no update may be applied."""
+    """The memory after `part` (of `what`, told in its story).
+
+    Raises CheckFailed where no update may be applied, and where the part is not of this memory: learned from before,
+    or with another correction played.
+    """
     bands = Bands(len(part.error_um), part.rate_hz, way.highest_Hz)
     if not bands.count:
         raise CheckFailed(
             f"axis {memory.axis}: its model is known to {way.highest_Hz:.3g} Hz, a part of {memory.seconds:g} s tells "
             "frequencies apart that far at best: nothing can be learned"
         )
+    if any(told["part"] == part.name for told in memory.story):
+        raise CheckFailed(f"{what}: axis {memory.axis} has learned from this part already")
+    played = _was_played(memory.now.correction_um, part.played_um, memory.axis, what)
     inside = filtered(part.error_um, part.rate_hz, lambda hertz: _low(way, hertz) + 0j)
     blocks = np.array([np.mean(block**2) for block in np.array_split(inside, BLOCKS)])
-    verdict = compared(memory.blocks_um2, blocks)
-    error_um, interval_um = _rms(blocks)
-    told = {"file": what, "generation": memory.generation, "verdict": verdict, "error_um": error_um,
-            "error_least_um": interval_um[0], "error_most_um": interval_um[1]}  # fmt: skip
-    if verdict == WORSE:
-        back = memory.before or Learned.nothing(len(part.error_um))
-        kept = replace(memory, now=back, before=None, blocks_um2=blocks)
+    verdict = compared(memory.blocks_um2, blocks) if played else UNPLAYED
+    forgotten = verdict == WORSE
+    if forgotten:
+        now, before = memory.before or Learned.nothing(len(part.error_um)), None
     else:
-        learned = _learned(memory.now, part, way, bands, limit_um, memory.axis)
-        kept = replace(memory, now=learned, before=memory.now, blocks_um2=blocks)
-    kept = replace(kept, generation=memory.generation + 1, story=(*memory.story, told)[-_TOLD:])
-    return Update(kept, verdict, verdict == WORSE, error_um, interval_um)
+        now, before = _learned(memory.now, part, way, bands, limit_um, memory.axis), memory.now
+    error_um, interval_um = _rms(blocks)
+    told = {"file": what, "part": part.name, "generation": memory.generation, "verdict": verdict, "error_um": error_um,
+            "error_least_um": interval_um[0], "error_most_um": interval_um[1]}  # fmt: skip
+    kept = replace(
+        memory, now=now, before=before, blocks_um2=blocks if played else memory.blocks_um2,
+        generation=memory.generation + 1, story=(*memory.story, told)[-_TOLD:],
+    )  # fmt: skip
+    return Update(kept, verdict, forgotten, error_um, interval_um)
+
+
+def _was_played(correction_um: Array, played_um: Array, axis: str, what: str) -> bool:
+    """Whether the memory's correction was; True where it has none."""
+    size, found = (float(np.sqrt(np.mean(each**2))) for each in (correction_um, played_um))
+    apart = float(np.sqrt(np.mean((played_um - correction_um) ** 2)))
+    if apart <= max(_NOTHING_UM, _AS_PLAYED * size):
+        return True
+    if found <= _NOTHING_UM:
+        return False
+    raise CheckFailed(
+        f"{what}: a correction of {found:.3g} um rms was played to axis {axis}, {apart:.3g} um from the memory's: it "
+        "is of another memory, or of an older state of this one"
+    )
 
 
 def compared(before_um2: Array, blocks_um2: Array) -> str:
@@ -111,9 +138,6 @@ def contraction(way: Way, bands: Bands, share: Array) -> float:
     hertz = np.arange(1, round(bands.count * bands.width_hz / _STEP_HZ)) * _STEP_HZ
     gain = _low(way, hertz) * bands.gain(share, hertz)
     return float(np.max(gain * way.off(hertz), initial=0.0))
-
-
-_STEP_HZ = 0.25
 
 
 def _low(way: Way, hertz: Array) -> Array:
@@ -141,8 +165,7 @@ def _learned(now: Learned, part: Part, way: Way, bands: Bands, limit_um: float, 
     peak = float(np.abs(correction).max())
     if peak > limit_um:
         raise CheckFailed(
-            f"axis {axis}: the correction would be {peak:.2f} um, at most {limit_um:g} um may be (--limit): "
-            "not applied"
+            f"axis {axis}: the correction would be {peak:.2f} um, at most {limit_um:g} um may be (--limit): not applied"
         )
     return Learned(parts, mean, spread, correction, left, bands.named(share))
 

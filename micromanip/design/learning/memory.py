@@ -138,7 +138,8 @@ def read_memory(file: Path) -> Memory | None:
         return None
     except (zipfile.BadZipFile, ValueError, KeyError, TypeError, EOFError) as problem:
         raise CheckFailed(
-            f"{file}: no memory of `micromanip learn`, or a damaged one ({problem}): `micromanip learn reset` removes it"
+            f"{file}: no memory of `micromanip learn`, or a damaged one ({problem}): `micromanip learn reset` removes "
+            "it"
         ) from None
     except OSError as problem:
         raise system_error(problem, file) from None
@@ -149,11 +150,14 @@ def _memory(arrays: Mapping[str, NDArray[Any]]) -> Memory:
     if told["format"] != FORMAT:
         raise ValueError(f"it is of format {told['format']}, this program knows {FORMAT}")
     for name, values in arrays.items():
-        if name != "memory.json" and not (values.dtype == np.float64 and values.ndim == 1 and np.isfinite(values).all()):
+        if name != "memory.json" and not (
+            values.dtype == np.float64 and values.ndim == 1 and np.isfinite(values).all()
+        ):
             raise ValueError(f"{name} is not a row of finite numbers")
     memory = Memory(
         told["cell"], told["axis"], told["tuning"], float(told["rate_hz"]), float(told["begin_s"]), arrays["path_um"],
-        _learned("now", told["now"], arrays), None if told["before"] is None else _learned("before", told["before"], arrays),
+        _learned("now", told["now"], arrays),
+        None if told["before"] is None else _learned("before", told["before"], arrays),
         int(told["generation"]), arrays["blocks_um2"], tuple(told["story"]),
     )  # fmt: skip
     if memory.path != told["path"] or not memory.rate_hz > 0.0:

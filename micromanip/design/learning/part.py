@@ -7,6 +7,7 @@ reference less what the predictor makes of the recorded samples (`budget/trackin
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -21,6 +22,7 @@ from micromanip.design.budget.tracking import Tracking
 from micromanip.errors import CheckFailed
 from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
+from micromanip.settings.schema.axis import HASH_DIGITS
 from micromanip.settings.schema.reference import AxisTracker
 
 from .zero_phase import filtered, low_pass
@@ -32,7 +34,7 @@ Column = Callable[[str], NDArray[Any]]
 GRID_HZ = 1000.0
 """A memory has about so many values a second."""
 _PASSED, _MARGIN_S = 0.25, 0.5
-"""Of the grid's rate, where the low pass before it has its corner; what is used beyond both ends, where there is any."""
+"""Of the grid's rate, where the low pass before it has its corner; what is used beyond both ends, where there is."""
 _MOST_MISSED, _MOST_LIMITED = 0.05, 0.001
 _LEAST_BEFORE_S, _LEAST_S = 0.5, 2.0
 
@@ -46,6 +48,11 @@ class Part:
     error_um: Array
     played_um: Array
     missed: float
+
+    @property
+    def name(self) -> str:
+        """What tells it from any other: a hash of its error."""
+        return hashlib.sha256(self.error_um.tobytes()).hexdigest()[:HASH_DIGITS]
 
 
 @dataclass(frozen=True)
@@ -112,13 +119,13 @@ class Run:
         late_s = float(np.median(self.arrived_s - self.taken_s))
         every = max(1, round(float(np.median(np.diff(self.taken_s))) / self.period_s))
         tracking = Tracking(tracker, every, late_s, self.period_s)
-        return tracking.given(
-            self.taken_s, self.arrived_s, self.samples_um, time_s, shown(len(tracker_gain(tracker)))
-        )
+        return tracking.given(self.taken_s, self.arrived_s, self.samples_um, time_s, shown(len(tracker_gain(tracker))))
 
     def _require_whole(self, begin_s: float, seconds: float) -> None:
         if seconds < _LEAST_S:
-            raise CheckFailed(f"{self.what}: a part of {seconds:g} s is too short to learn from: {_LEAST_S:g} s at least")
+            raise CheckFailed(
+                f"{self.what}: a part of {seconds:g} s is too short to learn from: {_LEAST_S:g} s at least"
+            )
         if begin_s < _LEAST_BEFORE_S:
             raise CheckFailed(
                 f"{self.what}: the part begins {begin_s:g} s after tracking has: the loop needs {_LEAST_BEFORE_S:g} s "

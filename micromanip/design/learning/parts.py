@@ -12,41 +12,46 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from micromanip.control.learned import fill_learned, rows_to_play
-from micromanip.design.budget.loop import AxisLaws
-from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
-from micromanip.settings.commissioned import tuning_hash
-from micromanip.settings.schema.reference import Tracker
 from micromanip.virtual.experiment import VirtualExperiment
 from micromanip.virtual.switched import simulated_driver
 
-from .law import Update, updated
-from .memory import Learned, Memory, cell_name
+from .law import BLOCKS, Update, updated
+from .learner import begun, way_of
+from .memory import Memory
 from .part import Run
-from .transfer import Transfer
 
 Array = NDArray[np.float64]
 Rows = NDArray[Any]
 
 _AFTER_FORCE_S = 1.0
+_SURE = 0.95
 
 
 @dataclass(frozen=True)
 class Left:
-    """True path error of an axis, um rms, over some parts: whole, what repeats, and what does not."""
+    """True path error of an axis, um rms, over some parts: whole, what repeats (at most, 95 %), and what does not."""
 
     whole_um: float
     repeats_um: float
+    most_um: float
     floor_um: float
 
     @classmethod
     def of(cls, errors_um: Array) -> Left:
         """Of errors (parts, n)."""
-        mean, chance = errors_um.mean(axis=0), errors_um.var(axis=0, ddof=1).mean()
-        repeats = max(0.0, float(np.mean(mean**2)) - chance / len(errors_um))
-        return cls(float(np.sqrt(np.mean(errors_um**2))), float(np.sqrt(repeats)), float(np.sqrt(chance)))
+        count = len(errors_um)
+        repeats = errors_um.mean(axis=0) ** 2 - errors_um.var(axis=0, ddof=1) / count
+        blocks = np.array([block.mean() for block in np.array_split(repeats, BLOCKS)])
+        mean = float(repeats.mean())
+        most = mean + float(student.ppf(_SURE, BLOCKS - 1)) * float(blocks.std(ddof=1)) / np.sqrt(BLOCKS)
+        return cls(
+            float(np.sqrt(np.mean(errors_um**2))), float(np.sqrt(max(0.0, mean))), float(np.sqrt(max(0.0, most))),
+            float(np.sqrt(errors_um.var(axis=0, ddof=1).mean())),
+        )  # fmt: skip
 
 
 class Cell:
@@ -54,13 +59,9 @@ class Cell:
 
     def __init__(self, prepared: Prepared, seconds: float, limit_um: float) -> None:
         """CheckFailed where an axis has not what learning needs, UsageError where it is not simulated."""
-        configuration = prepared.configuration
-        if not isinstance(configuration.reference, Tracker):
-            raise CheckFailed(f"{prepared.source.path}: only what follows a tracker learns: reference.source is "
-                              f"{configuration.reference.source}, it must be signal")  # fmt: skip
         self._prepared, self._seconds, self._limit_um = prepared, seconds, limit_um
         self._driver = simulated_driver(prepared)
-        self.ways = {name: way_of(prepared, name) for name in configuration.axes}
+        self.ways = {name: way_of(prepared.configuration, name) for name in prepared.configuration.axes}
         self.memories: dict[str, Memory] = {}
         self._number = 0
 
@@ -94,45 +95,29 @@ class Cell:
         """Let each axis learn from a part that `make` has made."""
         found = {}
         for name in self.ways:
-            part = self._run(rows, name, what).part(self._tracker(name), begin_s, self._seconds)
-            memory = self.memories.get(name) or Memory(
-                cell_name(self._prepared.configuration), name, tuning_hash(self._prepared.configuration.axes[name]),
-                part.rate_hz, begin_s, part.path_um, Learned.nothing(len(part.path_um)),
-            )  # fmt: skip
+            part = self._run(rows, name, what).part(self.ways[name].laws.tracker, begin_s, self._seconds)
+            memory = self.memories.get(name) or begun(self._prepared.configuration, name, part, begin_s)
             found[name] = updated(memory, part, self.ways[name], self._limit_um, what)
             self.memories[name] = found[name].memory
         return found
 
-    def true_error(self, rows: Rows, begin_s: float) -> dict[str, Array]:
-        """True path error (n,) of each axis during the part, um."""
+    def true_error(self, rows: Rows, begin_s: float, column: str = "path_error_um") -> dict[str, Array]:
+        """True path error (n,) of each axis during the part, um, or another column of the rows."""
         loop_hz = float(self._prepared.configuration.loop.rate_hz)
         first, count = round(begin_s * loop_hz), round(self._seconds * loop_hz)
-        errors = rows["axis"]["path_error_um"][first:][:count]
+        errors = rows["axis"][column][first:][:count]
         return {name: np.asarray(errors[:, i], dtype=float) for i, name in enumerate(self.ways)}
 
-    def left(self, seeds: range, corrections: Mapping[str, Array], say: Callable[[str], None]) -> dict[str, Left]:
+    def left(self, seeds: range, corrections: Mapping[str, Array], say: Callable[[int], None]) -> dict[str, Left]:
         """What is left over parts of `seeds` with the same `corrections`."""
         errors = []
-        for seed in seeds:
-            say(f"seed {seed}")
+        for place, seed in enumerate(seeds):
+            say(place)
             errors.append(self.true_error(*self.make(seed, corrections)))
         return {name: Left.of(np.array([each[name] for each in errors])) for name in self.ways}
-
-    def _tracker(self, name: str) -> Any:
-        reference: Any = self._prepared.configuration.reference
-        return reference.of(name)
 
     def _run(self, rows: Rows, name: str, what: str) -> Run:
         configuration = self._prepared.configuration
         axis = rows["axis"][:, list(configuration.axes).index(name)]
         range_V = configuration.outputs[f"voltage_{name}"].range_V
         return Run.of(what, rows.__getitem__, axis.__getitem__, configuration.loop.period_ns * 1e-9, range_V)
-
-
-def way_of(prepared: Prepared, name: str) -> Transfer:
-    """From a correction to the stage of axis `name`. CheckFailed where its laws don't allow of one."""
-    configuration, axis = prepared.configuration, prepared.configuration.axes[name]
-    reference: Any = configuration.reference
-    if axis.authority_percent != 100.0:
-        raise CheckFailed(f"axis {name}: authority_percent is {axis.authority_percent:g}: it learns with all of it only")
-    return Transfer(AxisLaws(name, axis, reference.of(name), configuration.loop.period_ns * 1e-9))

@@ -58,7 +58,9 @@ class Transfer:
         omega = 2.0 * np.pi * _GRID_HZ
         nominal = self._around(self.laws.model(omega), omega)
         return np.asarray(
-            np.max([abs(1.0 - self._around(plant.response(omega), omega) / nominal) for plant in self._plants()], axis=0)
+            np.max(
+                [abs(1.0 - self._around(plant.response(omega), omega) / nominal) for plant in self._plants()], axis=0
+            )
         )
 
     def _plants(self) -> list[System]:

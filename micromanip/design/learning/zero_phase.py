@@ -1,8 +1,9 @@
 """Filters that see the whole part: no lag, no start, and inverses that are stable whatever they invert.
 
-A response given over frequency is applied to the spectrum of the whole, continued beyond both ends by its own point
-reflection. A non-causal inverse is the only stable one where a system has zeros outside the unit circle, as sampled
-mechanics has (Devasia, Chen, Paden, Nonlinear inversion-based output tracking, 1996); offline nothing speaks against it.
+A response given over frequency is applied to the spectrum of the whole, mirrored at both ends: a point reflection
+would leave the noise of the first and the last value as it is. A non-causal inverse is the only stable one where a
+system has zeros outside the unit circle, as sampled mechanics has (Devasia, Chen, Paden, Nonlinear inversion-based
+output tracking, 1996); offline nothing speaks against it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def low_pass(hertz: Array, corner_hz: float) -> Array:
 
 def filtered(x: Array, rate_hz: float, response: Response) -> Array:
     """`x` (n,), `rate_hz` values a second, behind `response`; as if it went on beyond both ends."""
-    return _through(np.pad(x, len(x) - 1, "reflect", reflect_type="odd"), rate_hz, response)[len(x) - 1 :][: len(x)]
+    return _through(np.pad(x, len(x), "symmetric"), rate_hz, response)[len(x) :][: len(x)]
 
 
 def answered(x: Array, rate_hz: float, response: Response) -> Array:

@@ -2,8 +2,8 @@
 
 The correction c (um) is a column of rows, one per cycle from the beginning of the part; position, speed and
 acceleration of it are added to the reference's state, so that it goes through the same law, and the same limits of
-set-point and voltage, as the reference itself. It never exceeds ``limit_um``. It begins, ends and is broken off as
-minimum jerk, and a part that was broken off is not resumed.
+set-point and voltage, as the reference itself. It never exceeds ``limit_um``. It begins with the part, ends after it
+and is broken off as minimum jerk; a part that was broken off is not resumed.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ LEARNED_STATE = record(("number", "i8"), ("begun_cycle", "i8"), ("over", "i8"), 
 
 
 @compiled
-def _row(p: Record, samples: Any, k: int) -> float:
+def _played(p: Record, samples: Any, k: int, level: float) -> float:
     """Correction (um) of cycle `k` of the part, within its limit; the first and the last row go on."""
     value = samples[max(0, min(p["rows"] - 1, k)), p["column"]]
-    return max(-p["limit_um"], min(p["limit_um"], value))
+    return minimum_jerk(level) * max(-p["limit_um"], min(p["limit_um"], value))
 
 
 @compiled
@@ -43,13 +43,15 @@ def add_learned(p: Record, s: Record, w: Any, samples: Any, cycle: int, allowed:
     if not allowed:
         s["over"] = 1
     step = 1.0 / p["fade_cycles"]
-    ends = s["over"] != 0 or k >= p["rows"] - p["fade_cycles"]
-    s["level"] = max(0.0, s["level"] - step) if ends else min(1.0, s["level"] + step)
+    ends = s["over"] != 0 or k >= p["rows"]
+    level = s["level"]
+    s["level"] = max(0.0, level - step) if ends else min(1.0, level + step)
     if ends and s["level"] == 0.0:
         s["over"] = 1
         return
-    share, rate = minimum_jerk(s["level"]), p["cycles_per_s"]
-    before, now, after = _row(p, samples, k - 1), _row(p, samples, k), _row(p, samples, k + 1)
-    w[0] += share * now
-    w[1] += share * 0.5 * rate * (after - before)
-    w[2] += share * rate * rate * (after - 2.0 * now + before)
+    slope, rate = s["level"] - level, p["cycles_per_s"]
+    before, after = _played(p, samples, k - 1, level), _played(p, samples, k + 1, s["level"] + slope)
+    now = _played(p, samples, k, s["level"])
+    w[0] += now
+    w[1] += 0.5 * rate * (after - before)
+    w[2] += rate * rate * (after - 2.0 * now + before)

@@ -16,7 +16,7 @@ from .options import Quantity, StrictCommand, json_option, prepare_and_warn, pri
 if TYPE_CHECKING:
     from micromanip.design.learning.law import Update
     from micromanip.design.learning.memory import Learned, Memory
-    from micromanip.design.learning.trial import Trial
+    from micromanip.design.learning.trial import AxisTrial
 
 memory_option = click.option(
     "--memory", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", required=True,
@@ -177,14 +177,10 @@ def export(folder: Path, axis: str, file: Path, as_json: bool) -> None:
     "--seconds", type=Quantity("Seconds", least=2.0, most=600.0), default=8.0, show_default=True, metavar="S",
     help="How long each takes, once the tool is in.",
 )  # fmt: skip
-@click.option(
-    "--checks", type=Quantity("Count", least=2, most=1000), default=16, show_default=True,
-    help="Further parts with and without what the last one played: they tell what repeats.",
-)  # fmt: skip
 @click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws the noise of each part.")
 @limit_option
 @json_option
-def try_(config: Path, parts: int, seconds: float, checks: int, seed: int, limit_um: float, as_json: bool) -> None:
+def try_(config: Path, parts: int, seconds: float, seed: int, limit_um: float, as_json: bool) -> None:
     """Make identical parts on a simulated cell in virtual time, which learns from each, and say what is left."""
     from micromanip.design.learning.trial import trial
 
@@ -192,9 +188,10 @@ def try_(config: Path, parts: int, seconds: float, checks: int, seed: int, limit
 
     prepared = prepare_and_warn(config)
     with steps() as bar:
-        found = trial(prepared, parts, seconds, checks, seed, limit_um, bar.say)
+        found = trial(prepared, parts, seconds, seed, limit_um, bar.say)
     if as_json:
-        print_json({"config": str(config), "seconds": seconds, "seed": seed, **found.document()})
+        axes = [axis.document() for axis in found]
+        print_json({"config": str(config), "seconds": seconds, "seed": seed, "axes": axes})
     else:
         _print(found)
 
@@ -248,27 +245,25 @@ def _interval(value: float, ends: Sequence[float]) -> str:
     return f"{value:.3f} ({ends[0]:.3f} to {ends[1]:.3f})"
 
 
-def _bands(bands: list[list[float]]) -> str:
+def _bands(bands: Sequence[Sequence[float]]) -> str:
     return ", ".join(f"{low:.3g}-{high:.3g}" for low, high in bands) or "nothing"
 
 
-def _print(found: Trial) -> None:
+def _print(found: Sequence[AxisTrial]) -> None:
     from .tables import Figures, out_console
 
-    told = found.document()
-    numbers = range(1, len(told["axes"][0]["parts_um"]) + 1)
-    shown = Figures(
-        "axis", "uncompensated", *(f"part {k}" for k in numbers), "floor", "repeats, part 1", f"part {numbers[-1]}",
-        "over floor", title="True path error, um rms",
-    )  # fmt: skip
-    for axis in told["axes"]:
-        first, last = axis["first"], axis["last"]
-        shown.add_row(
-            axis["axis"], f"{axis['uncompensated_um']:.1f}", *(f"{each:.3f}" for each in axis["parts_um"]),
-            f"{last['floor_um']:.3f}", f"{first['repeats_um']:.3f}",
-            f"{last['repeats_um']:.3f} (< {last['most_um']:.3f})",
-            f"{last['whole_um'] / last['floor_um']:.3f}",
+    numbers = [f"part {k + 1}" for k in range(len(found[0].parts))]
+    whole = Figures("axis", "uncompensated", *numbers, "floor", "over it", title="True path error, um rms")
+    repeats = Figures("axis", *numbers, title="What of it repeats, um rms")
+    for axis in found:
+        last = axis.parts[-1]
+        whole.add_row(
+            axis.axis, f"{axis.uncompensated_um:.1f}", *(f"{each.whole_um:.3f}" for each in axis.parts),
+            f"{last.floor_um:.3f}", f"{last.over_floor:.3f}",
         )  # fmt: skip
-    out_console().print(shown)
-    for axis in told["axes"]:
-        click.echo(f"axis {axis['axis']}: learned {_bands(axis['learned_Hz'])} Hz; {', '.join(axis['verdicts'])}")
+        repeats.add_row(axis.axis, *(f"{each.repeats_um:.3f}" for each in axis.parts))
+    out_console().print(whole)
+    out_console().print(repeats)
+    for axis in found:
+        verdicts = ", ".join(each.verdict for each in axis.parts)
+        click.echo(f"axis {axis.axis}: learned {_bands(axis.parts[-1].learned_Hz)} Hz; part by part: {verdicts}")

@@ -1,25 +1,24 @@
-"""Identical parts in virtual time: a simulated cell that learns from one to the next, and what is left in the end.
+"""Identical parts of a simulated cell in virtual time: the same path from the same start, with other noise.
 
-Each part is the same path from the same start with other noise. What repeats of the true path error is its mean over
-parts with one correction, less what chance leaves in a mean of so many; the rest is the floor: noise and process.
+Without anything that is drawn (noise of the sensors, of the amplifier and of the force) only what repeats is left of
+the path error: path, plant, steady force and tooth passing, which a simulation begins with the same phase each time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from micromanip.control.learned import fill_learned, rows_to_play
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
-from micromanip.virtual.switched import simulated_driver
+from micromanip.virtual.switched import DRAWN, simulated_driver, switched
 
-from .law import BLOCKS, Update, updated
+from .law import Update, updated
 from .learner import begun, way_of
 from .memory import Memory
 from .part import Run
@@ -28,30 +27,6 @@ Array = NDArray[np.float64]
 Rows = NDArray[Any]
 
 _AFTER_FORCE_S = 1.0
-_SURE = 0.95
-
-
-@dataclass(frozen=True)
-class Left:
-    """True path error of an axis, um rms, over some parts: whole, what repeats (at most, 95 %), and what does not."""
-
-    whole_um: float
-    repeats_um: float
-    most_um: float
-    floor_um: float
-
-    @classmethod
-    def of(cls, errors_um: Array) -> Left:
-        """Of errors (parts, n)."""
-        count = len(errors_um)
-        repeats = errors_um.mean(axis=0) ** 2 - errors_um.var(axis=0, ddof=1) / count
-        blocks = np.array([block.mean() for block in np.array_split(repeats, BLOCKS)])
-        mean = float(repeats.mean())
-        most = mean + float(student.ppf(_SURE, BLOCKS - 1)) * float(blocks.std(ddof=1)) / np.sqrt(BLOCKS)
-        return cls(
-            float(np.sqrt(np.mean(errors_um**2))), float(np.sqrt(max(0.0, mean))), float(np.sqrt(max(0.0, most))),
-            float(np.sqrt(errors_um.var(axis=0, ddof=1).mean())),
-        )  # fmt: skip
 
 
 class Cell:
@@ -65,15 +40,14 @@ class Cell:
         self.memories: dict[str, Memory] = {}
         self._number = 0
 
-    def make(self, seed: int, corrections: Mapping[str, Array] | None = None) -> tuple[Rows, float]:
-        """Rows of a part with noise of `seed` and when in them it begins, s after tracking has.
+    def make(self, seed: int | None, corrections: Mapping[str, Array]) -> tuple[Rows, float]:
+        """Rows of a part in which `corrections` are played, and when in them it begins, s after tracking has.
 
-        Played are `corrections`, those of the memories where none are given. CheckFailed where the cell fails.
+        `seed` draws the noise; None: there is none. CheckFailed where the cell fails.
         """
         prepared, configuration = self._prepared, self._prepared.configuration
-        if corrections is None:
-            corrections = {name: memory.now.correction_um for name, memory in self.memories.items()}
-        options: Any = prepared.wiring.options[self._driver].model_copy(update={"seed": seed})
+        options: Any = prepared.wiring.options[self._driver]
+        options = switched(options, DRAWN) if seed is None else options.model_copy(update={"seed": seed})
         driver = type(prepared.wiring.drivers[self._driver])(options, configuration.loop.period_ns)
         wiring = replace(prepared.wiring, drivers={**prepared.wiring.drivers, self._driver: driver})
         experiment = VirtualExperiment(replace(prepared, wiring=wiring), process=True)
@@ -91,6 +65,11 @@ class Cell:
         experiment.require_no_fault(cell)
         return rows, begin_s
 
+    @property
+    def corrections(self) -> dict[str, Array]:
+        """What the memories would play."""
+        return {name: memory.now.correction_um for name, memory in self.memories.items()}
+
     def learn(self, rows: Rows, begin_s: float, what: str) -> dict[str, Update]:
         """Let each axis learn from a part that `make` has made."""
         found = {}
@@ -107,14 +86,6 @@ class Cell:
         first, count = round(begin_s * loop_hz), round(self._seconds * loop_hz)
         errors = rows["axis"][column][first:][:count]
         return {name: np.asarray(errors[:, i], dtype=float) for i, name in enumerate(self.ways)}
-
-    def left(self, seeds: range, corrections: Mapping[str, Array], say: Callable[[int], None]) -> dict[str, Left]:
-        """What is left over parts of `seeds` with the same `corrections`."""
-        errors = []
-        for place, seed in enumerate(seeds):
-            say(place)
-            errors.append(self.true_error(*self.make(seed, corrections)))
-        return {name: Left.of(np.array([each[name] for each in errors])) for name in self.ways}
 
     def _run(self, rows: Rows, name: str, what: str) -> Run:
         configuration = self._prepared.configuration

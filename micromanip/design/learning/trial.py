@@ -1,4 +1,8 @@
-"""Identical parts one after the other on a simulated cell, learning from each, and what is left of what repeats."""
+"""Identical parts one after the other on a simulated cell that learns from each: what is left of what repeats.
+
+Beside each part the same is made without noise: that shows what repeats of its error. The rest of the part's error,
+noise and process, is the floor, which no learning lowers.
+"""
 
 from __future__ import annotations
 
@@ -10,75 +14,67 @@ import numpy as np
 
 from micromanip.settings.check import Prepared
 
-from .parts import Cell, Left
+from .law import Update
+from .parts import Cell
 
-_CHECKS = 1_000_000
-"""Added to the seed: what is checked with is other noise than what was learned from."""
+
+@dataclass(frozen=True)
+class Made:
+    """One axis in one part: true path error, what of it repeats and what does not, um rms; what became of it."""
+
+    whole_um: float
+    repeats_um: float
+    floor_um: float
+    verdict: str
+    learned_Hz: tuple[tuple[float, float], ...]
+    contraction: float
+
+    @property
+    def over_floor(self) -> float:
+        """Whole over floor."""
+        return self.whole_um / self.floor_um
 
 
 @dataclass(frozen=True)
 class AxisTrial:
-    """An axis: path error of each part, um rms, and what is left without a correction and with the last part's."""
+    """All parts of an axis; `uncompensated_um` is the path error without any control, rms."""
 
     axis: str
     uncompensated_um: float
-    parts_um: tuple[float, ...]
-    verdicts: tuple[str, ...]
-    learned_Hz: tuple[tuple[float, float], ...]
-    first: Left
-    last: Left
-
-
-@dataclass(frozen=True)
-class Trial:
-    """All axes."""
-
-    axes: tuple[AxisTrial, ...]
+    parts: tuple[Made, ...]
 
     def document(self) -> dict[str, Any]:
         """As JSON has it."""
-        return {"axes": [asdict(axis) for axis in self.axes]}
+        parts = [{**asdict(each), "over_floor": each.over_floor} for each in self.parts]
+        return {"axis": self.axis, "uncompensated_um": self.uncompensated_um, "parts": parts}
 
 
 def trial(
-    prepared: Prepared, parts: int, seconds: float, checks: int, seed: int, limit_um: float, say: Callable[[str], None]
-) -> Trial:
-    """`parts` parts with noise of seeds from `seed` on, and twice `checks` parts to tell what is left.
+    prepared: Prepared, parts: int, seconds: float, seed: int, limit_um: float, say: Callable[[str], None]
+) -> tuple[AxisTrial, ...]:
+    """`parts` parts with noise of seeds from `seed` on, each played with what was learned from those before.
 
     Raises CheckFailed where the cell can't learn or fails, UsageError where it is not simulated.
     """
     cell = Cell(prepared, seconds, limit_um)
-    count = parts + 2 * checks
-    errors: dict[str, list[float]] = {name: [] for name in cell.ways}
-    verdicts: dict[str, list[str]] = {name: [] for name in cell.ways}
+    made: dict[str, list[Made]] = {name: [] for name in cell.ways}
     uncompensated: dict[str, float] = {}
-    played, learned = {}, {}
     for k in range(parts):
-        say(f"part {k + 1} of {count}")
-        played = {name: memory.now.correction_um for name, memory in cell.memories.items()}
-        learned = {name: memory.now.learned_Hz for name, memory in cell.memories.items()}
-        rows, begin_s = cell.make(seed + k)
-        for name, error in cell.true_error(rows, begin_s).items():
-            errors[name].append(_rms(error))
-        uncompensated = {name: _rms(each) for name, each in cell.true_error(rows, begin_s, "uncompensated_um").items()}
+        say(f"part {k + 1} of {parts}")
+        played = cell.corrections
+        rows, begin_s = cell.make(seed + k, played)
+        errors, repeating = cell.true_error(rows, begin_s), cell.true_error(*cell.make(None, played))
+        moved = cell.true_error(rows, begin_s, "uncompensated_um")
+        uncompensated = {name: _rms(each) for name, each in moved.items()}
         for name, found in cell.learn(rows, begin_s, f"part {k + 1}").items():
-            verdicts[name].append(found.verdict)
-    seeds = range(seed + _CHECKS, seed + _CHECKS + checks)
-    first = cell.left(seeds, {}, _counting(say, parts, count))
-    last = cell.left(seeds, played, _counting(say, parts + checks, count))
-    return Trial(
-        tuple(
-            AxisTrial(
-                name, uncompensated[name], tuple(errors[name]), tuple(verdicts[name]), learned[name], first[name],
-                last[name],
-            )
-            for name in cell.ways
-        )
-    )  # fmt: skip
+            made[name].append(_made(errors[name], repeating[name], found))
+    return tuple(AxisTrial(name, uncompensated[name], tuple(each)) for name, each in made.items())
 
 
-def _counting(say: Callable[[str], None], done: int, count: int) -> Callable[[int], None]:
-    return lambda place: say(f"part {done + place + 1} of {count}")
+def _made(error_um: Any, repeating_um: Any, found: Update) -> Made:
+    now = found.memory.now
+    floor_um = _rms(error_um - repeating_um)
+    return Made(_rms(error_um), _rms(repeating_um), floor_um, found.verdict, now.learned_Hz, now.contraction)
 
 
 def _rms(x: Any) -> float:

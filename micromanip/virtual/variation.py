@@ -41,7 +41,7 @@ class VariedCell:
     def __call__(self, factors: Mapping[str, float], seed: int) -> dict[str, Any]:
         configuration = self.prepared.configuration
         index = list(configuration.axes).index(self.axis)
-        cell = VirtualExperiment(self._varied(factors, seed), process=True).cell(configuration)
+        cell = VirtualExperiment(self.varied(factors, seed), process=True).cell(configuration)
         try:
             cell.arm()
         except CheckFailed as problem:
@@ -60,7 +60,7 @@ class VariedCell:
             "stopped": next((fault.seen for fault in cell.faults()), None),
         }
 
-    def _varied(self, factors: Mapping[str, float], seed: int) -> Prepared:
+    def varied(self, factors: Mapping[str, float], seed: int) -> Prepared:
         """The configuration with the plant of this axis changed."""
         name, wiring = self.require_simulated(), self.prepared.wiring
         options: Any = wiring.options[name]

@@ -35,7 +35,7 @@ def test_the_nominal_plant_holds_the_path(cell):
 
 def test_only_the_plant_of_its_axis_changes(cell):
     options = cell.prepared.wiring.options["cell"]
-    heavy = cell._varied({**NOMINAL, "stage_mass": 1.2, "delay_cycles": 0.5}, 1)
+    heavy = cell.varied({**NOMINAL, "stage_mass": 1.2, "delay_cycles": 0.5}, 1)
     driver = heavy.wiring.drivers["cell"]
     plant = driver.options.variation["x"]
     assert plant.stage_kg == pytest.approx(1.2 * options.plant.stage_kg)

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -90,7 +91,7 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) ->
     if any(told["part"] == part.name for told in memory.story):
         raise CheckFailed(f"{what}: axis {memory.axis} has learned from this part already")
     played = _was_played(memory.now.correction_um, part.played_um, memory.axis, what)
-    inside = filtered(part.error_um, part.rate_hz, lambda hertz: _low(way, hertz) + 0j)
+    inside = filtered(part.error_um, part.rate_hz, partial(_low, way))
     blocks = np.array([np.mean(block**2) for block in np.array_split(inside, BLOCKS)])
     verdict = compared(memory.blocks_um2, blocks) if played else UNPLAYED
     forgotten = verdict == WORSE
@@ -135,7 +136,8 @@ def compared(before_um2: Array, blocks_um2: Array) -> str:
 
 def contraction(way: Way, bands: Bands, share: Array) -> float:
     """What one update leaves at most of whatever is wrong in the correction, with `share` (bands,) for W."""
-    hertz = np.arange(1, round(bands.count * bands.width_hz / _STEP_HZ)) * _STEP_HZ
+    steps = np.arange(1, round(bands.count * bands.width_hz / _STEP_HZ))
+    hertz = np.asarray(steps * _STEP_HZ, dtype=np.float64)
     gain = _low(way, hertz) * bands.gain(share, hertz)
     return float(np.max(gain * way.off(hertz), initial=0.0))
 

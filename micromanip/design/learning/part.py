@@ -100,19 +100,20 @@ class Run:
         rate_hz = 1.0 / (step * self.period_s)
         count, margin = round(seconds * rate_hz), min(_MARGIN_S, begin_s, self.time_s[-1] - begin_s - seconds)
         ahead = int(margin * rate_hz)
-        grid = begin_s + np.arange(-ahead * step, (count + ahead) * step) * self.period_s
+        cycles = np.arange(-ahead * step, (count + ahead) * step)
+        grid = np.asarray(begin_s + cycles * self.period_s, dtype=np.float64)
         path = self.path(grid)
         stage, reference = (np.interp(grid, self.time_s, each) for each in (self.stage_um, self.reference_um))
-        seen = [path, path - stage, reference - self._predicted(tracker, grid)]
         passing = partial(low_pass, corner_hz=_PASSED * rate_hz)
-        kept = [
-            filtered(each, 1.0 / self.period_s, lambda hertz: passing(hertz) + 0j)[::step][ahead : ahead + count]
-            for each in seen
-        ]
+
+        def thinned(x: Array) -> Array:
+            return filtered(x, 1.0 / self.period_s, passing)[::step][ahead : ahead + count]
+
+        error, played = thinned(path - stage), thinned(reference - self._predicted(tracker, grid))
         within = (self.time_s >= begin_s) & (self.time_s < begin_s + seconds)
         missed = 1.0 - np.count_nonzero(within) / round(seconds / self.period_s)
         self._require_good(missed, float(np.mean(self.limited[within])))
-        return Part(rate_hz, *kept, missed=max(0.0, missed))
+        return Part(rate_hz, thinned(path), error, played, max(0.0, missed))
 
     def _predicted(self, tracker: AxisTracker, time_s: Array) -> Array:
         """What the predictor made of the samples at `time_s` (n,)."""

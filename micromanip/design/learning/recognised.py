@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
@@ -36,7 +38,7 @@ def found_at(memory: Memory, run: Run, about_s: float, search_s: float, toleranc
             f"begins at about {about_s:g} s: the part was not finished, nothing is learned from it"
         )
     seen, known = (
-        filtered(path, rate_hz, lambda hertz: low_pass(hertz, _SEEN_HZ) + 0j)
+        filtered(path, rate_hz, partial(low_pass, corner_hz=_SEEN_HZ))
         for path in (run.path(first_s + np.arange(count) / rate_hz), memory.path_um)
     )
     middle = float(known.mean())

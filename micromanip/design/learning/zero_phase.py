@@ -9,14 +9,14 @@ output tracking, 1996); offline nothing speaks against it.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Response = Callable[[Array], Complex]
-"""Of frequencies (n,), Hz."""
+Response = Callable[[Array], NDArray[Any]]
+"""Gains (n,), complex or not, at frequencies (n,) in Hz."""
 
 ORDER = 8
 """Of the low pass: a Butterworth filter of half of it, run forwards and backwards."""
@@ -40,8 +40,8 @@ def answered(x: Array, rate_hz: float, response: Response) -> Array:
 
 
 def _through(x: Array, rate_hz: float, response: Response) -> Array:
-    hertz = np.fft.rfftfreq(len(x), 1.0 / rate_hz)
+    hertz = np.asarray(np.fft.rfftfreq(len(x), 1.0 / rate_hz), dtype=np.float64)
     hertz[0] = min(_STANDING_HZ, 0.5 * hertz[1])
-    gains = np.array(response(hertz), dtype=complex)
+    gains = np.array(response(hertz), dtype=np.complex128)
     gains[0] = gains[0].real
     return np.asarray(np.fft.irfft(np.fft.rfft(x) * gains, len(x)))

@@ -82,4 +82,7 @@ class VariedCell:
         variation = {**options.variation, self.axis: changed}
         options = options.model_copy(update={"variation": variation, "seed": seed})
         driver = type(wiring.drivers[name])(options, self.prepared.configuration.loop.period_ns)
-        return replace(self.prepared, wiring=replace(wiring, drivers={**wiring.drivers, name: driver}))
+        changed_wiring = replace(
+            wiring, drivers={**wiring.drivers, name: driver}, options={**wiring.options, name: options}
+        )
+        return replace(self.prepared, wiring=changed_wiring)

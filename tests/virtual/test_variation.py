@@ -41,6 +41,7 @@ def test_only_the_plant_of_its_axis_changes(cell):
     assert plant.stage_kg == pytest.approx(1.2 * options.plant.stage_kg)
     assert plant.amplifier_Hz < 900.0
     assert driver.options.variation["y"] == options.variation["y"]
+    assert heavy.wiring.options["cell"] == driver.options
     assert cell.prepared.wiring.drivers["cell"].options.variation == options.variation, "the original is untouched"
 
 

@@ -48,7 +48,7 @@ _CORNER = 2.0 / 3.0
 """Of the highest frequency that is learned, where Q leaves one half."""
 _TOLD = 50
 WORSE, BETTER, ALIKE, FIRST, UNPLAYED = "worse", "better", "no difference", "first", "not played"
-_NOTHING_UM, _AS_PLAYED = 0.002, 0.25
+_NOTHING_UM, _AS_PLAYED = 0.01, 0.25
 """Rms of a recorded correction that is none; by how much of itself it may be another than the memory's."""
 _STEP_HZ = 0.25
 

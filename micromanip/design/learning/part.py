@@ -57,7 +57,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Run:
-    """One axis while it tracked under one tuning: a row per cycle (n,) that was run, s and um; `what` names it."""
+    """One axis while it tracked under one tuning: a row per cycle (n,) that was run, s and um; `what` names it.
+
+    Samples of the tracker (k,) are those of before as well.
+    """
 
     what: str
     time_s: Array
@@ -78,14 +81,15 @@ class Run:
             raise CheckFailed(f"{what}: the cell does not track in it: there is nothing to learn from")
         breaks = (np.diff(tracking) > 1) | (np.diff(version[tracking]) != 0)
         rows = max(np.split(tracking, np.flatnonzero(breaks) + 1), key=len)
-        time_s = np.asarray((cycle[rows] - cycle[rows[0]]) * period_s, dtype=float)
-        age_s = axis("deviation_age_ns")[rows].astype(float) * 1e-9
-        fresh = (axis("fresh")[rows].astype(int) & DEVIATION_FRESH) != 0
+        seen = slice(0, int(rows[-1]) + 1)  # the predictor has taken samples while the cell was being armed, too
+        time_s = np.asarray((cycle[seen] - cycle[rows[0]]) * period_s, dtype=float)
+        age_s = axis("deviation_age_ns")[seen].astype(float) * 1e-9
+        fresh = (axis("fresh")[seen].astype(int) & DEVIATION_FRESH) != 0
         voltage = axis("voltage_V")[rows]
-        if np.count_nonzero(fresh) < 2:
+        if np.count_nonzero(fresh[rows[0] :]) < 2:
             raise CheckFailed(f"{what}: no samples of the tracker came while it tracked")
         return cls(
-            what, time_s, period_s, (time_s - age_s)[fresh], time_s[fresh], axis("deviation_um")[rows][fresh],
+            what, time_s[rows], period_s, (time_s - age_s)[fresh], time_s[fresh], axis("deviation_um")[seen][fresh],
             axis("stage_um")[rows], axis("reference_um")[rows], (voltage <= range_V[0]) | (voltage >= range_V[1]),
         )  # fmt: skip
 

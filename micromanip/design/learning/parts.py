@@ -74,7 +74,7 @@ class Cell:
         """Let each axis learn from a part that `make` has made."""
         found = {}
         for name in self.ways:
-            part = self._run(rows, name, what).part(self.ways[name].laws.tracker, begin_s, self._seconds)
+            part = self.run_of(rows, name, what).part(self.ways[name].laws.tracker, begin_s, self._seconds)
             memory = self.memories.get(name) or begun(self._prepared.configuration, name, part, begin_s)
             found[name] = updated(memory, part, self.ways[name], self._limit_um, what)
             self.memories[name] = found[name].memory
@@ -87,7 +87,8 @@ class Cell:
         errors = rows["axis"][column][first:][:count]
         return {name: np.asarray(errors[:, i], dtype=float) for i, name in enumerate(self.ways)}
 
-    def _run(self, rows: Rows, name: str, what: str) -> Run:
+    def run_of(self, rows: Rows, name: str, what: str) -> Run:
+        """Axis `name` in `rows` that `make` has made."""
         configuration = self._prepared.configuration
         axis = rows["axis"][:, list(configuration.axes).index(name)]
         range_V = configuration.outputs[f"voltage_{name}"].range_V

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from .options import Quantity, StrictCommand, json_option, prepare_and_warn, pri
 
 if TYPE_CHECKING:
     from micromanip.design.learning.law import Update
+    from micromanip.design.learning.learner import Learner
     from micromanip.design.learning.memory import Learned, Memory
     from micromanip.design.learning.trial import AxisTrial
 
@@ -71,30 +72,21 @@ def update(
     belong to the memory (another cell, tuning or path, a part that was not finished) is refused, and changes nothing.
     """
     from micromanip.design.learning.learner import Learner
-    from micromanip.design.learning.memory import memory_file, write_memory
-    from micromanip.recordings import open_telemetry
 
     from .progress import steps
 
     learner = Learner(folder, limit_um, search_s, tolerance_um)
     told: list[dict[str, Any]] = []
-    with steps() as bar:
-        for file in files:
-            telemetry = open_telemetry(file)
-            if only != "all" and only not in telemetry.axes:
-                raise UsageError(f"there is no axis {only} in {file}; its axes are {', '.join(telemetry.axes)}")
-            axes = telemetry.axes if only == "all" else [only]
-            for name, found in learner.update(telemetry, axes, begin_s, seconds, bar.say).items():
-                try:
-                    write_memory(memory_file(folder, name), found.memory)
-                except OSError as problem:
-                    raise system_error(problem, folder) from None
-                told.append(_updated(file, name, found))
+    try:
+        with steps() as bar:
+            for file in files:
+                told += _learn_from(file, only, learner, begin_s, seconds, bar.say)
+    finally:  # of what was learned before something is refused, too
+        if not as_json:
+            for each in told:
+                click.echo(_sentence(each))
     if as_json:
         print_json({"updates": told})
-    else:
-        for each in told:
-            click.echo(_sentence(each))
 
 
 @command.command("status", cls=StrictCommand, epilog="Example: micromanip learn status --memory out/learned")
@@ -196,6 +188,23 @@ def try_(config: Path, parts: int, seconds: float, seed: int, limit_um: float, a
         _print(found)
 
 
+def _learn_from(
+    file: Path, only: str, learner: Learner, begin_s: float | None, seconds: float | None, say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """Learn from one recording, and write what each axis knows then."""
+    from micromanip.recordings import open_telemetry
+
+    telemetry = open_telemetry(file)
+    if only != "all" and only not in telemetry.axes:
+        raise UsageError(f"there is no axis {only} in {file}; its axes are {', '.join(telemetry.axes)}")
+    found = learner.update(telemetry, telemetry.axes if only == "all" else [only], begin_s, seconds, say)
+    try:
+        learner.write(found)
+    except OSError as problem:
+        raise system_error(problem, learner.folder) from None
+    return [_updated(file, name, each) for name, each in found.items()]
+
+
 def _memories(folder: Path) -> list[Memory]:
     from micromanip.design.learning.memory import read_memory
 
@@ -235,6 +244,8 @@ def _sentence(told: dict[str, Any]) -> str:
     )
     if told["forgotten"]:
         return f"{begin}: forgotten, back to what was played before"
+    if not told["learned_Hz"]:
+        return f"{begin}; nothing repeats beyond doubt in {told['parts']} part{'s' * (told['parts'] > 1)}"
     return (
         f"{begin}; learned {_bands(told['learned_Hz'])} Hz from {told['parts']} parts, correction up to "
         f"{told['correction_um']:.3f} um; at most {100 * told['contraction']:.2g} % of what is wrong in it stays"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from micromanip.settings.text.source import Source
 
 from ..budget.loop import AxisLaws
 from .law import Update, updated
-from .memory import Learned, Memory, cell_name, memory_file, read_memory
+from .memory import Learned, Memory, cell_name, memory_file, read_memory, write_memory
 from .part import Part, Run
 from .recognised import found_at
 from .transfer import Transfer
@@ -49,7 +49,7 @@ class Learner:
 
     def __init__(self, folder: Path, limit_um: float, search_s: float, tolerance_um: float | None) -> None:
         """Limits of correction, search and path are those of `updated` and `found_at`."""
-        self._folder, self._limit_um, self._search_s, self._tolerance_um = folder, limit_um, search_s, tolerance_um
+        self.folder, self._limit_um, self._search_s, self._tolerance_um = folder, limit_um, search_s, tolerance_um
         self._ways: dict[tuple[str, str], Transfer] = {}
 
     def update(
@@ -64,7 +64,7 @@ class Learner:
         found = {}
         for name in axes:
             say(f"{telemetry.file}: axis {name}")
-            file, what = memory_file(self._folder, name), str(telemetry.file)
+            file, what = memory_file(self.folder, name), str(telemetry.file)
             tuning, memory = tuning_hash(configuration.axes[name]), read_memory(file)
             way = self._ways.setdefault((name, tuning), way_of(configuration, name))
             if memory is not None:
@@ -73,6 +73,11 @@ class Learner:
             part, memory = self._part(run, configuration, memory, way, begin_s, seconds)
             found[name] = updated(memory, part, way, self._limit_um, what)
         return found
+
+    def write(self, found: Mapping[str, Update]) -> None:
+        """Put what the axes know after an update into their files. Raises OSError where it can't be."""
+        for name, update in found.items():
+            write_memory(memory_file(self.folder, name), update.memory)
 
     def _part(
         self, run: Run, configuration: Configuration, memory: Memory | None, way: Transfer, begin_s: float | None,

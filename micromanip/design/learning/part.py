@@ -75,14 +75,14 @@ class Run:
     @classmethod
     def of(cls, what: str, cell: Column, axis: Column, period_s: float, range_V: tuple[float, float]) -> Run:
         """From the columns of `cell` and `axis`: the longest time of tracking. CheckFailed where there is none."""
-        state, version, cycle = cell("state"), cell("version"), cell("cycle")
+        state, version, time_ns = cell("state"), cell("version"), cell("time_ns")
         tracking = np.flatnonzero(state == TRACKING)
         if not len(tracking):
             raise CheckFailed(f"{what}: the cell does not track in it: there is nothing to learn from")
         breaks = (np.diff(tracking) > 1) | (np.diff(version[tracking]) != 0)
         rows = max(np.split(tracking, np.flatnonzero(breaks) + 1), key=len)
         seen = slice(0, int(rows[-1]) + 1)  # the predictor has taken samples while the cell was being armed, too
-        time_s = np.asarray((cycle[seen] - cycle[rows[0]]) * period_s, dtype=float)
+        time_s = np.asarray((time_ns[seen] - time_ns[rows[0]]) * 1e-9, dtype=float)
         age_s = axis("deviation_age_ns")[seen].astype(float) * 1e-9
         fresh = (axis("fresh")[seen].astype(int) & DEVIATION_FRESH) != 0
         voltage = axis("voltage_V")[rows]
@@ -106,25 +106,27 @@ class Run:
         ahead = int(margin * rate_hz)
         cycles = np.arange(-ahead * step, (count + ahead) * step)
         grid = np.asarray(begin_s + cycles * self.period_s, dtype=np.float64)
-        path = self.path(grid)
-        stage, reference = (np.interp(grid, self.time_s, each) for each in (self.stage_um, self.reference_um))
         passing = partial(low_pass, corner_hz=_PASSED * rate_hz)
 
         def thinned(x: Array) -> Array:
             return filtered(x, 1.0 / self.period_s, passing)[::step][ahead : ahead + count]
 
-        error, played = thinned(path - stage), thinned(reference - self._predicted(tracker, grid))
+        # differences first: both sides of them move far while cycles are missed, and they hardly
+        seen = (self.path(self.time_s) - self.stage_um, self.reference_um - self._predicted(tracker))
+        error, played = (thinned(np.interp(grid, self.time_s, each)) for each in seen)
         within = (self.time_s >= begin_s) & (self.time_s < begin_s + seconds)
         missed = 1.0 - np.count_nonzero(within) / round(seconds / self.period_s)
         self._require_good(missed, float(np.mean(self.limited[within])))
-        return Part(rate_hz, thinned(path), error, played, max(0.0, missed))
+        return Part(rate_hz, thinned(self.path(grid)), error, played, max(0.0, missed))
 
-    def _predicted(self, tracker: AxisTracker, time_s: Array) -> Array:
-        """What the predictor made of the samples at `time_s` (n,)."""
+    def _predicted(self, tracker: AxisTracker) -> Array:
+        """What the predictor made of the samples, at each row (n,)."""
         late_s = float(np.median(self.arrived_s - self.taken_s))
         every = max(1, round(float(np.median(np.diff(self.taken_s))) / self.period_s))
         tracking = Tracking(tracker, every, late_s, self.period_s)
-        return tracking.given(self.taken_s, self.arrived_s, self.samples_um, time_s, shown(len(tracker_gain(tracker))))
+        return tracking.given(
+            self.taken_s, self.arrived_s, self.samples_um, self.time_s, shown(len(tracker_gain(tracker)))
+        )
 
     def _require_whole(self, begin_s: float, seconds: float) -> None:
         if seconds < _LEAST_S:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from micromanip.design.learning.learner import Learner
-from micromanip.design.learning.memory import memory_file, read_memory, write_memory
+from micromanip.design.learning.memory import memory_file, read_memory
 from micromanip.errors import CheckFailed
 from micromanip.rt.states import READY, TRACKING
 
@@ -38,7 +38,7 @@ def first(prepared, learner, learn, noisy):
     with pytest.raises(CheckFailed, match=r"no memory of axis y yet: say when .* \(--begin, --seconds\)"):
         learn(recording(prepared, rows))
     found = learn(recording(prepared, rows), begin_s=begin_s, seconds=SECONDS)["y"]
-    write_memory(memory_file(learner._folder, "y"), found.memory)
+    learner.write({"y": found})
     return found
 
 
@@ -49,7 +49,7 @@ def other(cell):
 
 def test_a_recording_teaches_what_its_rows_do(cell, noisy, first, learner):
     memory = cell.learn(*noisy, "rows")["y"].memory if not cell.memories else cell.memories["y"]
-    kept = read_memory(memory_file(learner._folder, "y"))
+    kept = read_memory(memory_file(learner.folder, "y"))
     assert kept.path == first.memory.path == memory.path
     assert (kept.axis, kept.now.parts, kept.seconds) == ("y", 1, SECONDS)
     assert 0.0 <= kept.now.contraction < 1.0

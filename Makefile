@@ -5,6 +5,7 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
 # more than cores: while some tests wait for processes and links, others compute
 JOBS   ?= 3
+TESTS  := $(BIN)/python -m pytest -p tools.again_alone -n $(JOBS) --dist loadgroup
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
@@ -34,11 +35,11 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not live and not long and not thorough' tests
+	$(TESTS) -m 'not live and not long and not thorough' tests
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not thorough' tests --ignore=tests/rt
+	$(TESTS) -m 'not thorough' tests --ignore=tests/rt
 
 compiled: $(READY)  # both loops, by one process each, or each worker of pytest would compile the same
 	@$(BIN)/micromanip check config/simulated.yaml >/dev/null
@@ -60,7 +61,7 @@ test-laws-plain: $(READY)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only and not many_cycles'
 
 thorough: $(READY) ## what `make test` has fewer of: 60 examples of each search of hypothesis, further cells, plants, kills and pages
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
+	$(TESTS) --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m '(hypothesis or many_cycles) and not compiled_only' tests/rt
 
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root

@@ -3,14 +3,15 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
-# more than cores: while some tests wait for processes and links, others compute
+# more than cores: while some tests wait for processes and links, others compute; those of `check` do not wait
 JOBS   ?= 3
+TESTS  := $(BIN)/python -m pytest -p tools.again_alone -n $(JOBS) --dist loadgroup
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help accuracy run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp robustness counterfactual docs site tune clean
+.PHONY: help accuracy run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -34,11 +35,15 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not live and not long and not thorough' tests
+<<<<<<< HEAD
+	$(TESTS) -m 'not live and not long and not thorough' tests
+=======
+	$(BIN)/pytest -n $(shell nproc) --dist loadgroup -m 'not live and not long and not thorough' tests
+>>>>>>> see
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup -m 'not thorough' tests --ignore=tests/rt
+	$(TESTS) -m 'not thorough' tests --ignore=tests/rt
 
 compiled: $(READY)  # both loops, by one process each, or each worker of pytest would compile the same
 	@$(BIN)/micromanip check config/simulated.yaml >/dev/null
@@ -60,7 +65,7 @@ test-laws-plain: $(READY)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only and not many_cycles'
 
 thorough: $(READY) ## what `make test` has fewer of: 60 examples of each search of hypothesis, further cells, plants, kills and pages
-	$(BIN)/pytest -n $(JOBS) --dist loadgroup --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
+	$(TESTS) --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m '(hypothesis or many_cycles) and not compiled_only' tests/rt
 
 test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root
@@ -81,6 +86,9 @@ accuracy: $(READY) ## what the cell reaches beside paper and bound, on drawn pla
 check-preview: $(READY) ## previews of 60 drawn paths beside the same paths played in virtual time
 	$(BIN)/python -m tools.check_preview
 
+check-learning: $(READY) ## five identical parts, learned from one to the next, on 10 cells with drawn plants
+	$(BIN)/python -m tools.check_learning
+
 mutation: compiled ## every mutant of the last gates and of the fault manager must die; the laws' as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation micromanip.rt.laws.limiter micromanip.rt.faults
 	$(BIN)/python -m tools.mutation micromanip.bus.safe_state micromanip.host.safe.outputs micromanip.host.safe.bus_rest
@@ -90,6 +98,9 @@ fuzz-socket: $(READY) ## a million lines of garbage against the control socket
 
 fuzz-udp: $(READY)  ## ten million datagrams of garbage against the driver udp
 	$(BIN)/pytest -n0 --timeout=3600 tests/drivers/udp -k garbage --garbage 500000
+
+fuzz-ethercat: $(READY) ## a million frames, mails and ESI files of nobody against master, slaves and readers, with bounds checks
+	NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n0 --timeout=7200 tests/drivers/ethercat/test_garbage.py --garbage 1000000
 
 soak-machine: $(READY) ## ten thousand steps of commands, faults, lines and swaps on the cell
 	$(BIN)/pytest -n0 --hypothesis-profile=soak tests/rt/test_cell_machine.py

@@ -58,11 +58,11 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     for marker in (
         "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1",
-        "live: on real processes, links or clocks, which it waits for; left out of `make check`, tried twice",
+        "live: on real processes, links or clocks, which it waits for; left out of `make check`, tried again alone",
         "long: computes for seconds; left out of `make check`",
         "many_cycles: takes seconds as plain Python, and runs so in `make thorough` only",
         "thorough: one more case of what another one shows; left out of `make test`, which `make thorough` is for",
-        "realtime: live, and a stall of this machine by some milliseconds makes it fail: tried three times",
+        "realtime: live, and a stall of this machine by some milliseconds makes it fail",
     ):
         config.addinivalue_line("markers", marker)
 
@@ -79,8 +79,6 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if "realtime" in item.keywords:
             item.add_marker("live")
-        if "live" in item.keywords:
-            item.add_marker(pytest.mark.flaky(reruns=2 if "realtime" in item.keywords else 1))
         # what tests share, a daemon or a commissioned cell, is made by one worker, not by each
         if "xdist_group" not in item.keywords and (shares := _shares(item)):
             item.add_marker(pytest.mark.xdist_group(shares))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +14,6 @@ from micromanip.errors import CheckFailed, UsageError, system_error
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
-
     from micromanip.design.drift import Check, Judged
     from micromanip.settings.schema.model import Configuration
 
@@ -127,36 +124,26 @@ def _measured(
 
 
 def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Configuration, list[Check]]:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from micromanip.design.drift.checking import checked, closed_loops
-    from micromanip.design.running import plant_of
+    from micromanip.design.drift.checking import DRAWS, checked, closed_loops
     from micromanip.settings.injected import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source
     from micromanip.settings.wiring.timing import FeedbackPath
+
+    from .injected import inject
 
     running = Path("(running)")
     configuration = validate_document(Source.parse(running, client.configuration()["text"]))
     if axis != "all":
         require_axis(configuration, axis)
     checks = []
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        for name in configuration.axes if axis == "all" else [axis]:
-            plants = {}
-            for loop in closed_loops(configuration.axes[name], name):
-                task = bar.add_task(f"axis {name}, {loop} loop", total=1.0)
-                progress = partial(_tell, bar, task)
-                begun, found = client.inject(name, loop, amplitude_um, seed, progress=progress)
-                plants[loop] = plant_of(found["frequency_Hz"], [found["input"]], [found["output"]])
-                path = FeedbackPath(**begun["path"])
-            checks.append(checked(configuration, path, name, plants, datetime.now(UTC)))
+    for name in configuration.axes if axis == "all" else [axis]:
+        plants = {}
+        for loop in closed_loops(configuration.axes[name], name):
+            begun, plants[loop] = inject(client, name, loop, amplitude_um, seed, DRAWS)
+        path = FeedbackPath(**begun["path"])
+        checks.append(checked(configuration, path, name, plants, datetime.now(UTC)))
     return configuration, checks
-
-
-def _tell(bar: Progress, task: TaskID, part: float) -> None:
-    bar.update(task, completed=part)
 
 
 def _draw(checks: list[Check], judged: Judged, configuration: Configuration, folder: Path) -> list[Path]:

@@ -59,6 +59,7 @@ GROUPS = {
         "commission": "from factory values to a tuned, validated axis, with its report",
         "identify": "play a safe excitation on one axis and record it",
         "fit": "models from a recording",
+        "learn": "what repeats of the path error from part to part, and a correction for it",
         "sweep": "thousands of tunings tried on recordings, the best of them",
         "analyse": "describing function, margins and robustness, with a verdict",
         "budget": "what the path error is made of, and what would make it smaller",
@@ -68,6 +69,7 @@ GROUPS = {
     "Devices and the machine": {
         "drivers": "which drivers are installed, and whether they keep their contract",
         "probe": "what answers on a bus, and what it says",
+        "ethercat": "what a terminal's ESI file says, as a configuration",
         "simulate-device": "play the devices that a configuration names",
         "safe-outputs": "bring all outputs to their safe value, with no controller running",
         "rtcheck": "whether this machine keeps the deadlines, and what would mend it",

@@ -90,27 +90,15 @@ def _path(prepared: Prepared, axis: str) -> Any:
 
 def _live(axis: str, loop: str, amplitude_um: float, seed: int, socket_path: Path) -> tuple[Prepared, Any, Any]:
     """What runs, and the response of its plant."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from micromanip.design.running import DRAWS, plant_of
+    from micromanip.design.running import DRAWS
     from micromanip.settings.check import prepared
     from micromanip.settings.text.source import Source
     from micromanip.settings.wiring.timing import FeedbackPath
 
-    responses = []
-    with Client(socket_path) as client, Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(f"axis {axis}, {loop} loop", total=float(DRAWS))
-        for draw in range(DRAWS):
+    from .injected import inject
 
-            def tell(part: float, done: int = draw) -> None:
-                bar.update(task, completed=done + part)
-
-            begun, response = client.inject(axis, loop, amplitude_um, seed + draw, progress=tell)
-            responses.append(response)
-    plant = plant_of(
-        responses[0]["frequency_Hz"], [each["input"] for each in responses], [each["output"] for each in responses]
-    )
+    with Client(socket_path) as client:
+        begun, plant = inject(client, axis, loop, amplitude_um, seed, DRAWS)
     running = prepared(Source.of(begun["configuration"], Path("(running)")))
     return running, FeedbackPath(**begun["path"]), plant
 

@@ -173,10 +173,10 @@ def _without_model(settings: Axis, path: FeedbackPath, plant: Measured, period_s
     return judge_loop(_NAMES["strain"], plant, found.system(), around, margins(around), window=_WINDOW)
 
 
-def plant_of(frequency_Hz: Sequence[float], inputs: Sequence[Any], outputs: Sequence[Any]) -> Measured:
-    """Response from the spectra [draw][period][line] = [re, im] of what goes into the plant and what comes out."""
-    U, Y = (np.asarray(each, dtype=float) @ np.array([1.0, 1j]) for each in (inputs, outputs))
-    return of_spectra(np.asarray(frequency_Hz, dtype=float), U, Y)
+def plant_of(responses: Sequence[Response]) -> Measured:
+    """The plant's response from the spectra [period][line] = [re, im] of what goes in and comes out, of each draw."""
+    U, Y = (np.array([each[name] for each in responses]) @ [1.0, 1j] for name in ("input", "output"))
+    return of_spectra(np.asarray(responses[0]["frequency_Hz"]), U, Y)
 
 
 def judge_answers(begun: Injected, responses: Sequence[Response], axis: str, loop: str) -> Running:
@@ -184,11 +184,8 @@ def judge_answers(begun: Injected, responses: Sequence[Response], axis: str, loo
 
     Raises CheckFailed where no margins can be read off.
     """
-    plant = plant_of(
-        responses[0]["frequency_Hz"], [each["input"] for each in responses], [each["output"] for each in responses]
-    )
     running = validate_document(Source.of(begun["configuration"], Path("(running)")))
-    return judge_running(running, FeedbackPath(**begun["path"]), axis, loop, plant)
+    return judge_running(running, FeedbackPath(**begun["path"]), axis, loop, plant_of(responses))
 
 
 def figures(found: Margins) -> dict[str, float]:

@@ -35,11 +35,7 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-<<<<<<< HEAD
-	$(TESTS) -m 'not live and not long and not thorough' tests
-=======
 	$(BIN)/pytest -n $(shell nproc) --dist loadgroup -m 'not live and not long and not thorough' tests
->>>>>>> see
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected

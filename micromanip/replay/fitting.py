@@ -181,7 +181,7 @@ def _fill_loop(m: Any, axis: Axis, slope_um_per_V: float, period_s: float) -> No
     m["feedforward"] = 0.0 if axis.inner.mode == "pid" else 1.0
     if axis.inner.mode == "feedforward":
         return
-    pid = pid_system(axis.inner, period_s).scaled(slope_um_per_V)
+    pid = pid_system(axis.running_inner, period_s).scaled(slope_um_per_V)
     n = len(pid.A)
     m["pid_A"][:n, :n], m["pid_B"][:n], m["pid_C"][:n], m["pid_D"] = pid.A, pid.B, pid.C, pid.D
 

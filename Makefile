@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
+.PHONY: help accuracy run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -75,6 +75,9 @@ bench: $(READY)   ## speed beside references measured in the same run
 
 check-budget: $(READY) ## the error budget beside virtual experiments with causes switched off, on five cells
 	$(BIN)/python -m tools.check_budget
+
+accuracy: $(READY) ## what the cell reaches beside paper and bound, on drawn plants too; writes docs/accuracy.md (15 min)
+	$(BIN)/python -m tools.accuracy
 
 check-preview: $(READY) ## previews of 60 drawn paths beside the same paths played in virtual time
 	$(BIN)/python -m tools.check_preview

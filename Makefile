@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
-# more than cores: while some tests wait for processes and links, others compute
+# more than cores: while some tests wait for processes and links, others compute; those of `check` do not wait
 JOBS   ?= 3
 TESTS  := $(BIN)/python -m pytest -p tools.again_alone -n $(JOBS) --dist loadgroup
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp robustness counterfactual docs site tune clean
+.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -35,7 +35,7 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-	$(TESTS) -m 'not live and not long and not thorough' tests
+	$(BIN)/pytest -n $(shell nproc) --dist loadgroup -m 'not live and not long and not thorough' tests
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected
@@ -91,6 +91,9 @@ fuzz-socket: $(READY) ## a million lines of garbage against the control socket
 
 fuzz-udp: $(READY)  ## ten million datagrams of garbage against the driver udp
 	$(BIN)/pytest -n0 --timeout=3600 tests/drivers/udp -k garbage --garbage 500000
+
+fuzz-ethercat: $(READY) ## a million frames, mails and ESI files of nobody against master, slaves and readers, with bounds checks
+	NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n0 --timeout=7200 tests/drivers/ethercat/test_garbage.py --garbage 1000000
 
 soak-machine: $(READY) ## ten thousand steps of commands, faults, lines and swaps on the cell
 	$(BIN)/pytest -n0 --hypothesis-profile=soak tests/rt/test_cell_machine.py

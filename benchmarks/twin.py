@@ -45,6 +45,9 @@ def require_covered(parameters: Any) -> None:
             a["mode"] == STAGE
             and a["feedback"]
             and a["pid"]["notch_share"] == 0.0
+            and a["awaited_cycles"] == 0.0
+            and a["hysteresis"]["resonances"] == 0
+            and a["hysteresis"]["lead"] == 0.0
             and a["reference"]["kind"] == reference.SIGNAL
             and a["hysteresis"]["kind"] == feedforward.PRANDTL_ISHLINSKII
             and a["hysteresis"]["shaping"]["kind"] == shaping.TANH

@@ -22,7 +22,7 @@ TOOTH_HZ, SEED = 200.0, 1
 HEADER = """\
 # The simulated cell, tuned: three axes hold the spindle on its path while the robot deviates and the
 # tool cuts. Physical units, named by the keys; every key is explained in docs/configuration.md.
-# The tuning of the axes (inner, hysteresis, hysteresis_affine, outer) is what `make tune` made of
+# The tuning of the axes (inner, hysteresis, hysteresis_affine, outer, actuator) is what `make tune` made of
 # config/factory.yaml: `micromanip commission`, all axes, tooth frequency {tooth:g} Hz, seed {seed}, version {version},
 # {date}. It passes `micromanip analyse`. The rest is written by hand.
 """

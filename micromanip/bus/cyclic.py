@@ -27,6 +27,7 @@ import ctypes
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -106,6 +107,12 @@ class CyclicDriver(ABC):
     def __init__(self, options: Any, period_ns: int) -> None:
         """`options` is a validated ``Options``; raises ConfigError for what only the driver can know."""
 
+    def check_files(self, folder: Path) -> None:  # noqa: B027 (most name none)
+        """Hold the files that the options name, seen from `folder`, that of the configuration, against the options.
+
+        Where a configuration is checked; raises ConfigError.
+        """
+
     @property
     @abstractmethod
     def inputs(self) -> tuple[str, ...]:
@@ -128,6 +135,18 @@ class CyclicDriver(ABC):
         One whose `safe` the driver itself leads to must be among them: `check` sees that it is the output's `park_V`.
         """
         return ()
+
+    @property
+    def steers(self) -> bool:
+        """Whether the loop's deadlines follow a clock of this driver's: ``steering_ns``. At most one driver's do."""
+        return False
+
+    def steering_ns(self, context: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Where in the context ``exchange`` writes, in each cycle, by how much the next deadline comes later: (1,).
+
+        The loop takes a hundredth of a period at most. Asked where it ``steers``.
+        """
+        raise NotImplementedError
 
     def loads(self) -> Sequence[Load]:
         """What the loop's rate costs on a wire, where there is one."""

@@ -112,24 +112,25 @@ class FramePlan:
         frame["template"][: len(self.head)] = np.frombuffer(self.head, np.uint8)
         frame["fixed"][: len(self.head)] = 1
         for place in ("counter", "acknowledged", "clock", "status"):
-            _fill_number(frame[place], getattr(self, place))
+            fill_number(frame[place], getattr(self, place))
         if self.status is not None:
             frame["mask"] = (1 << (8 * self.status.size)) - 1 if self.status.mask is None else self.status.mask
             frame["goods"] = len(self.status.good)
             frame["good"][: len(self.status.good)] = self.status.good
         frame["groups"], frame["numbers"] = len(self.groups), len(fields)
         for group, plan in zip(frame["group"], self.groups, strict=False):
-            _fill_number(group["counter"], plan.counter)
+            fill_number(group["counter"], plan.counter)
             group["latency_ns"] = plan.latency_ns
         for i, (k, field) in enumerate(fields):
-            _fill_number(frame["number"][i], field)
+            fill_number(frame["number"][i], field)
             frame["group_of"][i] = k
         if self.checksum is not None:
             _fill_checksum(frame, self.checksum)
         return frames
 
 
-def _fill_number(number: Any, keys: Any) -> None:
+def fill_number(number: Any, keys: Any) -> None:
+    """Put the keys of a number, None for one that is not there, into a NUMBER record."""
     if keys is None:
         return
     kind = {"f": FLOATING, "i": SIGNED, "u": UNSIGNED}[keys.type[0]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from .driver import BusDriver, Inbox, Outcome
 from .errors import OutputRefused
@@ -45,6 +46,19 @@ class OutputWriter:
         for number in inbox.confirmed:
             if (values := self._sent.pop(number, None)) is not None:
                 self._give(number, values)
+
+    def lend(self, rows: Any) -> None:
+        """Let the compiled loop go on from here: `rows` are TASK records, one for each task."""
+        for number, row in enumerate(rows[: len(self._driver.tasks)]):
+            row["unconfirmed"] = number in self._sent
+            if number in self._sent:
+                row["sent"][: len(self._sent[number])] = self._sent[number]
+
+    def take_back(self, rows: Any) -> None:
+        """Go on from where the compiled loop is."""
+        count = len(self._driver.outputs)
+        tasks = enumerate(rows[: len(self._driver.tasks)])
+        self._sent = {number: row["sent"][:count].tolist() for number, row in tasks if row["unconfirmed"]}
 
     def forget(self) -> None:
         """What was sent over a link that is gone is not confirmed any more."""

@@ -159,6 +159,13 @@ class SafeState:
             row["last"], row["lowest"], row["highest"] = self._last[i], self._lowest[i], self._highest[i]
         steady["noted"][: len(self._outputs)] = self.last
 
+    def take_back(self, steady: Any, given: Sequence[int]) -> None:
+        """Go on from where the compiled loop is; `given` are the outputs that the device has taken meanwhile."""
+        rows = steady["output"][: len(self._outputs)]
+        self._last, self._lowest, self._highest = (rows[name].tolist() for name in ("last", "lowest", "highest"))
+        for i in given:
+            self._known[i] = self._given[i] = True
+
     @property
     def last(self) -> list[float]:
         """What the device was given last; NaN where nobody knows."""

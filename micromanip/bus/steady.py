@@ -15,6 +15,7 @@ from micromanip.rt.steady.records import INBOX, MAX_TASKS, SENT_IN_DOUBT, STEADY
 from .driver import BusDriver, Steady
 from .image import ProcessImage
 from .last_given import LastGiven
+from .output_writer import OutputWriter
 from .safe_state import SafeState
 from .schedule import Schedule
 
@@ -71,11 +72,18 @@ class SteadyService:
         self._steady[0]["leave"][0] = 0
 
     def serve(
-        self, safe: SafeState, schedule: Schedule, memory: LastGiven | None, look_ns: int, until_ns: int
+        self,
+        safe: SafeState,
+        writer: OutputWriter,
+        schedule: Schedule,
+        memory: LastGiven | None,
+        look_ns: int,
+        until_ns: int,
     ) -> Served:
         """Serve until Python is needed, and until `until_ns` at the latest.
 
-        The link must be open, and the outputs not on a ramp. `safe` is told what was given, and what is in doubt.
+        The link must be open, and the outputs not on a ramp. `safe` is told what was given, and what is in doubt,
+        `writer` what is not confirmed.
         """
         st, inbox = self._steady[0], self._inbox[0]
         st["descriptor"], st["look_ns"], st["until_ns"] = self._fileno(), look_ns, until_ns
@@ -83,7 +91,10 @@ class SteadyService:
         st["decided_ns"] = st["refused"] = st["skipped"] = st["calls"] = 0
         inbox["signal"]["sequence"] = self._image.record[0]["input"]["sequence"]
         inbox["received"] = inbox["lost"] = 0
+        inbox["confirmed"] = 0
+        st["task"]["given"] = 0
         safe.lend(st)
+        writer.lend(st["task"])
         schedule.lend(st["task"])
         turns, values = _NO_TURNS, _NO_VALUES
         if memory is not None:
@@ -93,24 +104,22 @@ class SteadyService:
         if memory is not None:
             memory.turn = int(st["memory_turn"])
         schedule.take_back(st["task"], int(st["skipped"]))
+        writer.take_back(st["task"])
         return self._taken_back(safe, code)
 
     def _taken_back(self, safe: SafeState, code: int) -> Served:
         st, inbox = self._steady[0], self._inbox[0]
-        last = st["output"]["last"][: st["outputs"]].tolist()
-        performed = [int(row["performed"]) for row in st["task"][: st["tasks"]]]
+        tasks = st["task"][: st["tasks"]]
+        given = [i for task, row in zip(self._tasks, tasks, strict=True) if row["given"] for i in task.outputs]
         safe.refused += int(st["refused"])
-        for task, count in zip(self._tasks, performed, strict=True):
-            if count:
-                safe.given(task.outputs, last)
+        safe.take_back(st, given)
         if code == SENT_IN_DOUBT:
             safe.attempted(self._tasks[st["failed"]].outputs, st["value"][: st["outputs"]].tolist())
-        gave = any(count and task.outputs for task, count in zip(self._tasks, performed, strict=True))
         return Served(
             int(st["calls"]),
-            sum(performed),
+            int(tasks["performed"].sum()),
             int(inbox["received"]),
             int(inbox["lost"]),
             int(st["decided_ns"]),
-            gave,
+            bool(given),
         )

@@ -205,7 +205,7 @@ class Worker:
         if self._ends.is_set() or self._next_rules is not self._rules:
             return
         until_ns = self._reported_ns + _REPORT_NS
-        served = steady.serve(self.safe, self._schedule, self._memory, self._rules.look_ns, until_ns)
+        served = steady.serve(self.safe, self._writer, self._schedule, self._memory, self._rules.look_ns, until_ns)
         self._counts["performed"] += served.performed
         self._counts["received"] += served.received
         self._counts["lost"] += served.lost

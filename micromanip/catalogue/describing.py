@@ -14,10 +14,12 @@ import numpy as np
 import yaml
 
 from micromanip.design.commission.history import carried
+from micromanip.design.trend import whole
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.host.trips.store import SUFFIX, Box
 from micromanip.recordings import Telemetry, open_telemetry
+from micromanip.recordings.trend import MINUTE, day_file, read_trend
 from micromanip.rt.states import TRACKING
 
 _TRIP = re.compile(r"\d{8}T\d{6}\.\d{3}Z_.+\.npz")
@@ -149,10 +151,28 @@ def _tuning(path: Path) -> Entry | None:
     return Entry(path, "tuning", _changed(path), about, configuration=hashlib.sha256(text).hexdigest())
 
 
+def _trend(path: Path) -> Entry | None:
+    """A day of minutes; its seconds say the same."""
+    named = day_file(path)
+    if named is None or named.every != MINUTE:
+        return None
+    try:
+        trend = read_trend(path)
+    except CheckFailed as problem:
+        return Entry(path, "trend", f"{named.day}T00:00:00+00:00", "", problem=str(problem))
+    found = whole(trend)
+    rms_um = {name[len("error_um_") : -len("_rms")]: um for name, um in found.items() if name.startswith("error_um_")}
+    known = {axis: um for axis, um in rms_um.items() if um is not None}
+    about = f"axes {', '.join(rms_um)}; {len(trend.time)} minutes"
+    seconds = float(np.nansum(trend.columns["seconds"]))
+    return Entry(path, "trend", f"{trend.time[0]}+00:00", about, seconds, "", tuple(found["faults"]), known)
+
+
 _BY_ENDING: dict[str, Callable[[Path], Entry | None]] = {
     ".mcap": _recording,
     ".h5": _recording,
     SUFFIX: _trip,
     ".html": _report,
     ".yaml": _tuning,
+    ".csv": _trend,
 }

@@ -57,8 +57,8 @@ def command(
     not judged. Exit code 1 where a criterion fails. docs/analysis.md explains the figures.
     """
     from micromanip.design.analysis import analyse_axis
+    from micromanip.design.cluster import cluster
     from micromanip.design.criteria import criteria, notes, report
-    from micromanip.design.loops import cluster
     from micromanip.virtual.experiment import VirtualExperiment
     from micromanip.virtual.variation import VariedCell
 

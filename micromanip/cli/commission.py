@@ -22,12 +22,17 @@ from .progress import steps
 from .results import keep, publish, results_folder, run_folder
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from micromanip.design.budget.budget import AxisBudget
     from micromanip.design.commission.cell import CommissionedCell
     from micromanip.design.experiment import Experiment
     from micromanip.settings.check import Prepared
     from micromanip.settings.schema.axis import Axis
     from micromanip.settings.schema.model import Configuration
 
+_BUDGET_S, _COHERENCE_S = 4.0, 1.0
+"""Virtual time that is played for the error budget; for how long its bound takes phases to be known."""
 REPORT, TUNED, PREVIOUS, REJECTED = "report.html", "tuned.yaml", "previous.yaml", "rejected.yaml"
 
 
@@ -105,6 +110,7 @@ def command(
                 seed,
                 played(process=True),
                 partial(_as_written, prepared),
+                partial(_budgeted, prepared, seed, virtual=not live and prepared.wiring.virtual),
             )
             bar.say("report")
             facts = _provenance(prepared, config, chosen, operator, seed)
@@ -162,6 +168,31 @@ def _as_written(prepared: Prepared, configuration: Configuration) -> Configurati
 
     read, _ = wired(Source.parse(prepared.source.path, _text(prepared, configuration, configuration.axes)))
     return read
+
+
+def _budgeted(
+    prepared: Prepared, seed: int, configuration: Configuration, rows: NDArray[Any], *, virtual: bool
+) -> list[AxisBudget]:
+    """Of a cell in virtual time computed, and played once more without noise; else what the trial's rows show."""
+    import numpy as np
+
+    from micromanip.design.budget.configured import budget_of
+    from micromanip.design.budget.recorded import recorded_budget
+    from micromanip.recordings import Telemetry
+    from micromanip.settings.check import prepared as prepared_of
+    from micromanip.settings.text.source import Source
+
+    text, axes = _text(prepared, configuration, configuration.axes), list(configuration.axes)
+    if virtual:
+        tuned = prepared_of(Source.parse(prepared.source.path, text))
+        return budget_of(tuned, axes, _BUDGET_S, seed, _COHERENCE_S, _silent)
+    _, own = np.unique(rows["cycle"], return_index=True)  # a skipped cycle's row is a copy of the one before
+    telemetry = Telemetry.of_rows(prepared.source.path, axes, configuration.loop.period_ns, rows[own], text)
+    return recorded_budget(telemetry, axes, _COHERENCE_S, _silent)
+
+
+def _silent(_: str) -> None:
+    pass
 
 
 def _text(prepared: Prepared, configuration: Configuration, axes: Mapping[str, Axis]) -> str:
@@ -285,6 +316,8 @@ def _production(found: CommissionedCell) -> dict[str, Any] | None:
             name: {"uncompensated_rms": seen.uncompensated_rms, "rms": seen.rms, "max": seen.max}
             for name, seen in production.seen.items()
         },
+        "budget": {name: budget.document() for name, budget in production.budgets.items()},
+        "budget_obstacle": production.unbudgeted,
     }
 
 
@@ -326,4 +359,10 @@ def _how_it_runs(found: CommissionedCell) -> list[str]:
     if production.obstacle is not None:
         return [f"it does not track yet: {production.obstacle}"]
     errors = ", ".join(f"{name} {seen.rms:.2f}" for name, seen in production.seen.items())
-    return [*production.decided, f"it tracks, tried as it will run: path error {errors} um rms"]
+    lines = [*production.decided, f"it tracks, tried as it will run: path error {errors} um rms"]
+    if production.budgets:
+        most = ", ".join(
+            f"{name} {each.causes[0].name} {each.causes[0].rms_um:.2f}" for name, each in production.budgets.items()
+        )
+        lines.append(f"most of it: {most} um rms; the report has the rest of the error budget")
+    return lines

@@ -43,7 +43,7 @@ def command(
     from rich.console import Console
     from rich.progress import Progress
 
-    from micromanip.design.evaluation import evaluate, table, with_models
+    from micromanip.design.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
     from micromanip.virtual.experiment import VirtualExperiment
 
     prepared = prepare_and_warn(config, seed)
@@ -60,9 +60,11 @@ def command(
     ):
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
-        tuned = any(axis.commissioned for axis in configuration.axes.values()) and not own_pid
-        task = bar.add_task("evaluate", total=(15 if tuned else 12) + (5 * len(shown) if figures else 0))
+        known = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
+        tuned = known and not own_pid
+        task = bar.add_task("evaluate", total=(21 if tuned else 15) + (5 * len(shown) if figures else 0))
         runs = evaluate(configuration, experiment, own_pid, tuned, progress=lambda: bar.advance(task))
+        quick = evaluate_fast(configuration, experiment, own_pid, tuned, progress=lambda: bar.advance(task))
         if figures:
             from micromanip.design.figures import draw_all
 
@@ -73,11 +75,13 @@ def command(
         written = pictures.put()
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
     alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]
+    fast = [row for row in fast_table(quick, configuration) if row["axis"] in shown]
     if as_json:
         print_json(
             {
                 "rows": rows,
                 "feedforward_alone": alone,
+                "fast": fast,
                 "own_pid": own_pid,
                 "seed": seed,
                 "figures": [str(file) for file in written],
@@ -92,6 +96,13 @@ def command(
             sigma, where = row["std_error_um"], "measured"
         what = f"feedforward alone, axis {row['axis']}, {row['frequency_hz']:g} Hz"
         click.echo(f"{what}: sigma {sigma:.3f} um ({where} position)")
+    for row in fast:
+        what = f"{row['config']}, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um"
+        if row["true_std_error_um"] is None:
+            click.echo(f"{what}: sigma {row['std_error_um']:.3f} um (measured position)")
+        else:
+            share = f"{row['true_rms_percent']:.2f} % of the stroke"
+            click.echo(f"{what}: sigma {row['true_std_error_um']:.3f} um, {share} (true position)")
     if written:
         click.echo(f"{len(written)} figures in {folder}/")
     pictures.require_written()
@@ -105,7 +116,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
     configurations = ", ".join(f"{letter} {label}" for letter, label in paper.LABELS.items())
     if any(row["config"] not in paper.LABELS for row in rows):
-        configurations += ", D own PID + tanh inverse"
+        configurations += ", D own PID + tanh inverse, with what the section actuator undoes"
     report = Figures(
         title="Control error on the actuator side, um (the paper's figure in brackets)", caption=configurations
     )

@@ -69,6 +69,7 @@ GROUPS = {
     "Devices and the machine": {
         "drivers": "which drivers are installed, and whether they keep their contract",
         "probe": "what answers on a bus, and what it says",
+        "ethercat": "what a terminal's ESI file says, as a configuration",
         "simulate-device": "play the devices that a configuration names",
         "safe-outputs": "bring all outputs to their safe value, with no controller running",
         "rtcheck": "whether this machine keeps the deadlines, and what would mend it",

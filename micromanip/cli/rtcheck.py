@@ -43,8 +43,8 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
 
     if out is not None and out.exists():
         raise UsageError(f"{out} is there already: nothing is replaced; name another file with --out")
-    loop, machine = _loop(config), Machine()
-    findings, timed = looked_at(machine, loop), None
+    (loop, interfaces), machine = _loop(config), Machine()
+    findings, timed = looked_at(machine, loop, interfaces), None
     if not no_run:
         if loop.cpu is None:
             raise UsageError("loop.cpu is null: there is no CPU to watch; name one in CONFIG, or give --no-run")
@@ -61,16 +61,19 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
         raise SystemExit(1)
 
 
-def _loop(config: Path | None) -> Loop:
+def _loop(config: Path | None) -> tuple[Loop, list[str]]:
+    """The loop, and the network interfaces at which it serves EtherCAT itself."""
     import os
 
     from micromanip.settings.schema.model import Loop
 
     if config is None:
-        return Loop(cpu=max(os.sched_getaffinity(0)), limits="hardware")
+        return Loop(cpu=max(os.sched_getaffinity(0)), limits="hardware"), []
     from .options import prepare_and_warn
 
-    return prepare_and_warn(config).configuration.loop
+    prepared = prepare_and_warn(config)
+    named = (device.partition(" ") for device in sorted(prepared.wiring.devices))
+    return prepared.configuration.loop, [interface for kind, _, interface in named if kind == "ethercat"]
 
 
 def _page(answer: Answer) -> str:

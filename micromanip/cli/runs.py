@@ -16,7 +16,9 @@ from .options import Quantity, StrictCommand, json_option, print_answer
 
 if TYPE_CHECKING:
     from micromanip.catalogue.describing import Entry
+    from micromanip.recordings.trend import Trend
 
+_MOST_DAYS = 1_000_000
 _DATE = re.compile(r"\d{4}-\d{2}(-\d{2}([T ]\d{2}:\d{2}(:\d{2})?)?)?")
 
 
@@ -26,7 +28,8 @@ _DATE = re.compile(r"\d{4}-\d{2}(-\d{2}([T ]\d{2}:\d{2}(:\d{2})?)?)?")
     epilog="""\b
 Example: micromanip runs --add /srv/recordings
          micromanip runs --kind recording --since 2026-11-01 --sort worst
-         micromanip runs --fault X-201 --page runs.html""",
+         micromanip runs --fault X-201 --page runs.html
+         micromanip runs --trend error_um --since 2026-10""",
 )
 @click.option(
     "--add",
@@ -34,7 +37,7 @@ Example: micromanip runs --add /srv/recordings
     help="Look through FOLDER, too, from now on.",
 )
 @click.option("--drop", type=click.Path(path_type=Path), help="Look through it no more.")
-@click.option("--kind", type=click.Choice(["recording", "trip", "report", "tuning"]), help="These only.")
+@click.option("--kind", type=click.Choice(["recording", "trip", "trend", "report", "tuning"]), help="These only.")
 @click.option("--since", metavar="DATE", help="Begun then or later: 2026-11-01, or to the second; UTC.")
 @click.option("--until", metavar="DATE", help="Begun then or before; a day counts whole.")
 @click.option("--fault", metavar="CODE", help="With this fault, as X-201.")
@@ -45,15 +48,19 @@ Example: micromanip runs --add /srv/recordings
     "--sort", type=click.Choice(["newest", "oldest", "worst", "longest"]), default="newest", show_default=True
 )
 @click.option("--most", type=Quantity("Count"), default=50, show_default=True, help="So many at most.")
+@click.option("--trend", "field", metavar="NAME", help="How a figure went over the days found: error_um, headroom_V.")
 @click.option("--page", type=click.Path(path_type=Path), help="New file: what was found as one page of HTML.")
 @json_option
-def command(add: Path | None, drop: Path | None, page: Path | None, as_json: bool, **wanted: Any) -> None:
-    """What was recorded, tripped, reported and tuned; the catalogue is brought up to date first.
+def command(
+    add: Path | None, drop: Path | None, field: str | None, page: Path | None, as_json: bool, **wanted: Any
+) -> None:
+    """What was recorded, tripped, reported and tuned, and days of a trend; the catalogue is brought up to date first.
 
     Looked through are the trips and recordings of a controller that was started here, and each FOLDER that was added.
     The catalogue keeps nothing but what is in the files: it may be removed, and is made again.
     """
     from micromanip.catalogue.store import FILE, Catalogue, Query
+    from micromanip.design.trend import told
     from micromanip.faults import BY_NAME
     from micromanip.host.state_directory import state_directory
 
@@ -81,9 +88,34 @@ def command(add: Path | None, drop: Path | None, page: Path | None, as_json: boo
         found = catalogue.find(Query(**wanted))
         document = {"folders": [str(folder) for folder in folders], "entries": catalogue.count(),
                     "found": [{**asdict(entry), "path": str(entry.path)} for entry in found]}  # fmt: skip
+        days = [] if field is None else catalogue.find(Query(kind="trend", most=_MOST_DAYS))
+    trends = [] if field is None else _trends(days, field, wanted["since"], wanted["until"])
+    document["trends"] = [{"folder": str(folder), **told(trend, [field or ""])} for folder, trend in trends]
     if page is not None:
-        _write_page(page, found)
+        _write_page(page, found, [(folder, trend, field or "") for folder, trend in trends])
     print_answer(document, lambda _: _show(found, document), as_json)
+
+
+def _trends(days: list[Entry], field: str, since: str | None, until: str | None) -> list[tuple[Path, Trend]]:
+    """The minutes of each folder with such days, of the time that is asked for."""
+    import numpy as np
+
+    from micromanip.errors import CheckFailed
+    from micromanip.recordings.trend import MINUTE, read_trend
+
+    if not days:
+        raise CheckFailed("no trend was found; `trend: {}` in the configuration keeps one")
+    begin = None if since is None else np.datetime64(since.replace(" ", "T")).astype("datetime64[s]")
+    end = None if until is None else (np.datetime64(until.replace(" ", "T")) + 1).astype("datetime64[s]")
+    found, problems = [], []
+    for folder in sorted({day.path.parent for day in days}):
+        try:
+            found.append((folder, read_trend(folder, MINUTE, begin, end, [field])))
+        except CheckFailed as problem:
+            problems.append(problem)
+    if not found:
+        raise problems[0]
+    return found
 
 
 def _row(entry: Entry) -> tuple[str, ...]:
@@ -104,6 +136,7 @@ _HEAD = ("begun", "kind", "file", "s", "worst rms, um", "faults", "about")
 
 def _show(found: list[Entry], document: dict[str, Any]) -> None:
     from .tables import Figures, out_console
+    from .trend import show_courses
 
     console = out_console()
     if found:
@@ -111,6 +144,9 @@ def _show(found: list[Entry], document: dict[str, Any]) -> None:
         for entry in found:
             table.add_row(*_plain(_row(entry)))
         console.print(table)
+    for each in document["trends"]:
+        console.print(each["folder"], markup=False, highlight=False)
+        show_courses(console, each)
     console.print(f"{len(found)} of {document['entries']} in {', '.join(_plain(document['folders']))}")
 
 
@@ -120,10 +156,19 @@ def _plain(texts: Any) -> list[str]:
     return [escape(text) for text in texts]
 
 
-def _write_page(place: Path, found: list[Entry]) -> None:
-    from micromanip.design.page import page, table
+def _write_page(place: Path, found: list[Entry], trends: list[tuple[Path, Trend, str]]) -> None:
+    from html import escape
 
+    from micromanip.design.page import legible, page, section, table
+    from micromanip.design.trend import drawn
+
+    parts = [table(_HEAD, [_row(entry) for entry in found], words=True)]
+    for folder, trend, field in trends:
+        about = f"{escape(str(folder))}, a value a minute."
+        with legible():
+            figure = drawn(trend, [field])
+        parts.append(section(f"Trend of {escape(field)}", about, figure))
     try:
-        place.write_text(page("Runs", [table(_HEAD, [_row(entry) for entry in found], words=True)]), encoding="utf-8")
+        place.write_text(page("Runs", parts), encoding="utf-8")
     except OSError as problem:
         raise system_error(problem, place) from problem

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import pickle
 import tempfile
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,8 +71,8 @@ def command(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from micromanip.design.loops import cluster
     from micromanip.design.sweep.running import run_trials
+    from micromanip.design.sweep.sharing import on_cluster, on_processes
     from micromanip.design.sweep.space import Dimension, Space
     from micromanip.design.sweep.space_file import read_dimensions
     from micromanip.design.sweep.store import Store
@@ -105,8 +104,8 @@ def command(
         work = Work(name, file) if address is None else Work(name, content=content)
         trials.tried(0)  # compiles what the workers then load
         task = bar.add_task("tunings", total=number + 1, completed=number + 1 - len(store.missing(number)))
-        where = nullcontext if address is None else partial(cluster, address)
-        run_trials(store, work, number, jobs, lambda count: bar.advance(task, count), where)
+        share = on_processes(jobs) if address is None else on_cluster(address)
+        run_trials(store, work, number, share, lambda count: bar.advance(task, count))
         found, base, counts = store.best(top), store.one(0), store.counts()
         if table is not None:
             keep(store.write_table, table)

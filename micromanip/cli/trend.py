@@ -14,6 +14,7 @@ from .options import StrictCommand, json_option, print_answer
 
 if TYPE_CHECKING:
     import numpy as np
+    from rich.console import Console
 
     from micromanip.recordings.trend import Trend
 
@@ -48,9 +49,12 @@ def command(
 ) -> None:
     """What a controller with `trend` in its configuration has kept: a line a day, or an hour of up to two days.
 
+    Below, how each figure went: a character for each forty-eighth of the time, as high as the figure between least and
+    greatest.
+
     Time in which no controller ran is told as a gap, and left out of the lines of a picture.
     """
-    from micromanip.design.trend import summarised, usual_fields
+    from micromanip.design.trend import summarised, told, usual_fields
     from micromanip.recordings.trend import read_trend
 
     if to is not None and to.suffix not in (".csv", ".svg", ".png"):
@@ -66,8 +70,14 @@ def command(
     gaps = [
         {"from": str(begin), "to": str(end), "seconds": int((end - begin).astype(int))} for begin, end in trend.gaps()
     ]
-    document = {"every": trend.every, "rows": len(trend.time), "periods": summarised(trend, chosen), "gaps": gaps,
-                "file": None if to is None else str(to)}  # fmt: skip
+    document = {
+        "every": trend.every,
+        "rows": len(trend.time),
+        **told(trend, chosen),
+        "periods": summarised(trend, chosen),
+        "gaps": gaps,
+        "file": None if to is None else str(to),
+    }
     print_answer(document, _show, as_json)
 
 
@@ -103,12 +113,26 @@ def _show(document: dict[str, Any]) -> None:
     for period in periods:
         table.add_row(*(_cell(value) for value in period.values()))
     console.print(table)
+    show_courses(console, document)
     for gap in gaps[:_GAPS_SHOWN]:
         console.print(f"nothing ran from {gap['from']} to {gap['to']} ({_length(gap['seconds'])})")
     if len(gaps) > _GAPS_SHOWN:
         console.print(f"and {len(gaps) - _GAPS_SHOWN} gaps more; --json has them all")
     if document["file"] is not None:
         console.print(f"{document['rows']} rows, one a {document['every']}, to {document['file']}")
+
+
+def show_courses(console: Console, told: dict[str, Any]) -> None:
+    """A line for each of `courses`, which go over the time `from` .. `to`."""
+    from .tables import Figures
+
+    table = Figures(title=f"{told['from']} to {told['to']}")
+    for heading in ("column", "least", "greatest", "last", "over the time"):
+        table.add_column(heading, justify="right" if heading in ("least", "greatest", "last") else "left")
+    for course in told["courses"]:
+        figures = (_cell(course[name]) for name in ("least", "greatest", "last"))
+        table.add_row(course["field"], *figures, course["drawn"])
+    console.print(table)
 
 
 def _cell(value: Any) -> str:

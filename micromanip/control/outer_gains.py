@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .predictor import TrackerSettings, diagonal, reference_transition, rotation, shown
+from .remembered import remembered
 from .riccati import solve_riccati
 
 Matrix = NDArray[np.float64]
@@ -195,24 +196,34 @@ def process_innovation(
     What it pushes is `step_um` in terms of the set-point, 95 % of it there after `rise_cycles`; half of it swings on
     top at the tooth-passing frequency. The filter is the one of `gains`, which knows nothing of it beforehand.
     """
-    m = outer.sample_cycles
-    samples = -(-(rise_cycles + 3 * time_cycles) // m)
+    angle = 0.0 if outer.oscillation_Hz is None else _angle(gains)
+    b = np.array(outer.model.B, dtype=float)
+    filtered = gains.A, b, gains.C, gains.observer
+    return _largest_innovation(*filtered, outer.sample_cycles, angle, step_um, rise_cycles, time_cycles)
+
+
+@remembered(16)
+def _largest_innovation(
+    A: Matrix, b: Matrix, C: Matrix, observer: Matrix, m: int, angle: float, step_um: float, rise: int, time: int
+) -> float:
+    """The same of a filter that takes a sample every `m` cycles, whose oscillator turns by `angle` (rad) in each."""
+    samples = -(-(rise + 3 * time) // m)
     cycles = np.arange(samples * m)
-    grown = step_um * -np.expm1(-3.0 * cycles / rise_cycles)
-    if outer.oscillation_Hz is not None:
-        grown = grown + 0.5 * np.sign(grown) * step_um * np.sin(_angle(gains) * cycles)
-    pushes = np.zeros((len(gains.A), m))  # what one cycle's push has become when the next sample is taken
-    pushes[: len(outer.model.A), -1] = outer.model.B
+    grown = step_um * -np.expm1(-3.0 * cycles / rise)
+    if angle != 0.0:
+        grown = grown + 0.5 * np.sign(grown) * step_um * np.sin(angle * cycles)
+    pushes = np.zeros((len(A), m))  # what one cycle's push has become when the next sample is taken
+    pushes[: len(b), -1] = b
     for j in range(m - 2, -1, -1):
-        pushes[:, j] = gains.A @ pushes[:, j + 1]
-    step = np.linalg.matrix_power(gains.A, m) @ (np.eye(len(gains.A)) - np.outer(gains.observer, gains.C))
-    seen = gains.C[None, :]  # C F^k from sample to sample, twice as many each time
+        pushes[:, j] = A @ pushes[:, j + 1]
+    step = np.linalg.matrix_power(A, m) @ (np.eye(len(A)) - np.outer(observer, C))
+    seen = C[None, :]  # C F^k from sample to sample, twice as many each time
     while len(seen) < samples:
         seen, step = np.concatenate([seen, seen @ step]), step @ step
     innovation = np.zeros(samples)
     for j in range(m):
         innovation += _convolved(seen[:samples] @ pushes[:, j], grown[j::m])
-    share = min(1.0, m / time_cycles)
+    share = min(1.0, m / time)
     return float(_convolved(innovation**2, share * np.power(1.0 - share, np.arange(samples, dtype=np.float64))).max())
 
 

@@ -15,6 +15,8 @@ import contextlib
 import numpy as np
 from numpy.typing import NDArray
 
+from .remembered import remembered
+
 Matrix = NDArray[np.float64]
 
 _STEPS = 60
@@ -22,6 +24,7 @@ _SETTLED, _RESIDUAL, _ROUGH = 1e-14, 1e-7, 1e-3
 """Of the last step and of what is left, in terms of P; of a badly scaled equation three digits do, if it stabilises."""
 
 
+@remembered(16)
 def solve_riccati(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> Matrix:
     """P (n, n) for A (n, n), B (n, m), symmetric Q (n, n) and positive definite R (m, m).
 
@@ -49,7 +52,7 @@ def _by_doubling(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> Matrix:
     step, G, H = A, B @ np.linalg.solve(R, B.T), Q
     with np.errstate(all="ignore"):  # what overflows is judged at the end
         for _ in range(_STEPS):
-            both = np.linalg.solve(own + G @ H, np.hstack([step, G]))
+            both = np.linalg.solve(own + G @ H, np.concatenate((step, G), axis=1))
             onward, gained = both[:, : len(A)], both[:, len(A) :]
             added = step.T @ H @ onward
             G, H = G + step @ gained @ step.T, H + added

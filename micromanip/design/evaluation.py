@@ -1,4 +1,8 @@
-"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once; and feedforward alone."""
+"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once; and feedforward alone.
+
+Beyond the paper C, and D where there is one, on small sines of 50 to 150 Hz, told as a share of the stroke, peak to
+peak, as the literature on scanning microscopes does.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +25,9 @@ HOLD_S = 0.5
 """Rest at the offset before the sine begins."""
 SETTLE_S = 1.0
 """Sigma and maximum count after the first period, and at least so long, of the sine."""
-WINDOW_S = 2.0
+WINDOW_S, FAST_WINDOW_S = 2.0, 1.0
 TUNED = "D"
-"""Configuration C with the PID that `commission` found."""
+"""Configuration C with the PID that `commission` found, and with the axis' section `actuator`."""
 
 Array = NDArray[np.float64]
 
@@ -74,7 +78,12 @@ def variant_of(axis: Axis, config: str, own_pid: bool) -> Axis:
     if model is None or isinstance(model, NoModel):  # an axis that is not judged yet
         mode, model = "pid", NoModel(model="none")
     return axis.model_copy(
-        update={"mode": "strain", "inner": pid.model_copy(update={"mode": mode}), "hysteresis": model}
+        update={
+            "mode": "strain",
+            "inner": pid.model_copy(update={"mode": mode}),
+            "hysteresis": model,
+            "actuator": axis.actuator if config == TUNED else None,
+        }
     )
 
 
@@ -124,6 +133,40 @@ def evaluate(
             runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz)))
             progress()
     return runs
+
+
+def evaluate_fast(
+    configuration: Configuration,
+    experiment: Experiment,
+    own_pid: bool = False,
+    tuned: bool = False,
+    progress: Callable[[], None] = lambda: None,
+) -> list[Run]:
+    """C, and with `tuned` D, on a sine of ``paper.FAST_UM`` at each of ``paper.FAST_HZ``; `progress` after each."""
+    runs, rate_hz = [], configuration.loop.rate_hz
+    for config in ("C", *([TUNED] if tuned else [])):
+        axes = {name: variant_of(axis, config, own_pid) for name, axis in configuration.axes.items()}
+        variant = configuration.model_copy(update={"axes": axes})
+        for frequency_hz in paper.FAST_HZ:
+            reference = paper.reference(frequency_hz, HOLD_S, paper.FAST_UM)
+            rows = experiment(with_reference(variant, reference), HOLD_S + SETTLE_S + FAST_WINDOW_S)
+            runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(SETTLE_S * rate_hz)))
+            progress()
+    return runs
+
+
+def fast_table(runs: list[Run], configuration: Configuration) -> list[dict[str, Any]]:
+    """Rows of `evaluate_fast` as those of `table`, with the true error's rms in percent of the stroke."""
+    rows = []
+    for i, name in enumerate(configuration.axes):
+        for run in sorted(runs, key=lambda each: (each.frequency_hz, each.config)):
+            rms_um = np.sqrt(np.mean(run.true_error_um(i)[run.settled :] ** 2))
+            share = {
+                "amplitude_um": paper.FAST_UM,
+                "true_rms_percent": _known(100.0 * rms_um / (2.0 * paper.FAST_UM)),
+            }
+            rows.append(run.figures(name, i) | share)
+    return rows
 
 
 def table(runs: list[Run], configuration: Configuration, *, feedforward_alone: bool = False) -> list[dict[str, Any]]:

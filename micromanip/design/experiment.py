@@ -45,8 +45,11 @@ def resting(configuration: Configuration, axis: str, count: int) -> NDArray[np.f
 
 
 def alone(configuration: Configuration, axis: str, mode: str) -> Configuration:
-    """The same configuration with `axis` in `mode`, and the others in open loop: nothing else is closed."""
-    return with_axis(with_axes(configuration, mode="voltage"), axis, mode=mode)
+    """The same configuration with `axis` in `mode`, and the others in open loop: nothing else is closed.
+
+    In mode strain the loop is as it is below the outer one: nothing is undone.
+    """
+    return with_axis(with_axes(configuration, mode="voltage"), axis, mode=mode, actuator=None)
 
 
 EXCITED = File(source="file", path="(excitation)")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import html
 import io
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
 from matplotlib import rc_context
@@ -20,6 +21,7 @@ _DRAWN: Any = {
     "svg.hashsalt": "micromanip",
     "svg.fonttype": "none",
     "font.size": 9,
+    "legend.frameon": False,
     **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), GREY),
 }
 _STYLE = """
@@ -30,10 +32,14 @@ body { color: var(--ink); background: var(--ground); font: 16px/1.5 system-ui, s
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { border-bottom: 1px solid var(--line); padding: .2rem .8rem .2rem 0; text-align: right; }
 th:first-child, td:first-child { text-align: left; }
+table:not(.words) td:first-child { white-space: nowrap; } details { margin: .6rem 0; }
 table.words td { text-align: left; vertical-align: top; overflow-wrap: anywhere; min-width: 5rem; }
 table.words th { text-align: left; }
 table.words td:first-child { overflow-wrap: normal; }
-.wide { overflow-x: auto; } svg { max-width: 100%; height: auto; } pre { overflow-x: auto; font-size: .8rem; }
+table.words td:last-child { min-width: 14rem; }
+.wide { overflow-x: auto; } svg { max-width: 100%; height: auto; }
+@media (max-width: 40rem) { .wide > svg { max-width: none; width: 40rem; } }
+pre { overflow-x: auto; font-size: .8rem; }
 """
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -57,16 +63,21 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = F
 
 
 def section(title: str, about: str, figure: Figure) -> str:
-    """A drawing with its headline and a sentence about it."""
+    """A drawing with its headline and a sentence about it; on a narrow screen it is shifted, and stays legible."""
     drawn = io.StringIO()
-    with rc_context(_DRAWN):
+    with legible():
         figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
     text = drawn.getvalue()
-    return f"<h2>{title}</h2><p>{about}</p>{text[text.index('<svg') :]}"
+    return f'<h2>{title}</h2><p>{about}</p><div class="wide">{text[text.index("<svg") :]}</div>'
+
+
+def legible() -> AbstractContextManager[None]:
+    """Within it figures are made whose text and lines are legible in light and in dark."""
+    return rc_context(_DRAWN)
 
 
 def drawing(rows: int = 1, columns: int = 1, height: float = 3.2) -> tuple[Figure, Any]:
     """A figure as wide as the page, and its axes, shape (rows, columns)."""
-    with rc_context(_DRAWN):
+    with legible():
         figure = Figure(figsize=(9.0, height), layout="constrained")
         return figure, figure.subplots(rows, columns, squeeze=False)

@@ -20,6 +20,9 @@ from .run_sums import Sections
 
 TOO_SHORT = "too short to judge"
 
+ERROR = "error rms"
+"""The quantity that a page shows whether it differs or not."""
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -49,10 +52,10 @@ def judged(runs: Sequence[RecordedRun], figures: Sequence[RunFigures]) -> list[J
     found: list[Judged] = []
     for axis in (name for name in runs[0].axes if name in runs[1].axes):
         a, b = (run.squares[axis] for run in figures)
-        found.append(_rms(axis, "error rms", a.whole, b.whole))
+        found.append(_rms(axis, ERROR, a.whole, b.whole))
         for k, (low, high) in enumerate(BANDS_Hz):
             both = [run.axes[axis].bands_um[k] for run in figures]
-            found.append(_rms(axis, f"error rms {low:g}-{high:g} Hz", a.bands[k], b.bands[k], both))
+            found.append(_rms(axis, f"{ERROR} {low:g}-{high:g} Hz", a.bands[k], b.bands[k], both))
         series = [_found(run.axis[axis].sections, section_s, "error") for run in runs]
         whole = [run.axes[axis].max_um for run in figures]
         found.append(by_section(axis, "error, greatest of a section", "um", series, whole))

@@ -13,7 +13,7 @@ from micromanip.settings.text.shape import Shape
 from . import run_drawings as drawn
 from .page import page, section, table
 from .recorded_run import RecordedRun
-from .run_comparison import TOO_SHORT, Judged
+from .run_comparison import ERROR, TOO_SHORT, Judged
 from .run_confidence import SAME
 from .run_figures import RunFigures
 from .run_report import (
@@ -89,8 +89,8 @@ def _differences(found: Sequence[Judged]) -> str:
     head = ("quantity", "unit", "A", "B", "B - A", "95 %", "B is")
     method = _METHOD.format(count=len(found) - short, chance=0.05 * (len(found) - short))
     all_of_them = f"<details><summary>All {len(rows)} quantities</summary>{table(head, rows)}</details>"
-    shown = table(head, [row for row, each in zip(rows, found, strict=True) if each in sure]) if sure else ""
-    return f"<h2>What differs</h2><p>{told}</p>{shown}{all_of_them}<p><small>{method}</small></p>"
+    first = [row for row, each in zip(rows, found, strict=True) if each in sure or each.quantity == ERROR]
+    return f"<h2>What differs</h2><p>{told}</p>{table(head, first)}{all_of_them}<p><small>{method}</small></p>"
 
 
 def _parameters(runs: Sequence[RecordedRun], changes: Sequence[dict[str, Any]]) -> str:

@@ -82,4 +82,4 @@ def _summary(run: RecordedRun, figures: RunFigures) -> str:
 def remarks(title: str, run: RecordedRun) -> str:
     """The marks of a run as a table; empty where there are none."""
     rows = [(str(mark["cycle"]), mark["time"], mark["by"], mark["text"]) for mark in run.telemetry.marks]
-    return f"<h2>{html.escape(title)}</h2>{table(('cycle', 'time', 'by', 'mark'), rows)}" if rows else ""
+    return f"<h2>{html.escape(title)}</h2>{table(('cycle', 'time', 'by', 'mark'), rows, words=True)}" if rows else ""

@@ -134,8 +134,8 @@ def judge_running(
         measured = tuple(open_loop.measured_margins(slope) for slope in slopes)
         return Running(axis, open_loop, slopes, measured, None, settings.accept)
     seen = over_path(actuator.system, path)
-    predicted = tuple(margins(strain_loop(settings.inner, seen, slope)) for slope in slopes)
-    around = strain_loop(settings.inner, seen)
+    predicted = tuple(margins(strain_loop(settings.running_inner, seen, slope)) for slope in slopes)
+    around = strain_loop(settings.running_inner, seen)
     found = judge_loop(_NAMES[loop], plant, actuator.system, around, predicted[slopes.index(1.0)], window=_WINDOW)
     return Running(axis, found, slopes, tuple(map(found.measured_margins, slopes)), predicted, settings.accept)
 
@@ -169,7 +169,7 @@ def _without_model(settings: Axis, path: FeedbackPath, plant: Measured, period_s
         raise CheckFailed(
             f"no margins: {found.problem}; measure it held (`micromanip hold`), or with more --amplitude-um"
         )
-    around = strain_loop(settings.inner, over_path(found.system(), path))
+    around = strain_loop(settings.running_inner, over_path(found.system(), path))
     return judge_loop(_NAMES["strain"], plant, found.system(), around, margins(around), window=_WINDOW)
 
 

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.faults import KINDS
 from micromanip.recordings.table import Array
-from micromanip.recordings.trend import COUNTED, FAULT, STATE, TIME, Trend, matching
+from micromanip.recordings.trend import COUNTED, FAULT, STATE, STEP_S, TIME, Trend, matching
 from micromanip.rt.states import STATE_NAMES
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _HOURLY_DAYS = 2
+_CELLS, _BARS = 48, "▁▂▃▄▅▆▇█"
 _DIGITS = 6
 """Significant ones, as many as the files have."""
 
@@ -40,6 +44,54 @@ def summarised(trend: Trend, fields: list[str]) -> list[dict[str, Any]]:
     return [_summary(trend, names, str(begins[low]), slice(low, high)) for low, high in itertools.pairwise(edges)]
 
 
+class Course(NamedTuple):
+    """How a column went over the time: a character for each of equal times, the lower the smaller, a blank for a gap.
+
+    `least` and `greatest` are those of what is drawn, `last` is the newest row's that is known; None where none is.
+    """
+
+    field: str
+    drawn: str
+    least: float | None
+    greatest: float | None
+    last: float | None
+
+
+def told(trend: Trend, fields: list[str]) -> dict[str, Any]:
+    """The courses with the time that they go over, `from` .. `to`, as JSON has it."""
+    went = [course._asdict() for course in courses(trend, fields)]
+    return {"from": str(trend.time[0]), "to": str(trend.time[-1]), "courses": went}
+
+
+def courses(trend: Trend, fields: list[str]) -> list[Course]:
+    """One of each column of figures that `fields` mean; what they mean over a time is what `summarised` says."""
+    names = [name for name in _columns(trend, fields) if name not in (STATE, FAULT)]
+    since_s = (trend.time - trend.time[0]) / np.timedelta64(1, "s")
+    within = np.minimum((since_s * (_CELLS / (since_s.max() + STEP_S[trend.every]))).astype(int), _CELLS - 1)
+    edges = np.searchsorted(within, np.arange(_CELLS + 1))
+    parts = [slice(low, high) for low, high in itertools.pairwise(edges.tolist())]
+    return [_course(trend, name, parts) for name in names]
+
+
+def _course(trend: Trend, name: str, parts: list[slice]) -> Course:
+    values, covered = trend.columns[name], trend.columns["seconds"]
+    cells = [_one(name, values[part], covered[part]) for part in parts]
+    known = [float(value) for value in cells if value is not None]
+    if not known:
+        return Course(name, " " * len(cells), None, None, None)
+    low, high = min(known), max(known)
+    step = (high - low) / (len(_BARS) - 1) or 1.0
+    drawn = "".join(" " if value is None else _BARS[round((float(value) - low) / step)] for value in cells)
+    figures = (float(f"{value:.{_DIGITS}g}") for value in (low, high, values[np.isfinite(values)][-1]))
+    return Course(name, drawn, *figures)
+
+
+def whole(trend: Trend) -> dict[str, Any]:
+    """All rows in one line of `summarised`: the rms of each axis' error, and the faults."""
+    errors = [name for name in matching(list(trend.columns), "error_um") if name.endswith("_rms")]
+    return _summary(trend, errors, str(trend.time[0]), slice(None))
+
+
 def write_csv(trend: Trend, fields: list[str], to: Path) -> None:
     """The rows as they are, of the columns that `fields` mean. Raises OSError."""
     names = _columns(trend, fields)
@@ -50,8 +102,15 @@ def write_csv(trend: Trend, fields: list[str], to: Path) -> None:
 
 
 def draw(trend: Trend, fields: list[str], to: Path) -> None:
-    """A panel for each quantity, over the time, UTC; what was not known, and time without rows, is left out."""
+    """The figure of `drawn`, as .svg or .png. Raises OSError."""
     from matplotlib import rc_context
+
+    with rc_context({"svg.hashsalt": "micromanip"}):
+        drawn(trend, fields).savefig(to, dpi=130, metadata={"Date": None} if to.suffix == ".svg" else None)
+
+
+def drawn(trend: Trend, fields: list[str]) -> Figure:
+    """A panel for each quantity, over the time, UTC; what was not known, and time without rows, is left out."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     from .canvas import panels
@@ -68,8 +127,7 @@ def draw(trend: Trend, fields: list[str], to: Path) -> None:
         panel.grid(alpha=0.3)
         panel.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     places[-1].set_xlabel("UTC")
-    with rc_context({"svg.hashsalt": "micromanip"}):
-        figure.savefig(to, dpi=130, metadata={"Date": None} if to.suffix == ".svg" else None)
+    return figure
 
 
 def _columns(trend: Trend, fields: list[str]) -> list[str]:

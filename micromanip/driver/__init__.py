@@ -17,9 +17,11 @@
 
 ``micromanip.driver.quantities`` has types of options with their bounds, ``micromanip.driver.testing`` runs a cyclic
 driver in virtual time, ``micromanip.driver.wire`` and ``micromanip.driver.datagrams`` are for one that serves a wire in
-the loop itself (tables of frames, datagrams from compiled code), and ``micromanip.driver.conformance`` is the suite
-that a bus driver must pass, which needs the extra ``conformance`` (pytest). What is compiled is loaded when it is asked
-for: a bus driver's worker imports numba only where the driver has compiled functions (``Steady``).
+the loop itself (tables of frames, datagrams from compiled code), ``micromanip.driver.steady`` and
+``micromanip.driver.byte_stream`` for a bus driver with compiled functions (what they say; terminals and TCP), and
+``micromanip.driver.conformance`` is the suite that a bus driver must pass, which needs the extra ``conformance``
+(pytest). What is compiled is loaded when it is asked for: a bus driver's worker imports numba only where the driver has
+compiled functions (``Steady``).
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 4)
+DRIVER_API = (1, 5)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major

@@ -1,5 +1,6 @@
 """Compiled functions for a cyclic driver on a wire: send and receive without Python, frames to values and back."""
 
+from micromanip.rt.wire.clock_lock import hear_clock, steer
 from micromanip.rt.wire.codec import (
     BAD_STATUS,
     GOOD,
@@ -20,6 +21,7 @@ from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive
 from micromanip.rt.wire.device_clock import forget_clock, taken_ns
 from micromanip.rt.wire.gate import acknowledge, has_rest, lose, turn
 from micromanip.rt.wire.giving import give
+from micromanip.rt.wire.numbers import find_code, value_of_code
 from micromanip.rt.wire.records import BATCH
 from micromanip.rt.wire.samples import leave_samples
 from micromanip.rt.wire.serving import NOT_OPEN, begin, end, rest, send_due, take
@@ -41,9 +43,11 @@ __all__ = [
     "close",
     "code_of",
     "end",
+    "find_code",
     "forget_clock",
     "give",
     "has_rest",
+    "hear_clock",
     "is_from_peer",
     "judged",
     "leave_samples",
@@ -58,8 +62,10 @@ __all__ = [
     "send",
     "send_due",
     "status_of",
+    "steer",
     "take",
     "taken_ns",
     "turn",
     "value_of",
+    "value_of_code",
 ]

@@ -14,6 +14,8 @@ from micromanip.bus.ethercat.al_states import (
     state_name,
 )
 from micromanip.bus.ethercat.coe import abort_in_words
+from micromanip.bus.ethercat.esi import TYPES as ESI_TYPES
+from micromanip.bus.ethercat.esi import EsiDevice, EsiEntry, EsiPdo, read_esi
 from micromanip.bus.ethercat.frames import (
     DATAGRAM_BYTES,
     HEADER_BYTES,
@@ -27,6 +29,7 @@ from micromanip.bus.ethercat.frames import (
 __all__ = [
     "DATAGRAM_BYTES",
     "ERROR",
+    "ESI_TYPES",
     "HEADER_BYTES",
     "INIT",
     "OP",
@@ -38,10 +41,14 @@ __all__ = [
     "STATUS_MASK",
     "WKC_BYTES",
     "Datagram",
+    "EsiDevice",
+    "EsiEntry",
+    "EsiPdo",
     "abort_in_words",
     "al_code_in_words",
     "coe",
     "framed",
+    "read_esi",
     "registers",
     "state_name",
     "unframed",

@@ -1,5 +1,5 @@
 """For a bus driver that is compiled (``BusDriver.steady``): what its two functions are called with, and return."""
 
-from micromanip.rt.steady.records import INBOX, NOTHING_SENT, SENT_IN_DOUBT
+from micromanip.rt.steady.records import INBOX, NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
 
-__all__ = ["INBOX", "NOTHING_SENT", "SENT_IN_DOUBT"]
+__all__ = ["INBOX", "NOTHING_SENT", "SENT_IN_DOUBT", "UNCONFIRMED"]

@@ -4,36 +4,55 @@
 """
 
 from micromanip.bus.datagram_socket import hand_over, lend, open_datagrams
-from micromanip.bus.frame_plan import FramePlan, GroupPlan
+from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopOutput, LoopWire
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.rt.bus_image import DOWN, TAKEN
 from micromanip.rt.record import record
+from micromanip.rt.wire.clock_lock import CLOCK_LOCK, set_lock
 from micromanip.rt.wire.codec import begin_frame, put_value, seal
 from micromanip.rt.wire.context import WIRE
 from micromanip.rt.wire.counting import COUNTED
 from micromanip.rt.wire.device_clock import MOST_BITS
-from micromanip.rt.wire.gate import ANSWERS, GATE, MAX_OUTPUTS, QUIET, RECENT, RESTING
-from micromanip.rt.wire.records import BATCH, DEVICE_CLOCK, FRAME, MAX_BYTES, SOCKET
+from micromanip.rt.wire.gate import ANSWERS, FOLLOWING, GATE, MAX_OUTPUTS, QUIET, RECENT, RESTING
+from micromanip.rt.wire.records import (
+    BATCH,
+    CODE,
+    DEVICE_CLOCK,
+    FLOATING,
+    FRAME,
+    MAX_BYTES,
+    NUMBER,
+    SIGNED,
+    SOCKET,
+    UNSIGNED,
+)
 from micromanip.rt.wire.samples import SAMPLES
 
 __all__ = [
     "ANSWERS",
     "BATCH",
+    "CLOCK_LOCK",
+    "CODE",
     "COUNTED",
     "DEVICE_CLOCK",
     "DOWN",
+    "FLOATING",
+    "FOLLOWING",
     "FRAME",
     "GATE",
     "MAX_BYTES",
     "MAX_OUTPUTS",
     "MOST_BITS",
+    "NUMBER",
     "QUIET",
     "RECENT",
     "RESTING",
     "SAMPLES",
+    "SIGNED",
     "SOCKET",
     "TAKEN",
+    "UNSIGNED",
     "WIRE",
     "FramePlan",
     "GroupPlan",
@@ -42,6 +61,7 @@ __all__ = [
     "adopt_limits",
     "begin_frame",
     "close_gate",
+    "fill_number",
     "gate_statistics",
     "hand_over",
     "lend",
@@ -49,6 +69,7 @@ __all__ = [
     "put_value",
     "record",
     "seal",
+    "set_lock",
     "wait_for_rest",
     "wire_of",
 ]

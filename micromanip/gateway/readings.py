@@ -1,7 +1,7 @@
 """What is published of a status: a path, a value, its unit.
 
 Names and places follow OPC 40501-1 (machine tools) 1.02 where it has some: Identification, Monitoring with MachineTool
-and its OperationMode, Notification. The rest is ours.
+and its OperationMode, Notification. The rest is ours. They were never held against the standard's official nodeset.
 """
 
 from __future__ import annotations

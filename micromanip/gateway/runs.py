@@ -21,7 +21,7 @@ from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .views import number
 
-KINDS = ("recording", "trip", "report", "tuning")
+KINDS = ("recording", "trip", "trend", "report", "tuning")
 POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"

@@ -44,9 +44,9 @@ from .shared_memory import CONTROL, RING, STATUS, Segments
 _WARM_CYCLES, _WARM_PERIOD_NS = 3000, 20_000
 
 
-def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tuple[str, int, int]]]:
-    """Driver records with addresses of this process, and what to close again: (name, function, context)."""
-    base = segments.contexts.bytes().ctypes.data
+def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tuple[str, int, int]], Any]:
+    """Driver records with addresses of this process, what to close again (name, function, context), what steers."""
+    base, steering_ns = segments.contexts.bytes().ctypes.data, np.zeros(1, np.int64)
     records = np.zeros(max(1, len(orders["drivers"])), DRIVER)
     opened = []
     for record, entry in zip(records, orders["drivers"], strict=False):
@@ -54,14 +54,16 @@ def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tupl
         functions = bridge_functions() if driver is None else driver.functions()
         context = base + entry["context"]
         if driver is not None:
-            _begin(entry["name"], driver, segments.contexts.bytes()[entry["context"] :][: entry["context_bytes"]])
+            block = segments.contexts.bytes()[entry["context"] :][: entry["context_bytes"]]
+            _begin(entry["name"], driver, block)
+            steering_ns = driver.steering_ns(block) if driver.steers else steering_ns
         code = call_context(functions.open, context)
         if code != 0:
             raise DeviceUnavailable(f"driver {entry['name']} could not be opened: code {code}")
         opened.append((entry["name"], functions.close, context))
         record["exchange"], record["context"] = functions.exchange, context
         record["first_input"], record["first_output"] = entry["first_input"], entry["first_output"]
-    return records, opened
+    return records, opened, steering_ns
 
 
 def _driver(entry: dict[str, Any], period_ns: int) -> CyclicDriver | None:
@@ -103,6 +105,7 @@ def _warm(control: Any, status: Any, samples: Any, spin_ns: int) -> None:
         *(words, parameters, np.zeros(WORDS, np.int64), state, shadow, np.zeros(1, CELL_STATE)),
         *(np.zeros(1, DRIVER), 0, signals, status["outputs"].copy(), samples, np.zeros(WORDS, np.int64)),
         *(np.zeros(16, ROW), np.zeros(BINS, np.int64), np.zeros(BINS, np.int64), np.zeros(2, np.int64), spin_ns),
+        np.zeros(1, np.int64),
     )
     run_loop(*arguments)
 
@@ -168,7 +171,7 @@ def main() -> int:
     Compiler.tell = staticmethod(_tell_compiling)
     try:
         _compile(orders)
-        drivers, opened = _drivers(orders, segments)
+        drivers, opened, steering_ns = _drivers(orders, segments)
         _warm(control, status, samples, orders["spin_ns"])
         segments.ring.bytes()[::4096] = 0
         rights = enter_real_time(orders["cpu"], orders["priority"])
@@ -201,6 +204,7 @@ def main() -> int:
         status["compute"],
         status["timespec"],
         orders["spin_ns"],
+        steering_ns,
     )
     for _name, close, context in opened:
         call_context(close, context)

@@ -11,7 +11,8 @@ from micromanip.files.regular_file import open_regular
 from .arrays import read_npy, read_npz
 from .hdf5 import is_telemetry, open_hdf5, read_hdf5
 from .matlab import read_matlab
-from .mcap_reading import MAGIC, open_mcap, read_mcap
+from .mcap_places import MAGIC
+from .mcap_reading import open_mcap, read_mcap
 from .parquet import read_parquet
 from .table import Table
 from .telemetry import Telemetry

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,8 @@ class Table(Mapping[str, Array]):
     """Columns (n,) by their name in `file`; columns without a name are called "1", "2" and so on.
 
     `units` has those that the file states apart from the name, `line` the line of the text at which row 0 stands,
-    `lines` that of each row where they do not follow one another; None where a file has no lines.
+    `lines` that of each row where they do not follow one another; None where a file has no lines. `clocks` names the
+    column of the time of each, where a file has several: only columns with the same one belong together.
     """
 
     def __init__(
@@ -30,10 +31,12 @@ class Table(Mapping[str, Array]):
         columns: Mapping[str, Array | Callable[[], Array]],
         units: Mapping[str, str] | None = None,
         line: int | None = None,
+        clocks: Mapping[str, str] | None = None,
     ) -> None:
         self.file, self.line = file, line
         self._columns = dict(columns)
         self._units = dict(units or {})
+        self._clocks = dict(clocks or {})
 
     def __getitem__(self, name: str) -> Array:
         found = self._columns[name]
@@ -81,8 +84,18 @@ class Table(Mapping[str, Array]):
         bare = [name for name in self if split_unit(name)[0] == asked or name.rpartition(".")[2] == asked]
         return bare[0] if len(bare) == 1 else None
 
-    def time_column(self) -> str | None:
-        """The column of the time: by its unit, by its name, or the first whose name begins with t."""
+    def time_column(self, names: Sequence[str] = ()) -> str | None:
+        """The column of the time of `names`: by its unit, by its name, or the first whose name begins with t.
+
+        CheckFailed where they have several.
+        """
+        if clocks := {self._clocks[name]: name for name in names if name in self._clocks}:
+            if len(clocks) > 1:
+                told = " and ".join(clocks.values())
+                raise CheckFailed(
+                    f"{self.file}: {told} are of different topics, each with its own times: take one's only"
+                )
+            return next(iter(clocks))
         timed = [name for name in self if _dimension(self.unit(name)) == "time"]
         plain = [name for name in self if self.unit(name) is None]
         called = [name for name in plain if name.lower() in _TIMES or name.rpartition(".")[2].lower() in _TIMES]

@@ -99,7 +99,7 @@ def take(file: Path, wanted: Wanted) -> Recording:
         raise CheckFailed(f"{file}: the column {twice} is named twice; an input can't be an output")
     columns = {name: table[name] for name in names}
     notes: list[str] = []
-    timed = wanted.time or (None if wanted.untimed else table.time_column())
+    timed = wanted.time or (None if wanted.untimed else table.time_column(names))
     clock, time_name = _clock(table, timed, wanted, len(columns[names[0]]), notes)
     for name, values in columns.items():
         if len(values) != len(clock.index):

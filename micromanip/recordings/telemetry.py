@@ -53,6 +53,20 @@ class Telemetry:
     samples: NDArray[Any] | None = field(default=None, repr=False)
     sources: str = ""
 
+    @classmethod
+    def of_rows(cls, file: Path, axes: list[str], period_ns: int, rows: NDArray[Any], configuration: str) -> Telemetry:
+        """Rows (n,) that are in memory, as if `file` held them; `configuration` is the text that they ran with."""
+
+        def column(path: str) -> NDArray[Any]:
+            of_axis, _, rest = path.partition(".")
+            place, _, name = rest.partition(".")
+            return np.asarray(rows[of_axis][name][:, int(place)] if rest else rows[path])
+
+        return cls(
+            file, axes, period_ns, rows.dtype, configuration, "", {},
+            lambda paths: iter([{path: column(path) for path in paths}]), lambda: iter([rows]), list,
+        )  # fmt: skip
+
     def names(self) -> dict[str, str]:
         """Paths by the names that their columns have: ``cycle``, ``strain_um_x``."""
         found = {name: name for name in self.dtype.names or () if self.dtype[name].subdtype is None}

@@ -72,9 +72,10 @@ class Rerun:
         self._scratch = np.zeros(1, ROW)
 
     def rows(self, parameters: NDArray[Any], models: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Rows (n,) with the set `parameters` (1,) from the first on; valid until the next call.
+        """Rows (n,) with the set `parameters` (1,) from the first on, as far as they track; valid until the next call.
 
-        The axes follow what they followed in the recording, a tracker's signal by the predictor of `parameters`.
+        Where the cell leaves TRACKING, that row is the last. The axes follow what they followed in the recording, a
+        tracker's signal by the predictor of `parameters`.
         """
         window = self.window
         self._sets[0], self._sets[1] = window.parameters[0], parameters[0]
@@ -83,7 +84,7 @@ class Rerun:
                 new["reference"] = old["reference"]
         self._sets[1]["version"] = window.parameters[0]["version"]
         same = self._sets[0].tobytes() == self._sets[1].tobytes()
-        replay_rows(
+        count = replay_rows(
             self._sets,
             window.state.copy(),
             window.signals.copy(),
@@ -93,11 +94,13 @@ class Rerun:
             window.commands,
             self._rows,
             NO_SWAP if same else SWAP_BEFORE,
+            window.first,
             self.models.nominal if models is None else models,
             self.models.begin.copy(),
+            self.models.free_um,
             self._scratch,
         )
-        return self._rows
+        return self._rows[:count]
 
     def figures(self, rows: NDArray[Any]) -> Array:
         """rms, p99 and peak (3, axes) of the path error (um) behind the settling, as long as `rows` track."""
@@ -111,7 +114,7 @@ class Rerun:
 
     def tracked(self, rows: NDArray[Any]) -> int:
         """How many of `rows` pass before the cell leaves TRACKING, or a fault keeps it from getting there."""
-        stopped = (rows["fault"] != NO_FAULT) & (self.window.rows["fault"] == NO_FAULT)
+        stopped = (rows["fault"] != NO_FAULT) & (self.window.rows["fault"][: len(rows)] == NO_FAULT)
         stopped[self.window.first :] |= rows["state"][self.window.first :] != TRACKING
         return int(np.argmax(stopped)) if stopped.any() else len(rows)
 

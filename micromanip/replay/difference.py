@@ -51,7 +51,6 @@ DIFFERENCE_MODEL = record(
 ``coupling``: how much each axis moves along this one, 1 for itself."""
 DIFFERENCE_STATE = record(
     ("plays", "f8", (MAX_PLAYS,)),
-    ("recorded_plays", "f8", (MAX_PLAYS,)),
     ("free_um", "f8", (ORDER,)),
     ("strain_um", "f8", (ORDER,)),
     ("pid", "f8", (PID_STATES,)),
@@ -96,10 +95,9 @@ def advance_difference(m: Record, s: Record) -> None:
 
 
 @compiled
-def give_voltage(m: Record, s: Record, voltage_V: float, recorded_V: float) -> None:
-    """The voltages that the present cycle ends with: that of the other tuning, and the recorded one."""
-    free = model_output(m["hysteresis"], s["plays"], voltage_V)
-    free -= model_output(m["hysteresis"], s["recorded_plays"], recorded_V)
+def give_voltage(m: Record, s: Record, voltage_V: float, recorded_um: float) -> None:
+    """The voltage that the present cycle ends with, and the free displacement under the recorded one."""
+    free = model_output(m["hysteresis"], s["plays"], voltage_V) - recorded_um
     s["free_um"][0] = free
     pid, within, strain = s["pid"], 0.0, s["strain_um"][0]
     for i in range(PID_STATES):
@@ -117,8 +115,13 @@ def give_voltage(m: Record, s: Record, voltage_V: float, recorded_V: float) -> N
 
 
 @compiled
-def at_age(ring: Any, s: Record, age_ns: int, period_ns: int) -> float:
-    """The difference of a sample that was taken `age_ns` ago; the oldest one remembered where that is longer."""
-    cycles = (age_ns + period_ns // 2) // period_ns
-    difference: float = ring[(s["cycle"] - max(0, min(_MASK, cycles))) & _MASK]
+def cycles_ago(age_ns: int, period_ns: int) -> int:
+    """Cycles since a sample was taken; those of the oldest that is remembered where it is older."""
+    return max(0, min(_MASK, (age_ns + period_ns // 2) // period_ns))
+
+
+@compiled
+def at_age(ring: Any, s: Record, cycles: int) -> float:
+    """The difference of `cycles` ago."""
+    difference: float = ring[(s["cycle"] - cycles) & _MASK]
     return difference

@@ -69,10 +69,14 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Models:
-    """Models of all axes, with the state (MAX_AXES,) that they begin in, as `replay_rows` takes them."""
+    """Models of all axes, with the state (MAX_AXES,) that they begin in, as `replay_rows` takes them.
+
+    `free_um` (n, MAX_AXES) are their free displacements under the voltages of the window.
+    """
 
     nominal: NDArray[Any]
     begin: NDArray[Any]
+    free_um: Array
     actuators: list[Actuator]
 
     def drawn(self, seed: int) -> NDArray[Any]:
@@ -99,7 +103,7 @@ def fit_models(window: Window, configuration: Configuration) -> Models:
     Raises CheckFailed where a gauge is not fresh in nearly every cycle, or the rows tell too little of an actuator.
     """
     models, begin = np.zeros(MAX_AXES, DIFFERENCE_MODEL), np.zeros(MAX_AXES, DIFFERENCE_STATE)
-    actuators = []
+    actuators, free_um = [], np.zeros((len(window.rows), MAX_AXES))
     for i, (name, axis) in enumerate(configuration.axes.items()):
         if axis.outer is None:
             raise CheckFailed(f"{window.file}: axis {name} has no model of its stage (outer.model) in the recording")
@@ -115,6 +119,7 @@ def fit_models(window: Window, configuration: Configuration) -> Models:
         free = np.empty(len(rows))
         voltage = np.ascontiguousarray(rows["voltage_V"])
         displacements(models["hysteresis"][i : i + 1].copy(), begin[i]["plays"].copy(), voltage, free)
+        free_um[:, i] = free
         seen = slice(max(window.first, len(rows) - _MOST_ROWS), None)
         actuator = _fit_actuator(
             rows["strain_um"][seen], free[seen], axis.outer.oscillation_Hz, window.period_ns * 1e-9
@@ -126,7 +131,7 @@ def fit_models(window: Window, configuration: Configuration) -> Models:
         change = np.diff(voltage)
         _fill_loop(m, axis, float(np.diff(free) @ change / (change @ change)), window.period_ns * 1e-9)
         _fill_stage(m, axis.outer)
-    return Models(models, begin, actuators)
+    return Models(models, begin, free_um, actuators)
 
 
 def _fill_hysteresis(h: Any, s: Any, window: Window, i: int) -> None:
@@ -144,7 +149,6 @@ def _fill_hysteresis(h: Any, s: Any, window: Window, i: int) -> None:
         s["plays"][k] = (z[k] - after) / partial
         after += h["rho"][k] * s["plays"][k]
         partial -= float(h["rho"][k])
-    s["recorded_plays"] = s["plays"]
 
 
 def _fit_actuator(strain: Array, free: Array, tooth_Hz: float | None, period_s: float) -> Actuator | None:
@@ -177,7 +181,7 @@ def _fill_loop(m: Any, axis: Axis, slope_um_per_V: float, period_s: float) -> No
     m["feedforward"] = 0.0 if axis.inner.mode == "pid" else 1.0
     if axis.inner.mode == "feedforward":
         return
-    pid = pid_system(axis.inner, period_s).scaled(slope_um_per_V)
+    pid = pid_system(axis.running_inner, period_s).scaled(slope_um_per_V)
     n = len(pid.A)
     m["pid_A"][:n, :n], m["pid_B"][:n], m["pid_C"][:n], m["pid_D"] = pid.A, pid.B, pid.C, pid.D
 

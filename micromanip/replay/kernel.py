@@ -20,7 +20,7 @@ from micromanip.rt.jit import Compiler
 from micromanip.rt.loop import supervise
 from micromanip.rt.record import MAX_AXES, Record
 from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS, array_of
-from micromanip.rt.states import HOST_DEAD
+from micromanip.rt.states import HOST_DEAD, TRACKING
 from micromanip.rt.swap import swap_cell
 from micromanip.rt.telemetry import (
     ABOVE,
@@ -53,13 +53,18 @@ from micromanip.rt.telemetry import (
     write_row,
 )
 
-from .difference import DIFFERENCE_MODEL, DIFFERENCE_STATE, advance_difference, at_age, give_voltage
+from .difference import DIFFERENCE_MODEL, DIFFERENCE_STATE, advance_difference, at_age, cycles_ago, give_voltage
 
 NO_SWAP, SWAP_BEFORE, SWAP_AFTER = range(3)
 """Another set of parameters in the first row: none, from its cycle on, or behind its cycle, as a promotion does."""
 
-NOTHING_DIFFERS = (np.zeros(MAX_AXES, DIFFERENCE_MODEL), np.zeros(MAX_AXES, DIFFERENCE_STATE), np.zeros(1, ROW))
-"""Models, their state, and room for a row, where the tuning is the recorded one."""
+NOTHING_DIFFERS = (
+    np.zeros(MAX_AXES, DIFFERENCE_MODEL),
+    np.zeros(MAX_AXES, DIFFERENCE_STATE),
+    np.zeros((0, MAX_AXES)),
+    np.zeros(1, ROW),
+)
+"""Models, their state, free displacements, and room for a row, where the tuning is the recorded one."""
 
 _compiled = Compiler(__file__)
 _ANY = (-math.inf, math.inf)
@@ -188,21 +193,23 @@ def _differ(p: Record, models: Any, differences: Any, row: Record, periods: int)
         for _ in range(periods):
             advance_difference(models[i], differences[i])
     for i in range(p["axes"]):
-        axis, strains = row["axis"][i], differences[i]["strains"]
+        axis, own = row["axis"][i], differences[i]
+        ago = cycles_ago(axis["stage_age_ns"], period_ns)
         seen, stage = 0.0, 0.0
         for j in range(p["axes"]):
             d, share = differences[j], models[i]["coupling"][j]
-            seen += share * at_age(d["stages"], d, axis["stage_age_ns"], period_ns)
-            stage += share * at_age(d["stages"], d, 0, period_ns)
-        axis["strain_um"] += at_age(strains, differences[i], axis["strain_age_ns"], period_ns)
+            if share != 0.0:
+                seen += share * at_age(d["stages"], d, ago)
+                stage += share * at_age(d["stages"], d, 0)
+        axis["strain_um"] += at_age(own["strains"], own, cycles_ago(axis["strain_age_ns"], period_ns))
         axis["stage_um"] += seen
-        axis["true_strain_um"] += at_age(strains, differences[i], 0, period_ns)
+        axis["true_strain_um"] += at_age(own["strains"], own, 0)
         axis["true_stage_um"] += stage
         axis["path_error_um"] -= stage
 
 
 @_compiled.entry(
-    types.void(
+    types.int64(
         PARAMETERS,
         STATES,
         SIGNALS,
@@ -212,8 +219,10 @@ def _differ(p: Record, models: Any, differences: Any, row: Record, periods: int)
         WORDS,
         ROWS,
         types.int64,
+        types.int64,
         array_of(DIFFERENCE_MODEL),
         array_of(DIFFERENCE_STATE),
+        types.float64[:, ::1],
         ROWS,
     ),
 )
@@ -227,16 +236,20 @@ def replay_rows(
     commands: Any,
     replayed: Any,
     swap: int,
+    tracks_from: int,
     models: Any,
     differences: Any,
+    free_um: Any,
     scratch: Any,
-) -> None:
+) -> int:
     """Run the cycles of the rows `recorded` (n,) from `state` (1,) on; their own rows go to `replayed` (n,).
+    Returns how many those are: from row `tracks_from` on, the first that leaves TRACKING is the last.
 
     `parameters` (2,) are the set in force and, with `swap`, the one that comes in the first row; `commands` (n,) are
     those that were carried out. The order within a cycle is that of the loop, ``rt/loop.py``; coordinates of a tracker
     are in the rows as the axes' deviations already. Where `models` (MAX_AXES,) are present, what the voltages do
-    otherwise is added to the rows, its state in `differences` (MAX_AXES,); `scratch` is one row.
+    otherwise is added to the rows, its state in `differences` (MAX_AXES,); `free_um` (n, MAX_AXES) are the free
+    displacements under the recorded ones, `scratch` is one row.
     """
     p, s = parameters[0], state[0]
     differs = models[0]["present"] != 0
@@ -260,5 +273,8 @@ def replay_rows(
             p = parameters[1]
         if differs:
             for i in range(p["axes"]):
-                give_voltage(models[i], differences[i], s["axis"][i]["voltage_V"], recorded[k]["axis"][i]["voltage_V"])
+                give_voltage(models[i], differences[i], s["axis"][i]["voltage_V"], free_um[k, i])
         write_row(p, s, signals, replayed[k], now_ns, row["lateness_ns"], row["compute_ns"], periods)
+        if k >= tracks_from and s["state"] != TRACKING:
+            return k + 1
+    return len(recorded)

@@ -153,8 +153,9 @@ class Run:
         commands = commands_of(rows, int(state["state"][0]), int(state["fault"][0]))
         replayed = np.zeros(len(rows), ROW)
         samples = self.recorded.samples
+        whole = swap, len(rows)
         replay_rows(
-            self.sets, state, self.signals, self.outputs, samples, rows, commands, replayed, swap, *NOTHING_DIFFERS
+            self.sets, state, self.signals, self.outputs, samples, rows, commands, replayed, *whole, *NOTHING_DIFFERS
         )
         return first_unequal(rows, replayed, self.outcome.axes), commands
 

@@ -26,6 +26,7 @@ from micromanip.rt.laws.reference import (
     SIGNAL,
     jog_reference,
     own_reference,
+    previewed,
     signal_reference,
     signal_sample,
 )
@@ -34,7 +35,7 @@ from micromanip.rt.laws.sensor import read_line, read_signal
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, FROZEN, LIFTING, PARKING, SWEEPING
 from .record import Record
-from .setpoint_history import measure_errors, remember_setpoint, start_history
+from .setpoint_history import ease_times, measure_errors, remember_setpoint, start_history, start_times
 from .states import STAGE, VOLTAGE
 
 _ANY_UM = (-math.inf, math.inf)
@@ -55,6 +56,8 @@ def axis_cycle(
     advance_move(p["move"], s["move"], cycle, steady)
     if phase in (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED):
         estimate(p, s, cycle)
+        if s["preview_s"] != p["preview_s"] or s["awaited_cycles"] != p["awaited_cycles"]:
+            ease_times(p, s)
         track_reference(p, s, now_ns, t_s, samples)
         if p["learned"]["rows"] > 0:
             follows = fraction == 1.0 and may_be_excited(s, phase, fraction)
@@ -133,7 +136,7 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     follows = p["reference"]["kind"] == SIGNAL
     s["authority"] += max(-p["authority_step"], min(p["authority_step"], authority(p, s) - s["authority"]))
     if phase != CLOSED:
-        target = p["centre_um"] if stage or follows else w[0]
+        target = p["centre_um"] if stage or follows else s["ahead_um"]
         return s["start_um"] + fraction * (target - s["start_um"]) + s["offset"]
     if stage and s["estimator"]["running"] == 0:
         return s["setpoint_um"]
@@ -142,7 +145,7 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     s["hold_um"] += s["move"]["speed_um"]
     if not stage:
         s["closed"] = 1
-        target = p["centre_um"] + s["authority"] * w[0] if follows else w[0]
+        target = p["centre_um"] + s["authority"] * w[0] if follows else s["ahead_um"]
         rest = p["centre_um"] if follows else s["hold_um"]
         held = rest + s["hold_scale"] * (s["hold_um"] - rest)
         return held + fraction * (target - held)
@@ -227,13 +230,17 @@ def is_finite(p: Record, s: Record) -> bool:
 
 @compiled
 def track_reference(p: Record, s: Record, now_ns: int, t_s: float, samples: Any) -> None:
-    """Reference state w of this very moment, from the axis' own source or its signal."""
+    """Reference state w of this very moment, from the axis' own source or its signal; a known one also ahead of it."""
     if p["reference"]["kind"] == SIGNAL:
         signal_reference(p["reference"], s["reference"], now_ns)
     elif p["reference"]["kind"] == JOG:
         jog_reference(p["reference"], s["reference"], t_s >= 0.0)
+        s["ahead_um"] = s["reference"]["w"][0]
     else:
         own_reference(p["reference"], s["reference"]["w"], t_s, samples)
+        s["ahead_um"] = s["reference"]["w"][0]
+        if s["preview_s"] > 0.0:
+            s["ahead_um"] = previewed(p["reference"], s["reference"], t_s + s["preview_s"], samples)
 
 
 @compiled
@@ -251,6 +258,7 @@ def start_axis(p: Record, s: Record) -> None:
     s["start_um"] = s["voltage_V"] if p["mode"] == VOLTAGE else s["strain"]["value"]
     s["setpoint_um"] = s["start_um"]
     start_history(s)
+    start_times(p, s)
     start_feedforward(p["hysteresis"], s["hysteresis"], s["setpoint_um"], s["voltage_V"])
     feedforward = feedforward_voltage(p["hysteresis"], s["hysteresis"], s["setpoint_um"])
     start_pid(p["pid"], s["pid"], 0.0, s["voltage_V"] - feedforward)

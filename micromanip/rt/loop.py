@@ -3,7 +3,7 @@
 Each period: wait for the deadline, exchange with the hardware, take over parameters and commands,
 run the cell (``cell.py``, ``axis.py``), publish a telemetry row. After an overrun the missed cycles are
 counted and skipped, never made up in a burst: the deadline moves on along its grid, and the laws are
-told how many periods really passed.
+told how many periods really passed. A driver with a clock may move that grid, by a hundredth of a period a cycle.
 """
 
 from __future__ import annotations
@@ -52,6 +52,9 @@ from .swap import swap_cell
 from .telemetry import write_row
 from .transitions import pass_missed
 
+STEERED_SHARE = 100
+"""The next deadline is moved by this part of a period at most."""
+
 
 @compiled
 def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> None:
@@ -90,7 +93,7 @@ def publish(words: Any, s: Any) -> None:
 @compiled.entry(
     types.void(
         *(WORDS, PARAMETERS, WORDS, STATES, STATES, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES),
-        *(WORDS, ROWS, WORDS, WORDS, WORDS, types.int64),
+        *(WORDS, ROWS, WORDS, WORDS, WORDS, types.int64, WORDS),
     )
 )
 def run_loop(
@@ -111,8 +114,12 @@ def run_loop(
     compute: Any,
     timespec: Any,
     spin_ns: int,
+    steering_ns: Any,
 ) -> None:
-    """Run until the state is OFF; `states`, `shadows` and `snapshots` have one element, `parameters` one a slot."""
+    """Run until the state is OFF; `states`, `shadows` and `snapshots` have one element, `parameters` one a slot.
+
+    `steering_ns` has one, by which the next deadline is to come later: a driver's, written in ``exchange``, or 0.
+    """
     s = states[0]
     p = parameters[load_acquire(control, SLOT)]
     before, candidate, shadow = p, p, shadows[0]
@@ -172,4 +179,5 @@ def run_loop(
         count(compute, compute_ns)
         status[COMPUTE_MAX_NS] = max(status[COMPUTE_MAX_NS], compute_ns)
         status[CYCLES_RUN] += 1
-        deadline += p["period_ns"]
+        most_ns = p["period_ns"] // STEERED_SHARE
+        deadline += p["period_ns"] + min(max(steering_ns[0], -most_ns), most_ns)

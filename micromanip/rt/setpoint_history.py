@@ -2,8 +2,12 @@
 
 A bus delivers samples late and keeps outputs waiting. Compared with the set-point of now, every moving set-point would
 look like an error of speed times delay, which the PID would put right by leading it. So the axis remembers its
-set-points of the last cycles. What the configuration says of the output's way (``answer_cycles``) counts too: a gauge
-shows the set-point whose voltage has arrived. A fresh sample of this very cycle is compared with the present set-point.
+set-points of the last cycles. What the configuration says of the output's way (``answer_cycles``) and of the lags of
+actuator and gauge (``awaited_cycles``, not whole ones) counts too: a gauge shows the set-point whose voltage has
+arrived. Where it says nothing, a fresh sample of this very cycle is compared with the present set-point.
+
+A known reference is followed ahead by the lag of the actuator (``preview_s``), so that the position is where the
+reference is now. Both times change gently (``ease_times``): a moving set-point must not jump with them.
 
 There is one error of each kind per cycle (``measure_errors``): what the PID acts on, what is watched and what is scored
 is the same number.
@@ -18,6 +22,8 @@ from .jit import compiled
 from .record import Record
 
 _MASK = INPUT_HISTORY - 1
+_GENTLY = 0.01
+"""Share of the time that passes by which what is ahead, or awaited, may change."""
 
 
 @compiled
@@ -41,6 +47,27 @@ def remember_setpoint(s: Record, cycle: int) -> None:
 
 
 @compiled
+def start_times(p: Record, s: Record) -> None:
+    """The axis rests: what is ahead and what is awaited are where they are now."""
+    s["preview_s"], s["awaited_cycles"] = p["preview_s"], p["awaited_cycles"]
+
+
+@compiled
+def ease_times(p: Record, s: Record) -> None:
+    """Lead the times in force to those of the parameters; the set-point is a little faster, or slower, meanwhile."""
+    period_s = 1e-9 / p["cycles_per_ns"]
+    s["preview_s"] = _nearer(s["preview_s"], p["preview_s"], _GENTLY * period_s)
+    s["awaited_cycles"] = _nearer(s["awaited_cycles"], p["awaited_cycles"], _GENTLY)
+
+
+@compiled
+def _nearer(value: float, target: float, step: float) -> float:
+    if abs(target - value) <= step:
+        return target
+    return value + step if target > value else value - step
+
+
+@compiled
 def _place(s: Record, cycle: int) -> int:
     """Place of `cycle`, or of the nearest one that is remembered."""
     return max(s["wanted_cycle"] - _MASK, min(s["wanted_cycle"], cycle)) & _MASK
@@ -49,8 +76,14 @@ def _place(s: Record, cycle: int) -> int:
 @compiled
 def strain_error(p: Record, s: Record, cycle: int) -> float:
     """Set-point less gauge (um), by the newest sample of the gauge as it stands in `cycle`."""
-    taken = cycle - int(s["strain"]["age_ns"] * p["cycles_per_ns"] + 0.5)
-    return s["setpoints"][_place(s, taken - p["answer_cycles"])] - s["strain"]["value"]
+    wanted = cycle - int(s["strain"]["age_ns"] * p["cycles_per_ns"] + 0.5) - p["answer_cycles"]
+    setpoint_um = s["setpoints"][_place(s, wanted)]
+    if s["awaited_cycles"] > 0.0:
+        whole = int(s["awaited_cycles"])
+        setpoint_um = s["setpoints"][_place(s, wanted - whole)]
+        before_um = s["setpoints"][_place(s, wanted - whole - 1)]
+        setpoint_um += (s["awaited_cycles"] - whole) * (before_um - setpoint_um)
+    return setpoint_um - s["strain"]["value"]
 
 
 @compiled

@@ -24,6 +24,7 @@ from micromanip.settings.wiring.places import Wiring, driver_options, wire
 from micromanip.settings.wiring.simulated import simulated_findings
 from micromanip.settings.wiring.simulation import build_plant
 
+from .actuators import actuator_findings
 from .feedback import feedback_findings
 from .load import validate_document
 from .names import name_findings
@@ -83,7 +84,12 @@ def validate(source: Source) -> Configuration:
     configuration = validate_document(source)
     _refuse(
         source,
-        [*name_findings(configuration), *_reach(configuration), *_machine(configuration)],
+        [
+            *name_findings(configuration),
+            *_reach(configuration),
+            *_machine(configuration),
+            *actuator_findings(configuration),
+        ],
     )
     return configuration
 

@@ -81,7 +81,7 @@ def strain_loop(
     ways_s = strain.latency_s + voltage.latency_s + _LOOP_CYCLES * period_s
     wait_s = write_s if write_s > 1.5 * period_s else 0.0
     slope = mean_slope(configuration, name) if slope is None else slope
-    found = _margins(inner or axis.inner, slope, sample_s, 0.5 * sample_s + ways_s + wait_s)
+    found = _margins(inner or axis.running_inner, slope, sample_s, 0.5 * sample_s + ways_s + wait_s)
     return StrainLoop(name, f"{_shown(strain)} + {_shown(voltage)}", sample_s + ways_s + write_s, *found)
 
 

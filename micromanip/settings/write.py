@@ -83,6 +83,8 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
             section = _own_section(document["axes"], name)
             section["inner"] = _plain(axis.inner.model_dump())
             _put_models(section, axis)
+            if axis.actuator is not None:
+                section["actuator"] = _plain(axis.actuator.model_dump(exclude_none=True))
             if axis.commissioned is not None:
                 section["commissioned"] = _plain(axis.commissioned.model_dump())
 

@@ -11,8 +11,16 @@ from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput, SafeState
 from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING
-from micromanip.rt.steady.gate import decide, note_given, rests, state_holds, take_wanted
-from micromanip.rt.steady.records import STEADY
+from micromanip.rt.steady.gate import (
+    decide,
+    note_given,
+    note_sent,
+    rests,
+    state_holds,
+    take_confirmed,
+    take_wanted,
+)
+from micromanip.rt.steady.records import INBOX, STEADY
 
 NOW_NS, DEAD_NS = 10**12, 10**8
 OUTPUTS = (
@@ -26,6 +34,7 @@ SAFE = [output.safe for output in OUTPUTS]
 EVERY = range(len(OUTPUTS))
 TASKS = ((0, 2), (1, 3, 4))
 NONE = np.zeros(0, np.int64), np.zeros(0)
+OUTCOMES = ("first", "second", "in doubt", "held", "sent", "confirmed")
 
 wanted = st.tuples(
     *[st.one_of(st.floats(-30.0, 160.0), st.sampled_from([0.0, 10.0, math.nan, math.inf, 1e-10]))] * 2,
@@ -50,17 +59,17 @@ def following():
 
 def lent(safe):
     record = np.zeros(1, STEADY)[0]
-    record["outputs"], record["following"] = len(OUTPUTS), safe.state == FOLLOWING
+    record["outputs"], record["tasks"], record["following"] = len(OUTPUTS), len(TASKS), safe.state == FOLLOWING
     for task, outputs in zip(record["task"], TASKS, strict=False):
         task["outputs"], task["output"][: len(outputs)] = len(outputs), outputs
     safe.lend(record)
     return record
 
 
-@given(st.lists(st.tuples(wanted, st.sampled_from(["first", "second", "in doubt", "held"])), min_size=1, max_size=20))
+@given(st.lists(st.tuples(wanted, st.sampled_from(OUTCOMES)), min_size=1, max_size=20))
 def test_values_that_follow_are_the_same(steps):
-    safe, image = following(), np.zeros(1, IMAGE)[0]
-    record = lent(safe)
+    safe, image, inbox = following(), np.zeros(1, IMAGE)[0], np.zeros(1, INBOX)[0]
+    record, sent = lent(safe), None
     refused = safe.refused
     for asked, outcome in steps:
         record["wanted"][: len(asked)] = asked
@@ -71,11 +80,22 @@ def test_values_that_follow_are_the_same(steps):
         assert safe.refused - refused == record["refused"]
         if outcome == "in doubt":
             safe.attempted(TASKS[0], values)
-            record, refused = lent(safe), safe.refused
+            record, refused, sent = lent(safe), safe.refused, None  # a new stay in the compiled loop
+        elif outcome == "sent":
+            sent = values
+            safe.attempted(TASKS[0], values)
+            note_sent(record, 0)
+        elif outcome == "confirmed":
+            inbox["confirmed"][0] = 1
+            take_confirmed(record, image, inbox, *NONE, NOW_NS)
+            if sent is not None:
+                safe.given(TASKS[0], sent)
+                assert image["sent"][: len(EVERY)].tolist() == safe.last
+            sent = None
         elif outcome != "held":
             task = int(outcome == "second")
             safe.given(TASKS[task], values)
-            note_given(record, image, *NONE, task, NOW_NS)
+            note_given(record, image, *NONE, task, record["value"], NOW_NS)
             assert image["sent"][: len(EVERY)].tolist() == safe.last
 
 
@@ -117,7 +137,7 @@ def test_a_worker_that_is_killed_is_followed_from_what_was_given_last(tmp_path: 
         decide(record)
         record["memory_turn"] = memory.turn
         for task in (0, 1):
-            note_given(record, image[0], *memory.slots(), task, NOW_NS)
+            note_given(record, image[0], *memory.slots(), task, record["value"], NOW_NS)
         memory.turn = int(record["memory_turn"])
         expected = [volts, 11.0, 1.0, 0.0, 7.0]
         assert LastGiven.open("a device", names, tmp_path).read() == expected

@@ -175,6 +175,40 @@ def test_the_command_lists_answers_and_makes_a_page(made, tmp_path, capsys, monk
     assert "is not looked through; these are: " in capsys.readouterr().err
 
 
+def test_days_of_a_trend_are_found_and_how_a_figure_went(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    days = tmp_path / "days"
+    days.mkdir()
+    head = "time,seconds,cycles,overruns,link_down_cycles,state,fault,error_um_x_rms,error_um_y_rms"
+    for day, error in (("2026-11-01", 0.3), ("2026-11-02", 0.4)):
+        rows = [f"{day}T10:0{k}:00,{20 * (k + 1)},1,0,0,7,{3 * k},{error + k},0.1" for k in range(2)]
+        (days / f"{day}-minutes.csv").write_text("\n".join([head, *rows]) + "\n")
+        (days / f"{day}-seconds.csv").write_text(f"{head}\n")
+    (days / "2026-11-03-minutes.csv").write_text(f"{head}\nsoon\n")
+    (days / "others.csv").write_text("a,b\n1,2\n")
+
+    assert code_of("runs", "--trend", "error_um") == 1
+    assert "no trend was found; `trend: {}` in the configuration keeps one" in capsys.readouterr().err
+    assert code_of("runs", "--add", days, "--kind", "trend", "--json") == 0
+    damaged, *found = json.loads(capsys.readouterr().out)["found"]
+    assert "minutes.csv:2: this row has 1 values, the head 9" in damaged["problem"]
+    assert [entry["began"] for entry in found] == ["2026-11-02T10:00:00+00:00", "2026-11-01T10:00:00+00:00"]
+    assert [entry["seconds"] for entry in found] == [60.0, 60.0]
+    rms = {"x": pytest.approx(np.sqrt((0.4**2 + 2 * 1.4**2) / 3), rel=1e-5), "y": 0.1}
+    assert (found[0]["rms_um"], found[0]["faults"]) == (rms, [KINDS[3].code])
+
+    (days / "2026-11-03-minutes.csv").unlink()
+    page = tmp_path / "page.html"
+    assert code_of("runs", "--trend", "error_um_x", "--until", "2026-11-01", "--json", "--page", page) == 0
+    ((trend,), text) = json.loads(capsys.readouterr().out)["trends"], page.read_text()
+    assert (trend["folder"], trend["from"], trend["to"]) == (str(days), "2026-11-01T10:00:00", "2026-11-01T10:01:00")
+    assert [(each["field"], each["last"]) for each in trend["courses"]] == [("error_um_x_rms", 1.3)]
+    assert "Trend of error_um_x" in text
+    assert "<svg" in text
+    assert code_of("runs", "--trend", "eror_um") == 64
+    assert "there is no column eror_um; did you mean" in capsys.readouterr().err
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
 def test_what_may_not_be_read_is_passed_over(made, tmp_path):
     file = tmp_path / "closed.mcap"

@@ -39,6 +39,23 @@ def test_a_file_of_matlab_in_millimetres_and_milliseconds_is_the_same(csv, tmp_p
     assert found["notes"] == ["y: mm turned into um"]
 
 
+def test_a_file_of_another_program_in_mcap_is_the_same(csv, tmp_path, capsys):
+    mcap = pytest.importorskip("mcap.writer")
+    t, u, y = columns(csv)
+    with (tmp_path / "x.mcap").open("wb") as out:
+        writer = mcap.Writer(out)
+        writer.start()
+        channel = writer.register_channel("/axis", "json", 0)
+        for t_s, u_V, y_um in zip(t, u, y, strict=True):
+            at_ns = 10**18 + round(1e9 * t_s)
+            writer.add_message(channel, at_ns, json.dumps({"drive": {"u": u_V}, "y": y_um}).encode(), at_ns)
+        writer.finish()
+    plain, _ = figures(capsys, csv, *QUICK)
+    found, told = figures(capsys, tmp_path / "x.mcap", "--input", "/axis.drive.u:V", "--output", "y:um", *QUICK[4:])
+    assert found["rms_percent"] == pytest.approx(plain["rms_percent"], rel=1e-3)
+    assert "read x.mcap: /axis.drive.u in V, /axis.y in um; 3000 samples every 0.002 s (500 Hz), 6 s\n" in told
+
+
 def test_cut_and_rate(csv, capsys):
     _, told = figures(capsys, csv, *QUICK, "--cut", "1:5", "--resample", "250")
     assert "1000 samples every 0.004 s (250 Hz), 4 s" in told

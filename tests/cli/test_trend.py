@@ -44,6 +44,20 @@ def test_days(folder, capsys):
     assert found["gaps"] == [{"from": "2026-11-02T00:00:00", "to": "2026-11-02T09:00:00", "seconds": 32_400}]
 
 
+def test_how_figures_went(folder, capsys):
+    """Forty-eight equal times of 72 hours, of which the second to the sixth lie in the night."""
+    found = answer(capsys, folder, "--field", "error_um_x", "--field", "lateness_us_max")
+    assert (found["from"], found["to"]) == ("2026-11-01T23:00:00", "2026-11-04T22:59:00")
+    error, late = found["courses"]
+    assert error == {
+        "field": "error_um_x_rms", "drawn": "▁" + 5 * " " + "█" + 41 * "█", "least": 0.3, "greatest": 0.4, "last": 0.4
+    }  # fmt: skip
+    assert (late["least"], late["greatest"], late["last"]) == (59, 4319, 4319)
+    assert list(late["drawn"].replace(" ", "")) == sorted(late["drawn"].replace(" ", ""))
+    assert code_of("trend", folder, "--field", "lateness_us_max") == 0
+    assert late["drawn"] in capsys.readouterr().out
+
+
 def test_hours_of_two_days(folder, capsys):
     found = answer(capsys, folder, "--until", "2026-11-02T10:30", "--field", "error_um_x", "--field", "state")
     periods = {period["begins"]: period for period in found["periods"]}

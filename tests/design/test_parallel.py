@@ -5,7 +5,8 @@ import sys
 import joblib
 import pytest
 
-from micromanip.design.loops import cluster, each
+from micromanip.design.cluster import cluster
+from micromanip.design.loops import each
 from micromanip.errors import DeviceUnavailable, UsageError
 
 

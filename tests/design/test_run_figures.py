@@ -281,6 +281,23 @@ def test_the_spectrum_in_parts_is_welchs(lengths, count):
     assert found.power.sum(axis=1).mean() == pytest.approx(density.sum() * frequency[1], rel=1e-9)
 
 
+def test_the_first_piece_may_be_the_damaged_one(tmp_path):
+    """Though what describes the rows stands in it, too."""
+    file = recording(tmp_path / "run.mcap")
+    whole = open_telemetry(file)
+    damage(file, 0.0)
+    telemetry = open_telemetry(file)
+    assert (telemetry.dtype, telemetry.axes, telemetry.sha256) == (whole.dtype, whole.axes, whole.sha256)
+    run = RecordedRun(telemetry)
+    (gap,) = run.unread
+    assert gap.cycles <= 1000
+    assert run.axis["x"].samples == 20_000 - gap.cycles
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 2])  # cut off, there is nowhere else to read it
+    with pytest.raises(CheckFailed, match="damaged"):
+        open_telemetry(file)
+
+
 def test_a_damaged_piece_is_told_and_the_rest_is_read(tmp_path, capsys):
     file = recording(tmp_path / "run.mcap")
     whole = run_figures(RecordedRun(open_telemetry(file)))

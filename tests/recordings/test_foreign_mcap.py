@@ -1,5 +1,7 @@
 """Our messages as other programs save them again: other chunks, other compression, channels and files of their own."""
 
+import json
+
 import numpy as np
 import pytest
 from host.test_mcap_recording import begun, slots, some_rows
@@ -11,6 +13,10 @@ from mcap.writer import CompressionType, Writer
 from micromanip.design.recorded_run import RecordedRun
 from micromanip.errors import CheckFailed
 from micromanip.recordings import open_telemetry
+from micromanip.recordings.reading import read_table
+from micromanip.recordings.taking import Wanted, take
+
+from .damaged import damage
 
 
 def written_again(source, target, compression, chunk_bytes):
@@ -61,3 +67,74 @@ def test_a_file_without_chunks_is_told_with_what_to_do(ours, tmp_path):
     file = written_again(ours, tmp_path / "flat.mcap", CompressionType.NONE, 0)
     with pytest.raises(CheckFailed, match=r"flat\.mcap: its messages are in no chunks; `mcap compress` writes a copy"):
         open_telemetry(file)
+
+
+def published(file, topics, encoding="json", **options):
+    """Messages of other programs: (log time in ns, what it says) by topic."""
+    with file.open("wb") as out:
+        writer = Writer(out, **options)
+        writer.start("", "another program")
+        for topic, messages in topics.items():
+            channel = writer.register_channel(topic, encoding, 0)
+            for at_ns, told in messages:
+                writer.add_message(channel, at_ns, json.dumps(told).encode(), at_ns)
+        writer.finish()
+    return file
+
+
+def test_messages_of_json_are_columns(tmp_path):
+    """Time since the first message of all, fields within fields, a message that lacks one; text is left out."""
+    stage = [(5_000_000_000 + 100_000 * k, {"x": {"um": k}, "ends": [k, True], "name": "x"}) for k in range(50)]
+    stage[7][1].pop("x")
+    published(tmp_path / "j.mcap", {"/stage": stage, "/spindle": [(4_999_000_000, {"rpm": 9.5})]})
+    table = read_table(tmp_path / "j.mcap")
+    assert set(table) == {
+        "/stage.log_time",
+        "/stage.x.um",
+        "/stage.ends[0]",
+        "/stage.ends[1]",
+        "/spindle.log_time",
+        "/spindle.rpm",
+    }
+    np.testing.assert_allclose(table["/stage.log_time"], 1e-3 + 1e-4 * np.arange(50), rtol=1e-9)
+    assert np.isnan(table["/stage.x.um"][7])
+    assert table["/stage.ends[0]"].tolist() == list(range(50))
+    stage.pop(7)
+    published(tmp_path / "k.mcap", {"/stage": stage[:7], "/spindle": []})
+    taken = take(tmp_path / "k.mcap", Wanted(["um", "/stage.ends[0]"]))
+    assert (taken.step_s, taken.values[:, 0].tolist()) == (pytest.approx(1e-4), list(range(7)))
+
+
+@pytest.mark.parametrize(
+    ("topics", "options", "says"),
+    [
+        (
+            {"/a": [(0, {"u": 1})], "/b": [(0, {"y": 1})]},
+            {},
+            "/a.u and /b.y are of different topics",
+        ),
+        (
+            {"/a": [(0, {"u": "x"})]},
+            {},
+            "nor messages of JSON with numbers in it; it has no mess",
+        ),
+        (
+            {"/pose": [(0, 1)], "/tf": [(0, 1)]},
+            {"encoding": "cdr"},
+            r"it has /pose \(cdr\), /tf \(cdr\)\.",
+        ),
+        ({"/a": [(0, {"u": 1, "y": 1})]}, {"use_chunking": False}, "`mcap compress` writes a copy"),
+        ({"/a": [(0, {"uu": 1, "y": 1})]}, {}, "there is no column u; its columns are /a.log_time, /a.uu, /a.y"),
+    ],
+)
+def test_what_is_no_recording_is_told(tmp_path, topics, options, says):
+    file = published(tmp_path / "foreign.mcap", topics, **options)
+    with pytest.raises(CheckFailed, match=f"foreign.mcap: .*{says}"):
+        take(file, Wanted(["u", "y"]))
+
+
+def test_a_damaged_file_of_another_program_is_told(tmp_path):
+    file = published(tmp_path / "foreign.mcap", {"/a": [(k, {"u": k, "y": 1}) for k in range(1000)]})
+    damage(file, 0.0)
+    with pytest.raises(CheckFailed, match=r"foreign\.mcap: it is damaged, or not a recording of ours \(crc"):
+        take(file, Wanted(["u", "y"]))

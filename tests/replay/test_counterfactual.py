@@ -16,6 +16,7 @@ from micromanip.replay.comparison import first_unequal
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
+from micromanip.rt.states import TRACKING
 from micromanip.settings.check import revise, validate
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.source import Source
@@ -131,6 +132,16 @@ def test_a_tuning_that_would_stop_the_cell(recorded, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "The cell would have stopped at 6." in printed
     assert re.search("x .* following error .* [0-9]", printed)
+
+
+def test_rows_end_where_the_cell_leaves_tracking(recorded, rerun):
+    parameters = recorded[0].parameters.copy()
+    parameters["axis"]["watch"]["following_um"], parameters["axis"]["watch"]["following_cycles"] = 1e-3, 20
+    rows = rerun.rows(parameters)
+    assert 20 <= len(rows) < len(rerun.window.rows)
+    assert list(np.unique(rows["state"][:-1])) == [TRACKING] != rows["state"][-1]
+    assert rerun.tracked(rows) == len(rows) - 1
+    assert len(rerun.rows(recorded[0].parameters)) == len(rerun.window.rows)
 
 
 def test_the_command(recorded, tmp_path, capsys):

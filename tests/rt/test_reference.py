@@ -26,6 +26,7 @@ from micromanip.rt.laws.reference import (
     extrapolate,
     own_reference,
     position,
+    previewed,
     signal_reference,
     signal_sample,
 )
@@ -42,6 +43,37 @@ def own(p, t_s, samples=NO_SAMPLES):
     w = np.full(REFERENCE_STATES, np.nan)
     own_reference(p, w, t_s, samples)
     return w
+
+
+# -- what is known ahead ----------------------------------------------------------------------------
+
+
+@given(st.floats(-0.5, 2.0), st.floats(0.1, 200.0), st.floats(-180.0, 180.0))
+def test_a_sine_is_known_ahead_as_it_will_be(t_s, frequency_Hz, phase_deg):
+    p = record(
+        REFERENCE_PARAMETERS,
+        kind=SINES,
+        offset_um=70.0,
+        sines=1,
+        amplitude_um=[30.0],
+        omega=[2 * np.pi * frequency_Hz],
+        phase=[math.radians(phase_deg)],
+    )
+    s = record(REFERENCE_STATE)
+    now = s["w"].copy()
+    assert previewed(p, s, t_s, NO_SAMPLES) == own(p, t_s)[0]
+    assert s["w"].tolist() == now.tolist()  # the reference of now is another thing
+
+
+@given(st.floats(-0.002, 0.006))
+def test_between_two_samples_of_a_line_the_reference_is_on_it(t_s):
+    samples = np.column_stack([np.linspace(10.0, 50.0, 41)] * 3)
+    p = record(REFERENCE_PARAMETERS, kind=SAMPLES, samples_per_s=10_000.0)
+    expected = np.clip(10.0 + 1e4 * t_s, 10.0, 50.0)
+    # the first and the last sample are the ends of the movement: there the slope is that of half a step
+    assert previewed(p, record(REFERENCE_STATE), t_s, samples) == pytest.approx(expected, abs=0.51)
+    if 1e-4 < t_s < 3.8e-3:
+        assert previewed(p, record(REFERENCE_STATE), t_s, samples) == pytest.approx(expected, abs=1e-9)
 
 
 # -- extrapolation ----------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from micromanip.rt.laws.estimator import INPUT_HISTORY
-from micromanip.rt.setpoint_history import remember_setpoint, stage_error, strain_error
+from micromanip.rt.setpoint_history import ease_times, remember_setpoint, stage_error, strain_error
 from micromanip.rt.states import COASTING, FALLBACK, NO_FAULT, OSCILLATION, TRACKING
 from micromanip.settings.compile.limits import fill_axis_limits
 from micromanip.settings.schema.faults import AxisFaults, Oscillation
@@ -88,6 +88,32 @@ def test_the_gauge_is_compared_with_the_set_point_it_answers_to(age_us, way, wan
     p, a = moved()
     p["answer_cycles"], a["strain"]["age_ns"], a["strain"]["value"] = way, age_us * 1000, 7.0
     assert strain_error(p, a, 20) == wanted - 7.0
+
+
+@pytest.mark.parametrize(("awaited", "wanted"), [(0.0, 190.0), (0.25, 187.5), (3.0, 160.0), (3.9, 151.0)])
+def test_what_actuator_and_gauge_take_is_awaited_to_a_part_of_a_cycle(awaited, wanted):
+    """On the line between the set-points of two cycles; the bus' way and the sample's age come on top."""
+    p, a = moved()
+    a["awaited_cycles"], a["strain"]["age_ns"], a["strain"]["value"] = awaited, 100_000, 7.0
+    assert strain_error(p, a, 20) == pytest.approx(wanted - 7.0)
+    p["answer_cycles"] = 4
+    assert strain_error(p, a, 20) == pytest.approx(wanted - 47.0)
+
+
+def test_times_that_are_changed_come_gently_and_arrive():
+    """By a hundredth of the time that passes, so that no set-point runs by more than 1 % faster for it."""
+    p, a = moved()
+    p["awaited_cycles"], p["preview_s"] = 3.33, 2.72e-4
+    seen = []
+    for _ in range(400):
+        ease_times(p, a)
+        seen.append((float(a["awaited_cycles"]), float(a["preview_s"])))
+    assert np.diff(seen, axis=0).max(axis=0) == pytest.approx([0.01, 0.01 * 1e-4])
+    assert seen[-1] == (3.33, 2.72e-4)
+    p["awaited_cycles"], p["preview_s"] = 0.0, 0.0
+    for _ in range(400):
+        ease_times(p, a)
+    assert (a["awaited_cycles"], a["preview_s"]) == (0.0, 0.0)
 
 
 def test_the_stage_is_compared_with_the_reference_of_its_time():

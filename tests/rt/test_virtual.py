@@ -10,6 +10,7 @@ from micromanip.design.experiment import with_axes
 from micromanip.rt.states import STRAIN, TRACKING
 from micromanip.rt.swap import swap_cell
 from micromanip.settings.compile.cell import compile_cell
+from micromanip.settings.schema.actuator import Actuator, Resonance
 from micromanip.settings.schema.axis import Inner
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.reference import Hold, Sine, Sines
@@ -19,6 +20,15 @@ from .bench_cell import prepared
 
 pytestmark = pytest.mark.compiled_only  # the drivers of a virtual cell are C functions
 
+ACTUATOR = Actuator(
+    delay_us=190.0,
+    gauge_us=64.0,
+    lag_us=177.0,
+    feedback_percent=80.0,
+    resonances=(
+        Resonance(resonance_Hz=63.0, resonance_damping=0.04, antiresonance_Hz=67.0, antiresonance_damping=0.038),
+    ),
+)
 NOISE_V = 0.055 * 0.6 * 2.0
 """Strain noise through gain and derivative of the PID: what the voltage moves from cycle to cycle anyway."""
 
@@ -124,6 +134,7 @@ SWAPS = {
     "regulator": lambda c: outer(c, control_weight=30.0),
     "observer": lambda c: outer(c, disturbance_um=0.03, oscillation_um=2e-3),
     "no oscillator": lambda c: outer(c, oscillation_Hz=None),
+    "actuator": lambda c: with_axes(c, actuator=ACTUATOR),
     "everything": lambda c: outer(
         inner(affine(c), K_V_per_um=0.45, Td_ms=0.1), control_weight=20.0, disturbance_um=0.05
     ),

@@ -62,6 +62,15 @@ _SOFT = {
     "filter_ms": 0.3,
     "notch": {"frequency_Hz": 66.0, "width_Hz": 20.0, "depth_percent": 90.0},
 }
+_ACTUATOR = {
+    "delay_us": 190.0,
+    "gauge_us": 64.0,
+    "lag_us": 177.0,
+    "feedback_percent": 80.0,
+    "resonances": [
+        {"resonance_Hz": 63.0, "resonance_damping": 0.04, "antiresonance_Hz": 67.0, "antiresonance_damping": 0.038}
+    ],
+}
 _FRAME = {"signals": ["tracker_a"], "matrix": [[1.0]], "offset_um": [0.5]}
 
 
@@ -122,7 +131,12 @@ _MAKERS = {
         {"source": "jog", "offset_um": 60.0, "range_um": [40.0, 80.0], "speed_um_per_s": 50.0, "target_um": {"x": 65.0}}
     ),
     "sines": lambda: _in_strain(
-        {"source": "sine", "offset_um": 60.0, "sines": [{"amplitude_um": 20.0, "frequency_Hz": 5.0, "phase_deg": 30.0}]}
+        {
+            "source": "sine",
+            "offset_um": 60.0,
+            "sines": [{"amplitude_um": 20.0, "frequency_Hz": 5.0, "phase_deg": 30.0}],
+        },
+        actuator=_ACTUATOR,
     ),
     "step": lambda: _in_strain({"source": "step", "offset_um": 60.0, "step_um": 5.0, "start_s": 1.0}),
     "network": lambda: _in_strain({"source": "hold", "offset_um": 60.0}, hysteresis=_NETWORK, inner=_SOFT),

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from micromanip.cli.main import main
 from micromanip.settings.commissioned import changes_since, tuning_hash
 from micromanip.settings.load import load
+from micromanip.settings.schema.actuator import Actuator
 from micromanip.settings.schema.axis import Axis, Commissioned, Inner, SetPoint
 from micromanip.settings.write import with_models
 
@@ -72,6 +73,12 @@ def test_a_report_from_before_there_were_notches_is_still_about_the_axis():
     assert "notch" not in AXIS.tuning()["inner"]
     notched = AXIS.model_copy(update={"inner": changed(AXIS.inner, ("notch",))})
     assert "notch" in notched.tuning()["inner"]
+
+
+def test_nor_is_one_from_before_there_were_actuators_about_another():
+    assert "actuator" not in AXIS.tuning()
+    known = AXIS.model_copy(update={"actuator": Actuator(gauge_us=64.0)})
+    assert tuning_hash(known) != tuning_hash(AXIS)
 
 
 def test_the_section_itself_does_not_count():

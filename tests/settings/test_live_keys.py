@@ -45,7 +45,7 @@ USED_BY_NOBODY_THAT_RUNS = {
 IS_A_SECTION = (
     *(
         r"reference\.(source|frame|sines|axes|axes\.\*\.oscillations)",
-        r"axes\.\*\.(outer|commissioned|inner\.notch)",
+        r"axes\.\*\.(outer|commissioned|inner\.notch|actuator|actuator\.resonances)",
         r"axes\.\*\.hysteresis\.(model|shaping)",
     ),
 )

@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import BATCH, SOCKET, record
+from micromanip.driver.wire import BATCH, CODE, SOCKET, record
 
 MAX_MESSAGES, MAX_FIELDS, MAX_GOOD = 32, 192, 8
 """Of each direction; of both together; values of a status that mean good."""
 MAX_PACKET_BYTES = 72
 
-UNSIGNED, SIGNED, FLOATING = range(3)
-
-FIELD = record(
-    ("big", "i8"),
-    ("byte", "i8"),
-    ("bit", "i8"),
-    ("bits", "i8"),
-    ("kind", "i8"),
-    ("scale", "f8"),
-    ("offset", "f8"),
-    ("lowest", "f8"),
-    ("highest", "f8"),
-)
-"""A signal: its lowest bit is number `bit` of byte `byte`, counted from the end of the frame where its order is `big`.
-A code outside of `lowest` to `highest` is not sent."""
+FIELD = record(("big", "i8"), ("byte", "i8"), ("bit", "i8"), ("bits", "i8"), *CODE)
+"""A signal: its lowest bit is number `bit` of byte `byte`, counted from the end of the frame where it is `big`."""
 
 COUNTER = record(
     ("modulus", "i8"),

@@ -11,11 +11,11 @@ import can
 import numpy as np
 from can.interfaces.socketcan.socketcan import build_can_frame
 
-from micromanip.driver.wire import MAX_BYTES, lend
+from micromanip.driver.wire import FLOATING, MAX_BYTES, SIGNED, UNSIGNED, lend
 
 from .bit_field import BitField
 from .received_message import ReceivedMessage
-from .records import CONTEXT, FLOATING, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES, SIGNED, UNSIGNED
+from .records import CONTEXT, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES
 from .sent_message import SentMessage
 from .socketcan import EXTENDED, frame_of
 
@@ -136,7 +136,7 @@ def _describe(row: Any, field: BitField) -> None:
     row["big"], row["byte"], row["bit"], row["bits"] = field.big_endian, field.shift // 8, field.shift % 8, field.bits
     row["kind"] = FLOATING if field.floating else SIGNED if field.sign else UNSIGNED
     row["scale"], row["offset"] = field.scale, field.offset
-    row["lowest"], row["highest"] = -_highest_double(-field.low), _highest_double(field.high)
+    row["lowest_code"], row["highest_code"] = -_highest_double(-field.low), _highest_double(field.high)
 
 
 def _highest_double(bound: float) -> float:

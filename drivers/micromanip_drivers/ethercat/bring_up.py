@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import time
+
+from micromanip.driver import DeviceFault
 from micromanip.driver.ethercat import OP, PREOP, SAFEOP
 
-from .clocks import set_clocks
+from .clocks import SYNC0_BEGINS_IN_S, begin_sync0, set_clocks
 from .image import Image
 from .link import Link
 from .mailbox import Mailbox
@@ -15,15 +18,16 @@ from .scan import FIRST_STATION, require, reset
 from .states import go
 
 
-def bring_to_safeop(link: Link, options: EthercatOptions, image: Image) -> None:
+def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_ns: int) -> None:
     """INIT, scan and compare, clocks, PREOP, settings and mapping, SAFEOP. No output moves.
 
     Raises LinkError, IdentityMismatch, DeviceFault.
     """
     reset(link)
     slaves = require(link, options.terminals)
-    if options.clocks:
-        set_clocks(link, [slave.station for slave in slaves])
+    first_clock = set_clocks(link, [slave.station for slave in slaves]) if options.clocks else None
+    if options.lock is not None and first_clock != FIRST_STATION:
+        raise DeviceFault(f"{link.name}: terminal {next(iter(options.terminals))}, the first, has no clock to lock to")
     for slave, (name, terminal) in zip(slaves, options.terminals.items(), strict=True):
         open_mailboxes(link, slave)
         go(link, slave.station, name, PREOP)
@@ -36,7 +40,11 @@ def bring_to_safeop(link: Link, options: EthercatOptions, image: Image) -> None:
         lay_out(link, slave, image.placed[name])
         if terminal.outputs and options.watchdog is not None:
             set_watchdog(link, slave.station, options.watchdog.ms)
+        if terminal.sync0_shift_us is not None:
+            begin_sync0(link, slave.station, name, period_ns, round(1e3 * terminal.sync0_shift_us))
         go(link, slave.station, name, SAFEOP)
+    if any(terminal.sync0_shift_us is not None for terminal in options.terminals.values()):
+        time.sleep(SYNC0_BEGINS_IN_S)  # OP is refused before
 
 
 def bring_to_op(link: Link, options: EthercatOptions) -> None:

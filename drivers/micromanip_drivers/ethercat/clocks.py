@@ -1,4 +1,4 @@
-"""Distributed clocks of a line: the way to each slave measured, all clocks set to the first one's (ETG.1000.4)."""
+"""Distributed clocks of a line: the way to each slave measured, clocks set to the first one's, SYNC0 (ETG.1000.4)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import struct
 import time
 from collections.abc import Sequence
 
+from micromanip.driver import DeviceFault
 from micromanip.driver.ethercat import registers
 
 from .link import Link
@@ -14,6 +15,8 @@ _SINCE_2000_S = 946_684_800
 """EtherCAT counts from the year 2000."""
 _DC = 0x04
 """Feature bit of a slave that has a clock."""
+SYNC0_BEGINS_IN_S = 0.2
+"""Surely later than the last of its registers is written, and SAFEOP reached."""
 
 
 def set_clocks(link: Link, stations: Sequence[int]) -> int | None:
@@ -36,6 +39,22 @@ def set_clocks(link: Link, stations: Sequence[int]) -> int | None:
         link.station_write(station, registers.DC_OFFSET, struct.pack("<q", offset_ns))
         link.station_write(station, registers.DC_DELAY, struct.pack("<I", delay_ns))
     return with_clock[0]
+
+
+def begin_sync0(link: Link, station: int, name: str, period_ns: int, shift_ns: int) -> None:
+    """Let a terminal, whose clock is set, make SYNC0 `shift_ns` after each whole period of the clocks' time.
+
+    Raises DeviceFault where it has no clock.
+    """
+    if not link.station_read(station, registers.FEATURES, 1)[0] & _DC:
+        raise DeviceFault(f"{link.name}: terminal {name} has no clock, so no SYNC0: sync0_shift_us: null")
+    link.station_write(station, registers.DC_ACTIVATE, b"\0")
+    link.station_write(station, registers.DC_CONTROL, b"\0")
+    (now_ns,) = struct.unpack("<q", link.station_read(station, registers.DC_SYSTEM, 8))
+    start_ns = (now_ns + round(1e9 * SYNC0_BEGINS_IN_S)) // period_ns * period_ns + shift_ns
+    link.station_write(station, registers.DC_START, struct.pack("<q", start_ns))
+    link.station_write(station, registers.DC_SYNC0_CYCLE, struct.pack("<I", period_ns))
+    link.station_write(station, registers.DC_ACTIVATE, bytes([registers.SYNC_ON | registers.SYNC0_ON]))
 
 
 def _between(ports: tuple[int, int]) -> int:

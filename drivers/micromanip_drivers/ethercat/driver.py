@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,9 +15,10 @@ from pydantic import BaseModel
 
 from micromanip.driver import Answer, BusError, Channel, ConfigError, Functions, Load
 from micromanip.driver.ethercat import INIT, OP, STATE_MASK, registers
-from micromanip.driver.wire import MOST_BITS, LoopWire, lend
+from micromanip.driver.wire import MOST_BITS, LoopWire, lend, set_lock
 
 from .bring_up import bring_to_safeop
+from .described import compare_with_file
 from .image import Image
 from .link import LOOP_SENDER, Link, open_interface
 from .options import EthercatOptions
@@ -52,12 +55,22 @@ class Ethercat(LoopWire):
                 f"wait_us: {options.wait_us:g} us is more than {100 * _MOST_OF_A_CYCLE:g} % of the cycle of "
                 f"{1e-3 * period_ns:g} us: the laws need the rest"
             )
+        for name, terminal in options.terminals.items():
+            if terminal.sync0_shift_us is not None and terminal.sync0_shift_us * 1e3 >= period_ns:
+                raise ConfigError(
+                    f"terminals.{name}.sync0_shift_us: {terminal.sync0_shift_us:g} us must be less than the cycle of "
+                    f"{1e-3 * period_ns:g} us"
+                )
         self._tables = self._image.received(), self._image.sent()
         if self._wire_s > 1e-9 * period_ns:
             raise ConfigError(
                 f"terminals: a frame of {len(self._image.frame)} bytes takes {1e6 * self._wire_s:.0f} us on the wire, "
                 f"longer than the cycle of {1e-3 * period_ns:g} us"
             )
+
+    def check_files(self, folder: Path) -> None:
+        for name, terminal in self.options.terminals.items():
+            compare_with_file(name, terminal, folder)
 
     @property
     def device(self) -> str:
@@ -97,16 +110,41 @@ class Ethercat(LoopWire):
         c["counts"] = c["counted"]["counts"] = _COUNTS
         c["wait_ns"] = round(1e3 * self.options.wait_us)
         c["clock"]["unit_ns"], c["clock"]["bits"] = 1.0, MOST_BITS
+        c["time_at"], lock = image.time_at, self.options.lock
+        if lock is not None:
+            set_lock(c["lock"], self.period_ns, 1e-3 * lock.time_constant_ms, lock.drift_ppm, lock.within_us)
+
+    @property
+    def steers(self) -> bool:
+        return self.options.lock is not None
+
+    def steering_ns(self, context: NDArray[np.uint8]) -> NDArray[np.int64]:
+        found: NDArray[np.int64] = self.record(context)["lock"]["step_ns"]
+        return found
+
+    def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
+        """With `lock` also where it stands: error of the deadlines, rms over a second, and the clock's drift."""
+        counts, lock = super().statistics(context), self.record(context)["lock"]
+        if not lock["present"]:
+            return counts
+        drift_ppb, rms_ns = 1e9 * lock["gained_ns"] / self.period_ns, math.sqrt(lock["square_ns2"])
+        return {
+            **counts,
+            **{name: int(lock[name]) for name in ("locked", "unlocked")},
+            "clock_leaps": int(lock["steps"]),
+            "clock_drift_ppb": round(drift_ppb),
+            "deadline_error_rms_ns": round(rms_ns),
+        }
 
     def begin(self, context: NDArray[np.uint8]) -> None:
         """Slaves that somebody left operating come to rest by INIT, in which nothing is put out."""
         c = self.record(context)
         with Link(self.options.interface) as link:
-            bring_to_safeop(link, self.options, self._image)
+            bring_to_safeop(link, self.options, self._image, self.period_ns)
         if self.options.watchdog is not None:
             time.sleep(self.options.watchdog.rest_ms * 1e-3)
         lend(open_interface(self.options.interface, LOOP_SENDER).detach(), c["socket"])
-        Tender(self.options, self._image, c).start()
+        Tender(self.options, self._image, c, self.period_ns).start()
 
     def functions(self) -> Functions:
         from . import exchange  # compiled: loaded only where it is going to be called

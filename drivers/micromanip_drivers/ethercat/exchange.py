@@ -20,6 +20,7 @@ from micromanip.driver.datagrams import (
     bits_at,
     code_of,
     end,
+    hear_clock,
     judged,
     leave_samples,
     length_of,
@@ -28,17 +29,18 @@ from micromanip.driver.datagrams import (
     received_ns,
     rest,
     send_due,
+    steer,
     take,
     taken_ns,
     turn,
 )
 from micromanip.driver.ethercat import OP, STATUS_MASK
-from micromanip.driver.wire import QUIET
+from micromanip.driver.wire import FOLLOWING, QUIET, RECENT
 
 from .compiled import compiled
 from .records import CONTEXT
 
-_STATUS_BYTES, _WKC_BYTES = 2, 2
+_STATUS_BYTES, _WKC_BYTES, _TIME_BYTES = 2, 2, 8
 
 
 @compiled
@@ -55,6 +57,8 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
             c["not_this_frame"] += 1
         return 0
     count = int(code_of(f["counter"], data))
+    if c["lock"]["present"] != 0:
+        hear_first_clock(c, k, count)
     missing = missing_before(c["counted"], count)
     if missing < 0:
         return 0
@@ -77,15 +81,40 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
 
 
 @compiled
-def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int, periods: int) -> int:  # noqa: ARG001
+def hear_first_clock(c: Any, k: int, count: int) -> None:
+    """What frame `k` says of the first terminal's clock, where that has been read, and it is known when it was sent."""
+    g, data, at = c["gate"], c["socket"]["received"][k], c["time_at"]
+    behind = (g["sent_count"] - 1 - count) % c["counts"]
+    if behind < RECENT and bits_at(data, at + _TIME_BYTES, _WKC_BYTES, 0) > 0:
+        stamp_ns: Any = np.int64(bits_at(data, at, _TIME_BYTES, 0))
+        hear_clock(c["lock"], c["lock"]["sent_ns"][count % RECENT], stamp_ns, received_ns(c["socket"], k))
+
+
+@compiled
+def follow_clock(c: Any, deadline_ns: int, periods: int) -> None:
+    """Steer the next deadline; the outputs follow only while it is locked."""
+    g, lock = c["gate"], c["lock"]
+    steer(lock, deadline_ns, periods, g["silent_cycles"])
+    g["held"] = 1 - lock["locked"]
+    if g["held"] != 0 and g["state"] == FOLLOWING:
+        lose(g)
+
+
+@compiled
+def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int, periods: int) -> int:
     """One exchange of the loop; what ``turn`` says, or NOT_OPEN.
 
-    What passed unseen doesn't matter: silence is counted in what was sent in vain.
+    What passed unseen matters to the clock only: silence is counted in what was sent in vain.
     """
     if c["opened"] == 0:
         return NOT_OPEN
-    code = turn(c["gate"], c["news"] + take(c, take_one, inputs, deadline_ns), outputs, deadline_ns)
+    news = c["news"] + take(c, take_one, inputs, deadline_ns)
+    if c["lock"]["present"] != 0:
+        follow_clock(c, deadline_ns, periods)
+    code = turn(c["gate"], news, outputs, deadline_ns)
     c["news"] = 0
+    if c["lock"]["present"] != 0:
+        c["lock"]["sent_ns"][c["gate"]["sent_count"] % RECENT] = now_ns(c["socket"]["timespec"])
     send_due(c, code, outputs, deadline_ns)
     wait_for_frame(c, inputs, deadline_ns)
     return code

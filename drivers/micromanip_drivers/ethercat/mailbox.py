@@ -42,11 +42,26 @@ class Mailbox:
         while len(data) < length:
             request = struct.pack("<B7x", coe.UPLOAD_SEGMENT << 5 | toggle)
             said, part = self._asked(index, subindex, request, segment=True)
-            data += part[: 7 - (said >> 1 & 7)] if len(part) <= 7 else part
-            toggle ^= coe.TOGGLE
-            if said & coe.LAST_SEGMENT:
+            part = part[: 7 - (said >> 1 & 7)] if len(part) <= 7 else part
+            data, toggle = data + part, toggle ^ coe.TOGGLE
+            if said & coe.LAST_SEGMENT or not part:
                 break
+        if len(data) < length:
+            raise DeviceFault(
+                f"{self._link.name}: terminal {self._name}: object 0x{index:04x}:{subindex:02x} ends after "
+                f"{len(data)} of {length} bytes"
+            )
         return data[:length]
+
+    def read_number(self, index: int, subindex: int, size: int) -> int:
+        """An unsigned number of `size` bytes. Raises DeviceFault also where the object has another length."""
+        data = self.read(index, subindex)
+        if len(data) != size:
+            raise DeviceFault(
+                f"{self._link.name}: terminal {self._name}: object 0x{index:04x}:{subindex:02x} has {len(data)} bytes "
+                f"instead of {size}"
+            )
+        return int.from_bytes(data, "little")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object's entry. Raises DeviceFault with the abort code."""
@@ -77,6 +92,7 @@ class Mailbox:
             length, _, _, kind = struct.unpack_from(coe.MAILBOX_HEADER, mail)
             answer = mail[6 : 6 + length]
             if kind & 0x0F != coe.COE or len(answer) < 3 or answer[1] >> 4 == _EMERGENCY:
+                self._require_before(end)
                 continue  # of another protocol, or the device's own: the AL state tells of what matters
             said = answer[2]
             if said >> 5 == coe.ABORT and len(answer) >= 10:
@@ -89,6 +105,7 @@ class Mailbox:
                 return said, answer[3:]
             if len(answer) >= 10 and _SDO.unpack_from(answer, 2)[1:] == (index, subindex):
                 return said, answer[6:]
+            self._require_before(end)
 
     def _send(self, mail: bytes) -> None:
         end = time.monotonic() + _ANSWER_S
@@ -102,5 +119,8 @@ class Mailbox:
             back = self._link.read(registers.FPRD, self._station, start, length)
             if back.wkc == 1:
                 return back.data
-            if time.monotonic() > end:
-                raise LinkError(f"{self._link.name}: the mailbox of terminal {self._name} does not answer")
+            self._require_before(end)
+
+    def _require_before(self, end: float) -> None:
+        if time.monotonic() > end:
+            raise LinkError(f"{self._link.name}: the mailbox of terminal {self._name} does not answer")

@@ -11,6 +11,7 @@ from .mailbox import Mailbox
 from .options import InputPdo, OutputPdo
 
 _ASSIGNED = {"outputs": 0x1C12, "inputs": 0x1C13}
+_PDO_BYTES, _ENTRY_BYTES = 2, 4
 
 Pdos = Sequence[tuple[int, Sequence[int]]]
 """Index of each PDO, with the entries that it maps (index << 16 | subindex << 8 | bits)."""
@@ -40,22 +41,22 @@ def apply_mapping(mailbox: Mailbox, name: str, direction: str, pdos: Mapping[str
 
 def _mapped(mailbox: Mailbox, assigned: int) -> Pdos:
     try:
-        pdos = _numbers(mailbox, assigned, "<H")
+        pdos = _numbers(mailbox, assigned, _PDO_BYTES)
     except DeviceFault:  # it has none of this direction
         return []
-    return [(pdo, _numbers(mailbox, pdo, "<I")) for pdo in pdos]
+    return [(pdo, _numbers(mailbox, pdo, _ENTRY_BYTES)) for pdo in pdos]
 
 
-def _numbers(mailbox: Mailbox, index: int, form: str) -> Sequence[int]:
-    count = mailbox.read(index, 0)[0]
-    return [struct.unpack(form, mailbox.read(index, place + 1))[0] for place in range(count)]
+def _numbers(mailbox: Mailbox, index: int, size: int) -> Sequence[int]:
+    count = mailbox.read_number(index, 0, 1)
+    return [mailbox.read_number(index, place + 1, size) for place in range(count)]
 
 
 def _write(mailbox: Mailbox, assigned: int, pdos: Pdos) -> None:
     """Nothing may be assigned while a PDO is mapped, nor mapped while it has entries."""
     mailbox.write(assigned, 0, b"\0")
     for index, entries in pdos:
-        if _numbers(mailbox, index, "<I") == entries:
+        if _numbers(mailbox, index, _ENTRY_BYTES) == entries:
             continue
         mailbox.write(index, 0, b"\0")
         for place, entry in enumerate(entries, 1):

@@ -135,10 +135,35 @@ class Terminal(Section):
     vendor: Number32 = Field(description="Vendor identity, of its EEPROM.")
     product: Number32 = Field(description="Product code.")
     revision: Number32 | None = Field(default=None, description="Revision number; null: any.")
+    esi: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description="Its ESI file, seen from the folder of the configuration: what it says must agree with these keys.",
+    )
     serial: Number32 | None = Field(default=None, description="Serial number; null: any.")
+    sync0_shift_us: Annotated[float, Field(strict=True, ge=0, le=100_000)] | None = Field(
+        default=None,
+        description="SYNC0 is made so long after each deadline of the loop, less than a cycle, which needs `lock`; "
+        "null: none is made.",
+    )
     settings: dict[Name, Setting] = Field(default={}, description="What is written by SDO in PREOP, in this order.")
     outputs: dict[Name, OutputPdo] = Field(default={}, description="PDOs that it receives, in the order of 0x1c12.")
     inputs: dict[Name, InputPdo] = Field(default={}, description="PDOs that it sends, in the order of 0x1c13.")
+
+
+class Lock(Section):
+    """The loop's deadlines on the first terminal's clock."""
+
+    time_constant_ms: Annotated[float, Field(strict=True, ge=1, le=10_000)] = Field(
+        default=100.0, description="Of the law that moves the deadlines, both poles."
+    )
+    within_us: Annotated[float, Field(strict=True, gt=0, le=1000)] = Field(
+        default=10.0,
+        description="So near for a time constant is locked: before, the outputs stay at rest; further for "
+        "`silence_ms`: the link is lost.",
+    )
+    drift_ppm: Annotated[float, Field(strict=True, gt=0, le=1000)] = Field(
+        default=200.0, description="At most by so much may the clock drift from this machine's; more is not followed."
+    )
 
 
 class Watchdog(Section):
@@ -176,12 +201,26 @@ class EthercatOptions(Section):
         strict=True,
         description="Distributed clocks: the terminals' clocks follow the first one's, which times the samples.",
     )
+    lock: Lock | None = Field(
+        default=None,
+        description="The loop's deadlines follow the first terminal's clock, which needs `clocks`; null: this "
+        "machine's.",
+    )
     cyclic_safe: bool = Field(
         default=False,
         strict=True,
         description="The manuals say that the outputs may be written for ever: no flash memory is written.",
     )
     terminals: dict[Name, Terminal] = Field(min_length=1, max_length=8, description="In their order from the master.")
+
+    @model_validator(mode="after")
+    def _clock_to_lock_to(self) -> EthercatOptions:
+        if self.lock is not None and not self.clocks:
+            raise ValueError("lock: needs clocks: true, by which the first terminal's clock is read")
+        for name, terminal in self.terminals.items():
+            if terminal.sync0_shift_us is not None and self.lock is None:
+                raise ValueError(f"terminals.{name}.sync0_shift_us: needs lock, or SYNC0 would drift through the cycle")
+        return self
 
     @property
     def outputs(self) -> dict[str, Output]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import WIRE, record
+from micromanip.driver.wire import CLOCK_LOCK, WIRE, record
 
 BAD = ("wrong_length", "not_this_frame", "wrong_working_counter", "not_operating", "not_sent")
 """Two kinds of bad frames; those that a slave did not take part in, or that told of a slave which has left OP; frames
@@ -21,6 +21,9 @@ CONTEXT = record(
     ("not_this_frame", "i8"),
     ("wrong_working_counter", "i8"),
     ("not_operating", "i8"),
+    ("lock", CLOCK_LOCK),
+    ("time_at", "i8"),
 )
 """``al_status`` is that of all slaves, merged by `or`, as the last frame told it; ``bring_ups`` counts how often the
-line was brought to OP. The loop waits for its frame until `wait_ns` after the deadline; `news` were acknowledged so."""
+line was brought to OP. The loop waits for its frame until `wait_ns` after the deadline; `news` were acknowledged so.
+The first terminal's time is at `time_at` of the frame."""

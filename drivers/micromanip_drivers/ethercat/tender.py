@@ -26,8 +26,8 @@ _LOOK_S, _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.005, 0.05, 2.0
 class Tender:
     """Of one context, a record in memory that the loop writes."""
 
-    def __init__(self, options: EthercatOptions, image: Image, context: Any) -> None:
-        self._options, self._image, self._context = options, image, context
+    def __init__(self, options: EthercatOptions, image: Image, context: Any, period_ns: int) -> None:
+        self._options, self._image, self._context, self._period_ns = options, image, context, period_ns
         self._said = ""
 
     def start(self) -> None:
@@ -45,7 +45,7 @@ class Tender:
             try:
                 with Link(self._options.interface) as link:
                     if not is_prepared:
-                        bring_to_safeop(link, self._options, self._image)
+                        bring_to_safeop(link, self._options, self._image, self._period_ns)
                     is_prepared = False
                     bring_to_op(link, self._options)
                 self._context["bring_ups"] += 1

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from micromanip.driver import (
     Answer,
@@ -14,6 +16,7 @@ from micromanip.driver import (
     LinkError,
     Load,
     Outcome,
+    Steady,
     Task,
     TransientError,
 )
@@ -26,6 +29,9 @@ from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .port import Port
 
+if TYPE_CHECKING:
+    from .tables import Tables
+
 _ASK_NS = 150_000_000
 """So long the device has to say who it is, before it is asked again."""
 _STRANGE = 2
@@ -36,7 +42,8 @@ class BinaryFraming(Framing):
     """Each message that is sent is a task."""
 
     def __init__(self, options: Binary, port: Port, line_time: LineTime, silence: Silence) -> None:
-        self._port, self._silence = port, silence
+        self._options, self._port, self._silence = options, port, silence
+        self._tables: Tables | None = None
         frames = Frames(options)
         inputs: list[Channel] = []
         outputs: list[Channel] = []
@@ -74,8 +81,18 @@ class BinaryFraming(Framing):
         self._reader.pardon()
         if self._by_itself:
             self._silence.heard(time.monotonic_ns(), more=True)
+        if self._tables is not None:
+            self._lend(self._tables)
+
+    def end(self) -> None:
+        if self._tables is not None:
+            self._tables.forget()
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
+        with self._in_python("send_error", "writing"):
+            return self._perform(task, values, inbox)
+
+    def _perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
         sent, answer = self._sent[task], self._answers[task]
         frame = sent.frame(values)
         if answer is None:
@@ -96,9 +113,24 @@ class BinaryFraming(Framing):
         return None
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
-        newest_ns = self._take(until_ns, inbox)
-        self._silence.check(newest_ns or time.monotonic_ns())
-        self._reader.complain()
+        with self._in_python("receive_error", "reading"):
+            newest_ns = self._take(until_ns, inbox)
+            self._silence.check(newest_ns or time.monotonic_ns())
+            self._reader.complain()
+
+    def steady(self) -> Steady | None:
+        says_who = {self._identity_kind} if self._asking else set()  # frames of that kind have no samples
+        if not self._port.is_plain or any(self._answers) or any(one.kind in says_who for one in self._messages):
+            return None
+        from .tables import Tables  # not needed by who only describes the line
+
+        try:
+            tables = self._tables = Tables(self._options, self._messages, self._sent, self._kinds, self._silence)
+        except ConfigError:  # more than there is room for, or a checksum that no table computes
+            return None
+        from . import exchange  # compiled: loaded only where it is going to be called
+
+        return Steady(exchange.receive_c.address, exchange.send_c.address, tables.record, lambda: tables.descriptor)
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         self._forget()
@@ -119,7 +151,28 @@ class BinaryFraming(Framing):
             "restarts": sum(counter.restarts for counter in counters),
         }
 
+    @contextmanager
+    def _in_python(self, error: str, doing: str) -> Iterator[None]:
+        """Go on from where the compiled functions are, with what one of them met in `doing`, and let them go on."""
+        if (tables := self._tables) is None:
+            yield
+            return
+        self._port.counters["bytes_in"] += tables.counted("bytes_in")
+        self._port.counters["bytes_out"] += tables.counted("bytes_out")
+        self._counters["frames"] += tables.counted("frames")
+        tables.take_back(self._reader, self._port, self._silence, self._unheard)
+        try:
+            if (problem := tables.error(error)) is not None:
+                raise self._port.gone(doing, problem) from problem
+            yield
+        finally:
+            self._lend(tables)
+
+    def _lend(self, tables: Tables) -> None:
+        tables.lend(self._reader, self._port, self._silence, self._unheard)
+
     def _forget(self) -> None:
+        self.end()
         self._reader.forget()
         self._is_owed = False
         self._unheard.clear()

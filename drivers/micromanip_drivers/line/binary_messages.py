@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
 
 from micromanip.driver import Channel, ConfigError, Inbox
+from micromanip.driver.wire import FramePlan, GroupPlan
 
 from .binary_options import Binary, BinaryIdentity, Received, Sent
-from .frame_parts import PacketCounter, Part, StatusWord, laid_out, part
+from .frame_options import Counter, Status
+from .frame_parts import Part, StatusWord, laid_out, part
 from .line_time import LineTime
 from .number import InputNumber, NumberCodec, OutputNumber, mismatches
+from .packet_counter import PacketCounter
 
 NOT_FINITE = -1
 """Status of a sample that is no number."""
@@ -43,6 +49,10 @@ class Frames:
             end = len(frame) - crc.size
             frame[end:] = crc.function(bytes(frame[crc.first : end])).to_bytes(crc.size, crc.byte_order)
         return bytes(frame)
+
+    def plan(self, length: int, group: GroupPlan, counter: Counter | None, status: Status | None = None) -> FramePlan:
+        """One of them for compiled code."""
+        return FramePlan(length, [group], self.sync, self.options.crc, counter, status=status)
 
 
 class IdentityFrame:
@@ -79,10 +89,16 @@ class ReceivedFrame:
         latency_s = self.seconds if options.latency_us is None else options.latency_us * 1e-6
         self._latency_ns = round(latency_s * 1e9)
         self.channels = [Channel(label, options.rate_hz, latency_s) for label in options.fields]
-        self._first = first
+        self.first = first
         self._values = [InputNumber(field) for field in options.fields.values()]
         self._status = StatusWord(options.status) if options.status else None
         self.counter = PacketCounter(options.counter) if options.counter else None
+        self._frames, self._options = frames, options
+
+    def plan(self) -> FramePlan:
+        """Its frame for compiled code."""
+        group = GroupPlan(self._options.fields, latency_ns=self._latency_ns)
+        return self._frames.plan(self.length, group, self._options.counter, self._options.status)
 
     def take(self, frame: bytes, time_ns: int, inbox: Inbox) -> bool:
         """Put its samples into `inbox`; False if it is not a fresh one."""
@@ -91,7 +107,7 @@ class ReceivedFrame:
             return False
         status = self.status(frame)
         taken_ns = time_ns - self._latency_ns
-        for channel, number in enumerate(self._values, self._first):
+        for channel, number in enumerate(self._values, self.first):
             value = number.value(frame)
             inbox.put(channel, value, taken_ns, status if math.isfinite(value) else status or NOT_FINITE, lost)
         return True
@@ -123,13 +139,13 @@ class SentFrame:
         self.channels = [
             Channel(label, options.rate_hz, latency_s, field.safe) for label, field in options.fields.items()
         ]
-        self.indices = tuple(range(first, first + len(options.fields)))
+        self.first, self.indices = first, tuple(range(first, first + len(options.fields)))
         self._own = slice(first, first + len(options.fields))
-        self._frames = frames
+        self._frames, self._options = frames, options
         self._empty = self._prepared(options)
         self._numbers = [OutputNumber(label, field) for label, field in options.fields.items()]
         self._counter = NumberCodec(options.counter) if options.counter else None
-        self._count = 0
+        self._counting = np.zeros(1, [("count", "i8")])[0]
 
     def frame(self, values: Sequence[float]) -> bytes:
         """The next frame, with `values` of all outputs of the driver. Raises OutputRefused.
@@ -140,13 +156,25 @@ class SentFrame:
         for number, value in zip(self._numbers, values[self._own], strict=True):
             number.put(data, value)
         if self._counter is not None:
-            self._counter.write(data, self._count)
+            self._counter.write(data, int(self._counting["count"]) % self._counter.counts)
         return self._frames.sealed(data)
 
     def was_sent(self) -> None:
         """The last frame is on its way: count on."""
-        if self._counter is not None:
-            self._count = (self._count + 1) % self._counter.counts
+        self._counting["count"] += 1
+
+    def empty(self) -> bytes:
+        """The same without values, counter and checksum."""
+        return self._empty
+
+    def plan(self) -> FramePlan:
+        """Its frame for compiled code; bytes that nothing covers are 0 in it, and those of the header."""
+        return self._frames.plan(self.length, GroupPlan(self._options.fields), self._options.counter)
+
+    def count_in(self, record: Any) -> None:
+        """Keep the counter in `record` from now on, where compiled code goes on with it."""
+        record["count"] = self._counting["count"]
+        self._counting = record
 
     def _prepared(self, options: Sent) -> bytes:
         binary = self._frames.options
@@ -189,9 +217,10 @@ class FrameKinds:
         self._length = NumberCodec(options.length) if options.length else None
         self._plus = options.length.plus if options.length else 0
         ends = [one.end for one in (options.kind, options.length) if one]
-        self._header = max([len(options.sync.replace(" ", "")) // 2, *ends])
+        self.header = max([len(options.sync.replace(" ", "")) // 2, *ends])
         crc_size = options.crc.size if options.crc else 0
-        self._shortest = self._header + crc_size
+        """Bytes that say of which kind a frame is, and how long."""
+        self._shortest = self.header + crc_size
         self._longest = max([_OTHERS_MOST, *self._lengths.values()])
 
     def kind(self, frame: bytes | bytearray) -> int | None:
@@ -204,7 +233,7 @@ class FrameKinds:
 
     def length(self, data: bytes | bytearray) -> int | None:
         """Of the frame that begins with `data`: 0 if it can't be one, None if that can't be said yet."""
-        if len(data) < self._header:
+        if len(data) < self.header:
             return None
         known = self._lengths.get(self.kind(data))
         if self._length is None:

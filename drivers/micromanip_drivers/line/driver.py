@@ -17,6 +17,7 @@ from micromanip.driver import (
     LinkError,
     Load,
     Outcome,
+    Steady,
     Task,
     TransientError,
 )
@@ -101,7 +102,11 @@ class Line(BusDriver):
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         self._framing.receive(inbox, until_ns)
 
+    def steady(self) -> Steady | None:
+        return self._framing.steady()
+
     def close(self) -> None:
+        self._framing.end()
         self._port.close()
 
     def statistics(self) -> Mapping[str, int]:

@@ -19,6 +19,8 @@ from .port import Port
 STALE_NS = 50_000_000
 """A frame that stands still for so long in its middle will not go on."""
 
+Chunk = tuple[bytes, int]
+"""Bytes that came together, and when."""
 Measure = Callable[[bytes | bytearray], int | None]
 """From the bytes behind which a frame begins, to its length: 0 for one that can't be, None where more is needed."""
 
@@ -47,6 +49,16 @@ class FrameSearch:
         """Forget what is there of a frame."""
         self._buffer.clear()
         self._marks.clear()
+
+    @property
+    def begun(self) -> list[Chunk]:
+        """What is there of a frame, in the chunks in which it came."""
+        at, chunks = self._fed - len(self._buffer), []
+        for end, time_ns in self._marks:
+            if end > at:
+                chunks.append((bytes(self._buffer[at - self._fed : end - self._fed or None]), time_ns))
+                at = end
+        return chunks
 
     def feed(self, data: bytes, now_ns: int) -> list[tuple[bytes, int]]:
         """The frames that are complete with `data`, which came at `now_ns`; each with the time of its last byte."""
@@ -148,11 +160,25 @@ class FrameReader:
     def __init__(self, port: Port, search: FrameSearch) -> None:
         self._port, self._search = port, search
         self._told = 0
+        self._left: list[Chunk] = []
 
     def forget(self) -> None:
         """What was begun will not go on."""
         self._search.clear()
+        self._left = []
         self._told = self._search.bad
+
+    def leave(self, chunks: list[Chunk]) -> None:
+        """These came already, and are to be looked at first."""
+        self._left += chunks
+
+    def begun(self, most_bytes: int, most_chunks: int) -> list[Chunk] | None:
+        """Hand over what is there of a frame, forgetting it; None where it is more than that, or was not looked at."""
+        chunks = self._search.begun
+        if self._left or sum(len(data) for data, _ in chunks) > most_bytes or len(chunks) > most_chunks:
+            return None
+        self._search.clear()
+        return chunks
 
     def pardon(self) -> None:
         """Say nothing of what was damaged up to now."""
@@ -163,16 +189,18 @@ class FrameReader:
 
         Also returns, without any, once something damaged came (see `complain`). Raises LinkError.
         """
-        search, whole = self._search, self._port.datagrams
-        frames: list[tuple[bytes, int]] = []
-        while True:
+        search = self._search
+        frames, self._left = self._frames_in(self._left), []
+        while not frames:
             chunks = self._port.receive(until_ns)
-            for data, time_ns in chunks:
-                frames += search.whole(data, time_ns) if whole else search.feed(data, time_ns)
-            if not chunks:
-                frames = search.quiet(time.monotonic_ns())
-            if frames or search.bad != self._told or time.monotonic_ns() >= until_ns:
-                return frames
+            frames = self._frames_in(chunks) if chunks else search.quiet(time.monotonic_ns())
+            if search.bad != self._told or time.monotonic_ns() >= until_ns:
+                break
+        return frames
+
+    def _frames_in(self, chunks: list[Chunk]) -> list[tuple[bytes, int]]:
+        take = self._search.whole if self._port.datagrams else self._search.feed
+        return [frame for data, time_ns in chunks for frame in take(data, time_ns)]
 
     def complain(self) -> None:
         """Raises TransientError if there was a damaged frame since the last call."""

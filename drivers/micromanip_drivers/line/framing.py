@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.driver import Answer, Channel, Inbox, LinkError, Load, Outcome, Task
+from micromanip.driver import Answer, Channel, Inbox, LinkError, Load, Outcome, Steady, Task
 
 
 class Framing(ABC):
@@ -25,6 +25,9 @@ class Framing(ABC):
         Raises LinkError where nobody answers, IdentityMismatch for another device than the one configured.
         """
 
+    def end(self) -> None:  # noqa: B027 (most hold nothing)
+        """The port is about to be closed; does no harm twice."""
+
     @abstractmethod
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
         """As ``BusDriver.perform``."""
@@ -36,6 +39,10 @@ class Framing(ABC):
     @abstractmethod
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         """As ``BusDriver.receive``."""
+
+    def steady(self) -> Steady | None:
+        """As ``BusDriver.steady``."""
+        return None
 
     @abstractmethod
     def probe(self, seconds: float) -> Iterator[Answer]:
@@ -57,6 +64,16 @@ class Silence:
         self._name = name
         self._limit_ns = round(limit_ms * 1e6)
         self._since_ns: int | None = None
+
+    @property
+    def limit_ns(self) -> int:
+        """So long it may be silent."""
+        return self._limit_ns
+
+    @property
+    def since_ns(self) -> int:
+        """When it was understood last, or should have begun to speak; 0 while nothing is expected."""
+        return self._since_ns or 0
 
     def expect(self, now_ns: int) -> None:
         """From now on it should speak, if it should not already."""

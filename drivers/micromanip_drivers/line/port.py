@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import select
+import struct
 import time
 from abc import ABC, abstractmethod
 
 from micromanip.driver import LinkError, TransientError
 
+_COUNT = struct.Struct("i")
 _AT_ONCE = 64
 """Reads that one call does at most: a babbling device must not keep the worker from writing."""
 
@@ -20,12 +23,25 @@ class Port(ABC):
     """True where each chunk that is received is whole, and has nothing to do with the one before."""
     largest = 65_536
     """Bytes that one reading takes at most."""
+    waiting_request = 0
+    """``ioctl`` that asks the kernel for the bytes that it has taken and not sent yet; 0 where there is none."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.counters = {"bytes_in": 0, "bytes_out": 0, "transmit_full": 0}
         self._descriptor: int | None = None
-        self._rest = b""
+        self.unsent = b""
+        """What the kernel has not taken yet of what was sent."""
+
+    @property
+    def descriptor(self) -> int:
+        """What to wait on, -1 where it is not open."""
+        return -1 if self._descriptor is None else self._descriptor
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether what is read from the descriptor, and written to it, is the device's, byte by byte."""
+        return False
 
     def open(self, deadline_ns: int) -> None:
         """Reach it, until `deadline_ns` (CLOCK_MONOTONIC) at the latest. Raises LinkError."""
@@ -38,7 +54,7 @@ class Port(ABC):
 
     def close(self) -> None:
         """Let go of it; does no harm twice, never raises."""
-        self._descriptor, self._rest = None, b""
+        self._descriptor, self.unsent = None, b""
         self._disconnect()
 
     def send(self, data: bytes) -> None:
@@ -49,17 +65,17 @@ class Port(ABC):
         """
         descriptor = self._opened()
         try:
-            if self._rest or self._waiting_bytes() >= len(data):
+            if self.unsent or self._waiting_bytes() >= len(data):
                 self._flush()
-                if self._rest or self._waiting_bytes() >= len(data):
+                if self.unsent or self._waiting_bytes() >= len(data):
                     self._is_full()
             try:
                 written = self._write(descriptor, data)
             except BlockingIOError:
                 self._is_full()
-            self._rest = data[written:]
+            self.unsent = data[written:]
         except OSError as problem:
-            raise self._gone("writing", problem) from problem
+            raise self.gone("writing", problem) from problem
         self.counters["bytes_out"] += len(data)
 
     def receive(self, until_ns: int) -> list[tuple[bytes, int]]:
@@ -70,7 +86,7 @@ class Port(ABC):
         descriptor = self._opened()
         chunks: list[tuple[bytes, int]] = []
         try:
-            if self._rest:
+            if self.unsent:
                 self._flush()
             left_s = max(0.0, (until_ns - time.monotonic_ns()) * 1e-9)
             if not select.select([descriptor], [], [], left_s)[0]:
@@ -87,7 +103,7 @@ class Port(ABC):
             pass
         except OSError as problem:
             if not chunks:  # else what came before that is good, and the next call finds it again
-                raise self._gone("reading", problem) from problem
+                raise self.gone("reading", problem) from problem
         return self._cleaned(chunks)
 
     @abstractmethod
@@ -108,17 +124,20 @@ class Port(ABC):
 
     def _waiting_bytes(self) -> int:
         """Bytes that the kernel has taken and not sent yet."""
-        return 0
+        if not self.waiting_request:
+            return 0
+        count: int = _COUNT.unpack(fcntl.ioctl(self._opened(), self.waiting_request, bytes(_COUNT.size)))[0]
+        return count
 
     def _cleaned(self, chunks: list[tuple[bytes, int]]) -> list[tuple[bytes, int]]:
         """What of it is from the device."""
         return chunks
 
     def _flush(self) -> None:
-        if not self._rest:
+        if not self.unsent:
             return
         try:
-            self._rest = self._rest[self._write(self._opened(), self._rest) :]
+            self.unsent = self.unsent[self._write(self._opened(), self.unsent) :]
         except BlockingIOError:
             return
 
@@ -131,7 +150,8 @@ class Port(ABC):
         self.counters["transmit_full"] += 1
         raise TransientError(f"{self.name}: what was written before still waits to be sent; nothing was added to it")
 
-    def _gone(self, doing: str, problem: OSError) -> LinkError:
+    def gone(self, doing: str, problem: OSError) -> LinkError:
+        """What the system said in "writing" or "reading", as a lost link."""
         return LinkError(f"{self.name} is gone ({doing}: {said(problem)})")
 
 

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
-import struct
 import termios
 import time
 from pathlib import Path
@@ -22,13 +20,13 @@ from .port import Port
 from .port_options import SerialPort
 
 _PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
-_COUNT = struct.pack("I", 0)
 
 
 class SerialLine(Port):
     """The line that `options` name."""
 
     largest = 4096
+    waiting_request = termios.TIOCOUTQ
 
     def __init__(self, options: SerialPort) -> None:
         super().__init__(options.device)
@@ -42,6 +40,10 @@ class SerialLine(Port):
         """True if the kernel hands over bytes at once, as far as it says."""
         if self._echo is not None:
             self.counters["echo_errors"] = 0
+
+    @property
+    def is_plain(self) -> bool:
+        return self._options.rs485 is None
 
     def send(self, data: bytes) -> None:
         wait_ns = self._quiet_ns + self._turnaround_ns - time.monotonic_ns()
@@ -98,10 +100,6 @@ class SerialLine(Port):
 
     def _write(self, descriptor: int, data: bytes) -> int:
         return os.write(descriptor, data)
-
-    def _waiting_bytes(self) -> int:
-        count: int = struct.unpack("I", fcntl.ioctl(self._opened(), termios.TIOCOUTQ, _COUNT))[0]
-        return count
 
     def _cleaned(self, chunks: list[tuple[bytes, int]]) -> list[tuple[bytes, int]]:
         if self._echo is None:

@@ -21,11 +21,12 @@ from micromanip.driver import (
 
 from .device_clock import DeviceClock
 from .frame_options import overlap
-from .frame_parts import PacketCounter, StatusWord, part
+from .frame_parts import StatusWord, part
 from .frame_reader import FrameReader, FrameSearch
 from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .number import InputNumber, NumberCodec, mismatches
+from .packet_counter import PacketCounter
 from .port import Port
 from .stream_options import Blocks, Stream
 

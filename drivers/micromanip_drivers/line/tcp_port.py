@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import socket
-import struct
 import time
 
 from .port import Port
@@ -14,16 +12,21 @@ from .port_options import TcpPort
 _SIOCOUTQNSD = 0x894B
 """Bytes that have not been sent at all: those on their way, and not acknowledged yet, are not among them."""
 _TCP_USER_TIMEOUT = 18
-_COUNT = struct.pack("i", 0)
 
 
 class TcpConnection(Port):
     """The connection that `options` name; given up when nothing is acknowledged for `silence_ms`."""
 
+    waiting_request = _SIOCOUTQNSD
+
     def __init__(self, options: TcpPort, silence_ms: float) -> None:
         super().__init__(f"tcp {options.host}:{options.port}")
         self._options, self._silence_ms = options, silence_ms
         self._socket: socket.socket | None = None
+
+    @property
+    def is_plain(self) -> bool:
+        return True
 
     def _connect(self, deadline_ns: int) -> int:
         options = self._options
@@ -54,7 +57,3 @@ class TcpConnection(Port):
     def _write(self, descriptor: int, data: bytes) -> int:  # noqa: ARG002
         assert self._socket is not None
         return self._socket.send(data)
-
-    def _waiting_bytes(self) -> int:
-        count: int = struct.unpack("i", fcntl.ioctl(self._opened(), _SIOCOUTQNSD, _COUNT))[0]
-        return count

@@ -19,6 +19,10 @@ SII_CONFIG, SII_CONTROL, SII_ADDRESS, SII_DATA = 0x0500, 0x0502, 0x0504, 0x0508
 FMMU, FMMU_BYTES = 0x0600, 16
 SM, SM_BYTES = 0x0800, 8
 DC_PORTS, DC_SYSTEM, DC_UNIT, DC_OFFSET, DC_DELAY, DC_DIFFERENCE = 0x0900, 0x0910, 0x0918, 0x0920, 0x0928, 0x092C
+DC_CONTROL, DC_ACTIVATE, DC_START, DC_SYNC0_CYCLE = 0x0980, 0x0981, 0x0990, 0x09A0
+"""The SYNC unit: who controls it (a byte), what is on (a byte), when SYNC0 begins (8 bytes), its period in ns (4)."""
+SYNC_ON, SYNC0_ON = 0x01, 0x02
+"""Bits of ``DC_ACTIVATE``."""
 
 SM_STATUS, SM_ACTIVATE, SM_PDI = 5, 6, 7
 """Bytes within a sync manager: what it holds, whether it is on, what the slave itself says of it."""

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 COMPUTED, MEASURED = "computed", "measured"
+EVERYTHING_ELSE = "everything else"
+_LEGIBLE = 0.005
+"""Share of the whole below which a cause is not told apart in a picture."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,11 @@ class Cause:
     def variance_um2(self) -> float:
         """What it adds to the variance of the path error."""
         return float(self.power.sum())
+
+    @property
+    def rms_um(self) -> float:
+        """Its root."""
+        return float(np.sqrt(self.variance_um2))
 
 
 @dataclass(frozen=True)
@@ -54,8 +62,8 @@ class Variant:
 class AxisBudget:
     """Causes of one axis over the middles of the bins `hertz` (n,), the largest first.
 
-    The sum of the causes is the whole, always. `measured_um` is the rms in virtual time where it was played; `unknown`
-    says what nothing is known of.
+    The sum of the causes is the whole, always. `measured_um` is the rms in virtual time where it was played and the
+    truth is known; `unknown` says what nothing is known of.
     """
 
     axis: str
@@ -77,6 +85,12 @@ class AxisBudget:
         """Its root."""
         return float(np.sqrt(self.variance_um2))
 
+    def told_apart(self) -> tuple[Cause, ...]:
+        """Causes that a picture can show, the largest first, and all others as one."""
+        large = tuple(cause for cause in self.causes if cause.variance_um2 > _LEGIBLE * self.variance_um2)
+        rest = [cause.power for cause in self.causes if cause not in large]
+        return (*large, Cause(EVERYTHING_ELSE, np.sum(rest, axis=0))) if rest else large
+
     def document(self) -> dict[str, Any]:
         """As in JSON."""
         whole = self.variance_um2
@@ -88,7 +102,7 @@ class AxisBudget:
                 {
                     "name": cause.name,
                     "variance_um2": cause.variance_um2,
-                    "rms_um": float(np.sqrt(cause.variance_um2)),
+                    "rms_um": cause.rms_um,
                     "share_percent": 100.0 * cause.variance_um2 / whole if whole > 0.0 else 0.0,
                     "how": cause.how,
                 }

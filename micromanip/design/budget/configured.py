@@ -117,7 +117,8 @@ def budget_of(
         causes, measured = list(ordered(powers)), None
         if whole is not None and quiet is not None:
             place = list(prepared.configuration.axes).index(axis)
-            measured = float(np.sqrt(whole.variance_um2[place]))
+            if f"path_error_{axis}" in prepared.configuration.signals:  # else it is of samples, their noise included
+                measured = float(np.sqrt(whole.variance_um2[place]))
             causes += _measured(grid, powers, whole, quiet, place)
         budget = AxisBudget(
             axis,
@@ -196,7 +197,7 @@ def _variants(cell: Cell, rest_um2: float) -> list[Variant]:
         tracker = replace(laws.tracker, noise_um=factor * laws.tracker.noise_um)
         quieter = None if known is None else replace(known, tracker_noise_um=factor * known.tracker_noise_um)
         other = Cell(replace(laws, tracker=tracker), replace(tracking, tracker=tracker), quieter)
-        add(f"tracker noise {tracker.noise_um:g} um", other)
+        add(f"tracker noise {tracker.noise_um:.3g} um", other)
     for every in (2 * tracking.every, max(1, tracking.every // 2)):
         rate_hz = 1.0 / (every * tracking.period_s)
         tracker = replace(laws.tracker, sample_rate_Hz=rate_hz)
@@ -216,7 +217,9 @@ def _variants(cell: Cell, rest_um2: float) -> list[Variant]:
         noise_um = factor * outer.sensor_noise_um
         axis = laws.axis.model_copy(update={"outer": outer.model_copy(update={"sensor_noise_um": noise_um})})
         seen = None if known is None else replace(known, stage_noise_um=factor * known.stage_noise_um)
-        add(f"capacitive sensor noise {1e3 * noise_um:g} nm", replace(cell, laws=replace(laws, axis=axis), known=seen))
+        add(
+            f"capacitive sensor noise {1e3 * noise_um:.3g} nm", replace(cell, laws=replace(laws, axis=axis), known=seen)
+        )
     if known is not None:
         for factor in (0.0, 0.5, 2.0):
             (noise_N, bandwidth_Hz), (tooth_Hz, tooth_N) = known.force_noise, known.tooth

@@ -13,20 +13,11 @@ from .budget import AxisBudget
 
 _FRACTION = 6
 """Bands an octave."""
-_LEGIBLE = 0.005
-"""Share of the whole below which a cause is not told apart."""
-_OTHERS = "everything else"
 
 
 def draw_budget(budget: AxisBudget, folder: Path, about: str = "") -> Iterator[Path]:
     """Write the picture of one axis into `folder`, as PNG and SVG; the files."""
-    whole = max(budget.variance_um2, 1e-300)
-    shown = [cause for cause in budget.causes if cause.variance_um2 > _LEGIBLE * whole]
-    powers = {f"{cause.name}: {np.sqrt(cause.variance_um2):.3f} um": cause.power for cause in shown}
-    rest = [cause.power for cause in budget.causes if cause not in shown]
-    if rest:
-        others = np.sum(rest, axis=0)
-        powers[f"{_OTHERS}: {np.sqrt(others.sum()):.3f} um"] = others
+    powers = {f"{cause.name}: {cause.rms_um:.3f} um": cause.power for cause in budget.told_apart()}
     edges = np.concatenate([[0.0], 2.0 ** (np.arange(-_FRACTION, 13 * _FRACTION) / _FRACTION)])
     edges = np.append(edges[edges < budget.hertz[-1]], np.inf)
     middles = np.sqrt(np.maximum(edges[:-1], 0.4) * np.minimum(edges[1:], budget.hertz[-1]))

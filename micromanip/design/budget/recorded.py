@@ -6,10 +6,8 @@ model of the stage), the loop's equations (``loop.py``) are an identity of recor
     e = d - y = (d - T d~) - T n~ - S v + G Y S m
 
 d~ and n~ are path and noise behind the predictor, T its way to the stage, S the sensitivity, m the capacitive sensor's
-noise. What a simulation knows is taken as it is: path, stage, and the motion of a copy that nobody controls, which
-shows the force. Else the path is the tracker's, smoothed without lag (a low pass of zero phase, beyond what stands out
-of the floor of the samples' spectrum), y is the measured position, and the sensor's noise is told from the rest by its
-configured size.
+noise. Path and stage are those of ``followed.py``; of a simulation the motion of a copy that nobody controls shows the
+force. Else the sensor's noise is told from the rest by its configured size.
 
 What these parts do not explain is left as a remainder: where cycles were missing or a limit held, that is named.
 In every bin of frequency the power of the error is shared out in proportion to the powers of the parts and the
@@ -19,31 +17,25 @@ remainder: none is negative, and the sum is the mean square of the error.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
-from scipy.interpolate import CubicSpline
 from scipy.signal import csd, welch
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
-from micromanip.rt.states import TRACKING
-from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.load import validate_document
-from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import AxisTracker, Tracker
+from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.source import Source
 
 from .bound import prediction_variance
 from .budget import MEASURED, AxisBudget, Bound, ordered
-from .causes import FORCE, PREDICTION, STAGE, TRACKER, Grid, shared_out
+from .causes import FORCE, STAGE, Grid, shared_out
+from .followed import WINDOW_S, Stretch, follow, mirrored, tracking_stretch
 from .loop import AxisLaws
 from .tracking import Tracking
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 ACTUATOR, DISTURBANCE, MISSED, LIMITED, UNEXPLAINED = (
     "hysteresis left, creep, coupling, mismatch",
@@ -52,44 +44,8 @@ ACTUATOR, DISTURBANCE, MISSED, LIMITED, UNEXPLAINED = (
     "saturation",
     "not explained",
 )
-_SETTLED_S, _LEAST_S, _EDGE_S, _AFTER_S = 1.0, 3.0, 1.0, 0.02
-"""Left out after tracking has begun; shortest stretch; left out at both ends of it, where filters know only one side;
-how long a missed cycle or a limit is felt."""
-_WINDOW_S, _FLOOR_SHARE, _STANDS_OUT, _ROOM = 1.0, 0.25, 10.0, 2.0
-"""Of the samples' spectrum: its window; from which share of the sampling rate on it is floor; what stands out of it;
-how far beyond that the path may go."""
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """Columns of one axis in consecutive cycles (n,), what was skipped filled with the row before it; um and s."""
-
-    time_s: Array
-    skipped: NDArray[np.bool_]
-    limited: NDArray[np.bool_]
-    taken_s: Array
-    arrived_s: Array
-    samples_um: Array
-    stage_um: Array
-    setpoint_um: Array
-    true_stage_um: Array
-    path_error_um: Array
-    uncompensated_um: Array
-
-    @property
-    def late_s(self) -> float:
-        """Age of a sample when it arrives."""
-        return float(np.median(self.arrived_s - self.taken_s))
-
-    @property
-    def inside(self) -> NDArray[np.bool_]:
-        """Cycles (n,) away from both ends."""
-        return np.asarray((self.time_s > _EDGE_S) & (self.time_s < self.time_s[-1] - _EDGE_S))
-
-    @property
-    def truth(self) -> bool:
-        """Whether a simulation said where the stage really was."""
-        return bool(np.isfinite(self.true_stage_um).all() and np.isfinite(self.path_error_um).all())
+_AFTER_S = 0.02
+"""How long a missed cycle or a limit is felt."""
 
 
 def recorded_budget(
@@ -102,107 +58,15 @@ def recorded_budget(
     found = []
     for axis in axes:
         say(f"axis {axis}")
-        stretch = _stretch(telemetry, configuration, axis)
+        stretch = tracking_stretch(telemetry, configuration, axis)
         laws = AxisLaws(axis, configuration.axes[axis], configuration.reference.of(axis), telemetry.period_ns * 1e-9)
         found.append(_explained(stretch, laws, coherence_s))
     return found
 
 
-def _stretch(telemetry: Telemetry, configuration: Configuration, axis: str) -> Stretch:
-    """The longest time of tracking without another tuning, without its beginning."""
-    cycle, state, version = (telemetry.column(name) for name in ("cycle", "state", "version"))
-    tracking = np.flatnonzero(state == TRACKING)
-    if not len(tracking):
-        raise CheckFailed(f"{telemetry.file}: the cell does not track in it: there is no path error to budget")
-    breaks = (np.diff(tracking) > 1) | (np.diff(version[tracking]) != 0)
-    pieces = np.split(tracking, np.flatnonzero(breaks) + 1)
-    longest = max(pieces, key=len)
-    rate_hz = 1e9 / telemetry.period_ns
-    first, last = int(cycle[longest[0]] + _SETTLED_S * rate_hz), int(cycle[longest[-1]])
-    if (last - first) / rate_hz < _LEAST_S:
-        raise CheckFailed(
-            f"{telemetry.file}: it tracks for {(last - cycle[longest[0]]) / rate_hz:.2g} s at a stretch; a budget "
-            f"needs {_SETTLED_S + _LEAST_S:g} s"
-        )
-    wanted = np.arange(first, last + 1)
-    rows = np.searchsorted(cycle, wanted, side="right") - 1
-    place = telemetry.axes.index(axis)
-
-    def column(name: str) -> Array:
-        return np.asarray(telemetry.column(f"axis.{place}.{name}"), dtype=float)
-
-    time_ns = telemetry.column("time_ns").astype(float)
-    time_s = (time_ns - time_ns[rows[0]]) * 1e-9
-    fresh = (telemetry.column(f"axis.{place}.fresh").astype(int) & DEVIATION_FRESH) != 0
-    fresh &= (np.arange(len(cycle)) >= rows[0]) & (np.arange(len(cycle)) <= rows[-1])
-    age_s = column("deviation_age_ns") * 1e-9
-    settings, voltage, setpoint = configuration.axes[axis], column("voltage_V"), column("setpoint_um")
-    (low_V, high_V), (low_um, high_um) = configuration.outputs[f"voltage_{axis}"].range_V, settings.setpoint.range_um
-    limited = (voltage <= low_V) | (voltage >= high_V) | (setpoint <= low_um) | (setpoint >= high_um)
-    if np.count_nonzero(fresh) < 2:
-        raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} came while it tracked")
-    return Stretch(
-        (wanted - wanted[0]) / rate_hz,
-        np.isin(wanted, cycle, invert=True),
-        limited[rows],
-        (time_s - age_s)[fresh],
-        time_s[fresh],
-        column("deviation_um")[fresh],
-        column("stage_um")[rows],
-        setpoint[rows],
-        column("true_stage_um")[rows],
-        column("path_error_um")[rows],
-        column("uncompensated_um")[rows],
-    )
-
-
-def predicted_share(telemetry: Telemetry, axis: str, tracker: AxisTracker) -> float:
-    """Rms (um) of what noise, delay and prediction of the samples would have left of the path, with another `tracker`.
-
-    Raises CheckFailed as `recorded_budget`.
-    """
-    configuration = validate_document(Source.parse(telemetry.file, telemetry.configuration))
-    laws = AxisLaws(axis, configuration.axes[axis], tracker, telemetry.period_ns * 1e-9)
-    stretch = _stretch(telemetry, configuration, axis)
-    followed = _followed(stretch, laws)
-    left = (followed.parts[TRACKER] + followed.parts[PREDICTION])[stretch.inside]
-    return float(np.sqrt(np.mean(left**2)))
-
-
-@dataclass(frozen=True)
-class _Followed:
-    """How the path (n,), um, was followed through `tracking` and the loop, `noise` (k,) being the samples' own."""
-
-    path: Array
-    noise: Array
-    tracking: Tracking
-    filters: Filters
-    parts: dict[str, Array]
-
-
-def _followed(stretch: Stretch, laws: AxisLaws) -> _Followed:
-    time_s = stretch.time_s
-    step_s = float(np.median(np.diff(stretch.taken_s)))
-    truth = stretch.path_error_um + stretch.true_stage_um
-    path = truth if stretch.truth else smoothed(stretch.taken_s, stretch.samples_um, time_s)
-    clean = np.interp(stretch.taken_s, time_s, path)
-    noise = stretch.samples_um - clean
-    tracking = Tracking(laws.tracker, max(1, round(step_s / laws.period_s)), stretch.late_s, laws.period_s)
-    seen = [
-        tracking.given(stretch.taken_s, stretch.arrived_s, samples, time_s, laws.gains.reference)
-        for samples in (clean, noise)
-    ]
-    filters = Filters.of(laws, len(time_s))
-    parts = {
-        TRACKER: -filters.through("followed", seen[1]),
-        PREDICTION: path - filters.through("followed", seen[0]),
-    }
-    return _Followed(path, noise, tracking, filters, parts)
-
-
 def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudget:
     truth, inside = stretch.truth, stretch.inside
-    followed = _followed(stretch, laws)
+    followed = follow(stretch, laws)
     path, noise, tracking, filters = followed.path, followed.noise, followed.tracking, followed.filters
     stage = stretch.true_stage_um if truth else stretch.stage_um
     error = path - stage
@@ -270,11 +134,11 @@ def _answering(moved: Array, copy: Array, period_s: float) -> Array:
 
     By the transfer between them (cross spectrum over spectrum): here the strain loop holds against it.
     """
-    window = min(len(copy), round(_WINDOW_S / period_s))
+    window = min(len(copy), round(WINDOW_S / period_s))
     hertz, own = welch(copy, 1.0 / period_s, nperseg=window)
     _, both = csd(copy, moved, 1.0 / period_s, nperseg=window)
     transfer = np.divide(both, own, where=own > 0.0, out=np.zeros_like(both))
-    padded, first = _mirrored(copy)
+    padded, first = mirrored(copy)
     lines = np.fft.rfftfreq(len(padded), period_s)
     spectrum = np.fft.rfft(padded) * np.interp(lines, hertz, transfer)
     return np.asarray(np.fft.irfft(spectrum, len(padded))[first : first + len(copy)])
@@ -292,47 +156,3 @@ def binned(x: Array, grid: Grid) -> Array:
     lines = np.abs(np.fft.rfft(x)) ** 2 / len(x) ** 2
     lines[1 : len(lines) - (len(x) % 2 == 0)] *= 2.0
     return grid.lines(np.asarray(np.fft.rfftfreq(len(x), 1.0 / grid.rate_hz)), np.asarray(lines))
-
-
-def smoothed(taken_s: Array, samples_um: Array, time_s: Array) -> Array:
-    """The path (n,) at `time_s` by samples (k,) of before and after: all up to where their spectrum stands out."""
-    step_s = float(np.median(np.diff(taken_s)))
-    even = np.arange(taken_s[0], taken_s[-1] + 0.5 * step_s, step_s)
-    samples = np.interp(even, taken_s, samples_um)
-    hertz, density = welch(samples, 1.0 / step_s, nperseg=min(len(samples), round(_WINDOW_S / step_s)))
-    floor = float(np.median(density[hertz > _FLOOR_SHARE / step_s]))
-    highest = float(hertz[density > _STANDS_OUT * floor].max(initial=hertz[1]))
-    padded, first = _mirrored(samples)
-    share = 1.0 / (1.0 + (np.fft.rfftfreq(len(padded), step_s) / (_ROOM * highest)) ** 16)
-    path = np.fft.irfft(np.fft.rfft(padded) * share, len(padded))[first : first + len(even)]
-    return np.asarray(CubicSpline(even, path)(np.clip(time_s, even[0], even[-1])))
-
-
-def _mirrored(x: Array) -> tuple[Array, int]:
-    """`x` (n,) continued by its own point reflection to about twice its length, and where it begins in it."""
-    more = next_fast_len(2 * len(x) - 2, real=True) - len(x)
-    before, after = more // 2, more - more // 2
-    padded = np.concatenate([2 * x[0] - x[before:0:-1], x, 2 * x[-1] - x[-2 : -after - 2 : -1]])
-    return padded, before
-
-
-@dataclass(frozen=True)
-class Filters:
-    """The closed loop around the configured model at the frequencies of a padded record."""
-
-    responses: dict[str, Complex]
-
-    @classmethod
-    def of(cls, laws: AxisLaws, samples: int) -> Filters:
-        """For signals of `samples` cycles."""
-        padded = len(_mirrored(np.zeros(samples))[0])
-        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(padded, laws.period_s))
-        omega[0] = 1e-3 * omega[1]  # at rest the PID has no finite gain, and a real system is what it is just above
-        loop = laws.around(laws.model(omega), omega)
-        names = ("plant", "followed", "sensitivity", "of_stage_noise")
-        return cls({name: getattr(loop, name) for name in names})
-
-    def through(self, name: str, x: Array) -> Array:
-        """`x` (n,) behind one of the transfers."""
-        padded, first = _mirrored(x)
-        return np.asarray(np.fft.irfft(np.fft.rfft(padded) * self.responses[name], len(padded))[first : first + len(x)])

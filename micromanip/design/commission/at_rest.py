@@ -5,7 +5,8 @@ Recorded in open loop at the park voltages, before anything is closed; best whil
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,13 +34,17 @@ _STAGE_FRESH, _DEVIATION_FRESH = 2, 4
 
 @dataclass(frozen=True)
 class AtRest:
-    """The tracker (rate, noise, the robot's own oscillation), and the tooth's line (Hz, um); None: not found."""
+    """The tracker (rate, noise, the robot's own oscillation), and the tooth's line (Hz, um); None: not found.
+
+    `deviation_um` are the tracker's samples (n,) of each axis that had some.
+    """
 
     tracker_Hz: float | None
     tracker_noise_um: float
     joints_Hz: float | None
     tooth_Hz: float | None
     tooth_um: float = 0.0
+    deviation_um: Mapping[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     def reference(self) -> Tracker:
         """The tracker as it was seen; what was not seen keeps its default."""
@@ -57,8 +62,8 @@ def look_at_rest(configuration: Configuration, experiment: Experiment) -> AtRest
     still = with_reference(with_axes(configuration, mode="voltage"), EXCITED)
     rows = experiment(still, REST_S, parked(configuration, round(REST_S * rate_hz)))["axis"][:, :count]
     tooth_Hz, tooth_um, clearest = None, 0.0, _STANDS_OUT
-    tracker_Hz, noises, joints_Hz, heard = None, [], None, _JOINTS_STAND_OUT
-    for i in range(count):
+    tracker_Hz, joints_Hz, heard, seen = None, None, _JOINTS_STAND_OUT, {}
+    for i, name in enumerate(configuration.axes):
         stage, stage_Hz = _samples(rows[len(rows) // 2 :, i], "stage_um", _STAGE_FRESH, rate_hz)
         if len(stage) >= _LEAST:
             found, size_um, ratio = strongest_line(stage, stage_Hz, _TOOTH_HZ)
@@ -67,11 +72,12 @@ def look_at_rest(configuration: Configuration, experiment: Experiment) -> AtRest
         deviation, deviation_Hz = _samples(rows[:, i], "deviation_um", _DEVIATION_FRESH, rate_hz)
         if len(deviation) >= _LEAST:
             tracker_Hz = float(f"{deviation_Hz:.3g}")
-            noises.append(white_noise(deviation))
+            seen[name] = deviation
             found, _, ratio = strongest_line(deviation, deviation_Hz, _JOINTS_HZ, _JOINTS_WINDOW_S)
             if ratio > heard:
                 joints_Hz, heard = found, ratio
-    return AtRest(tracker_Hz, max(noises, default=0.0), joints_Hz, tooth_Hz, tooth_um)
+    noise_um = max((white_noise(deviation) for deviation in seen.values()), default=0.0)
+    return AtRest(tracker_Hz, noise_um, joints_Hz, tooth_Hz, tooth_um, seen)
 
 
 def _samples(rows: NDArray[Any], column: str, fresh: int, rate_hz: float) -> tuple[Array, float]:

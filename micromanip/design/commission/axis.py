@@ -31,7 +31,7 @@ from ..loops import over_path, stage_loop, strain_loop
 from ..record import Record, judge_record
 from ..response import Wanted, identify
 from ..sensitivity import Sensitivity, judge_loop
-from ..synthesis import OuterDesign, PidDesign, tune_outer, tune_pid
+from ..synthesis import OuterDesign, PidDesign, Undone, tune_outer, tune_pid, undo
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
 from .borne import DRAWN, Borne
 from .partial import Steps
@@ -83,6 +83,8 @@ class Commissioned:
     outer: OuterDesign
     outer_loop: Sensitivity
     validation: Validation
+    undone: Undone | None = None
+    """What the feedforward of mode strain undoes; None where the configuration does not say how late the gauge is."""
     learned: tuple[str, ...] = ()
     """What was measured, found wanting and done again, in sentences."""
 
@@ -100,6 +102,7 @@ def _commission(
     configuration: Configuration, experiment: Experiment, axis: str, steps: Steps, knobs: Knobs, seed: int
 ) -> Commissioned:
     settings, say = configuration.axes[axis], steps.begin
+    configuration = with_axis(configuration, axis, actuator=None)  # that of another tuning
     say("sensors at rest")
     check_rest(configuration, experiment, axis)
     say("polarity and scale")
@@ -160,9 +163,16 @@ def _commission(
     say("validation")
     tuned = with_axis(tuned, axis, outer=outer.outer)
     validation = validate(tuned, experiment, axis)
+    undone, kept = None, settings.actuator
+    if kept is not None and actuator.path == AT_ONCE:
+        asked_Hz = settings.accept.frequencies_Hz
+        model = actuator.dynamics, actuator.delay
+        undone = undo(*model, pid.inner, kept.gauge_us, polarity.noise_um, left_um, asked_Hz)
+        kept = undone.actuator
+    tuned = with_axis(tuned, axis, actuator=kept)
     return Commissioned(
         axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_closed,
-        stage, outer, outer_loop, validation, tuple(learned),
+        stage, outer, outer_loop, validation, undone, tuple(learned),
     )  # fmt: skip
 
 

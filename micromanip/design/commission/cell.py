@@ -15,7 +15,7 @@ from .at_rest import AtRest, look_at_rest
 from .axis import DRAWN, Commissioned, Knobs, Watched, commission_axis
 from .evidence import Evidence
 from .partial import Stopped
-from .production import Production, in_production, tried
+from .production import Budgeted, Production, in_production, tried
 from .story import evidence
 from .tracking import follow
 
@@ -33,7 +33,7 @@ def planned(axes: Sequence[str]) -> list[tuple[str, float]]:
     """What `commission_cell` says of these axes, in order, and how the time is shared out; some steps may not come."""
     tuned = [(_of(axis, name), share) for axis in axes for name, share in _SHARES]
     judged = [(_of(axis, name), share) for axis in axes for name, share in _AFTERWARDS]
-    return [("the cell at rest", 1.4), *tuned, *judged, ("as it will run", 5.0), ("report", 1.0)]
+    return [("the cell at rest", 1.4), *tuned, *judged, ("as it will run", 8.0), ("report", 1.0)]
 
 
 def _of(axis: str, what: str) -> str:
@@ -80,11 +80,12 @@ def commission_cell(
     seed: int = 1,
     running: Experiment | None = None,
     written: Callable[[Configuration], Configuration] = _as_it_is,
+    budgeted: Budgeted | None = None,
 ) -> CommissionedCell:
     """Commission `axes` of `configuration`; the other axes keep what they have, and rest meanwhile.
 
     With `running`, an experiment in which the process goes on, the cell is looked at while it rests, and what was found
-    is tried as it will run: `written` gives what a file of a configuration holds.
+    is tried as it will run: `written` gives what a file of a configuration holds, `budgeted` what its error is made of.
     """
     watched, stopped, rest = Watched(experiment), None, None
     if running is not None:
@@ -115,7 +116,7 @@ def commission_cell(
         production = in_production(configuration, rest, missed)
         if production.tracks:
             say("as it will run")
-            production = tried(production, written, running)
+            production = tried(production, written, running, budgeted)
             configuration = production.configuration
         stories = [_with_production(story, production, rest) for story in stories]
     return CommissionedCell(configuration, tuple(found), tuple(analyses), tuple(stories), stopped, rest, production)
@@ -131,5 +132,5 @@ def _at_rest(configuration: Configuration, experiment: Experiment) -> AtRest:
 
 def _with_production(story: Evidence, production: Production, rest: AtRest) -> Evidence:
     judged = (production.criterion(story.axis, rest.tracker_noise_um),) if production.tracks else ()
-    sections = (production.section(story.axis), *story.sections)
+    sections = (*production.sections(story.axis), *story.sections)
     return replace(story, criteria=(*story.criteria, *judged), sections=sections)

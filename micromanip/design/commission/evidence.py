@@ -46,13 +46,23 @@ class Plot:
 
 
 @dataclass(frozen=True)
+class Table:
+    """Rows of text below their heads; the first of each row names it."""
+
+    caption: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
 class Section:
-    """A step of the commissioning: what was done in words, figures by name, its plots."""
+    """A step of the commissioning: what was done in words, figures by name, tables, its plots."""
 
     title: str
     text: str
     figures: dict[str, str] = field(default_factory=dict)
     plots: tuple[Plot, ...] = ()
+    tables: tuple[Table, ...] = ()
 
 
 @dataclass(frozen=True)

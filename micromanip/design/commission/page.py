@@ -106,9 +106,13 @@ def _section(section: Section, axis: str, ids: Iterator[int]) -> str:
     paragraphs = "".join(
         f"<p>{escape(text.strip())}</p>" for text in re.split(r"\n\s*\n", section.text) if text.strip()
     )
+    tables = "".join(
+        _table(table.caption, table.heads, [[escape(cell) for cell in row] for row in table.rows])
+        for table in section.tables
+    )
     plots = "".join(_plot(plot, axis, next(ids)) for plot in section.plots)
     return (
-        f"<section><h3>{escape(section.title)}</h3>{paragraphs}{facts(section.figures)}"
+        f"<section><h3>{escape(section.title)}</h3>{paragraphs}{facts(section.figures)}{tables}"
         + (f'<div class="plots">{plots}</div>' if plots else "")
         + "</section>\n"
     )

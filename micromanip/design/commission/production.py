@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,17 @@ from micromanip.errors import MicromanipError
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
+from ..budget.budget import AxisBudget
 from ..criteria import Criterion, told
 from ..experiment import Experiment, with_axes, with_reference
 from .at_rest import AtRest
+from .composition import TITLE, composition
 from .evidence import Curve, Plot, Section
+from .predictor import known_deviations
 
 Array = NDArray[np.float64]
+Budgeted = Callable[[Configuration, NDArray[Any]], list[AxisBudget]]
+"""Error budgets of a configuration whose rows of a trial are given; MicromanipError where none can be made."""
 
 TRACKED_S = 9.0
 _FADED_IN_S = 1.0
@@ -45,7 +51,8 @@ class PathErrorSeen:
 class Production:
     """`configuration` as it goes to production; `obstacle` says why it does not track, None where it does.
 
-    `decided` are sentences on what was chosen, `seen` the path errors by axis, `problem` what ended the trial.
+    `decided` are sentences on what was chosen, `seen` the path errors by axis, `problem` what ended the trial,
+    `budgets` what those errors are made of, `unbudgeted` why that isn't told.
     """
 
     configuration: Configuration
@@ -54,6 +61,8 @@ class Production:
     seen: dict[str, PathErrorSeen] = field(default_factory=dict)
     problem: str | None = None
     known: bool = True
+    budgets: dict[str, AxisBudget] = field(default_factory=dict)
+    unbudgeted: str | None = None
 
     @property
     def tracks(self) -> bool:
@@ -76,8 +85,15 @@ class Production:
         )
         return Criterion(axis, name, seen.rms <= limit, value, wanted)
 
-    def section(self, axis: str) -> Section:
+    def sections(self, axis: str) -> tuple[Section, ...]:
         """What is told of it in the report."""
+        if axis in self.budgets:
+            return self._trial(axis), composition(self.budgets[axis])
+        if self.unbudgeted is not None:
+            return self._trial(axis), Section(TITLE, f"That is not told: {self.unbudgeted}.")
+        return (self._trial(axis),)
+
+    def _trial(self, axis: str) -> Section:
         if self.obstacle is not None:
             return Section("In production", f"The tuned file does not track: {self.obstacle}.")
         text = "The tuned file, as it is written, armed and tracking, all axes together. " + " ".join(self.decided)
@@ -89,7 +105,7 @@ class Production:
             "uncompensated": f"{seen.uncompensated_rms:.1f} um rms",
             "told by": "the simulation's truth"
             if self.known
-            else "the tracker's samples less the stage, their noise included",
+            else "the tracker's reference less the stage, its noise included",
         }
         plot = Plot("Path error as it will run", "time, s", "um", (Curve("left", seen.t_s, seen.left),))
         return Section("In production", text, figures, (plot,))
@@ -122,9 +138,9 @@ def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -
     else:
         reference = rest.reference()
         low, high = _reach(configuration)
-        reference = reference.model_copy(
-            update={"range_um": (max(reference.range_um[0], low), min(reference.range_um[1], high))}
-        )
+        axes, said = known_deviations(reference, rest)
+        within = max(reference.range_um[0], low), min(reference.range_um[1], high)
+        reference = reference.model_copy(update={"range_um": within, "axes": axes})
         joints = (
             "its joints were not seen to oscillate"
             if rest.joints_Hz is None
@@ -134,6 +150,7 @@ def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -
             f"The reference is the tracker as it was seen at rest: {reference.sample_rate_Hz:g} samples a second, "
             f"noise {reference.noise_um:g} um; of the robot, {joints}."
         )
+        decided += said
     return Production(with_reference(with_axes(configuration, mode="stage"), reference), decided=tuple(decided))
 
 
@@ -159,9 +176,12 @@ def _reach(configuration: Configuration) -> tuple[float, float]:
 
 
 def tried(
-    production: Production, written: Callable[[Configuration], Configuration], experiment: Experiment
+    production: Production,
+    written: Callable[[Configuration], Configuration],
+    experiment: Experiment,
+    budgeted: Budgeted | None = None,
 ) -> Production:
-    """The path errors of what `written` gives back of the configuration: what a file of it holds."""
+    """The path errors, and their budgets, of what `written` gives back of the configuration: what its file holds."""
     try:
         configuration = written(production.configuration)
         rows = experiment(configuration, TRACKED_S)
@@ -177,7 +197,13 @@ def tried(
         t_s = np.arange(len(error)) / every
         seen[name] = PathErrorSeen(_rms(moved), _rms(error), float(np.abs(error).max()), t_s, error)
     known = all(f"path_error_{name}" in configuration.signals for name in configuration.axes)
-    return replace(production, configuration=configuration, seen=seen, known=known)
+    production = replace(production, configuration=configuration, seen=seen, known=known)
+    if budgeted is None:
+        return production
+    try:
+        return replace(production, budgets={each.axis: each for each in budgeted(configuration, rows)})
+    except MicromanipError as problem:
+        return replace(production, unbudgeted=str(problem))
 
 
 def _rms(values: Array) -> float:

@@ -81,6 +81,13 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
         "actuator's model": f"order {found.actuator.found.order}, measured {found.actuator.attempts} times, "
         f"{found.actuator.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
     }
+    if found.undone is not None:
+        section = found.undone.actuator
+        (before, _), (after, worst) = (found.undone.tried[name] for name in ("nothing", found.undone.last))
+        figures["undone in mode strain"] = (
+            f"{', '.join(found.undone.taken) or 'nothing'}; {section.feedback_percent:g} % of the PID; sines to 150 "
+            f"Hz, by the model: {100 * before:.1f} % of the amplitude to {100 * after:.1f}, at worst {100 * worst:.1f}"
+        )
     plots: tuple[Plot, ...] = ()
     if analysis.strain is not None:
         worst = int(np.argmax([m.sensitivity for m in analysis.strain.margins]))

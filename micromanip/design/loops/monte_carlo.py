@@ -1,16 +1,15 @@
 """Margins of both loops for plants drawn around the nominal one, in parallel through joblib.
 
 A sample is known by its seed: the same seed gives the same plant whatever else is drawn, on any worker. Run inside
-``joblib.parallel_config(backend="dask")`` (or ``cluster``), the samples go to a Dask cluster.
+``joblib.parallel_config(backend="dask")`` (or ``design.cluster.cluster``), the samples go to a Dask cluster.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import joblib
 import numpy as np
@@ -18,7 +17,6 @@ import numpy as np
 from micromanip.control.margins import Margins, margins
 from micromanip.control.outer_gains import OuterGains
 from micromanip.control.system import System, delay
-from micromanip.errors import DeviceUnavailable, UsageError
 from micromanip.settings.schema.axis import Inner, LinearModel
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
@@ -142,22 +140,3 @@ def worst(samples: list[Sample], of_stage: bool) -> Sample:
         return not loop.stable, loop.radius if not loop.stable else loop.sensitivity
 
     return max(samples, key=badness)
-
-
-@contextmanager
-def cluster(address: str) -> Iterator[None]:
-    """All parallel work inside goes to the Dask scheduler at `address`, e.g. tcp://host:8786.
-
-    Raises UsageError without the extra `cluster`, DeviceUnavailable where nobody answers.
-    """
-    try:
-        from distributed import Client
-    except ImportError as problem:
-        raise UsageError("a cluster needs the packages of the extra: pip install 'micromanip[cluster]'") from problem
-    try:
-        connect: Any = Client
-        client = connect(address, timeout=10)
-    except (OSError, ValueError) as problem:
-        raise DeviceUnavailable(f"no Dask scheduler answers at {address}: {problem}") from problem
-    with client, joblib.parallel_config(backend="dask"):
-        yield

@@ -1,6 +1,7 @@
-"""Controllers from models: the strain PID under a sensitivity limit, the outer loop by two knobs."""
+"""Controllers from models: the strain PID under a sensitivity limit, what its feedforward undoes, the outer loop."""
 
+from .actuator import Undone, undo
 from .outer import OuterDesign, tune_outer
 from .pid import PidDesign, tune_pid
 
-__all__ = ["OuterDesign", "PidDesign", "tune_outer", "tune_pid"]
+__all__ = ["OuterDesign", "PidDesign", "Undone", "tune_outer", "tune_pid", "undo"]

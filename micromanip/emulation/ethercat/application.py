@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from micromanip.bus.ethercat.al_states import (
+    BAD_CLOCK,
+    BAD_SYNC_CYCLE,
     BOOT,
     ERROR,
     INIT,
@@ -17,6 +19,7 @@ from micromanip.bus.ethercat.al_states import (
     INVALID_MAILBOX,
     INVALID_OUTPUTS,
     NO_BOOT,
+    NO_SYNC,
     OP,
     PREOP,
     SAFEOP,
@@ -28,7 +31,10 @@ from micromanip.bus.ethercat.registers import (
     AL_CODE,
     AL_CONTROL,
     AL_STATUS,
+    DC_ACTIVATE,
     DC_OFFSET,
+    DC_START,
+    DC_SYNC0_CYCLE,
     DL_CONTROL,
     DL_STATUS,
     ESC_TYPE,
@@ -47,6 +53,8 @@ from micromanip.bus.ethercat.registers import (
     SM_STATUS,
     SM_WATCHDOG,
     STATION,
+    SYNC0_ON,
+    SYNC_ON,
     WATCHDOG_COUNT,
     WATCHDOG_DEFAULT_DIVIDER,
     WATCHDOG_DIVIDER,
@@ -56,7 +64,7 @@ from micromanip.bus.ethercat.registers import (
     WATCHDOG_TICK_NS,
 )
 
-from .controller import AL_ASKED, MAIL_CAME, MAIL_TAKEN, MEMORY_BYTES, SII_ASKED, SM_CHANGED
+from .controller import AL_ASKED, MAIL_CAME, MAIL_TAKEN, MEMORY_BYTES, SII_ASKED, SM_CHANGED, local_ns, system_ns
 from .eeprom import eeprom_of
 from .mailbox import Mailbox
 from .objects import Objects
@@ -67,6 +75,7 @@ _BYTE_FMMU_WITH_CLOCK = 0x000D
 """Features: FMMUs map whole bytes, there is a distributed clock, of 64 bits."""
 _WATCHDOG_DEFAULT = 1000
 _REPEAT = 0x02
+_SYNC0 = ((DC_SYNC0_CYCLE, 4), (DC_START, 8))
 _UPWARDS = {(INIT, PREOP), (PREOP, SAFEOP), (SAFEOP, OP)}
 _WRITABLE = (
     (STATION, 2),
@@ -176,6 +185,12 @@ class Application:
         """Take part in the process data, where the state has any."""
         self._hold_process_data(self.state < SAFEOP)
 
+    def drift(self, ppm: float, now_ns: int) -> None:
+        """Let its clock gain so much on this machine's from now on; what it shows does not leap."""
+        esc, ppb = self._esc, round(1e3 * ppm)
+        shown_ns = int(local_ns(esc, now_ns))
+        esc["clock_began_ns"], esc["clock_ppb"] = now_ns - shown_ns * 1_000_000_000 // (1_000_000_000 + ppb), ppb
+
     def drop(self, code: int, state: int = SAFEOP) -> None:
         """Leave the state by itself, for the reason that the code says."""
         self._enter(state, code)
@@ -184,12 +199,12 @@ class Application:
         wanted = control & STATE_MASK
         if self._get(AL_STATUS) & ERROR and not control & ERROR and wanted != INIT:
             return  # the error has to be acknowledged first
-        code = self._refusal(wanted)
+        code = self._refusal(wanted, now_ns)
         if wanted == OP and not code:
             self._esc["outputs_ns"] = now_ns
         self._enter(self.state if code else wanted, code)
 
-    def _refusal(self, wanted: int) -> int:
+    def _refusal(self, wanted: int, now_ns: int) -> int:
         """The code with which a state is refused; 0 for none."""
         if wanted == BOOT:
             return NO_BOOT
@@ -207,7 +222,21 @@ class Application:
                 return INVALID_OUTPUTS
             if not self._manages(3, INPUTS, sum(entry.bits for entry in inputs) // 8):
                 return INVALID_INPUTS
+            return self._refusal_of_sync(now_ns) if wanted > self.state else 0
         return 0
+
+    def _refusal_of_sync(self, now_ns: int) -> int:
+        """What is wrong with SYNC0, where it is on: in SAFEOP it must be to begin, in OP it must have begun."""
+        m = self.memory
+        if not m[DC_ACTIVATE] & SYNC_ON:
+            return 0
+        if not m[DC_ACTIVATE] & SYNC0_ON:
+            return BAD_CLOCK
+        cycle_ns, start_ns = (int.from_bytes(m[at : at + n].tobytes(), "little") for at, n in _SYNC0)
+        if cycle_ns == 0:
+            return BAD_SYNC_CYCLE
+        begins = start_ns > int(system_ns(self._esc, now_ns))
+        return 0 if begins == (self.state < SAFEOP) else NO_SYNC
 
     def _manages(self, k: int, start: int, length: int) -> bool:
         """Whether sync manager `k` is set to just this area; on nothing it must be off."""

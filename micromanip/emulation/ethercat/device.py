@@ -6,6 +6,7 @@ through Python. Both ways use the same controllers, plant and amplifier.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -27,7 +28,8 @@ from micromanip.errors import UsageError
 from micromanip.rt.jit import prepare
 from micromanip.testbus.event_loop import EventLoop
 
-from .faults import KINDS, Absent, LeftOp, MailboxSilent, Order, Power, TerminalFault, parsed
+from .controller import system_ns
+from .faults import KINDS, Absent, Clock, LeftOp, MailboxSilent, Order, Power, TerminalFault, parsed
 from .line import Line
 from .port import EthernetPort
 from .process_data import Number, numbers, terminal_of
@@ -141,6 +143,10 @@ class EthercatDevice:
                 application.be_absent()
                 if fault.for_s is not None:
                     self._loop.call_at(end_ns, application.take_part)
+            case Clock():
+                application.drift(fault.ppm, self._loop.now_ns())
+                if fault.for_s is not None:
+                    self._loop.call_at(end_ns, lambda: application.drift(0.0, self._loop.now_ns()))
             case MailboxSilent():
                 application.mailbox_silent = True
             case Order():
@@ -164,6 +170,7 @@ class EthercatDevice:
         for k, application in enumerate(self.slaves.applications):
             application.take_part()
             application.mailbox_silent = False
+            application.drift(0.0, self._loop.now_ns())
             if not self.slaves.controllers[k]["powered"]:
                 self._switch_on(k)
 
@@ -174,9 +181,15 @@ class EthercatDevice:
             "frames": self.figures.sent + self.figures.received,
             **vars(self.figures),
             **vars(self._port.figures),
+            "clock": self._clock(),
             "states": {n: a.state for n, a in zip(self._names, self.slaves.applications, strict=True)},
             "bus_load_percent": round(100 * self._port.figures.busy_ns / elapsed_ns, 2),
         }
+
+    def _clock(self) -> dict[str, int]:
+        """The first terminal's, at a time of this machine (CLOCK_MONOTONIC)."""
+        first, now_ns = self.slaves.controllers[0], time.monotonic_ns()
+        return {"monotonic_ns": now_ns, "system_ns": int(system_ns(first, now_ns)), "ppb": int(first["clock_ppb"])}
 
     def close(self) -> None:
         self._line.close()

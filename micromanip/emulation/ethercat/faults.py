@@ -5,6 +5,7 @@
     absent      it takes no part in the process data: the working counter is wrong
     mailbox     its mailbox takes mails and gives none
     order       it has changed places with the one behind it
+    clock       its clock gains `ppm` from now on
 
 Whatever befalls frames is of any line (``emulation/line/faults.py``), but for wrong bits: a network card drops such a
 frame, so say ``drop``.
@@ -58,9 +59,16 @@ class Order(TerminalFault):
     kind: Literal["order"]
 
 
-KINDS = ("power", "left_op", "absent", "mailbox", "order")
+class Clock(TerminalFault):
+    """Its clock drifts."""
+
+    kind: Literal["clock"]
+    ppm: Annotated[float, Field(strict=True, ge=-1000, le=1000)]
+
+
+KINDS = ("power", "left_op", "absent", "mailbox", "order", "clock")
 _ANY: TypeAdapter[TerminalFault] = TypeAdapter(
-    Annotated[Power | LeftOp | Absent | MailboxSilent | Order, Field(discriminator="kind")]
+    Annotated[Power | LeftOp | Absent | MailboxSilent | Order | Clock, Field(discriminator="kind")]
 )
 
 

@@ -7,6 +7,7 @@ import os
 import platform
 import re
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from micromanip.settings.schema.model import Loop
 
 from .finding import Finding, Machine, Verdict
 from .kernel import kernel_findings
+from .network import network_findings
 from .processor import processor_findings
 from .rights import rights_findings
 from .timed import Timed
@@ -82,8 +84,9 @@ def described(machine: Machine, loop: Loop) -> dict[str, Any]:
     }
 
 
-def looked_at(machine: Machine, loop: Loop) -> tuple[Finding, ...]:
-    """Every setting of `machine` that matters to `loop`."""
+def looked_at(machine: Machine, loop: Loop, interfaces: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """Every setting of `machine` that matters to `loop`, which itself serves wires at these network interfaces."""
     kernel = kernel_findings(machine, platform.release(), platform.version(), 1e6 / loop.rate_hz, loop.spin_us)
     processor = processor_findings(machine, loop.cpu, os.sched_getaffinity(0))
-    return (*kernel, *processor, *rights_findings(loop.priority, hardware=loop.limits == "hardware"))
+    network = network_findings(machine, interfaces, loop.cpu, loop.priority)
+    return (*kernel, *processor, *network, *rights_findings(loop.priority, hardware=loop.limits == "hardware"))

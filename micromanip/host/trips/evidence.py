@@ -63,14 +63,19 @@ def error_um(box: Box, axis: int) -> NDArray[np.float64]:
     """
     rows, cycles, p = box.rows["axis"][:, axis], box.rows["cycle"], parameters_of(box, axis)
     if p["mode"] == STAGE:
-        wanted, sensor, answer_cycles = "reference_um", "stage", 0
+        wanted, sensor, late, share = "reference_um", "stage", 0, 0.0
     elif p["mode"] == STRAIN:
-        wanted, sensor, answer_cycles = "setpoint_um", "strain", int(p["answer_cycles"])
+        wanted, sensor = "setpoint_um", "strain"
+        late = int(p["answer_cycles"]) + int(p["awaited_cycles"])
+        share = float(p["awaited_cycles"]) % 1.0
     else:
         return np.full(len(rows), np.nan)
     age_cycles = np.floor(rows[f"{sensor}_age_ns"] / box.meta["period_ns"] + 0.5)
-    then = np.searchsorted(cycles, cycles - age_cycles - answer_cycles, side="right") - 1
-    error: NDArray[np.float64] = rows[wanted][np.maximum(then, 0)] - rows[f"{sensor}_um"]
+    at, before = (
+        rows[wanted][np.maximum(np.searchsorted(cycles, cycles - age_cycles - each, side="right") - 1, 0)]
+        for each in (late, late + 1)
+    )
+    error: NDArray[np.float64] = at + share * (before - at) - rows[f"{sensor}_um"]
     return error
 
 

@@ -6,6 +6,9 @@ it would let the memories of the model and of the actuator drift apart.
 Two extensions of (7), both off by default. Creep: the actuator also follows ``sum g_m L_m[u]``, first-order
 lags of the plays' input u; the inverse is asked for what is left of the set-point. Rate dependence:
 thresholds grow with the speed of u; the speed is that of the cycle before.
+
+Linear dynamics around the hysteresis, off by default as well: resonances are undone before the inverse
+(``resonance.py``), and the amplifier's first-order lag behind it, ``v + lead (v - v_before)``.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from micromanip.rt.record import Record, record
 
 from .hysteresis import PLAYS, PLAYS_STATE, admit, inverse_plays
 from .network import NEURONS, NEURONS_STATE, network_output, start_network
+from .resonance import RESONANCES, RESONANCES_STATE, start_resonances, without_resonances
 from .shaping import shape, unshape
 
 NONE, PRANDTL_ISHLINSKII, NETWORK = 0, 1, 2
@@ -31,6 +35,8 @@ HYSTERESIS_PARAMETERS = record(
     ("creep_gain", "f8", (MAX_CREEP,)),
     ("creep_step", "f8", (MAX_CREEP,)),
     *NEURONS,
+    *RESONANCES,
+    ("lead", "f8"),
 )
 """``identity`` is the same for two inverses only where all of their parameters are."""
 HYSTERESIS_STATE = record(
@@ -39,6 +45,9 @@ HYSTERESIS_STATE = record(
     ("u_um", "f8"),
     ("change_um", "f8"),
     *NEURONS_STATE,
+    *RESONANCES_STATE,
+    ("begun", "i8"),
+    ("inverse_V", "f8"),
     ("output_V", "f8"),
 )
 
@@ -60,11 +69,17 @@ def inverse_with_creep(p: Record, s: Record, y: float) -> float:
 def feedforward_voltage(p: Record, s: Record, setpoint_um: float) -> float:
     """Voltage (V) for `setpoint_um`; 0 without a model (pure feedback, configuration A)."""
     y = max(p["low_um"], min(p["high_um"], setpoint_um))
+    if p["resonances"] > 0:
+        y = max(p["low_um"], min(p["high_um"], without_resonances(p, s, y)))
     v = 0.0
     if p["kind"] == PRANDTL_ISHLINSKII:
         v = unshape(p["shaping"], inverse_with_creep(p, s, y))
     elif p["kind"] == NETWORK:
         v = network_output(p, s, y)
+    if p["lead"] > 0.0:
+        before = s["inverse_V"] if s["begun"] != 0 else v
+        s["begun"], s["inverse_V"] = 1, v
+        v += p["lead"] * (v - before)
     s["output_V"] = v
     return v
 
@@ -73,6 +88,8 @@ def feedforward_voltage(p: Record, s: Record, setpoint_um: float) -> float:
 def start_feedforward(p: Record, s: Record, y_um: float, v: float) -> None:
     """Take over at displacement `y_um` and voltage `v`: memory made consistent, whatever it was."""
     y = max(p["low_um"], min(p["high_um"], y_um))
+    start_resonances(p, s, y)
+    s["begun"] = 0
     u = shape(p["shaping"], v)
     for m in range(p["creeps"]):
         s["creep_um"][m] = u

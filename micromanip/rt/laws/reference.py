@@ -50,6 +50,7 @@ REFERENCE_PARAMETERS = record(
 REFERENCE_STATE = record(
     ("filtered", "f8", (REFERENCE_STATES,)),
     ("w", "f8", (REFERENCE_STATES,)),
+    ("ahead", "f8", (REFERENCE_STATES,)),
     ("time_ns", "i8"),
     ("sequence", "i8"),
     ("sampled_um", "f8"),
@@ -126,6 +127,17 @@ def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
             w[0] += p["amplitude_um"][i] * (sine - math.sin(p["phase"][i]))
             w[1] += p["amplitude_um"][i] * omega * cosine
             w[2] -= p["amplitude_um"][i] * omega * omega * sine
+
+
+@compiled
+def previewed(p: Record, s: Record, t_s: float, samples: Any) -> float:
+    """Position (um) of the axis' own source at `t_s`, which is yet to come; between two samples on their line."""
+    own_reference(p, s["ahead"], t_s, samples)
+    beyond_s = 0.0
+    if p["kind"] == SAMPLES:
+        place = (t_s - p["start_s"]) * p["samples_per_s"]
+        beyond_s = (place - math.floor(place + 0.5)) / p["samples_per_s"]
+    return s["ahead"][0] + beyond_s * s["ahead"][1]
 
 
 @compiled

@@ -87,14 +87,28 @@ def rests(st: Record) -> bool:
 
 
 @compiled
-def note_given(st: Record, image: Record, turns: Any, values: Any, task: int, now_ns: int) -> None:
-    """The device has taken what was decided of the outputs of `task`: the image and the file remember that."""
+def note_sent(st: Record, task: int) -> None:
+    """The device may have what was decided of the outputs of `task`: it has not confirmed that yet."""
     t = st["task"][task]
+    t["unconfirmed"] = 1
+    for i in range(st["outputs"]):
+        t["sent"][i] = st["value"][i]
+    for j in range(t["outputs"]):
+        i = t["output"][j]
+        o, value = st["output"][i], st["value"][i]
+        o["lowest"], o["highest"] = min(o["lowest"], value), max(o["highest"], value)
+
+
+@compiled
+def note_given(st: Record, image: Record, turns: Any, values: Any, task: int, given: Any, now_ns: int) -> None:
+    """The device has taken the outputs of `task` as `given`, one for each output: image and file remember that."""
+    t = st["task"][task]
+    t["given"] += 1
     if t["outputs"] == 0:
         return
     for j in range(t["outputs"]):
         i = t["output"][j]
-        o, value = st["output"][i], st["value"][i]
+        o, value = st["output"][i], given[i]
         o["last"], o["lowest"], o["highest"], st["noted"][i] = value, value, value, value
     words = image["words"]
     begin_turn(words, SENT_TURN)
@@ -104,6 +118,19 @@ def note_given(st: Record, image: Record, turns: Any, values: Any, task: int, no
     end_turn(words, SENT_TURN)
     if turns.size > 0:
         remember(st, turns, values)
+
+
+@compiled
+def take_confirmed(st: Record, image: Record, inbox: Record, turns: Any, values: Any, now: int) -> None:
+    """What the device has taken, as it was sent before."""
+    for k in range(st["tasks"]):
+        if inbox["confirmed"][k] == 0:
+            continue
+        inbox["confirmed"][k] = 0
+        t = st["task"][k]
+        if t["unconfirmed"] != 0:
+            t["unconfirmed"] = 0
+            note_given(st, image, turns, values, k, t["sent"], now)
 
 
 @compiled

@@ -11,9 +11,17 @@ VOLTAGE, SWITCH, UNUSED = range(3)
 """Kinds of output: goes through the gate; as the loop wants it; always at its safe value."""
 
 TASK = record(
-    ("period_ns", "i8"), ("due_ns", "i8"), ("performed", "i8"), ("outputs", "i8"), ("output", "i8", (MAX_OUTPUTS,))
+    ("period_ns", "i8"),
+    ("due_ns", "i8"),
+    ("performed", "i8"),
+    ("outputs", "i8"),
+    ("output", "i8", (MAX_OUTPUTS,)),
+    ("given", "i8"),
+    ("unconfirmed", "i8"),
+    ("sent", "f8", (MAX_OUTPUTS,)),
 )
-"""One task: its grid, how often it was done, and which outputs it writes."""
+"""One task: its grid, how often it was done, which outputs it writes, how often the device had taken those; whether it
+has still to confirm the values `sent` last (of all outputs of the driver)."""
 
 OUTPUT = record(
     ("kind", "i8"),
@@ -59,11 +67,15 @@ STEADY = record(
 waited on. Python asks for its turn by `leave`. `value` is what was decided, `noted` what is remembered of what the
 device was given (NaN: nobody knows), `failed` the task that the driver could not do. `poll` is a ``struct pollfd``."""
 
-INBOX = record(("signal", SIGNAL, (MAX_SIGNALS,)), ("received", "i8"), ("lost", "i8"))
-"""Where a driver leaves its samples: as in the image, a sequence grows with each, also with those that are lost."""
+INBOX = record(
+    ("signal", SIGNAL, (MAX_SIGNALS,)), ("received", "i8"), ("lost", "i8"), ("confirmed", "i8", (MAX_TASKS,))
+)
+"""Where a driver leaves its samples: as in the image, a sequence grows with each, also with those that are lost.
+It puts 1 in `confirmed` for a task whose outputs the device has taken, as they were sent last."""
 
-NOTHING_SENT, SENT_IN_DOUBT = 1, 2
-"""What ``send`` returns where it sent nothing, and where nobody knows."""
-ASKED, STATE_CHANGES, LEFT_OVER = 3, 4, 5
+NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED = 1, 2, 3
+"""What ``send`` returns where it sent nothing, where nobody knows, and where the device has still to confirm it, which
+is nothing out of the ordinary."""
+ASKED, STATE_CHANGES, LEFT_OVER = 4, 5, 6
 """Why the compiled loop returned, beside what ``send`` says: Python asked or a signal came, the outputs do not go on as
 they were, the driver has left something to Python."""

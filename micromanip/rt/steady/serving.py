@@ -6,10 +6,11 @@ again, a frame out of the ordinary, an error, rules that have changed, the time 
 the code that it always had, and calls again. The driver has two C functions of the type of ``exchange``:
 
     int32_t receive(void *context, 0, struct inbox *inbox, int64_t now_ns, 0)      0, or more: Python is needed
-    int32_t send(void *context, const double *values, 0, int64_t now_ns, int64_t task)   0, NOTHING_SENT, SENT_IN_DOUBT
+    int32_t send(void *context, const double *values, 0, int64_t now_ns, int64_t task)
+                                                        0: the device has them; NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
 
-``receive`` takes what is there and never waits. After anything but 0 the driver does in its Python methods what is
-left.
+``receive`` takes what is there and never waits. After anything but 0 and UNCONFIRMED the driver does in its Python
+methods what is left.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from micromanip.rt.record import Record
 from micromanip.rt.signatures import array_of
 from micromanip.rt.wire.datagrams import wait
 
-from .gate import decide, note_given, rests, state_holds, take_wanted
-from .records import ASKED, INBOX, LEFT_OVER, STATE_CHANGES, STEADY
+from .gate import decide, note_given, note_sent, rests, state_holds, take_confirmed, take_wanted
+from .records import ASKED, INBOX, LEFT_OVER, STATE_CHANGES, STEADY, UNCONFIRMED
 
 
 @compiled
@@ -71,17 +72,20 @@ def publish(image: Record, inbox: Record) -> int:
 def perform(st: Record, image: Record, turns: Any, values: Any, task: int, now: int) -> int:
     """Do `task` with what was decided; 0, or what ``send`` says."""
     code = call_exchange(st["send"], st["context"], st["value"].ctypes.data, 0, now, task)
-    if code != 0:
+    if code != 0 and code != UNCONFIRMED:
         st["failed"] = task
         return code
     advance(st, task, now)
     st["calls"] += 1
-    note_given(st, image, turns, values, task, now_ns(st["timespec"]))
+    if code == UNCONFIRMED:
+        note_sent(st, task)
+    else:
+        note_given(st, image, turns, values, task, st["value"], now_ns(st["timespec"]))
     return 0
 
 
 @compiled
-def listen(st: Record, image: Record, inbox: Any, now: int, due_ns: int) -> int:
+def listen(st: Record, image: Record, inbox: Any, turns: Any, values: Any, now: int, due_ns: int) -> int:
     """Wait until `due_ns`, or for what comes before, and hand it over; 0, or why Python is needed."""
     ready = wait(st["poll"], st["descriptor"], min(due_ns, now + st["look_ns"]) - now, st["timespec"])
     if ready < 0:
@@ -90,6 +94,7 @@ def listen(st: Record, image: Record, inbox: Any, now: int, due_ns: int) -> int:
         return 0
     st["listened_ns"] = now
     code = call_exchange(st["receive"], st["context"], 0, inbox.ctypes.data, now, 0)
+    take_confirmed(st, image, inbox[0], turns, values, now_ns(st["timespec"]))
     if publish(image, inbox[0]) > 0:
         st["calls"] += 1
     return 0 if code == 0 else LEFT_OVER
@@ -117,6 +122,9 @@ def serve(steady: Any, images: Any, inbox: Any, turns: Any, values: Any) -> int:
             decide(st)
             st["decided_ns"] = now
             store_release(words, AT_REST, 1 if rests(st) else 0)
-        code = perform(st, image, turns, values, task, now) if is_due else listen(st, image, inbox, now, due_ns)
+        if is_due:
+            code = perform(st, image, turns, values, task, now)
+        else:
+            code = listen(st, image, inbox, turns, values, now, due_ns)
         if code != 0:
             return code

@@ -1,15 +1,14 @@
-"""Values to a frame and back, as a table says (``records.py``): bytes, byte order, scale, offset, range, checksum."""
+"""Values to a frame and back, as a table says (``records.py``): bytes, byte order, range, checksum."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from micromanip.rt.jit import compiled
 
-from .records import FLOATING, SIGNED
+from .numbers import find_code, value_of_code
 
 GOOD, WRONG_LENGTH, WRONG_CHECKSUM, NOT_THIS_FRAME = range(4)
 """What ``judged`` says of bytes that came."""
@@ -78,21 +77,7 @@ def judged(f: Any, data: Any, length: int) -> int:
 @compiled
 def value_of(f: Any, n: Any, data: Any) -> float:
     """The value of a number of a frame; not finite where a floating-point number is not."""
-    bits, scratch = code_of(n, data), f["bits"]
-    if n["kind"] == FLOATING:
-        if n["size"] == 4:
-            scratch.view(np.uint32)[0] = np.uint32(bits)
-            code = float(scratch.view(np.float32)[0])
-        else:
-            scratch[0] = bits
-            code = float(scratch.view(np.float64)[0])
-    elif n["kind"] == SIGNED:
-        unused = 64 - 8 * n["size"]
-        scratch[0] = bits << np.uint64(unused)
-        code = float(scratch.view(np.int64)[0] >> unused)
-    else:
-        code = float(bits)
-    return code * n["scale"] + n["offset"]
+    return value_of_code(n, code_of(n, data), 8 * n["size"], f["bits"])
 
 
 @compiled
@@ -112,26 +97,9 @@ def status_of(f: Any, data: Any) -> int:
 @compiled
 def put_value(f: Any, n: Any, data: Any, value: float) -> bool:
     """Write `value`, rounded to the nearest code; False, with nothing written, where range or type forbid it."""
-    if not math.isfinite(value):
+    if not n["low"] <= value <= n["high"] or not find_code(n, value, 8 * n["size"], f["bits"]):
         return False
-    code, scratch = (value - n["offset"]) / n["scale"], f["bits"]
-    if n["kind"] != FLOATING:
-        code = np.rint(code)
-    if not (n["low"] <= value <= n["high"] and n["lowest_code"] <= code <= n["highest_code"]):
-        return False
-    if n["kind"] == FLOATING:
-        if n["size"] == 4:
-            scratch.view(np.float32)[0] = np.float32(code)
-            bits = np.uint64(scratch.view(np.uint32)[0])
-        else:
-            scratch.view(np.float64)[0] = code
-            bits = scratch[0]
-    elif n["kind"] == SIGNED:
-        scratch.view(np.int64)[0] = np.int64(code)
-        bits = scratch[0]
-    else:
-        bits = np.uint64(code)
-    put_bits(data, n["at"], n["size"], n["big"], bits)
+    put_bits(data, n["at"], n["size"], n["big"], f["bits"][0])
     return True
 
 

@@ -32,6 +32,7 @@ _EQUAL = 1e-9
 GATE = record(
     ("outputs", "i8"),
     ("state", "i8"),
+    ("held", "i8"),
     ("silent_cycles", "i8"),
     ("watchdog_ns", "i8"),
     ("still_ns", "i8"),
@@ -58,7 +59,7 @@ the device gets one after the other may differ by; ``given`` is what it was sent
 last frames, and what it has lies between ``lowest`` and ``highest``. ``sent_count`` frames were sent, of which the
 device has said that it has acted on the one before ``acknowledged``. Counted are cycles without a fresh answer, values
 that were not finite or out of range, which stayed, those that had to wait for the device, which may still have had an
-older one, and how often the link was lost."""
+older one, and how often the link was lost. While the driver has set ``held`` the outputs do not begin to follow."""
 
 
 @compiled
@@ -152,7 +153,7 @@ def turn(g: Any, news: int, outputs: Any, deadline_ns: int) -> int:
             return DOWN
         has_rest(g)
     up = g["answers"] >= ANSWERS
-    if g["state"] == RESTING and up and asks_for_rest(g, outputs):
+    if g["state"] == RESTING and up and g["held"] == 0 and asks_for_rest(g, outputs):
         g["state"] = FOLLOWING
     if g["state"] == FOLLOWING:
         return 0

@@ -15,20 +15,12 @@ MAX_BYTES = 1472
 """What one datagram carries over Ethernet without being cut."""
 MAX_GROUPS, MAX_GOOD = 8, 8
 
-NUMBER = record(
-    ("present", "i8"),
-    ("at", "i8"),
-    ("size", "i8"),
-    ("kind", "i8"),
-    ("big", "i8"),
-    ("scale", "f8"),
-    ("offset", "f8"),
-    ("low", "f8"),
-    ("high", "f8"),
-    ("lowest_code", "f8"),
-    ("highest_code", "f8"),
-)
-"""value = scale x code + offset; a value outside of `low` to `high`, or a code outside of its two, is not sent."""
+CODE = (("kind", "i8"), ("scale", "f8"), ("offset", "f8"), ("lowest_code", "f8"), ("highest_code", "f8"))
+"""Fields of a number of any layout (``numbers.py``): value = scale x code + offset; a code outside of its two is not
+sent."""
+
+NUMBER = record(("present", "i8"), ("at", "i8"), ("size", "i8"), ("big", "i8"), *CODE, ("low", "f8"), ("high", "f8"))
+"""A number of whole bytes; a value outside of `low` to `high` is not sent."""
 
 CHECKSUM = record(
     ("size", "i8"),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.bus.driver import Channel
 from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation
 from micromanip.control.pid import pid_gains
 from micromanip.rt.records import CELL_PARAMETERS
@@ -17,7 +18,7 @@ from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import PLAUSIBLE_UM, Configuration, Output, Signal, Start
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import Jog, Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
 
@@ -89,7 +90,19 @@ def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring
     strain, stage = (sensor_timing(configuration, wiring, role, name) for role in ("strain", "stage"))
     between = cycles_between(configuration, stage)
     fill_axis_limits(a, faults, configuration.reference, rate_hz, strain.rate_hz, between)
-    a["answer_cycles"] = output_cycles(configuration, output_timing(configuration, wiring, f"voltage_{name}"))
+    _fill_answer(a, configuration, name, output_timing(configuration, wiring, f"voltage_{name}"))
+
+
+def _fill_answer(a: Any, configuration: Configuration, name: str, output: Channel) -> None:
+    """When the gauge shows a set-point, and how far ahead of it a known reference is followed."""
+    axis, period_s = configuration.axes[name], configuration.loop.period_ns * 1e-9
+    a["answer_cycles"] = output_cycles(configuration, output)
+    actuator = axis.undone
+    if actuator is None:
+        return
+    a["awaited_cycles"] = 1e-6 * (actuator.delay_us + actuator.gauge_us) / period_s
+    if not isinstance(configuration.reference, Tracker | Jog):
+        a["preview_s"] = a["answer_cycles"] * period_s + 1e-6 * actuator.delay_us
 
 
 def _max_age_ns(signal: Signal | None) -> int:
@@ -145,13 +158,14 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
     limiter = a["limiter"]
     limiter["low_V"], limiter["high_V"] = output.range_V
     limiter["slew_V"], limiter["park_V"] = output.slew_V_per_ms * 1e3 * period_s, output.park_V
-    for name, value in asdict(pid_gains(axis.inner, period_s)).items():
+    for name, value in asdict(pid_gains(axis.running_inner, period_s)).items():
         a["pid"][name] = value
     a["fallback"] = a["pid"]
     for gain in ("K_V_per_um", "integral", "derivative"):
         a["fallback"][gain] = axis.faults.oscillation.fallback * a["pid"][gain]
     a["authority"] = axis.authority_percent / 100.0
-    fill_hysteresis(a["hysteresis"], NoModel(model="none") if axis.inner.mode == "pid" else axis.hysteresis, period_s)
+    model = NoModel(model="none") if axis.inner.mode == "pid" else axis.hysteresis
+    fill_hysteresis(a["hysteresis"], model, period_s, axis.undone)
 
 
 def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import math
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from micromanip.rt.laws import feedforward as law
 from micromanip.rt.laws.hysteresis import inverse_parameters
 from micromanip.rt.laws.shaping import AFFINE, IDENTITY, TABLE, TANH
+from micromanip.settings.schema.actuator import Actuator
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii
 
@@ -30,8 +32,8 @@ def sweep_um(axis: Axis) -> float:
     return 0.0 if isinstance(model, NoModel) else _SWEEP_SHARE * (model.range_um[1] - model.range_um[0])
 
 
-def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
-    """Fill a HYSTERESIS_PARAMETERS record from `model`."""
+def fill_hysteresis(h: Any, model: Hysteresis, period_s: float, actuator: Actuator | None = None) -> None:
+    """Fill a HYSTERESIS_PARAMETERS record from `model`, and from the linear dynamics around it."""
     h["kind"] = law.NONE
     if isinstance(model, NoModel):
         return
@@ -44,7 +46,22 @@ def fill_hysteresis(h: Any, model: Hysteresis, period_s: float) -> None:
         h["w_out"][:n], h["b_out"] = model.output_weights, model.output_bias
     else:
         fill_prandtl_ishlinskii(h, model, period_s)
+    if actuator is not None:
+        _fill_dynamics(h, actuator, period_s)
     h["identity"] = int.from_bytes(hashlib.blake2b(h.tobytes(), digest_size=8).digest(), "little", signed=True)
+
+
+def _fill_dynamics(h: Any, actuator: Actuator, period_s: float) -> None:
+    h["resonances"] = len(actuator.resonances)
+    for i, each in enumerate(actuator.resonances):
+        tangent = math.tan(math.pi * each.antiresonance_Hz * period_s)
+        ratio = math.tan(math.pi * each.resonance_Hz * period_s) / tangent
+        h["zero_tangent"][i], h["zero_width"][i] = tangent, 2.0 * each.antiresonance_damping
+        h["pole_band"][i], h["pole_high"][i] = 2.0 * each.resonance_damping / ratio, ratio**-2
+    if actuator.lag_us is not None:
+        # exact for a voltage that is held from cycle to cycle, and a cycle late
+        passed = period_s / (1e-6 * actuator.lag_us)
+        h["lead"] = -math.exp(-passed) / math.expm1(-passed)
 
 
 def fill_prandtl_ishlinskii(h: Any, model: PrandtlIshlinskii, period_s: float) -> None:

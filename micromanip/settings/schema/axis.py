@@ -21,6 +21,7 @@ from micromanip.quantities import (
 from micromanip.rt.laws.estimator import MAX_STATES
 
 from .accept import Accept
+from .actuator import Actuator
 from .base import Settings
 from .faults import AxisFaults
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
@@ -129,6 +130,9 @@ class Axis(Settings):
         default=None, description="Affine-shaped model that `evaluate` uses as configuration B; `run` does not."
     )
     inner: Live[Inner]
+    actuator: Live[Actuator | None] = Field(
+        default=None, description="Linear dynamics that the feedforward undoes beside the hysteresis; null: none."
+    )
     outer: Live[Outer | None] = Field(default=None, description="Needed for mode stage.")
     authority_percent: Live[Percent] = Field(
         default=100.0, description="Share of the reference signal that is followed."
@@ -139,14 +143,29 @@ class Axis(Settings):
     accept: NewStart[Accept] = Field(default=Accept(), description="What `commission` asks of the axis.")
     commissioned: Live[Commissioned | None] = Field(default=None, description="The report that this tuning belongs to.")
 
+    @property
+    def undone(self) -> Actuator | None:
+        """The section `actuator` where it acts: there is a feedforward, and no outer loop whose model has all of it."""
+        return self.actuator if self.mode == "strain" and self.inner.mode != "pid" else None
+
+    @property
+    def running_inner(self) -> Inner:
+        """The PID with the gain that runs."""
+        if self.undone is None:
+            return self.inner
+        gain = 0.01 * self.undone.feedback_percent * self.inner.K_V_per_um
+        return self.inner.model_copy(update={"K_V_per_um": gain})
+
     def tuning(self) -> dict[str, Any]:
         """What a commissioning report is about: all but the note of it, what it must reach, limits and authority.
 
-        No notch is no key: the hash of a report from before there were notches stays what it was.
+        No notch is no key, nor is no actuator: the hash of a report from before there were any stays what it was.
         """
         tuning = self.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent", "accept"})
         if self.inner.notch is None:
             del tuning["inner"]["notch"]
+        if self.actuator is None:
+            del tuning["actuator"]
         return tuning
 
     @model_validator(mode="after")

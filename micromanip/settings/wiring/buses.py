@@ -1,4 +1,4 @@
-"""What a bus must carry, and names that mean the same wire: judged before anything is switched on."""
+"""What a bus must carry, names that mean the same wire, and whose clock is followed: judged before anything moves."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ def bus_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Findi
                 "into fewer messages, or use a faster bus",
             )
     yield from _shared_devices(wiring)
+    yield from _two_clocks(wiring)
     sources: dict[int, str] = {}
     for name in configuration.signals:
         if not name.startswith(_POSITIONS) or configuration.signals[name].driver not in wiring.buses:
@@ -58,6 +59,12 @@ def rest_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Find
                 f"{entry.park_V:g} V, but driver {entry.driver} brings this channel to {rest:g} by itself (`safe`): "
                 "give both the same value",
             )
+
+
+def _two_clocks(wiring: Wiring) -> Iterator[Finding]:
+    first, *others = [name for name, driver in wiring.drivers.items() if driver.steers] or [""]
+    for name in others:
+        yield ("drivers", name), f"the loop's deadlines follow the clock of driver {first} already; one can be followed"
 
 
 def _shared_devices(wiring: Wiring) -> Iterator[Finding]:

@@ -124,9 +124,11 @@ def build_driver(
         if issubclass(kind, BusDriver):
             assert isinstance(options, BusOptions)
             return BusBridge(kind(options, source.path.parent), options, silent_ns), options
-        return kind(options, period_ns), options
+        driver = kind(options, period_ns)
+        driver.check_files(source.path.parent)
     except ConfigError as problem:
         raise source.error_below(("drivers", name), str(problem)) from problem
+    return driver, options
 
 
 def wire(configuration: Configuration, source: Source, seed: int | None = None) -> Wiring:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from micromanip.cli.commission import _budgeted
 from micromanip.design.budget.causes import FORCE, PREDICTION, STAGE, TRACKER
 from micromanip.design.budget.configured import HYSTERESIS, SATURATION, budget_of, cell_of
 from micromanip.design.budget.recorded import ACTUATOR, DISTURBANCE, MISSED, UNEXPLAINED, recorded_budget
@@ -43,15 +44,8 @@ def recording(prepared, rows, **changed):
     rows = rows.copy()
     for name, value in changed.items():
         (rows if name in rows.dtype.names else rows["axis"])[name] = value
-
-    def column(path):
-        return rows["axis"][path.split(".")[2]][:, int(path.split(".")[1])] if path.startswith("axis.") else rows[path]
-
-    return Telemetry(
-        Path("run.h5"), list(prepared.configuration.axes), prepared.configuration.loop.period_ns, rows.dtype,
-        prepared.source.text, prepared.source.hash, {}, lambda paths: iter([{path: column(path) for path in paths}]),
-        lambda: iter([rows]), lambda: iter([]),
-    )  # fmt: skip
+    names, period_ns = list(prepared.configuration.axes), prepared.configuration.loop.period_ns
+    return Telemetry.of_rows(Path("run.h5"), names, period_ns, rows, prepared.source.text)
 
 
 def by_name(budget):
@@ -89,6 +83,18 @@ def test_the_whole_of_a_recording_is_its_mean_square(prepared, rows):
     (found,) = recorded_budget(recording(prepared, rows), ["x"], 1.0, silent)
     error = rows["axis"]["path_error_um"][20_001:-10_001, 0]
     assert found.variance_um2 == pytest.approx(np.mean(error**2), rel=0.01)
+
+
+@pytest.mark.long
+def test_a_trial_through_a_real_loop_is_budgeted_by_its_own_rows(prepared, rows):
+    copied = rows.copy()
+    copied[30_000:30_040] = copied[29_999]  # the loop skipped 40 cycles
+    found = _budgeted(prepared, 1, prepared.configuration, copied, virtual=False)
+    assert [budget.axis for budget in found] == list("xyz")
+    seen = rows["axis"]["path_error_um"][20_001:-10_001]
+    for i, budget in enumerate(found):
+        assert budget.variance_um2 == pytest.approx(np.mean(seen[:, i] ** 2), rel=0.05)
+        assert by_name(budget).keys() >= {FORCE, TRACKER, MISSED}
 
 
 @pytest.mark.long

@@ -13,8 +13,9 @@ from scipy.linalg import solve_discrete_lyapunov
 from micromanip.control.predictor import reference_transition, shown, tracker_gain
 from micromanip.design.budget.bound import autocovariance, prediction_variance
 from micromanip.design.budget.causes import Grid, followed_line, shared_out, tracker_noise
+from micromanip.design.budget.followed import smoothed
 from micromanip.design.budget.loop import AxisLaws
-from micromanip.design.budget.recorded import binned, smoothed
+from micromanip.design.budget.recorded import binned
 from micromanip.design.budget.tracking import Tracking
 from micromanip.errors import CheckFailed
 from micromanip.settings.load import load

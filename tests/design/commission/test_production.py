@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from micromanip.design.budget.budget import AxisBudget, Bound, Cause, Variant
 from micromanip.design.commission.at_rest import AtRest
 from micromanip.design.commission.production import PathErrorSeen, Production, in_production, tried
 from micromanip.design.experiment import with_axes, with_axis
@@ -127,6 +128,51 @@ def test_a_trial_that_ends_early_is_no_pass():
 
 def test_the_report_has_it(tmp_path):
     seen = PathErrorSeen(100.0, 0.6, 2.0, np.zeros(2), np.zeros(2))
-    section = Production(TUNED, decided=("So it is.",), seen=dict.fromkeys(NAMES, seen)).section("x")
+    section = Production(TUNED, decided=("So it is.",), seen=dict.fromkeys(NAMES, seen)).sections("x")[0]
     assert "0.600 um rms, 2.00 um at most" in section.figures["path error"]
     assert section.text.endswith("So it is.")
+
+
+def budget_of(axis):
+    hertz = np.array([0.5, 50.0, 500.0])
+    causes = (Cause("force", np.array([0.0, 0.16, 0.0])), Cause("noise", np.array([0.08, 0.0, 0.01])))
+    tiny = Cause("creep", np.array([1e-6, 0.0, 0.0]))
+    return AxisBudget(axis, hertz, (*causes, tiny), Bound(0.03, 0.0325, 1.0), (Variant("no force", 0.3),))
+
+
+def test_the_report_tells_what_the_error_of_the_trial_is_made_of():
+    production = in_production(UNFOLLOWED, REST)
+    given = []
+
+    def budgeted(configuration, played):
+        given.append((configuration, played))
+        return [budget_of(name) for name in NAMES]
+
+    made = rows(0.5, 100.0)
+    found = tried(production, lambda each: each, lambda *_: made, budgeted)
+    assert given[0][0] == production.configuration
+    assert given[0][1] is made
+    _, section = found.sections("y")
+    causes, others = section.tables
+    assert [row[:3] for row in causes.rows] == [
+        ("force", "0.400 um", "64.0 %"), ("noise", "0.300 um", "36.0 %"), ("creep", "0.001 um", "0.0 %"),
+        ("whole", "0.500 um", "100.0 %"),
+    ]  # fmt: skip
+    assert others.rows == (("no force", "0.300 um"),)
+    assert section.figures["this one leaves"] == "2.0 times that"
+    whole, force, noise, rest, bound = section.plots[0].curves
+    assert whole.y == pytest.approx([0.08, 0.24, 0.25], abs=1e-5), "below 0.5, 50 and 500 Hz"
+    assert [force.label, noise.label, rest.label] == ["force", "noise", "everything else"]
+    assert force.y + noise.y + rest.y == pytest.approx(whole.y)
+    assert bound.y == pytest.approx([0.0625, 0.0625])
+
+
+def test_where_no_budget_can_be_made_it_says_why_and_tracks_all_the_same():
+    def refused(*_):
+        raise CheckFailed("axis x is behind a bus")
+
+    found = tried(in_production(UNFOLLOWED, REST), lambda each: each, lambda *_: rows(0.6, 100.0), refused)
+    assert found.criterion("x", 0.5).passed
+    trial, section = found.sections("x")
+    assert trial.title == "In production"
+    assert section.text == "That is not told: axis x is behind a bus."

@@ -11,7 +11,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from micromanip.design.commission.evidence import Curve, Evidence, Plot, Section
+from micromanip.design.commission.evidence import Curve, Evidence, Plot, Section, Table
 from micromanip.design.commission.history import compared, earlier_reports
 from micromanip.design.commission.report import write_report
 from micromanip.design.criteria import Criterion
@@ -118,11 +118,12 @@ def test_every_text_is_escaped(written):
     curve = Curve(NASTY, T, T)
     plot = Plot(NASTY, NASTY, NASTY, (curve,), note=NASTY)
     criterion = Criterion(NASTY, NASTY, False, NASTY, NASTY)
-    axis = Evidence(NASTY, (criterion,), (Section(NASTY, NASTY, {NASTY: NASTY}, (plot,)),))
+    table = Table(NASTY, (NASTY, NASTY), ((NASTY, NASTY),))
+    axis = Evidence(NASTY, (criterion,), (Section(NASTY, NASTY, {NASTY: NASTY}, (plot,), (table,)),))
     page = written(axis, title=NASTY, facts={NASTY: NASTY}, hashes={NASTY: NASTY})
     assert [attributes for tag, attributes in page.elements if tag == "b"] == []
     assert [tuple(attributes) for attributes, _ in page.scripts] == [("type", "data-plot"), ("type", "id"), ()]
-    assert page.words.count(NASTY) >= 17
+    assert page.words.count(NASTY) >= 22
     (label,) = [attributes["aria-label"] for _, attributes in page.elements if "aria-label" in attributes]
     assert NASTY in label
     assert page.figures[0]["curves"][0]["name"] == NASTY, "the script sets it as text"

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.design.sweep import running
+from micromanip.design.sweep.sharing import on_cluster, on_processes
 from micromanip.design.sweep.space import Dimension, Space, for_axes
 from micromanip.design.sweep.space_file import read_dimensions
 from micromanip.design.sweep.store import Store
@@ -128,11 +129,34 @@ def test_a_killed_worker_changes_no_result(tmp_path, monkeypatch):
             (tmp_path / str(number)).touch()
         with Store(tmp_path / name, ABOUT, KEYS, AXES) as store:
             jobs = 2 if fatal else 1
-            running.run_trials(store, Work(name, content=content), 30, jobs, told.append)
+            running.run_trials(store, Work(name, content=content), 30, on_processes(jobs), told.append)
         assert not [number for number in fatal if (tmp_path / str(number)).exists()], "no worker was killed"
     assert len(results(tmp_path / "calm")) == 31
     assert results(tmp_path / "killed") == results(tmp_path / "calm")
     assert sum(told) == 2 * 31
+
+
+@pytest.mark.filterwarnings("ignore")  # a worker that is killed closes nothing
+@pytest.mark.parametrize(
+    "fatal", [(), pytest.param((7, 20), marks=pytest.mark.thorough)], ids=["calm", "killed"]
+)  # fmt: skip
+def test_a_cluster_gives_the_same_results(tmp_path, monkeypatch, fatal):
+    """On a scheduler's workers, which are processes where they are killed: one for each number of `fatal`."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(running, "BATCH", 3)
+    work = Work(f"{tmp_path}", content=pickle.dumps(Mortal(tmp_path)))
+    for number in fatal:
+        (tmp_path / str(number)).touch()
+    local = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=bool(fatal), dashboard_address=None, host="127.0.0.1",
+        protocol="tcp",
+    )  # fmt: skip
+    with local, Store(tmp_path / "there", ABOUT, KEYS, AXES) as store:
+        running.run_trials(store, work, 30, on_cluster(local.scheduler_address))
+    assert not [number for number in fatal if (tmp_path / str(number)).exists()], "no worker was killed"
+    with Store(tmp_path / "here", ABOUT, KEYS, AXES) as store:
+        store.add(tried(number) for number in range(31))
+    assert results(tmp_path / "there") == results(tmp_path / "here")
 
 
 @pytest.fixture(scope="module")

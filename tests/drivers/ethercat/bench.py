@@ -95,6 +95,7 @@ class Bench:
         self._exchange = _EXCHANGE(self._functions.exchange)
         self._far, self._done, self.lock = raw(there), threading.Event(), threading.Lock()
         self.came = 0
+        self.by_the_clock = False  # a machine that stalls would be a lost link
         self._thread = threading.Thread(target=self._play)
         self._thread.start()
         self.now_ns = time.monotonic_ns()
@@ -138,10 +139,13 @@ class Bench:
     def exchange(self, *outputs):
         """One cycle of the loop; what it sends has been through the slaves before this returns."""
         self.outputs[: len(outputs)] = outputs
-        self.now_ns += PERIOD_NS  # not by the clock: a machine that stalls would be a lost link
+        periods = 1
+        if self.by_the_clock:
+            periods += max(0, (time.monotonic_ns() - self.now_ns) // PERIOD_NS)
+        self.now_ns += periods * PERIOD_NS + int(self.c["lock"]["step_ns"][0])
         sent, came = int(self.c["gate"]["sent_count"]), self.came
         code = self._exchange(
-            self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data, self.now_ns, 1
+            self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data, self.now_ns, periods
         )
         if int(self.c["gate"]["sent_count"]) > sent:
             assert until(lambda: self.came > came)

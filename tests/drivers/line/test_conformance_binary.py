@@ -6,6 +6,7 @@ from micromanip_drivers.line.driver import Line
 from micromanip.conformance import BusDriverContract, Golden
 
 from .board import FRAMING, Board
+from .compiled_line import CompiledLine
 from .wires import PtyWire
 
 pytestmark = pytest.mark.realtime  # the contract judges time-outs, silence and load
@@ -45,3 +46,11 @@ class TestBinaryOnPty(BusDriverContract):
 
     def peer(self):
         return Board(PtyWire())
+
+
+@pytest.mark.compiled_only
+class TestCompiledBinaryOnPty(TestBinaryOnPty):
+    """The same of the compiled functions."""
+
+    driver = CompiledLine
+    test_killed_in_mid_write = None  # each of its processes loads a compiler

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from micromanip_drivers.line.frame_options import InputField, Number, OutputField, Status, WholeNumber
-from micromanip_drivers.line.frame_parts import PacketCounter, StatusWord
+from micromanip_drivers.line.frame_parts import StatusWord
 from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumber
+from micromanip_drivers.line.packet_counter import PacketCounter
 
 from micromanip.bus.errors import OutputRefused
 from micromanip.bus.number_options import SIZES

@@ -118,7 +118,15 @@ def _with_a_notch(axis):
     axis["pid"]["notch_share"] = 0.9
 
 
-@pytest.mark.parametrize("changed", [_without_feedback, _with_a_notch])
+def _awaiting(axis):
+    axis["awaited_cycles"] = 2.5
+
+
+def _without_a_resonance(axis):
+    axis["hysteresis"]["resonances"] = 1
+
+
+@pytest.mark.parametrize("changed", [_without_feedback, _with_a_notch, _awaiting, _without_a_resonance])
 def test_twin_refuses_a_law_that_it_lacks(tracking, changed):
     from benchmarks.twin import require_covered
 

@@ -6,6 +6,7 @@ from micromanip.rt.histogram import bin_of, lower_edge
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.estimator import output, predict, predict_to, remember, start_estimator, update
 from micromanip.rt.laws.excitation import excitation
+from micromanip.rt.laws.feedforward import feedforward_voltage
 from micromanip.rt.laws.hysteresis import inverse_output, model_output, play
 from micromanip.rt.laws.learned import add_learned
 from micromanip.rt.laws.lqg import outer_setpoint
@@ -14,6 +15,7 @@ from micromanip.rt.laws.network import network_output
 from micromanip.rt.laws.notch import notch_output
 from micromanip.rt.laws.pid import pid_output, unwind
 from micromanip.rt.laws.reference import extrapolate, position
+from micromanip.rt.laws.resonance import without_resonances
 
 compiled = Compiler(__file__)
 
@@ -147,3 +149,17 @@ def move_course(p: Any, s: Any, steady: Any, out: Any) -> None:
         advance_move(p, s, k, steady[k])
         total += s["speed_um"]
         out[k] = total
+
+
+@compiled
+def feedforward_course(p: Any, s: Any, setpoint: Any, out: Any) -> None:
+    """Voltages of the feedforward along the set-points."""
+    for k in range(len(setpoint)):
+        out[k] = feedforward_voltage(p, s, setpoint[k])
+
+
+@compiled
+def resonance_course(p: Any, s: Any, x: Any, out: Any) -> None:
+    """Inverted resonances along `x`."""
+    for k in range(len(x)):
+        out[k] = without_resonances(p, s, x[k])

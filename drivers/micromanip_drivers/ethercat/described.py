@@ -1,0 +1,110 @@
+"""A terminal of the configuration beside its ESI file: what does not agree, at its key, with the line of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from micromanip.driver import ConfigError
+from micromanip.driver.ethercat import ESI_TYPES, EsiDevice, EsiEntry, EsiPdo, read_esi
+
+from .options import InputPdo, OutputPdo, Terminal
+
+
+def compare_with_file(name: str, terminal: Terminal, folder: Path) -> None:
+    """Raises ConfigError with the first thing in which a terminal and its file, seen from `folder`, differ."""
+    if terminal.esi is None:
+        return
+    path = folder / terminal.esi
+    key = f"terminals.{name}"
+    try:
+        devices = read_esi(path)
+    except ConfigError as problem:
+        raise ConfigError(f"{key}.esi: {problem}") from problem
+    device = _device(key, terminal, devices, path)
+    for where, what, line in differences(terminal, device):
+        raise ConfigError(f"{key}.{where}: {what} ({path}:{line})")
+
+
+def differences(terminal: Terminal, device: EsiDevice) -> Iterator[tuple[str, str, int]]:
+    """Key below the terminal's, what is wrong there, and the line of the file that says so."""
+    if terminal.settings and not device.has_coe:
+        yield "settings", "the terminal has no CoE mailbox that they could be written by", device.line
+    if terminal.sync0_shift_us is not None and not device.has_clock:
+        yield "sync0_shift_us", "the terminal has no distributed clock", device.line
+    for direction, pdos, there in (
+        ("outputs", terminal.outputs, device.outputs),
+        ("inputs", terminal.inputs, device.inputs),
+    ):
+        yield from _of_direction(direction, pdos, there, device)
+
+
+def _of_direction(
+    direction: str, pdos: Mapping[str, OutputPdo | InputPdo], there: Sequence[EsiPdo], device: EsiDevice
+) -> Iterator[tuple[str, str, int]]:
+    by_index = {pdo.index: pdo for pdo in there}
+    known = [(name, pdo, by_index[pdo.pdo]) for name, pdo in pdos.items() if pdo.pdo in by_index]
+    for name, pdo in pdos.items():
+        if pdo.pdo not in by_index:
+            listed = ", ".join(f"0x{index:04x}" for index in by_index) or "none"
+            yield (
+                f"{direction}.{name}.pdo",
+                f"there is no PDO 0x{pdo.pdo:04x} among its {direction}: {listed}",
+                device.line,
+            )
+    taken = {found.index for _, _, found in known}
+    for name, pdo, found in known:
+        if clash := found.excludes & taken - {found.index}:
+            yield f"{direction}.{name}.pdo", f"it excludes 0x{min(clash):04x}, which is assigned as well", found.line
+        yield from ((f"{direction}.{name}.{key}", what, line) for key, what, line in _of_pdo(pdo, found, device))
+    for each in there:
+        if each.mandatory and each.index not in taken and pdos:
+            yield direction, f"PDO 0x{each.index:04x}, {each.name}, is mandatory and missing", each.line
+
+
+def _of_pdo(pdo: Any, found: EsiPdo, device: EsiDevice) -> Iterator[tuple[str, str, int]]:
+    is_free = device.maps and not found.fixed
+    entries = {(entry.index, entry.subindex): entry for entry in found.entries if entry.index}
+    for place, (name, field) in enumerate(pdo.fields.items()):
+        there = entries.get((field.index, field.subindex))
+        if not is_free:
+            if place >= len(found.entries):
+                count = len(found.entries)
+                yield f"fields.{name}", f"PDO 0x{found.index:04x} is fixed and ends after {count} entries", found.line
+                return
+            there = found.entries[place]
+            if there.mapping != field.mapping:
+                yield f"fields.{name}", f"{_words(field)}, but entry {place + 1} is {_entry_words(there)}", there.line
+                return
+        ours = ESI_TYPES.get(there.type) if there is not None else None
+        if there is not None and ours is not None and ours != field.type:
+            yield f"fields.{name}.type", f"{field.type}, but the terminal has {there.type}, which is {ours}", there.line
+    if not is_free and len(found.entries) > len(pdo.fields):
+        missing = found.entries[len(pdo.fields)]
+        yield "fields", f"PDO 0x{found.index:04x} is fixed; missing behind is {_entry_words(missing)}", missing.line
+
+
+def _words(field: Any) -> str:
+    return f"0x{field.index:04x}:{field.subindex:02x} of {8 * field.size} bits"
+
+
+def _entry_words(entry: EsiEntry) -> str:
+    return f"0x{entry.index:04x}:{entry.subindex:02x} of {entry.bits} bits, {entry.name or 'a gap'} ({entry.type})"
+
+
+def _device(key: str, terminal: Terminal, devices: Sequence[EsiDevice], path: Path) -> EsiDevice:
+    """That of the file which the terminal is; of several revisions its own, or the newest where any will do."""
+    of_product = [each for each in devices if (each.vendor, each.product) == (terminal.vendor, terminal.product)]
+    if not of_product:
+        listed = ", ".join(sorted({f"0x{each.vendor:x}:0x{each.product:x}" for each in devices})[:8])
+        wrong = "vendor" if all(each.vendor != terminal.vendor for each in devices) else "product"
+        asked = f"0x{terminal.vendor:x}:0x{terminal.product:x}"
+        raise ConfigError(f"{key}.{wrong}: there is no device {asked} (vendor:product) in {path}; it has {listed}")
+    found = [each for each in of_product if terminal.revision in (None, each.revision)]
+    if not found:
+        listed = ", ".join(f"0x{each.revision:x}" for each in of_product)
+        raise ConfigError(
+            f"{key}.revision: 0x{terminal.revision:x}, but the file has {listed} ({path}:{of_product[0].line})"
+        )
+    return max(found, key=lambda each: each.revision)

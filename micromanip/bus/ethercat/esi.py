@@ -1,0 +1,236 @@
+"""ESI files: what the maker of a terminal says of it, as XML (ETG.2000): identity, PDOs, sync managers, mailbox, clock.
+
+Read are the elements below ``EtherCATInfo/Vendor`` and ``Descriptions/Devices/Device``; what else there is does no
+harm. A document type, and with it any entity of the file's own, is refused: such a file may be small, its text endless.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+from micromanip.errors import ConfigError, system_error
+
+MOST_BYTES = 64 * 1024 * 1024
+_MOST_DEEP = 100
+TYPES = {
+    "SINT": "int8", "USINT": "uint8", "BYTE": "uint8", "BITARR8": "uint8",
+    "INT": "int16", "UINT": "uint16", "WORD": "uint16", "BITARR16": "uint16",
+    "INT24": "int24", "UINT24": "uint24",
+    "DINT": "int32", "UDINT": "uint32", "DWORD": "uint32", "BITARR32": "uint32", "REAL": "float32",
+    "LINT": "int64", "ULINT": "uint64", "LWORD": "uint64", "LREAL": "float64",
+}  # fmt: skip
+"""Types of the files by ours; there are others, of single bits and of texts."""
+
+
+@dataclass(frozen=True)
+class EsiEntry:
+    """An object in a PDO, index 0 for a gap; `line` is its line in the file."""
+
+    index: int
+    subindex: int
+    bits: int
+    name: str
+    type: str
+    line: int
+
+    @property
+    def mapping(self) -> int:
+        """As a PDO's mapping holds it."""
+        return self.index << 16 | self.subindex << 8 | self.bits
+
+
+@dataclass(frozen=True)
+class EsiPdo:
+    """A PDO; `sync_manager` is the one that it is assigned to from the start, None where it is not."""
+
+    index: int
+    name: str
+    entries: Sequence[EsiEntry]
+    sync_manager: int | None
+    fixed: bool
+    mandatory: bool
+    excludes: frozenset[int]
+    line: int
+
+
+@dataclass(frozen=True)
+class EsiSyncManager:
+    """A sync manager by default: what it is for, where its memory begins, its bytes, its control byte."""
+
+    kind: str
+    start: int
+    bytes: int
+    control: int
+
+
+@dataclass(frozen=True)
+class EsiDevice:
+    """A kind of terminal; `outputs` are the PDOs that it receives (``RxPdo``), `inputs` those that it sends."""
+
+    vendor: int
+    product: int
+    revision: int
+    name: str
+    outputs: Sequence[EsiPdo]
+    inputs: Sequence[EsiPdo]
+    sync_managers: Sequence[EsiSyncManager]
+    has_coe: bool
+    maps: bool
+    has_clock: bool
+    line: int
+
+
+@dataclass
+class _Read:
+    """A file as it is read: elements, and the line of each."""
+
+    path: Path
+    builder: TreeBuilder = field(default_factory=TreeBuilder)
+    lines: dict[Element, int] = field(default_factory=dict)
+    deep: int = 0
+
+    def error(self, line: int, what: str) -> ConfigError:
+        return ConfigError(f"{self.path}:{line}: {what}")
+
+    def document(self) -> Element:
+        """Its root. Raises ConfigError."""
+        try:
+            size = self.path.stat().st_size
+            text = self.path.read_bytes() if size <= MOST_BYTES else b""
+        except OSError as problem:
+            raise system_error(problem, self.path) from problem
+        if size > MOST_BYTES:
+            raise ConfigError(f"{self.path}: {size} bytes are more than an ESI file has, at most {MOST_BYTES}")
+        parser = expat.ParserCreate()
+        parser.buffer_text = True
+
+        def start(name: str, attributes: dict[str, str]) -> None:
+            self.deep += 1
+            if self.deep > _MOST_DEEP:
+                raise self.error(parser.CurrentLineNumber, f"elements lie in each other more than {_MOST_DEEP} deep")
+            self.lines[self.builder.start(name, attributes)] = parser.CurrentLineNumber
+
+        def end(name: str) -> None:
+            self.deep -= 1
+            self.builder.end(name)
+
+        def refuse(*_: object) -> None:
+            raise self.error(parser.CurrentLineNumber, "a document type (<!DOCTYPE) is refused: ESI files have none")
+
+        parser.StartElementHandler, parser.EndElementHandler = start, end
+        parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = self.builder.data, refuse
+        try:
+            parser.Parse(text, True)
+        except expat.ExpatError as problem:
+            raise self.error(problem.lineno, f"this is no XML: {expat.ErrorString(problem.code)}") from problem
+        except (ValueError, LookupError) as problem:  # of an encoding that nobody knows, or that is none for texts
+            raise self.error(parser.CurrentLineNumber, f"its text can't be read: {problem}") from problem
+        return self.builder.close()
+
+    def number(self, element: Element, text: str | None, what: str, most: int, default: int | None = None) -> int:
+        """A number as ESI files have it, ``#x1a00`` or decimal. Raises ConfigError."""
+        said = (text or "").strip()
+        if not said and default is not None:
+            return default
+        hexadecimal = said[:2].lower() == "#x"
+        digits = said[2:] if hexadecimal else said
+        if digits.isascii() and digits.isalnum() and len(digits) <= 20:  # 1_0, +1 and other scripts are none
+            try:
+                number = int(digits, 16 if hexadecimal else 10)
+            except ValueError:
+                number = -1
+            if 0 <= number <= most:
+                return number
+        line = self.lines[element]
+        raise self.error(line, f"{what} {said[:40]!r} is no number from 0 to {most} (#x1a00, or decimal)")
+
+    def child_number(self, parent: Element, name: str, most: int, default: int | None = None) -> int:
+        found = parent.find(name)
+        if found is None and default is None:
+            raise self.error(self.lines[parent], f"<{parent.tag}> has no <{name}>")
+        return self.number(parent if found is None else found, _text(found), name, most, default)
+
+
+def read_esi(path: Path) -> Sequence[EsiDevice]:
+    """All devices of a file. Raises ConfigError with file and line, another MicromanipError if it can't be opened."""
+    read = _Read(path)
+    root = read.document()
+    if root.tag != "EtherCATInfo":
+        raise read.error(read.lines[root], f"<{root.tag[:40]}> is no ESI file: that begins with <EtherCATInfo>")
+    vendor = root.find("Vendor")
+    if vendor is None:
+        raise read.error(read.lines[root], "<EtherCATInfo> has no <Vendor>")
+    number = read.child_number(vendor, "Id", 0xFFFF_FFFF)
+    devices = [_device(read, number, each) for each in root.iterfind("Descriptions/Devices/Device")]
+    if not devices:
+        raise read.error(read.lines[root], "there is no <Device> in <Descriptions> <Devices>")
+    return devices
+
+
+def _device(read: _Read, vendor: int, element: Element) -> EsiDevice:
+    kind, coe = element.find("Type"), element.find("Mailbox/CoE")
+    if kind is None:
+        raise read.error(read.lines[element], "<Device> has no <Type>")
+    product, revision = (
+        read.number(kind, kind.get(name), name, 0xFFFF_FFFF, default)
+        for name, default in (("ProductCode", None), ("RevisionNo", 0))
+    )
+    managers = [
+        EsiSyncManager(
+            _text(each),
+            *(read.number(each, each.get(n), n, 0xFFFF, 0) for n in ("StartAddress", "DefaultSize", "ControlByte")),
+        )
+        for each in element.iterfind("Sm")
+    ]
+    return EsiDevice(
+        vendor=vendor,
+        product=product,
+        revision=revision,
+        name=_text(element.find("Name")) or _text(kind),
+        outputs=[_pdo(read, pdo) for pdo in element.iterfind("RxPdo")],
+        inputs=[_pdo(read, pdo) for pdo in element.iterfind("TxPdo")],
+        sync_managers=managers,
+        has_coe=coe is not None,
+        maps=coe is not None and _is_true(coe.get("PdoConfig")),
+        has_clock=element.find("Dc") is not None,
+        line=read.lines[element],
+    )
+
+
+def _pdo(read: _Read, element: Element) -> EsiPdo:
+    manager = element.get("Sm")
+    return EsiPdo(
+        read.child_number(element, "Index", 0xFFFF),
+        _text(element.find("Name")),
+        list(_entries(read, element)),
+        None if manager is None else read.number(element, manager, "Sm", 0xFF),
+        _is_true(element.get("Fixed")),
+        _is_true(element.get("Mandatory")),
+        frozenset(read.number(each, each.text, "Exclude", 0xFFFF) for each in element.iterfind("Exclude")),
+        read.lines[element],
+    )
+
+
+def _entries(read: _Read, pdo: Element) -> Iterator[EsiEntry]:
+    for element in pdo.iterfind("Entry"):
+        yield EsiEntry(
+            read.child_number(element, "Index", 0xFFFF),
+            read.child_number(element, "SubIndex", 0xFF, 0),
+            read.child_number(element, "BitLen", 0xFFFF),
+            _text(element.find("Name")),
+            _text(element.find("DataType")),
+            read.lines[element],
+        )
+
+
+def _text(element: Element | None) -> str:
+    """In one line."""
+    return "" if element is None else " ".join((element.text or "").split())
+
+
+def _is_true(text: str | None) -> bool:
+    return (text or "").strip().lower() in ("1", "true")

@@ -1,0 +1,96 @@
+"""``micromanip ethercat``: what a terminal's ESI file says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import StrictCommand, json_option, print_answer
+
+if TYPE_CHECKING:
+    from micromanip.bus.ethercat.esi import EsiDevice
+
+
+class _Product(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
+    name = "code"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        try:
+            code = int(value, 0)
+        except ValueError:
+            code = -1
+        if not 0 <= code <= 0xFFFF_FFFF:
+            self.fail(f"{value!r:.40} is no product code; they look like 0x1003 or 4099.", param, ctx)
+        return code
+
+
+@click.group("ethercat", epilog="Example: micromanip ethercat esi config/ethercat/piezo-cell.xml")
+def command() -> None:
+    """Files of EtherCAT terminals."""
+
+
+@command.command(
+    "esi",
+    cls=StrictCommand,
+    epilog="Example: micromanip ethercat esi config/ethercat/piezo-cell.xml --product 0x1003",
+)
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@click.option("--product", type=_Product(), help="Only this one, by its code: 0x1003.")
+@json_option
+def esi(file: Path, product: int | None, as_json: bool) -> None:
+    """List the devices of an ESI FILE; of a single one write the keys below `terminals` of a configuration.
+
+    These are the PDOs that it has assigned from the start. Scales and ranges stand in its manual, not in the file.
+    """
+    from micromanip.bus.ethercat.esi import read_esi
+    from micromanip.errors import UsageError
+
+    devices = [each for each in read_esi(file) if product in (None, each.product)]
+    if not devices:
+        raise UsageError(f"{file} has no device with the product code 0x{product:x}; without --product all are listed")
+    print_answer([_document(each) for each in devices], lambda _: _show(devices), as_json)
+
+
+def _document(device: EsiDevice) -> dict[str, Any]:
+    from micromanip.bus.ethercat.esi_keys import not_mapped, terminal_keys
+
+    name, keys = terminal_keys(device, set())
+    return {
+        "name": device.name,
+        "line": device.line,
+        "sync_managers": [vars(each) for each in device.sync_managers],
+        "coe": device.has_coe,
+        "pdos_may_be_mapped": device.maps,
+        "clock": device.has_clock,
+        "terminal": {name: keys},
+        "not_mapped": [
+            {"pdo": pdo.index, "index": entry.index, "subindex": entry.subindex, "bits": entry.bits, "type": entry.type}
+            for pdo, entry in not_mapped(device)
+        ],
+    }
+
+
+def _show(devices: Sequence[EsiDevice]) -> None:
+    from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, terminal_keys
+
+    from .tables import Figures, out_console
+
+    if len(devices) > 1:
+        table = Figures("product", "revision", "name", "outputs", "inputs", "clock")
+        for each in devices:
+            numbers = (f"0x{each.product:x}", f"0x{each.revision:x}", each.name)
+            table.add_row(
+                *numbers, *(str(len(p)) for p in (each.outputs, each.inputs)), "yes" if each.has_clock else "no"
+            )
+        out_console().print(table)
+        return
+    (device,) = devices
+    click.echo("\n".join(lines_of(*terminal_keys(device, set()))))
+    for pdo, entry in not_mapped(device):
+        click.echo(
+            f"# PDO 0x{pdo.index:04x}: no field for 0x{entry.index:04x}:{entry.subindex:02x} {entry.name}, "
+            f"{entry.bits} bits {entry.type}: values are whole bytes of a known type"
+        )

@@ -1,0 +1,43 @@
+"""Results of costly functions of matrices, kept for when the very same is asked again.
+
+A change of a tuning leaves most equations as they were: a regulator's weight does not touch the observer, and one
+axis not the others. That is every `set`, and the drawn tunings of a sweep.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, TypeVarTuple
+
+import numpy as np
+
+Given = TypeVarTuple("Given")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Arguments, told apart by every bit; passed on as they are: their order in memory is part of how BLAS rounds."""
+
+    key: tuple[object, ...]
+    arguments: tuple[Any, ...] = field(compare=False)
+
+
+def remembered(size: int) -> Callable[[Callable[[*Given], Result]], Callable[[*Given], Result]]:
+    """Keep the last `size` results of a function of arrays and numbers, which nobody may write into."""
+
+    def decorate(function: Callable[[*Given], Result]) -> Callable[[*Given], Result]:
+        @functools.lru_cache(size)
+        def of(given: _Given) -> Result:
+            return function(*given.arguments)
+
+        @functools.wraps(function)
+        def ask(*arguments: *Given) -> Result:
+            key = ((each.shape, each.tobytes()) if isinstance(each, np.ndarray) else each for each in arguments)
+            return of(_Given(tuple(key), arguments))
+
+        return ask
+
+    return decorate

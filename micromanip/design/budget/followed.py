@@ -1,0 +1,214 @@
+"""How a recorded path was followed: the path, the samples' noise, and what tracking left of both.
+
+What a simulation knows is taken as it is: path and stage. Else the path is the tracker's, smoothed without lag (a low
+pass of zero phase, beyond what stands out of the floor of the samples' spectrum).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+from scipy.interpolate import CubicSpline
+from scipy.signal import welch
+
+from micromanip.errors import CheckFailed
+from micromanip.recordings import Telemetry
+from micromanip.rt.states import TRACKING
+from micromanip.rt.telemetry import DEVIATION_FRESH
+from micromanip.settings.load import validate_document
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import AxisTracker
+from micromanip.settings.text.source import Source
+
+from .causes import PREDICTION, TRACKER
+from .loop import AxisLaws
+from .tracking import Tracking
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+WINDOW_S = 1.0
+"""Of the spectra of recorded signals."""
+_SETTLED_S, _LEAST_S, _EDGE_S = 1.0, 3.0, 1.0
+"""Left out after tracking has begun; shortest stretch; left out at both ends, where filters know only one side."""
+_FLOOR_SHARE, _STANDS_OUT, _ROOM = 0.25, 10.0, 2.0
+"""Of the samples' spectrum: from which share of the sampling rate on it is floor; what stands out of it; how far beyond
+that the path may go."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Columns of one axis in consecutive cycles (n,), what was skipped filled with the row before it; um and s."""
+
+    time_s: Array
+    skipped: NDArray[np.bool_]
+    limited: NDArray[np.bool_]
+    taken_s: Array
+    arrived_s: Array
+    samples_um: Array
+    stage_um: Array
+    setpoint_um: Array
+    true_stage_um: Array
+    path_error_um: Array
+    uncompensated_um: Array
+
+    @property
+    def late_s(self) -> float:
+        """Age of a sample when it arrives."""
+        return float(np.median(self.arrived_s - self.taken_s))
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Cycles (n,) away from both ends."""
+        return np.asarray((self.time_s > _EDGE_S) & (self.time_s < self.time_s[-1] - _EDGE_S))
+
+    @property
+    def truth(self) -> bool:
+        """Whether a simulation said where the stage really was."""
+        return bool(np.isfinite(self.true_stage_um).all() and np.isfinite(self.path_error_um).all())
+
+
+def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: str) -> Stretch:
+    """The longest time of tracking without another tuning, without its beginning.
+
+    Raises CheckFailed where it is too short, or no tracker's samples came in it.
+    """
+    cycle, state, version = (telemetry.column(name) for name in ("cycle", "state", "version"))
+    tracking = np.flatnonzero(state == TRACKING)
+    if not len(tracking):
+        raise CheckFailed(f"{telemetry.file}: the cell does not track in it: there is no path error to budget")
+    breaks = (np.diff(tracking) > 1) | (np.diff(version[tracking]) != 0)
+    pieces = np.split(tracking, np.flatnonzero(breaks) + 1)
+    longest = max(pieces, key=len)
+    rate_hz = 1e9 / telemetry.period_ns
+    first, last = int(cycle[longest[0]] + _SETTLED_S * rate_hz), int(cycle[longest[-1]])
+    if (last - first) / rate_hz < _LEAST_S:
+        raise CheckFailed(
+            f"{telemetry.file}: it tracks for {(last - cycle[longest[0]]) / rate_hz:.2g} s at a stretch; a budget "
+            f"needs {_SETTLED_S + _LEAST_S:g} s"
+        )
+    wanted = np.arange(first, last + 1)
+    rows = np.searchsorted(cycle, wanted, side="right") - 1
+    place = telemetry.axes.index(axis)
+
+    def column(name: str) -> Array:
+        return np.asarray(telemetry.column(f"axis.{place}.{name}"), dtype=float)
+
+    time_ns = telemetry.column("time_ns").astype(float)
+    time_s = (time_ns - time_ns[rows[0]]) * 1e-9
+    fresh = (telemetry.column(f"axis.{place}.fresh").astype(int) & DEVIATION_FRESH) != 0
+    fresh &= (np.arange(len(cycle)) >= rows[0]) & (np.arange(len(cycle)) <= rows[-1])
+    age_s = column("deviation_age_ns") * 1e-9
+    settings, voltage, setpoint = configuration.axes[axis], column("voltage_V"), column("setpoint_um")
+    (low_V, high_V), (low_um, high_um) = configuration.outputs[f"voltage_{axis}"].range_V, settings.setpoint.range_um
+    limited = (voltage <= low_V) | (voltage >= high_V) | (setpoint <= low_um) | (setpoint >= high_um)
+    if np.count_nonzero(fresh) < 2:
+        raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} came while it tracked")
+    return Stretch(
+        (wanted - wanted[0]) / rate_hz,
+        np.isin(wanted, cycle, invert=True),
+        limited[rows],
+        (time_s - age_s)[fresh],
+        time_s[fresh],
+        column("deviation_um")[fresh],
+        column("stage_um")[rows],
+        setpoint[rows],
+        column("true_stage_um")[rows],
+        column("path_error_um")[rows],
+        column("uncompensated_um")[rows],
+    )
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How the path (n,), um, was followed through `tracking` and the loop, `noise` (k,) being the samples' own.
+
+    `parts` (n,), um, are what the noise, and delay and prediction, made of the error.
+    """
+
+    path: Array
+    noise: Array
+    tracking: Tracking
+    filters: Filters
+    parts: dict[str, Array]
+
+
+def follow(stretch: Stretch, laws: AxisLaws) -> Followed:
+    """What `laws` make of the samples of `stretch`, whatever laws ran when it was recorded."""
+    time_s = stretch.time_s
+    step_s = float(np.median(np.diff(stretch.taken_s)))
+    truth = stretch.path_error_um + stretch.true_stage_um
+    path = truth if stretch.truth else smoothed(stretch.taken_s, stretch.samples_um, time_s)
+    clean = np.interp(stretch.taken_s, time_s, path)
+    noise = stretch.samples_um - clean
+    tracking = Tracking(laws.tracker, max(1, round(step_s / laws.period_s)), stretch.late_s, laws.period_s)
+    seen = [
+        tracking.given(stretch.taken_s, stretch.arrived_s, samples, time_s, laws.gains.reference)
+        for samples in (clean, noise)
+    ]
+    filters = Filters.of(laws, len(time_s))
+    parts = {
+        TRACKER: -filters.through("followed", seen[1]),
+        PREDICTION: path - filters.through("followed", seen[0]),
+    }
+    return Followed(path, noise, tracking, filters, parts)
+
+
+def predicted_share(telemetry: Telemetry, axis: str, tracker: AxisTracker) -> float:
+    """Rms (um) of what noise, delay and prediction of the samples would have left of the path, with another `tracker`.
+
+    Raises CheckFailed as `tracking_stretch`, and for an axis without a model of its stage.
+    """
+    configuration = validate_document(Source.parse(telemetry.file, telemetry.configuration))
+    laws = AxisLaws(axis, configuration.axes[axis], tracker, telemetry.period_ns * 1e-9)
+    stretch = tracking_stretch(telemetry, configuration, axis)
+    followed = follow(stretch, laws)
+    left = (followed.parts[TRACKER] + followed.parts[PREDICTION])[stretch.inside]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def smoothed(taken_s: Array, samples_um: Array, time_s: Array) -> Array:
+    """The path (n,) at `time_s` by samples (k,) of before and after: all up to where their spectrum stands out."""
+    step_s = float(np.median(np.diff(taken_s)))
+    even = np.arange(taken_s[0], taken_s[-1] + 0.5 * step_s, step_s)
+    samples = np.interp(even, taken_s, samples_um)
+    hertz, density = welch(samples, 1.0 / step_s, nperseg=min(len(samples), round(WINDOW_S / step_s)))
+    floor = float(np.median(density[hertz > _FLOOR_SHARE / step_s]))
+    highest = float(hertz[density > _STANDS_OUT * floor].max(initial=hertz[1]))
+    padded, first = mirrored(samples)
+    share = 1.0 / (1.0 + (np.fft.rfftfreq(len(padded), step_s) / (_ROOM * highest)) ** 16)
+    path = np.fft.irfft(np.fft.rfft(padded) * share, len(padded))[first : first + len(even)]
+    return np.asarray(CubicSpline(even, path)(np.clip(time_s, even[0], even[-1])))
+
+
+def mirrored(x: Array) -> tuple[Array, int]:
+    """`x` (n,) continued by its own point reflection to about twice its length, and where it begins in it."""
+    more = next_fast_len(2 * len(x) - 2, real=True) - len(x)
+    before, after = more // 2, more - more // 2
+    padded = np.concatenate([2 * x[0] - x[before:0:-1], x, 2 * x[-1] - x[-2 : -after - 2 : -1]])
+    return padded, before
+
+
+@dataclass(frozen=True)
+class Filters:
+    """The closed loop around the configured model at the frequencies of a padded record."""
+
+    responses: dict[str, Complex]
+
+    @classmethod
+    def of(cls, laws: AxisLaws, samples: int) -> Filters:
+        """For signals of `samples` cycles."""
+        padded = len(mirrored(np.zeros(samples))[0])
+        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(padded, laws.period_s))
+        omega[0] = 1e-3 * omega[1]  # at rest the PID has no finite gain, and a real system is what it is just above
+        loop = laws.around(laws.model(omega), omega)
+        names = ("plant", "followed", "sensitivity", "of_stage_noise")
+        return cls({name: getattr(loop, name) for name in names})
+
+    def through(self, name: str, x: Array) -> Array:
+        """`x` (n,) behind one of the transfers."""
+        padded, first = mirrored(x)
+        return np.asarray(np.fft.irfft(np.fft.rfft(padded) * self.responses[name], len(padded))[first : first + len(x)])

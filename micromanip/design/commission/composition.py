@@ -1,0 +1,65 @@
+"""The error budget of an axis as a section of the report: what its path error is made of as it will run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..budget.budget import AxisBudget
+from .evidence import Curve, Plot, Section, Table
+
+TITLE = "What the path error is made of"
+
+
+def composition(budget: AxisBudget) -> Section:
+    """Causes, bound and other sensors as tables, and the variance summed up over frequency as a plot."""
+    told = budget.document()
+    causes = tuple(
+        (each["name"], f"{each['rms_um']:.3f} um", f"{each['share_percent']:.1f} %", each["how"])
+        for each in told["causes"]
+    )
+    whole = ("whole", f"{budget.rms_um:.3f} um", "100.0 %", "")
+    tables = [Table(f"Path error of axis {budget.axis} by cause", ("Cause", "rms", "Share", "How"), (*causes, whole))]
+    if budget.variants:
+        others = tuple((each.what, f"{each.rms_um:.3f} um") for each in budget.variants)
+        tables.append(Table(f"Axis {budget.axis}: what it would be", ("With", "Whole, rms"), others))
+    text = " ".join(
+        [
+            "Variances of causes that know nothing of each other add up (docs/budget.md).",
+            *(f"{note[0].upper()}{note[1:]}." for note in budget.notes),
+            *(f"Not known: {each}." for each in budget.unknown),
+        ]
+    )
+    return Section(TITLE, text, _bound(budget), (_summed_up(budget),), tuple(tables))
+
+
+def _bound(budget: AxisBudget) -> dict[str, str]:
+    bound = budget.bound
+    if bound is None:
+        return {}
+    figures = {
+        f"causal bound, phases known for {bound.coherence_s:g} s": f"{bound.rms_um:.3f} um",
+        "the path's share of the bound": f"{np.sqrt(bound.path_um2):.3f} um",
+        "the force's share of it": f"{np.sqrt(bound.force_um2):.3f} um",
+    }
+    if bound.rms_um > 0.0:
+        figures["this one leaves"] = f"{budget.rms_um / bound.rms_um:.1f} times that"
+    return figures
+
+
+def _summed_up(budget: AxisBudget) -> Plot:
+    """Variance below each frequency: a line is a step, noise a slope."""
+    hertz = budget.hertz
+    shown = budget.told_apart()
+    curves = [Curve("whole", hertz, np.cumsum(np.sum([cause.power for cause in budget.causes], axis=0)))]
+    curves += [Curve(cause.name, hertz, np.cumsum(cause.power)) for cause in shown]
+    if budget.bound is not None:
+        ends = hertz[[0, -1]]
+        curves.append(Curve("bound", ends, np.full(2, budget.bound.rms_um**2)))
+    return Plot(
+        "Variance of the path error below a frequency",
+        "frequency, Hz",
+        "um^2",
+        tuple(curves),
+        "A sine is a step, noise a slope; where the whole rises is where there is something to gain.",
+        log_x=True,
+    )

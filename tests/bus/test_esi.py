@@ -1,0 +1,156 @@
+"""ESI files: what is read of them, and that no file, however spoilt, does worse than one message with its place."""
+
+import random
+import re
+from pathlib import Path
+
+import pytest
+
+from micromanip.bus.ethercat.esi import read_esi
+from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, terminal_keys
+from micromanip.errors import ConfigError, MicromanipError
+
+SAMPLE = Path(__file__).parents[2] / "config" / "ethercat" / "piezo-cell.xml"
+ONE = """\
+<EtherCATInfo><Vendor><Id>17229</Id></Vendor><Descriptions><Devices>
+<Device>
+<Type ProductCode="4099" RevisionNo="#X2">AMP</Type>
+<RxPdo Sm="2">
+<Index>#x1600</Index><Name>Out</Name><Exclude>#x1601</Exclude>
+<Entry><Index>#x7000</Index><SubIndex>1</SubIndex><BitLen>16</BitLen><Name>Aim</Name><DataType>INT</DataType></Entry>
+<Entry><Index>#x0</Index><BitLen>8</BitLen></Entry>
+<Entry><Index>#x7000</Index><SubIndex>2</SubIndex><BitLen>1</BitLen><Name>On</Name><DataType>BOOL</DataType></Entry>
+</RxPdo>
+<TxPdo Mandatory="true"><Index>#x1A00</Index></TxPdo>
+</Device></Devices></Descriptions></EtherCATInfo>
+"""
+MUTANTS = 300
+
+
+def read(tmp_path, text):
+    file = tmp_path / "device.xml"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_esi(file)
+
+
+def test_the_sample_is_read_whole():
+    amplifier, gauge, capacitive, tracker = read_esi(SAMPLE)
+    assert [(each.vendor, each.product, each.revision) for each in (amplifier, gauge, capacitive, tracker)] == [
+        (0x4D4D, product, 1) for product in (0x1003, 0x1004, 0x1005, 0x1006)
+    ]
+    assert amplifier.name == "Piezo amplifier"
+    assert [pdo.index for pdo in amplifier.outputs] == [0x1600, 0x1601]
+    assert [entry.mapping for entry in amplifier.outputs[0].entries] == [0x70000120, 0x70000220, 0x70000320]
+    assert [(each.kind, each.start, each.control) for each in amplifier.sync_managers] == [
+        ("MBoxOut", 0x1000, 0x26),
+        ("MBoxIn", 0x1080, 0x22),
+        ("Outputs", 0x1100, 0x64),
+        ("Inputs", 0x1800, 0x20),
+    ]
+    assert (amplifier.has_coe, amplifier.maps, gauge.has_clock) == (True, True, True)
+    assert [pdo.fixed for device in (gauge, tracker) for pdo in device.inputs] == [True, False]
+
+
+def test_numbers_lines_and_what_is_left_out(tmp_path):
+    (device,) = read(tmp_path, ONE)
+    assert (device.vendor, device.product, device.revision, device.name) == (17229, 4099, 2, "AMP")
+    (output,), (unassigned,) = device.outputs, device.inputs
+    assert (output.sync_manager, output.excludes, output.line) == (2, {0x1601}, 4)
+    assert [(entry.index, entry.subindex, entry.bits, entry.line) for entry in output.entries] == [
+        (0x7000, 1, 16, 6),
+        (0, 0, 8, 7),
+        (0x7000, 2, 1, 8),
+    ]
+    assert (unassigned.sync_manager, unassigned.mandatory, unassigned.entries) == (None, True, [])
+    assert (device.has_coe, device.has_clock) == (False, False)
+
+
+def test_a_device_becomes_keys(tmp_path):
+    (device,) = read(tmp_path, ONE)
+    name, keys = terminal_keys(device, {"gap"})
+    assert (name, list(keys)) == ("amp", ["vendor", "product", "revision", "outputs"]), "the input is not assigned"
+    assert keys["outputs"]["out"]["fields"] == {
+        "aim": {"index": 0x7000, "subindex": 1, "type": "int16"},
+        "gap_2": {"index": 0, "subindex": 0, "type": "uint8"},
+    }
+    assert [entry.name for _, entry in not_mapped(device)] == ["On"]
+    assert "        aim: {index: 0x7000, subindex: 1, type: int16}" in lines_of(name, keys)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "said"),
+    [
+        ("<Index>#x1600", "<Index>#x1g00", 5, "Index '#x1g00' is no number from 0 to 65535"),
+        ("<Index>#x1600", "<Index>-1", 5, "Index '-1' is no number"),
+        ("<BitLen>16", "<BitLen>70000", 6, "BitLen '70000' is no number from 0 to 65535"),
+        ("<BitLen>8</BitLen>", "", 7, "<Entry> has no <BitLen>"),
+        (' ProductCode="4099"', "", 3, "ProductCode '' is no number"),
+        ('<Type ProductCode="4099" RevisionNo="#X2">AMP</Type>', "", 2, "<Device> has no <Type>"),
+        ("<Id>17229</Id>", "", 1, "<Vendor> has no <Id>"),
+        ("</TxPdo>", "", 11, "this is no XML: mismatched tag"),
+        ("Device>", "Devise>", 1, "there is no <Device> in <Descriptions> <Devices>"),
+        ("EtherCATInfo>", "Other>", 1, "<Other> is no ESI file"),
+        ("<EtherCATInfo>", '<!DOCTYPE a [<!ENTITY b "c">]><EtherCATInfo>', 1, "a document type (<!DOCTYPE) is refused"),
+        ("<EtherCATInfo>", '<?xml version="1.0" encoding="klingon"?><EtherCATInfo>', 1, "can't be read|this is no XML"),
+        ("AMP", "<a>" * 200 + "</a>" * 200, 3, "more than 100 deep"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line(tmp_path, old, new, line, said):
+    with pytest.raises(ConfigError) as refused:
+        read(tmp_path, ONE.replace(old, new))
+    assert str(refused.value).startswith(f"{tmp_path / 'device.xml'}:{line}: ")
+    assert any(each in str(refused.value) for each in said.split("|"))
+
+
+def test_a_file_that_is_not_there_and_a_folder(tmp_path):
+    for path in (tmp_path / "none.xml", tmp_path):
+        with pytest.raises(MicromanipError, match=re.escape(str(path))):
+            read_esi(path)
+
+
+@pytest.mark.parametrize("text", [b"", b"\0" * 100, b"\xff\xfe", "<EtherCATInfo/>".encode("utf-16")])
+def test_what_is_no_text_at_all(tmp_path, text):
+    with pytest.raises(ConfigError, match=r"device\.xml:\d+: "):
+        read(tmp_path, text)
+
+
+def mutated(chance, data):
+    """A file with some of its bytes changed, lost, doubled, or moved."""
+    data = bytearray(data)
+    for _ in range(chance.randint(1, 6)):
+        at, length = chance.randrange(len(data)), chance.choice((1, 1, 2, 8, 40))
+        match chance.randrange(5):
+            case 0:
+                data[at] ^= 1 << chance.randrange(8)
+            case 1:
+                del data[at : at + length]
+            case 2:
+                data[at:at] = data[at : at + length]
+            case 3:
+                data[at : at + length] = chance.randbytes(length)
+            case 4:
+                to = chance.randrange(len(data))
+                data[to:to] = data[at : at + length]
+        if not data:
+            data = bytearray(b" ")
+    return bytes(data)
+
+
+def test_mutated_files_are_read_or_refused_with_one_line(tmp_path):
+    chance, refused = random.Random(1), 0
+    for _ in range(MUTANTS):
+        data = mutated(chance, chance.choice((ONE.encode(), SAMPLE.read_bytes()[:3000], SAMPLE.read_bytes())))
+        said = refusal_of(tmp_path, data)
+        assert said is None or re.fullmatch(r"[^\n]*device\.xml:\d+: [^\n]+", said), said
+        refused += said is not None
+    assert MUTANTS / 3 < refused < MUTANTS, "most are broken, some are still files"
+
+
+def refusal_of(tmp_path, data):
+    """What is said against a file; None where it is read, and makes keys."""
+    try:
+        for device in read(tmp_path, data):
+            lines_of(*terminal_keys(device, set()))
+    except ConfigError as problem:
+        return str(problem)
+    return None

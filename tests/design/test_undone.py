@@ -1,0 +1,89 @@
+"""What the feedforward of mode strain undoes, found from a plant whose own equations are known."""
+
+import numpy as np
+import pytest
+from micromanip_drivers.simulated.mechanics import continuous
+from micromanip_drivers.simulated.options import Plant, SecondMode
+from scipy.linalg import expm
+
+from micromanip.control.system import System
+from micromanip.design.synthesis.actuator import resonances, undo
+from micromanip.settings.schema.axis import Inner
+
+PERIOD_S, GAUGE_US, LAG_US = 1e-4, 1e6 / (2 * np.pi * 2500.0), 1e6 / (2 * np.pi * 900.0)
+INNER = Inner(mode="pid+feedforward", K_V_per_um=0.2817, Ti_ms=0.105, Td_ms=0.05807, filter_ms=0.01786)
+ASKED_HZ = (1.0, 5.0, 10.0)
+
+
+def true_dynamics(plant, um_per_V=0.65):
+    """Voltage, held, by the amplifier's lag, the masses and the gauge to its reading; exact."""
+    a, b = continuous(plant)
+    n, lag_s = len(a), 1e-6 * LAG_US
+    block = np.zeros((n + 2, n + 2))
+    block[:n, :n], block[:n, n] = a, um_per_V * b[:, 0]
+    block[n, n], block[n, n + 1] = -1.0 / lag_s, 1.0 / lag_s
+    moved = expm(block * PERIOD_S)
+    C = np.zeros(n + 1)
+    C[4] = 1.0
+    return System(moved[: n + 1, : n + 1], moved[: n + 1, n + 1], C, 0.0, PERIOD_S)
+
+
+def swings(matrix):
+    """Frequency (Hz) and damping ratio of its oscillating eigenvalues, the slowest first."""
+    rates = np.linalg.eigvals(matrix)
+    return sorted((abs(s) / (2 * np.pi), -s.real / abs(s)) for s in rates if s.imag > 1.0)
+
+
+def undone(plant, noise_um=0.055, left_um=0.4):
+    """It takes the loop a cycle to hand a voltage over."""
+    return undo(true_dynamics(plant), 1, INNER, GAUGE_US, noise_um, left_um, ASKED_HZ)
+
+
+@pytest.mark.parametrize("plant", [Plant(), Plant(stage_kg=20.0, damping=0.01), Plant(flexure_N_per_um=4.0)])
+def test_a_resonance_is_that_of_the_masses_and_its_antiresonance_that_of_the_stage_alone(plant):
+    (found,) = resonances(true_dynamics(plant))
+    a, _ = continuous(plant)
+    assert (found.resonance_Hz, found.resonance_damping) == pytest.approx(swings(a[:4, :4])[0], rel=1e-3)
+    held = swings(a[2:4, 2:4])[0]  # the actuator held: the stage on its flexure
+    assert (found.antiresonance_Hz, found.antiresonance_damping) == pytest.approx(held, rel=1e-3)
+
+
+def test_a_second_mode_is_found_too():
+    plant = Plant(second_mode=SecondMode(ratio=3.0, stiffness_share=0.3, gain=0.1))
+    slow, fast = resonances(true_dynamics(plant))
+    a, _ = continuous(plant)
+    places = [0, 1, 2, 3, 5, 6]
+    expected = [frequency for frequency, _ in swings(a[np.ix_(places, places)])[:2]]
+    assert [slow.resonance_Hz, fast.resonance_Hz] == pytest.approx(expected, rel=1e-3)
+
+
+def test_each_thing_that_is_undone_is_worth_it_also_where_the_model_is_wrong():
+    found = undone(Plant())
+    assert found.taken == ("delay", "resonances", "lag")
+    for before, after in zip(["nothing", *found.taken], found.taken, strict=False):
+        assert found.tried[after][0] < found.tried[before][0]
+        assert found.tried[after][1] <= found.tried[before][1]
+    assert found.tried["lag"][0] < 0.2 * found.tried["nothing"][0]
+
+
+def test_its_times_add_up_to_what_the_phase_says():
+    """Half a held cycle, the cycle that it is late, amplifier, gauge, and a little of the fast mode."""
+    section = undone(Plant(damping=1e-4)).actuator
+    led_us = 1e6 * PERIOD_S / np.expm1(1e6 * PERIOD_S / section.lag_us)
+    fast = 2 * np.pi * swings(continuous(Plant())[0][:4, :4])[1][0]
+    expected = 150.0 + LAG_US + 1e6 * 2 * 1e-4 / fast
+    assert section.lag_us == pytest.approx(LAG_US, rel=0.01)
+    assert section.delay_us + led_us == pytest.approx(expected, abs=5.0)
+
+
+def test_an_actuator_without_a_resonance_has_nothing_of_the_kind_undone():
+    lag = np.exp(-PERIOD_S / 177e-6)
+    plain = System(np.array([[lag]]), np.array([1.0 - lag]), np.array([0.65]), 0.0, PERIOD_S)
+    found = undo(plain, 1, INNER, GAUGE_US, 0.055, 0.4, ASKED_HZ)
+    assert found.actuator.resonances == ()
+    assert "resonances" not in found.taken
+
+
+@pytest.mark.parametrize(("noise_um", "left_um", "percent"), [(1e-4, 1.0, 100.0), (0.1, 1e-4, 60.0)])
+def test_the_pid_is_left_what_it_is_needed_for(noise_um, left_um, percent):
+    assert undone(Plant(), noise_um, left_um).actuator.feedback_percent == percent

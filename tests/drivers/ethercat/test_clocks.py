@@ -1,0 +1,184 @@
+"""Deadlines on the first terminal's clock, and SYNC0: on a line of emulated terminals, and what is refused."""
+
+import struct
+import time
+
+import pytest
+from micromanip_drivers.ethercat.clocks import SYNC0_BEGINS_IN_S, begin_sync0
+from micromanip_drivers.ethercat.driver import Ethercat
+from micromanip_drivers.ethercat.scan import reset
+from pydantic import ValidationError
+
+from micromanip.bus.errors import DeviceFault
+from micromanip.bus.ethercat.al_states import BAD_SYNC_CYCLE, ERROR, NO_SYNC, OP, PREOP, SAFEOP
+from micromanip.bus.ethercat.registers import (
+    DC_ACTIVATE,
+    DC_START,
+    DC_SYNC0_CYCLE,
+    DC_SYSTEM,
+    FEATURES,
+    FPRD,
+    FPWR,
+    SYNC0_ON,
+    SYNC_ON,
+)
+from micromanip.emulation.ethercat.controller import system_ns
+from micromanip.errors import ConfigError
+from micromanip.rt.bus_image import DOWN, TAKEN
+from tests.emulation.ethercat.test_line import Bench as Slaves
+from tests.emulation.ethercat.wire import veth
+
+from .bench import AMPLIFIER, GAUGE, PERIOD_NS, Bench, options
+
+SHIFT_NS = 40_000
+LOCK = {"time_constant_ms": 20.0, "within_us": 40.0, "drift_ppm": 200.0}
+SYNCED = {"terminals": {"amplifier": AMPLIFIER | {"sync0_shift_us": 1e-3 * SHIFT_NS}, "gauge": GAUGE}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"clocks": False, "lock": LOCK}, "lock: needs clocks: true"),
+        (SYNCED, "terminals.amplifier.sync0_shift_us: needs lock"),
+        ({"lock": LOCK | {"drift_ppm": 0.0}}, "greater than 0"),
+    ],
+)
+def test_a_lock_without_a_clock_is_refused(changes, said):
+    with pytest.raises(ValidationError, match=said):
+        options(**changes)
+
+
+def test_sync0_later_than_the_cycle_is_refused():
+    late = {"amplifier": AMPLIFIER | {"sync0_shift_us": 100.0}, "gauge": GAUGE}
+    with pytest.raises(ConfigError, match="sync0_shift_us: 100 us must be less than the cycle"):
+        Ethercat(options(lock=LOCK, terminals=late), PERIOD_NS)
+
+
+def test_only_a_driver_that_locks_steers_the_loop():
+    plain, locked = Ethercat(options(), PERIOD_NS), Ethercat(options(lock=LOCK), PERIOD_NS)
+    assert (plain.steers, locked.steers) == (False, True)
+    assert "locked" not in plain.statistics(plain.context())
+    context = locked.context()
+    locked.steering_ns(context)[0] = 7
+    assert locked.record(context)["lock"]["step_ns"][0] == 7, "where the loop reads is where the driver writes"
+
+
+class Registers:
+    """A ``Link`` to slaves in this process."""
+
+    name = "ethercat test"
+
+    def __init__(self, slaves):
+        self.slaves = slaves
+
+    def write(self, command, slave, register, data):
+        return self.slaves.send(command, (slave, register), data)
+
+    def station_read(self, station, register, length):
+        return self.slaves.send(FPRD, (station, register), bytes(length)).data
+
+    def station_write(self, station, register, data):
+        assert self.slaves.send(FPWR, (station, register), data).wkc == 1
+
+
+def synced(slaves):
+    """The first slave in PREOP, all but SYNC0 set for more."""
+    slaves.operate()
+    slaves.ask(PREOP)
+    return Registers(slaves)
+
+
+def test_sync0_begins_on_the_grid_of_whole_periods():
+    slaves = Slaves()
+    link = synced(slaves)
+    begin_sync0(link, 0x1001, "amplifier", PERIOD_NS, SHIFT_NS)
+    (start_ns,) = struct.unpack("<q", link.station_read(0x1001, DC_START, 8))
+    (now_ns,) = struct.unpack("<q", link.station_read(0x1001, DC_SYSTEM, 8))
+    assert start_ns % PERIOD_NS == SHIFT_NS
+    assert 0 < start_ns - now_ns <= 1e9 * SYNC0_BEGINS_IN_S + SHIFT_NS
+    assert struct.unpack("<I", link.station_read(0x1001, DC_SYNC0_CYCLE, 4)) == (PERIOD_NS,)
+    assert link.station_read(0x1001, DC_ACTIVATE, 1)[0] == SYNC_ON | SYNC0_ON
+    assert slaves.ask(SAFEOP) == (SAFEOP, 0)
+    assert slaves.ask(OP) == (SAFEOP | ERROR, NO_SYNC), "it has not begun"
+    slaves.now_ns += round(2e9 * SYNC0_BEGINS_IN_S)
+    assert slaves.ask(OP | ERROR) == (OP, 0)
+
+
+def test_a_terminal_refuses_sync0_that_can_not_be():
+    slaves = Slaves()
+    link = synced(slaves)
+    begin_sync0(link, 0x1001, "amplifier", PERIOD_NS, 0)
+    slaves.now_ns += round(2e9 * SYNC0_BEGINS_IN_S)
+    assert slaves.ask(SAFEOP) == (PREOP | ERROR, NO_SYNC), "it should have begun already"
+    link.station_write(0x1001, DC_SYNC0_CYCLE, bytes(4))
+    assert slaves.ask(SAFEOP | ERROR) == (PREOP | ERROR, BAD_SYNC_CYCLE)
+
+
+def test_sync0_that_another_master_has_left_on_is_no_hindrance():
+    slaves = Slaves()
+    begin_sync0(synced(slaves), 0x1001, "amplifier", PERIOD_NS, 0)
+    slaves.now_ns += round(2e9 * SYNC0_BEGINS_IN_S)
+    reset(Registers(slaves))
+    slaves.operate()
+
+
+def test_a_terminal_without_a_clock_makes_no_sync0():
+    slaves = Slaves()
+    link = synced(slaves)
+    slaves.line.applications[0].memory[FEATURES] = 0
+    with pytest.raises(DeviceFault, match="terminal amplifier has no clock, so no SYNC0"):
+        begin_sync0(link, 0x1001, "amplifier", PERIOD_NS, 0)
+
+
+def test_a_clock_that_begins_to_drift_does_not_leap():
+    slaves = Slaves().stations()
+    first, now_ns = slaves.line.applications[0], slaves.now_ns + 10**9
+    controller = slaves.line.controllers[0]
+    shown_ns = system_ns(controller, now_ns)
+    first.drift(250.0, now_ns)
+    assert system_ns(controller, now_ns) == pytest.approx(shown_ns, abs=2)
+    assert system_ns(controller, now_ns + 10**9) - shown_ns == pytest.approx(10**9 + 250_000, abs=3)
+    first.drift(0.0, now_ns + 10**9)
+    assert system_ns(controller, now_ns + 2 * 10**9) - shown_ns == pytest.approx(2 * 10**9 + 250_000, abs=4)
+
+
+@pytest.fixture(scope="module")
+def ends():
+    with veth("ecc") as ends:
+        yield ends
+
+
+@pytest.mark.live
+@pytest.mark.compiled_only
+@pytest.mark.xdist_group("ethercat")
+def test_the_deadlines_lock_to_a_clock_that_drifts_and_the_outputs_wait_for_it(ends):
+    with Bench(ends, lock=LOCK, **SYNCED) as bench:
+        first = bench.line.controllers[0]
+        bench.line.applications[0].drift(0.0, bench.now_ns)
+        system_ns(first, bench.now_ns)  # compiled before a frame waits for it
+        bench.open()
+        bench.by_the_clock, bench.now_ns = True, time.monotonic_ns()
+        bench.line.applications[0].drift(60.0, bench.now_ns)
+        codes = []
+        patiently(lambda: codes.append(bench.exchange(0.0, 1.0)) or codes[-1] == 0)
+        assert bench.statistics["locked"] == 1
+        assert TAKEN in codes, "the line was up, and the outputs waited for the clock"
+
+        def beyond_ns():
+            """By how much the error is more than what the frames leave open, and the lock allows."""
+            bench.exchange(0.0, 1.0)
+            half, lock = PERIOD_NS // 2, bench.c["lock"]
+            late_ns = (int(system_ns(first, bench.now_ns)) + half) % PERIOD_NS - half
+            return abs(late_ns) - (lock["highest_ns"] - lock["lowest_ns"]) / 2 - abs(lock["error_ns"])
+
+        assert max(beyond_ns() for _ in range(300)) < 2_000
+        bench.line.applications[0].drift(900.0, bench.now_ns)
+        patiently(lambda: bench.exchange(0.0, 1.0) == DOWN)
+        assert (bench.statistics["unlocked"], bench.statistics["losses"]) == (1, 1)
+
+
+def patiently(true):
+    """Until it is, also on a machine that stalls."""
+    end = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < end

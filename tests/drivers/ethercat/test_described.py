@@ -1,0 +1,140 @@
+"""A configuration beside the ESI files that it names: each difference is refused at its key, with the file's line."""
+
+import re
+from pathlib import Path
+
+import pytest
+from micromanip_drivers.ethercat.described import compare_with_file, differences
+from micromanip_drivers.ethercat.options import EthercatOptions, Terminal
+
+from micromanip.bus.ethercat.esi import read_esi
+from micromanip.errors import ConfigError
+from micromanip.settings.check import prepare
+
+CONFIG = Path(__file__).parents[3] / "config"
+SAMPLE = CONFIG / "ethercat" / "piezo-cell.xml"
+CELL = (CONFIG / "ethercat.yaml").read_text()
+FOUND_AT = "        product: {}\n"
+
+
+def with_files(folder, cell=CELL, sample=None):
+    """The cell with the file named at each of its terminals, in `folder`."""
+    (folder / "cell.xml").write_text(SAMPLE.read_text() if sample is None else sample)
+    for product in ("0x1003", "0x1004", "0x1005", "0x1006"):
+        cell = cell.replace(FOUND_AT.format(product), FOUND_AT.format(product) + "        esi: cell.xml\n")
+    (folder / "cell.yaml").write_text(cell)
+    return folder / "cell.yaml"
+
+
+def test_the_example_agrees_with_the_sample(tmp_path):
+    prepared = prepare(with_files(tmp_path))
+    terminals = prepared.wiring.drivers["cell"].options.terminals
+    assert [terminal.esi for terminal in terminals.values()] == ["cell.xml"] * 4
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "at", "said"),
+    [
+        ("product: 0x1004\n", "product: 0x1009\n", "product: 0x1009", "there is no device 0x4d4d:0x1009"),
+        ("revision: 1\n", "revision: 2\n", "revision: 2", "0x2, but the file has 0x1"),
+        ("pdo: 0x1601", "pdo: 0x1602", "pdo: 0x1602", "there is no PDO 0x1602 among its outputs: 0x1600, 0x1601"),
+        (
+            "strain_y: {index: 0x6000, subindex: 2, type: int32",
+            "strain_y: {index: 0x6000, subindex: 4, type: int32",
+            "strain_y:",
+            "0x6000:04 of 32 bits, but entry 2 is 0x6000:02 of 32 bits, Strain y (DINT)",
+        ),
+        (
+            "stage_x: {index: 0x6000, subindex: 1, type: int32",
+            "stage_x: {index: 0x6000, subindex: 1, type: uint32",
+            "stage_x:",
+            "uint32, but the terminal has DINT, which is int32",
+        ),
+        (
+            "              heartbeat: {index: 0x7001, subindex: 3, type: uint8, switch: true}\n",
+            "",
+            "fields:",
+            "is fixed; missing behind is 0x7001:03 of 8 bits, Heartbeat (USINT)",
+        ),
+    ],
+)
+def test_what_differs_is_refused_at_its_key(tmp_path, old, new, at, said):
+    assert old in CELL
+    file = with_files(tmp_path)
+    file.write_text(file.read_text().replace(old, new, 1))
+    with pytest.raises(ConfigError) as refused:
+        prepare(file)
+    (message,) = str(refused.value).splitlines()
+    assert said in message
+    line = int(re.match(rf"{re.escape(str(file))}:(\d+): ", message)[1])
+    assert at in file.read_text().splitlines()[line - 1]
+    assert re.search(r"cell\.xml(:\d+\)|; it has)", message), "and where the file says so"
+
+
+def terminal(**keys):
+    return Terminal.model_validate({"vendor": 0x4D4D, "product": 0x1006} | keys)
+
+
+def of_tracker(tmp_path, *changes):
+    text = SAMPLE.read_text()
+    text = text[: text.index("<Device Physics")] + text[text.rindex("<Device Physics") :]
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "tracker.xml").write_text(text)
+    (device,) = read_esi(tmp_path / "tracker.xml")
+    return device
+
+
+COUNT = {"count": {"index": 0x6000, "subindex": 1, "type": "uint8"}}
+
+
+def test_a_pdo_that_may_be_mapped_need_not_be_mapped_whole(tmp_path):
+    device, some = of_tracker(tmp_path), terminal(inputs={"deviation": {"pdo": 0x1A00, "fields": COUNT}})
+    assert list(differences(some, device)) == []
+    for change in (('PdoConfig="1"', 'PdoConfig="0"'), ('Fixed="0"', 'Fixed="1"')):
+        ((key, what, _),) = differences(some, of_tracker(tmp_path, change))
+        assert key == "inputs.deviation.fields"
+        assert "missing behind is 0x6001:01" in what
+
+
+def test_what_else_a_terminal_has_not(tmp_path):
+    device = of_tracker(tmp_path, ("<CoE", "<FoE"), ("<Dc>", "<Other>"), ("</Dc>", "</Other>"))
+    asked = terminal(settings={"range": {"index": 0x8000, "type": "uint8", "value": 1}}, sync0_shift_us=10.0, inputs={})
+    assert [key for key, _, _ in differences(asked, device)] == ["settings", "sync0_shift_us"]
+
+
+def test_pdos_that_exclude_each_other_and_one_that_is_mandatory(tmp_path):
+    second = "<Index>#x1a00</Index>", "<Index>#x1a00</Index><Exclude>#x1a01</Exclude>"
+    other = "<Mailbox>", '<TxPdo Mandatory="1"><Index>#x1a01</Index><Name>More</Name></TxPdo><Mailbox>'
+    device = of_tracker(tmp_path, second, other)
+    one = {"deviation": {"pdo": 0x1A00, "fields": COUNT}}
+    both = one | {"more": {"pdo": 0x1A01, "fields": {"other": COUNT["count"]}}}
+    assert [what for _, what, _ in differences(terminal(inputs=one), device)] == [
+        "PDO 0x1a01, More, is mandatory and missing"
+    ]
+    assert "it excludes 0x1a01, which is assigned as well" in [
+        what for _, what, _ in differences(terminal(inputs=both), device)
+    ]
+
+
+def test_the_newest_revision_is_meant_where_any_will_do(tmp_path):
+    text = SAMPLE.read_text()
+    tracker = text[text.rindex("      <Device Physics") : text.rindex("    </Devices>")]
+    older = (
+        tracker.replace('RevisionNo="#x0001"', 'RevisionNo="#x0000"')
+        .replace("#x6001", "#x6009")
+        .replace("#x1a00", "#x1a07")
+    )
+    (tmp_path / "two.xml").write_text(text.replace(tracker, older + tracker))
+    any_of_them = terminal(esi="two.xml", inputs={"deviation": {"pdo": 0x1A00, "fields": COUNT}})
+    compare_with_file("tracker", any_of_them, tmp_path)
+    with pytest.raises(ConfigError, match=r"terminals\.tracker\.inputs\.deviation\.pdo: there is no PDO 0x1a00 among"):
+        compare_with_file("tracker", any_of_them.model_copy(update={"revision": 0}), tmp_path)
+
+
+def test_without_a_file_nothing_is_looked_at(tmp_path):
+    for each in EthercatOptions.model_validate(
+        {"interface": "none0", "terminals": {"a": {"vendor": 1, "product": 2}}}
+    ).terminals.values():
+        compare_with_file("a", each, tmp_path)

@@ -1,0 +1,195 @@
+"""Frames, mails and files of nobody: at master, slaves, SDOs, ESI reader. `make fuzz-ethercat` tries a million at each.
+
+What is asserted holds whatever came: no crash and no read outside of a buffer (with NUMBA_BOUNDSCHECK=1 such a one is
+an error), nothing written besides where it belongs, no output changed, and a refusal in one line where one is due.
+"""
+
+import random
+import struct
+
+import numpy as np
+import pytest
+from micromanip_drivers.ethercat import exchange, mailbox, mapping
+from micromanip_drivers.ethercat.driver import Ethercat
+from micromanip_drivers.ethercat.mailbox import Mailbox
+from micromanip_drivers.ethercat.scan import FIRST_STATION, Slave
+
+from micromanip.bus.errors import BusError, DeviceFault, LinkError
+from micromanip.bus.ethercat.coe import COE, SDO_RESPONSE
+from micromanip.bus.ethercat.esi import read_esi
+from micromanip.bus.ethercat.frames import Datagram, framed, unframed
+from micromanip.bus.ethercat.registers import FPRD, FPWR
+from micromanip.emulation.ethercat.controller import ESC, MEMORY_BYTES
+from micromanip.emulation.ethercat.line import Line
+from micromanip.emulation.ethercat.terminal import MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT
+from micromanip.errors import ConfigError
+from micromanip.rt.records import SIGNAL
+from tests.bus.test_esi import ONE, mutated
+from tests.emulation.ethercat.terminals import AMPLIFIER, GAUGE
+from tests.emulation.ethercat.test_line import Bench as Slaves
+
+from .bench import PERIOD_NS, options
+
+pytestmark = pytest.mark.compiled_only
+
+MOST_BYTES = 1472
+
+
+@pytest.fixture
+def count(request):
+    return request.config.getoption("--garbage")
+
+
+def garbage(chance, *of):
+    """Bytes without sense, or one of those given with some of it changed, cut, or too long."""
+    if chance.random() < 0.2:
+        return chance.randbytes(chance.randrange(200))
+    return mutated(chance, chance.choice(of))[:MOST_BYTES]
+
+
+def test_garbage_at_the_master(count):
+    """Given to it as the socket would, with the length that came; what is around its place is not touched."""
+    chance = random.Random(1)
+    driver = Ethercat(options(lock={}), PERIOD_NS)
+    context = driver.context()
+    c, signals = driver.record(context), np.zeros(48, SIGNAL)
+    c["gate"]["sent_count"], c["gate"]["given"][0], k = 100, 12.5, 3
+    c["socket"]["received"][:] = 0xA5
+    frame = driver._image.frame
+    before, sent = {name: c["gate"][name].tobytes() for name in ("given", "recent", "rest")}, c["send"].tobytes()
+    for number in range(count):
+        data = garbage(chance, frame)
+        c["socket"]["received"][k][: len(data)] = np.frombuffer(data, np.uint8)
+        c["socket"]["message"][k]["length"] = len(data)
+        c["socket"]["now_ns"] = 10**12 + number * PERIOD_NS
+        exchange.take_one(c, k, signals, 10**12 + number * PERIOD_NS)
+    assert c["received"] == count
+    assert c["wrong_length"] + c["not_this_frame"] > 0.5 * count
+    assert np.all(np.delete(c["socket"]["received"], k, axis=0) == 0xA5)
+    assert {name: c["gate"][name].tobytes() for name in before} == before
+    assert c["send"].tobytes() == sent
+    assert c["gate"]["state"] in (0, 1, 2)
+    assert np.all(np.isfinite(signals["value"]) | (signals["status"] != 0))
+    assert np.all(signals["time_ns"] <= 10**12 + count * PERIOD_NS)
+
+
+def conversation():
+    """Frames of a master that brings slaves to OP, as they were sent."""
+    slaves, said = Slaves(), []
+    passed = slaves.line.passed
+
+    def heard(frame, now_ns):
+        said.append(frame)
+        return passed(frame, now_ns)
+
+    slaves.line.passed = heard
+    slaves.operate()
+    mail = struct.pack("<HHBBHBHB4x", 10, 0, 0, 0x13, 2 << 12, 0x40, 0x1018, 1).ljust(MAILBOX_BYTES, b"\0")
+    for address, command, data in ((MAILBOX_OUT, FPWR, mail), (MAILBOX_IN, FPRD, bytes(MAILBOX_BYTES))):
+        said.append(framed([Datagram(command, (0x1001, address), data)]))
+    return said
+
+
+def test_garbage_at_the_slaves(count):
+    """A line of three, of which the middle one is served: the memories of its neighbours in the array are canaries."""
+    chance, frames = random.Random(2), conversation()
+    line, now_ns = Line([AMPLIFIER, GAUGE]), 10**12
+    for application in line.applications:
+        application.switch_on(now_ns)
+    identity = line.controllers["memory"][:, :2].copy()
+    for _ in range(count):
+        now_ns += 1000
+        data = garbage(chance, *frames)
+        back = line.passed(data, now_ns)
+        assert back is None or len(back) == len(data)
+        list(unframed(data if back is None else back))
+    assert np.array_equal(line.controllers["memory"][:, :2], identity), "what no master may write"
+    assert np.all(line.controllers["powered"] == 1)
+    assert np.all(line.controllers["writable"].sum(axis=1) < MEMORY_BYTES)
+    assert ESC["memory"].shape == (MEMORY_BYTES,)
+
+
+class Babbler:
+    """A ``Link`` to a slave that answers each mail with garbage, some of it nearly right."""
+
+    name = "ethercat test"
+
+    def __init__(self, chance):
+        self.chance, self.asked, self.mails = chance, b"", 0
+
+    def write(self, command, station, register, data):
+        self.asked = data
+        return Datagram(command, (station, register), data, 1)
+
+    def read(self, command, station, register, length):
+        self.mails += 1
+        where = self.asked[9:12]
+        sdo = self.chance.choice((self.asked[8:16], b"\x4f" + where + b"\2", b"\x41" + where + b"\xff"))
+        body = struct.pack("<H", SDO_RESPONSE << 12) + sdo + self.chance.randbytes(self.chance.randrange(12))
+        mail = struct.pack("<HHBB", len(body), 0, 0, COE | 0x10) + body
+        return Datagram(command, (station, register), garbage(self.chance, mail)[:length].ljust(length, b"\0"), 1)
+
+
+def test_garbage_in_the_masters_mailbox(count, monkeypatch):
+    monkeypatch.setattr(mailbox, "_ANSWER_S", 1e-4)
+    chance = random.Random(3)
+    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48), 0x1100, 0x1180)
+    babbler, done, refused = Babbler(chance), 0, 0
+    box = Mailbox(babbler, slave, "amplifier")
+    asks = (
+        lambda: box.read(0x1018, 1),
+        lambda: box.read(0x1C12, 0, complete=True),
+        lambda: box.write(0x8000, 1, chance.randbytes(chance.choice((1, 4, 60)))),
+        lambda: mapping.apply_mapping(box, "amplifier", "inputs", options().terminals["gauge"].inputs),
+    )
+    while babbler.mails < count:
+        said = refusal_of(chance.choice(asks), BusError)
+        assert "\n" not in said
+        done, refused = done + (not said), refused + bool(said)
+    assert min(done, refused) > 0
+
+
+def refusal_of(ask, kind):
+    """What is said against it; nothing where it is done."""
+    try:
+        ask()
+    except kind as problem:
+        return str(problem)
+    return ""
+
+
+def test_a_slave_that_sends_segments_without_end_is_refused():
+    class Empty(Babbler):
+        def read(self, command, station, register, length):
+            first = self.asked[8] >> 5 == 2
+            sdo = b"\x41" + self.asked[9:12] + struct.pack("<I", 1000) if first else bytes(8)
+            sdo = sdo if first else b"\x0e" + bytes(7)
+            mail = struct.pack("<HHBBH", 10, 0, 0, COE | 0x10, SDO_RESPONSE << 12) + sdo
+            return Datagram(command, (station, register), mail.ljust(length, b"\0"), 1)
+
+    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48), 0x1100, 0x1180)
+    with pytest.raises(DeviceFault, match="object 0x1018:01 ends after 0 of 1000 bytes"):
+        Mailbox(Empty(random.Random(4)), slave, "amplifier").read(0x1018, 1)
+
+
+def test_a_slave_that_babbles_is_not_listened_to_for_ever(monkeypatch):
+    monkeypatch.setattr(mailbox, "_ANSWER_S", 0.05)
+
+    class Emergencies(Babbler):
+        def read(self, command, station, register, length):
+            mail = struct.pack("<HHBBH", 10, 0, 0, COE | 0x10, 1 << 12) + bytes(8)
+            return Datagram(command, (station, register), mail.ljust(length, b"\0"), 1)
+
+    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48), 0x1100, 0x1180)
+    with pytest.raises(LinkError, match="the mailbox of terminal amplifier does not answer"):
+        Mailbox(Emergencies(random.Random(5)), slave, "amplifier").read(0x1018, 1)
+
+
+def test_garbage_in_an_esi_file(count, tmp_path):
+    chance, file, refused, cases = random.Random(6), tmp_path / "device.xml", 0, max(1, count // 20)
+    for _ in range(cases):
+        file.write_bytes(garbage(chance, ONE.encode()))
+        said = refusal_of(lambda: read_esi(file), ConfigError)
+        assert "\n" not in said
+        refused += bool(said)
+    assert 0 < refused < cases

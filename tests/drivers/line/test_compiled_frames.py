@@ -1,0 +1,279 @@
+"""Compiled functions and Python say the same of every stream of bytes, bit for bit; what is odd is Python's."""
+
+import errno
+import math
+import os
+import random
+import struct
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from micromanip_drivers.line import frame_reader
+from micromanip_drivers.line.binary_options import Binary
+
+from micromanip.bus.driver import Inbox, Outcome
+from micromanip.bus.errors import LinkError, OutputRefused
+from micromanip.rt.steady.records import NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
+
+from .board import FRAMING, frame
+from .compiled_line import SILENCE_MS, Spoken
+from .random_frames import Layout
+
+pytestmark = pytest.mark.compiled_only
+
+BOARD = Binary.model_validate(FRAMING["binary"] | {"identity": None})
+
+
+def strains(count=0, x=0.0, status=0):
+    return frame(0x10, struct.pack("<HB3i", count, status, round(x / 1e-4), 0, 0))
+
+
+def lengths_of(spoken):
+    return {message.name: message.length for message in spoken.framing._messages}
+
+
+def bits(value):
+    """The IEEE 754 pattern; a number that is none is one pattern."""
+    return b"nan" if math.isnan(value) else struct.pack("<d", value)
+
+
+def table(spoken):
+    """Newest value, status and sequence of each input."""
+    rows = spoken.inbox[0]["signal"][: len(spoken.framing.inputs)]
+    return [(bits(row["value"]), int(row["status"]), int(row["sequence"])) for row in rows]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_frame_stands_still():
+    """However long this machine stands still between two chunks: that is tried with a time of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(frame_reader, "STALE_NS", 10**15)
+        yield
+
+
+def compare(seed, pieces):
+    """Any stream of a layout; how many chunks compiled code took, and how many there were."""
+    draw = random.Random(seed)
+    layout = Layout(draw)
+    with Spoken(layout.options, False) as theirs, Spoken(layout.options, True) as ours:
+        lengths, taken, count = lengths_of(ours), 0, 0
+        first = layout.frame("in0", lengths, bytes)
+        theirs.begin(first)
+        ours.begin(first)
+        for chunk in layout.chunks(lengths, pieces):
+            theirs.arrives(chunk)
+            taken += ours.arrives(chunk) == 0
+            count += 1
+            assert table(ours) == table(theirs)
+        ours.receive_in_python()  # what it knows only then
+        assert dict(ours.framing.counters) == dict(theirs.framing.counters)
+        assert ours.port.counters == theirs.port.counters
+        assert ours.errors == theirs.errors
+    return taken, count
+
+
+@given(st.integers(0, 2**32))
+def test_any_stream_is_read_the_same(seed):
+    compare(seed, 12)
+
+
+def test_most_of_an_ordinary_stream_is_compiled():
+    """Else the comparison above would compare Python with itself."""
+    found = [compare(seed, 20) for seed in range(20)]
+    assert sum(taken for taken, _ in found) > 0.3 * sum(count for _, count in found)
+
+
+@given(st.integers(0, 2**32))
+def test_any_values_are_sent_the_same_or_refused_the_same(seed):
+    draw = random.Random(seed)
+    layout = Layout(draw)
+    with Spoken(layout.options, False) as theirs, Spoken(layout.options, True) as ours:
+        first = layout.frame("in0", lengths_of(ours), bytes)
+        theirs.begin(first)
+        ours.begin(first)
+        for _ in range(6):
+            values = [drawn_value(draw, field) for field in layout.options.send["out"].fields.values()]
+            try:
+                assert theirs.framing.perform(0, values, Inbox()) is Outcome.SENT
+            except OutputRefused:
+                assert ours.send(values) == NOTHING_SENT
+                assert ours.heard() == b""
+                continue
+            assert ours.send(values) == UNCONFIRMED
+            assert ours.heard() == theirs.heard() != b""
+
+
+def drawn_value(draw, field):
+    """Within what its type holds, at its ends, between two numbers, and what is not to be sent."""
+    if draw.random() < 0.05:
+        return draw.choice([math.nan, math.inf, -math.inf, 1e300, -1e300])
+    low, high = field.numbers
+    if field.type.startswith("float"):
+        return draw.choice([0.0, -0.0, draw.gauss(0, 1), draw.gauss(0, 1e-6), draw.uniform(-6e4, 6e4)])
+    number = draw.choice([low, high, draw.randint(int(low), int(high))])
+    return (number + draw.choice([0.0, 0.5, -0.5, 0.25])) * field.scale + field.offset
+
+
+def test_python_and_compiled_code_take_turns_in_the_middle_of_a_frame():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        data = b"".join(strains(count, 0.5 * count) for count in range(1, 40))
+        for number, begin in enumerate(range(0, len(data), 7)):
+            at.port.far.send(data[begin : begin + 7])
+            if number % 3 == 2:
+                at.receive_in_python()
+            else:
+                assert at.receive() == 0
+        at.receive_in_python()
+        assert at.inbox[0]["signal"]["sequence"][:3].tolist() == [39, 39, 39]
+        assert float(at.inbox[0]["signal"]["value"][0]) == pytest.approx(19.5)
+        assert at.framing.counters["frames"] == 39
+        assert at.framing.counters["lost"] == at.framing.counters["bad_frames"] == 0
+
+
+def test_what_is_odd_is_left_with_all_behind_it_and_taken_by_python():
+    damaged = bytearray(strains(2))
+    damaged[9] ^= 1
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        at.port.far.send(strains(1, 1.0) + bytes(damaged) + strains(3, 3.0) + strains(4, 4.0)[:9])
+        assert at.receive_compiled() == 1
+        assert float(at.inbox[0]["signal"]["value"][0]) == 1.0
+        assert at.receive_compiled() == 1, "it takes nothing more before Python has taken what it left"
+        assert at.send([0.0, 0.0, 0.0]) == NOTHING_SENT
+        at.receive_in_python()
+        assert (float(at.inbox[0]["signal"]["value"][0]), at.errors) == (3.0, 1)
+        assert at.arrives(strains(4, 4.0)[9:]) == 0
+        assert (float(at.inbox[0]["signal"]["value"][0]), at.framing.counters["lost"]) == (4.0, 1)
+
+
+def test_a_frame_that_stands_still_is_given_up_by_python():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        assert at.arrives(strains(1)[:10]) == 0
+        at.record["chunk_ns"][0] -= frame_reader.STALE_NS
+        assert at.receive() == 1
+        assert at.framing.counters["bad_frames"] == 1
+        assert at.arrives(strains(2, 2.0)) == 0
+        assert float(at.inbox[0]["signal"]["value"][0]) == 2.0
+
+
+def test_a_frame_in_more_chunks_than_there_is_room_for_is_python_s():
+    options = Binary.model_validate(BOARD.model_dump() | {"length": None})
+    options.receive["strains"].__dict__["bytes"] = 60
+    with Spoken(options, True) as at:
+        body = strains(1, 7.0)[:-1] + bytes(40)
+        whole = body + bytes((options.crc.function(body[2:]),))
+        at.begin(whole)
+        codes = [at.arrives(whole[k : k + 1]) for k in range(len(whole))]
+        assert (codes[0], max(codes)) == (0, 1)
+        assert float(at.inbox[0]["signal"]["value"][0]) == 7.0
+        assert at.arrives(whole) == 0, "afterwards compiled code goes on"
+
+
+def test_outputs_are_confirmed_by_the_next_frame():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        assert at.send([1.0, 2.0, 3.0]) == UNCONFIRMED
+        assert at.arrives(strains(1)) == 0
+        assert at.inbox[0]["confirmed"].tolist() == [1] + [0] * 15
+        at.inbox[0]["confirmed"] = 0
+        assert at.arrives(strains(2)) == 0
+        assert not at.inbox[0]["confirmed"].any()
+
+
+def test_counters_of_what_is_sent_go_on_where_the_other_side_is():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        counts = []
+        for k in range(6):
+            if k % 2:
+                at.framing.perform(0, [0.0] * 3, Inbox())
+            else:
+                assert at.send([0.0] * 3) == UNCONFIRMED
+            counts.append(at.heard()[4])
+        assert counts == [0, 1, 2, 3, 4, 5]
+
+
+def test_what_the_system_takes_in_part_goes_out_whole():
+    """The rest of it is Python's to send, and nothing goes before."""
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        assert at.send([0.0] * 3) == UNCONFIRMED
+        first = at.heard()
+        at.record["unsent"] = 5  # as if it had taken 8 of the 13 bytes
+        assert at.send([0.0] * 3) == NOTHING_SENT
+        at.receive_in_python()
+        assert at.heard() == first[8:]
+        assert at.send([0.0] * 3) == UNCONFIRMED
+
+
+def test_a_line_that_takes_nothing_is_tried_by_python():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        assert at.send([0.0] * 3) == UNCONFIRMED
+        assert at.send([0.0] * 3) == NOTHING_SENT, "what waits is not added to"
+        at.heard()
+        assert at.send([0.0] * 3) == UNCONFIRMED
+
+
+def test_silence_is_for_python_to_tell():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        assert at.arrives(strains(1)) == 0
+        at.record["heard_ns"] -= round(SILENCE_MS * 1e6)
+        with pytest.raises(LinkError, match="nothing understood"):
+            at.receive()
+
+
+def test_an_end_that_is_gone_is_told_as_that():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        at.port.far.close()
+        assert at.send([0.0] * 3) in (NOTHING_SENT, SENT_IN_DOUBT)
+        with pytest.raises(LinkError, match="is gone"):
+            at.framing.perform(0, [0.0] * 3, Inbox())
+        assert at.receive_compiled() == 1
+        with pytest.raises(LinkError, match="is gone"):
+            at.receive_in_python()
+
+
+def test_an_error_of_the_system_is_told_as_that():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        at.record["descriptor"] = 10_000
+        assert at.receive_compiled() == 1
+        with pytest.raises(LinkError, match=f"reading: {os.strerror(errno.EBADF)}"):
+            at.receive_in_python()
+
+
+def test_samples_have_the_time_of_their_last_byte_less_the_latency():
+    with Spoken(BOARD, True) as at:
+        at.begin(strains())
+        latency_ns = round(at.framing.inputs[0].latency_s * 1e9)
+        before_ns = time.monotonic_ns()
+        assert at.arrives(strains(1)) == 0
+        time_ns = int(at.inbox[0]["signal"][0]["time_ns"])
+        assert before_ns - latency_ns <= time_ns <= time.monotonic_ns() - latency_ns
+
+
+def test_where_python_is_needed_each_time_there_are_no_compiled_functions():
+    """A device that is asked, one that says who it is in frames of the same kind, and one whose frames are too long."""
+    asked = FRAMING["binary"]["send"]["voltages"] | {"reply": "strains"}
+    same_kind = FRAMING["binary"]["identity"] | {"kind": 0x10}
+    beyond = FRAMING["binary"]["crc"] | {"first": 30}
+    for changed in (
+        {"send": {"voltages": asked}},
+        {"identity": same_kind},
+        {"crc": beyond},
+        {"receive": {"strains": long_message()}, "length": None},
+    ):
+        options = Binary.model_validate(BOARD.model_dump() | changed)
+        with Spoken(options, False) as at:
+            assert at.framing.steady() is None
+
+
+def long_message():
+    return FRAMING["binary"]["receive"]["strains"] | {"bytes": 1500}

@@ -233,14 +233,15 @@ def _status(memory: Memory) -> dict[str, Any]:
 def _updated(file: Path, axis: str, found: Update) -> dict[str, Any]:
     return {
         "file": str(file), "axis": axis, "verdict": found.verdict, "forgotten": found.forgotten,
-        "error_um": found.error_um, "error_95_um": list(found.interval_um), **_learned(found.memory.now),
+        "error_um": found.error_um, "error_95_um": list(found.interval_um),
+        "missed_percent": found.memory.story[-1]["missed_percent"], **_learned(found.memory.now),
     }  # fmt: skip
 
 
 def _sentence(told: dict[str, Any]) -> str:
     begin = (
         f"{told['file']}: axis {told['axis']}: {_interval(told['error_um'], told['error_95_um'])} um rms in the band "
-        f"that is learned, {told['verdict']}"
+        f"that is learned, {told['missed_percent']:.2g} % of the cycles missed, {told['verdict']}"
     )
     if told["forgotten"]:
         return f"{begin}: forgotten, back to what was played before"

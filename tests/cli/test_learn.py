@@ -55,6 +55,7 @@ def test_from_two_recordings_to_a_correction_and_back_to_nothing(recordings, tmp
         ("two.mcap", "y", 2),
     ]
     assert told[0]["verdict"] == "first"
+    assert {each["missed_percent"] for each in told} == {0.0}
     assert all(0.0 <= each["contraction"] < 1.0 for each in told)
     again = asked("update", "two.mcap", "--memory", memory, "--axis", "y")
     assert str(again.exception) == "two.mcap: axis y has learned from this part already"

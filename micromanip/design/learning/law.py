@@ -101,7 +101,8 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) ->
         now, before = _learned(memory.now, part, way, bands, limit_um, memory.axis), memory.now
     error_um, interval_um = _rms(blocks)
     told = {"file": what, "part": part.name, "generation": memory.generation, "verdict": verdict, "error_um": error_um,
-            "error_least_um": interval_um[0], "error_most_um": interval_um[1]}  # fmt: skip
+            "error_least_um": interval_um[0], "error_most_um": interval_um[1],
+            "missed_percent": 100.0 * part.missed}  # fmt: skip
     kept = replace(
         memory, now=now, before=before, blocks_um2=blocks if played else memory.blocks_um2,
         generation=memory.generation + 1, story=(*memory.story, told)[-_TOLD:],

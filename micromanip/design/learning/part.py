@@ -88,8 +88,10 @@ class Run:
         voltage = axis("voltage_V")[rows]
         if np.count_nonzero(fresh[rows[0] :]) < 2:
             raise CheckFailed(f"{what}: no samples of the tracker came while it tracked")
+        # one sample may come twice over a bus
+        taken_s, first = np.unique((time_s - age_s)[fresh], return_index=True)
         return cls(
-            what, time_s[rows], period_s, (time_s - age_s)[fresh], time_s[fresh], axis("deviation_um")[seen][fresh],
+            what, time_s[rows], period_s, taken_s, time_s[fresh][first], axis("deviation_um")[seen][fresh][first],
             axis("stage_um")[rows], axis("reference_um")[rows], (voltage <= range_V[0]) | (voltage >= range_V[1]),
         )  # fmt: skip
 

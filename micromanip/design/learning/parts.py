@@ -38,7 +38,6 @@ class Cell:
         self._driver = simulated_driver(prepared)
         self.ways = {name: way_of(prepared.configuration, name) for name in prepared.configuration.axes}
         self.memories: dict[str, Memory] = {}
-        self._number = 0
 
     def make(self, seed: int | None, corrections: Mapping[str, Array]) -> tuple[Rows, float]:
         """Rows of a part in which `corrections` are played, and when in them it begins, s after tracking has.

@@ -94,7 +94,9 @@ def test_few_missed_cycles_are_borne_and_many_refused(prepared, first, learn, ot
     rows, begin_s = other
     kept = np.ones(len(rows), bool)
     kept[np.arange(0, len(rows), 50)] = False
-    few = learn(recording(prepared, rows[kept]), begin_s=begin_s)["y"].memory.now
+    borne = learn(recording(prepared, rows[kept]), begin_s=begin_s)["y"].memory
+    assert borne.story[-1]["missed_percent"] == pytest.approx(2.0, abs=0.01)
+    few = borne.now
     whole = learn(recording(prepared, rows), begin_s=begin_s)["y"].memory.now
     assert np.std(few.mean_um - whole.mean_um) < 0.5 * np.std(whole.mean_um)
     kept[np.arange(0, len(rows), 15)] = False

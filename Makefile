@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
-# more than cores: while some tests wait for processes and links, others compute
+# more than cores: while some tests wait for processes and links, others compute; those of `check` do not wait
 JOBS   ?= 3
 TESTS  := $(BIN)/python -m pytest -p tools.again_alone -n $(JOBS) --dist loadgroup
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
+.PHONY: help accuracy run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -35,7 +35,7 @@ lint: $(READY)    ## style, types, who may import whom
 	$(BIN)/lint-imports
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
-	$(TESTS) -m 'not live and not long and not thorough' tests
+	$(TESTS) -n $(shell nproc) -m 'not live and not long and not thorough' tests
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected
@@ -76,8 +76,14 @@ bench: $(READY)   ## speed beside references measured in the same run
 check-budget: $(READY) ## the error budget beside virtual experiments with causes switched off, on five cells
 	$(BIN)/python -m tools.check_budget
 
+accuracy: $(READY) ## what the cell reaches beside paper and bound, on drawn plants too; writes docs/accuracy.md (15 min)
+	$(BIN)/python -m tools.accuracy
+
 check-preview: $(READY) ## previews of 60 drawn paths beside the same paths played in virtual time
 	$(BIN)/python -m tools.check_preview
+
+check-learning: $(READY) ## five identical parts, learned from one to the next, on 10 cells with drawn plants
+	$(BIN)/python -m tools.check_learning
 
 mutation: compiled ## every mutant of the last gates and of the fault manager must die; the laws' as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation micromanip.rt.laws.limiter micromanip.rt.faults

@@ -59,6 +59,7 @@ GROUPS = {
         "commission": "from factory values to a tuned, validated axis, with its report",
         "identify": "play a safe excitation on one axis and record it",
         "fit": "models from a recording",
+        "learn": "what repeats of the path error from part to part, and a correction for it",
         "sweep": "thousands of tunings tried on recordings, the best of them",
         "analyse": "describing function, margins and robustness, with a verdict",
         "budget": "what the path error is made of, and what would make it smaller",

@@ -15,6 +15,7 @@ from typing import Any
 from micromanip.rt.laws.estimator import output, predict_to, remember, start_estimator, update
 from micromanip.rt.laws.excitation import excitation
 from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
+from micromanip.rt.laws.learned import add_learned
 from micromanip.rt.laws.limiter import limit
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.move import advance_move
@@ -58,6 +59,9 @@ def axis_cycle(
         if s["preview_s"] != p["preview_s"] or s["awaited_cycles"] != p["awaited_cycles"]:
             ease_times(p, s)
         track_reference(p, s, now_ns, t_s, samples)
+        if p["learned"]["rows"] > 0:
+            follows = fraction == 1.0 and may_be_excited(s, phase, fraction)
+            add_learned(p["learned"], s["learned"], s["reference"]["w"], samples, cycle, follows)
         added_um = 0.0
         if p["excitation"]["lines"] > 0:
             added_um = excitation(p["excitation"], s["excitation"], cycle, may_be_excited(s, phase, fraction))

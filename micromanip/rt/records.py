@@ -13,6 +13,7 @@ from .laws.coordinate_transform import FRAME, MAX_FRAME
 from .laws.estimator import ESTIMATOR_STATE, INPUT_HISTORY
 from .laws.excitation import EXCITATION_PARAMETERS, EXCITATION_STATE
 from .laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
+from .laws.learned import LEARNED_PARAMETERS, LEARNED_STATE
 from .laws.limiter import LIMITER_PARAMETERS
 from .laws.lqg import OUTER_PARAMETERS
 from .laws.move import MOVE_PARAMETERS, MOVE_STATE
@@ -71,6 +72,7 @@ AXIS_PARAMETERS = record(
     ("reference", REFERENCE_PARAMETERS),
     ("limiter", LIMITER_PARAMETERS),
     ("excitation", EXCITATION_PARAMETERS),
+    ("learned", LEARNED_PARAMETERS),
     ("move", MOVE_PARAMETERS),
     ("watch", WATCH_PARAMETERS),
     ("strain_check", CHECK_PARAMETERS),
@@ -91,6 +93,7 @@ AXIS_STATE = record(
     ("estimator", ESTIMATOR_STATE),
     ("reference", REFERENCE_STATE),
     ("excitation", EXCITATION_STATE),
+    ("learned", LEARNED_STATE),
     ("move", MOVE_STATE),
     ("setpoints", "f8", (INPUT_HISTORY,)),
     ("references", "f8", (INPUT_HISTORY,)),

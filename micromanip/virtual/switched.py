@@ -20,6 +20,7 @@ _WEAK = 0.1
 _OF_CELL: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "tracker noise": {"tracker": {"noise_um": 0.0}},
     "force": {"force": {"static_N": 0.0, "tooth_N": 0.0, "noise_N": 0.0}},
+    "force noise": {"force": {"noise_N": 0.0}},
 }
 _OF_PLANT: Mapping[str, tuple[float, tuple[str, ...]]] = {
     "strain gauge noise": (_WEAK, ("strain_noise_nm", "strain_hum_nm")),
@@ -33,6 +34,8 @@ SWITCHES = (*_OF_CELL, *_OF_PLANT, COUPLING)
 """What can be switched off."""
 NOISE = ("tracker noise", "force", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
 """What is drawn, or comes of the process: without it only path and plant are left."""
+DRAWN = ("tracker noise", "force noise", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
+"""What is drawn: without it only what repeats from run to run is left."""
 _AFTER_FORCE_S, _SETTLED_S = 1.0, 2.0
 
 
@@ -65,7 +68,7 @@ def play_without(prepared: Prepared, off: Collection[str], seconds: float, seed:
     Raises CheckFailed where the cell does not come to TRACKING or leaves it, UsageError where it is not simulated.
     """
     name, configuration = simulated_driver(prepared), prepared.configuration
-    options: Any = _switched(prepared.wiring.options[name], off).model_copy(update={"seed": seed})
+    options: Any = switched(prepared.wiring.options[name], off).model_copy(update={"seed": seed})
     driver = type(prepared.wiring.drivers[name])(options, configuration.loop.period_ns)
     wiring = replace(prepared.wiring, drivers={**prepared.wiring.drivers, name: driver})
     experiment = VirtualExperiment(replace(prepared, wiring=wiring), process=True)
@@ -86,8 +89,8 @@ def play_without(prepared: Prepared, off: Collection[str], seconds: float, seed:
     return Played(np.asarray(axes["path_error_um"], dtype=float), held)
 
 
-def _switched(options: Any, off: Collection[str]) -> Any:
-    """Options of the simulated driver without the causes `off`."""
+def switched(options: Any, off: Collection[str]) -> Any:
+    """Options of the simulated driver without the causes `off`; ValueError for one that is none."""
     unknown = set(off) - set(SWITCHES)
     if unknown:
         raise ValueError(f"nothing to switch off is called {unknown.pop()}")

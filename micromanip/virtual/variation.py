@@ -41,7 +41,7 @@ class VariedCell:
     def __call__(self, factors: Mapping[str, float], seed: int) -> dict[str, Any]:
         configuration = self.prepared.configuration
         index = list(configuration.axes).index(self.axis)
-        cell = VirtualExperiment(self._varied(factors, seed), process=True).cell(configuration)
+        cell = VirtualExperiment(self.varied(factors, seed), process=True).cell(configuration)
         try:
             cell.arm()
         except CheckFailed as problem:
@@ -60,7 +60,7 @@ class VariedCell:
             "stopped": next((fault.seen for fault in cell.faults()), None),
         }
 
-    def _varied(self, factors: Mapping[str, float], seed: int) -> Prepared:
+    def varied(self, factors: Mapping[str, float], seed: int) -> Prepared:
         """The configuration with the plant of this axis changed."""
         name, wiring = self.require_simulated(), self.prepared.wiring
         options: Any = wiring.options[name]
@@ -82,4 +82,7 @@ class VariedCell:
         variation = {**options.variation, self.axis: changed}
         options = options.model_copy(update={"variation": variation, "seed": seed})
         driver = type(wiring.drivers[name])(options, self.prepared.configuration.loop.period_ns)
-        return replace(self.prepared, wiring=replace(wiring, drivers={**wiring.drivers, name: driver}))
+        changed_wiring = replace(
+            wiring, drivers={**wiring.drivers, name: driver}, options={**wiring.options, name: options}
+        )
+        return replace(self.prepared, wiring=changed_wiring)

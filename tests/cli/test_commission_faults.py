@@ -124,6 +124,7 @@ def test_a_broken_cell_is_named_before_a_loop_is_closed(name, tmp_path, monkeypa
     assert re.search(wanted, said), said
 
 
+@pytest.mark.long
 def test_a_tracker_that_is_missing(tmp_path, monkeypatch, capsys):
     config = cell(tmp_path, fault("deviation_x", "drop"), base="simulated.yaml")
     said = refusal(config, tmp_path, monkeypatch, capsys)

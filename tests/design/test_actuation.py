@@ -34,6 +34,7 @@ def physics(hertz):
     return mechanical / np.linalg.solve(-A, B[:, 0])[4] / (1.0 + s / (2 * np.pi * 900.0))
 
 
+@pytest.mark.long
 def test_it_is_the_physics(actuator):
     """Size within 10 % from 10 Hz to the mode near 2.4 kHz, the flexure's mode and antiresonance included."""
     hertz = np.array([10.0, 30.0, 55.0, 60.0, 63.0, 65.0, 67.0, 70.0, 100.0, 300.0, 1000.0, 2000.0, 2350.0])

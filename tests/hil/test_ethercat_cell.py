@@ -63,3 +63,21 @@ def test_what_befalls_a_terminal_ends_at_rest_and_is_taken_up_there(bench, fault
     told(bench)  # from 60 V to its safe value in one, which came when it was at rest
     held(bench)
     assert told(bench)["outputs"]["voltage_x"]["largest_step_V"] <= LARGEST_STEP_V
+
+
+def test_the_loop_follows_a_terminals_clock_that_drifts(tmp_path):
+    """From the configuration to the deadlines: READY waits for the lock, and the drift becomes known."""
+    locked = DRIVER.replace("    silence_ms", "    lock: {within_us: 40}\n    silence_ms")
+    locked = locked.replace("product: 0x1003", "product: 0x1003\n        sync0_shift_us: 60")
+    with veth("ecl") as (here, _):
+        bench = Bench(tmp_path, CELL.replace("DRIVER", locked).replace("INTERFACE", here))
+        try:
+            until(lambda: bench.link()["counts"]["locked"] == 1, lambda: bench.link())
+            bench.device.order(inject="clock", terminal="amplifier", ppm=60.0)
+
+            def knows():
+                return 40_000 < bench.link()["counts"]["clock_drift_ppb"] < 80_000
+
+            until(knows, lambda: bench.link())
+        finally:
+            bench.end()

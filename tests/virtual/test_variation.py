@@ -35,12 +35,13 @@ def test_the_nominal_plant_holds_the_path(cell):
 
 def test_only_the_plant_of_its_axis_changes(cell):
     options = cell.prepared.wiring.options["cell"]
-    heavy = cell._varied({**NOMINAL, "stage_mass": 1.2, "delay_cycles": 0.5}, 1)
+    heavy = cell.varied({**NOMINAL, "stage_mass": 1.2, "delay_cycles": 0.5}, 1)
     driver = heavy.wiring.drivers["cell"]
     plant = driver.options.variation["x"]
     assert plant.stage_kg == pytest.approx(1.2 * options.plant.stage_kg)
     assert plant.amplifier_Hz < 900.0
     assert driver.options.variation["y"] == options.variation["y"]
+    assert heavy.wiring.options["cell"] == driver.options
     assert cell.prepared.wiring.drivers["cell"].options.variation == options.variation, "the original is untouched"
 
 

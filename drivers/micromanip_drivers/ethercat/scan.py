@@ -51,11 +51,12 @@ def count(link: Link) -> int:
 
 
 def reset(link: Link) -> None:
-    """All slaves to INIT, errors acknowledged, nothing mapped."""
+    """All slaves to INIT, errors acknowledged, nothing mapped, no SYNC signal left on by whoever was master before."""
     broadcast = registers.BWR
     link.write(broadcast, 0, registers.AL_CONTROL, struct.pack("<H", INIT | ERROR))
     link.write(broadcast, 0, registers.FMMU, bytes(8 * registers.FMMU_BYTES))
     link.write(broadcast, 0, registers.SM, bytes(4 * registers.SM_BYTES))
+    link.write(broadcast, 0, registers.DC_ACTIVATE, b"\0")
     link.write(broadcast, 0, registers.SII_CONFIG, b"\x02")  # the EEPROM to the master, also from a slave that held it
     link.write(broadcast, 0, registers.SII_CONFIG, b"\x00")
 

@@ -1,4 +1,4 @@
-// Recordings, trips, reports and tunings: what the catalogue finds, and reports to open.
+// Recordings, trips, days of a trend, reports and tunings: what the catalogue finds, and reports to open.
 import { Connection, post } from "./connection.js";
 import { by, element, figure, notice, seconds, themeButton } from "./page.js";
 
@@ -61,7 +61,7 @@ function shown(entry) {
 /** What can be done with it: a report is opened here, all else is a command. */
 function ways(entry) {
   const quoted = `'${entry.path.replaceAll("'", "'\\''")}'`;
-  const commands = { recording: ["view", "replay"], trip: ["explain"], tuning: ["check"] }[entry.kind] ?? [];
+  const commands = { recording: ["view", "replay"], trip: ["explain"], trend: ["trend"], tuning: ["check"] }[entry.kind] ?? [];
   const open = element("button", { type: "button" }, entry.kind === "recording" ? "Make its report" : "Open");
   open.addEventListener("click", () => report(open, entry.path));
   return [...(["recording", "report"].includes(entry.kind) ? [open] : []),

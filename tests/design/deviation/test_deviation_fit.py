@@ -101,6 +101,7 @@ def test_frequencies_that_may_move_make_a_filter_that_bears_it():
     assert away[1] < away[0]
 
 
+@pytest.mark.long
 def test_a_process_that_its_class_describes_is_found_again():
     rate_Hz, rng = 250.0, np.random.default_rng(11)
     F = reference_transition((SWINGING,), 1 / rate_Hz)[3:, 3:]

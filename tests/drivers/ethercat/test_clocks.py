@@ -6,6 +6,7 @@ import time
 import pytest
 from micromanip_drivers.ethercat.clocks import SYNC0_BEGINS_IN_S, begin_sync0
 from micromanip_drivers.ethercat.driver import Ethercat
+from micromanip_drivers.ethercat.scan import reset
 from pydantic import ValidationError
 
 from micromanip.bus.errors import DeviceFault
@@ -70,6 +71,9 @@ class Registers:
     def __init__(self, slaves):
         self.slaves = slaves
 
+    def write(self, command, slave, register, data):
+        return self.slaves.send(command, (slave, register), data)
+
     def station_read(self, station, register, length):
         return self.slaves.send(FPRD, (station, register), bytes(length)).data
 
@@ -108,6 +112,14 @@ def test_a_terminal_refuses_sync0_that_can_not_be():
     assert slaves.ask(SAFEOP) == (PREOP | ERROR, NO_SYNC), "it should have begun already"
     link.station_write(0x1001, DC_SYNC0_CYCLE, bytes(4))
     assert slaves.ask(SAFEOP | ERROR) == (PREOP | ERROR, BAD_SYNC_CYCLE)
+
+
+def test_sync0_that_another_master_has_left_on_is_no_hindrance():
+    slaves = Slaves()
+    begin_sync0(synced(slaves), 0x1001, "amplifier", PERIOD_NS, 0)
+    slaves.now_ns += round(2e9 * SYNC0_BEGINS_IN_S)
+    reset(Registers(slaves))
+    slaves.operate()
 
 
 def test_a_terminal_without_a_clock_makes_no_sync0():

@@ -8,6 +8,7 @@ from micromanip.rt.laws.estimator import output, predict, predict_to, remember, 
 from micromanip.rt.laws.excitation import excitation
 from micromanip.rt.laws.feedforward import feedforward_voltage
 from micromanip.rt.laws.hysteresis import inverse_output, model_output, play
+from micromanip.rt.laws.learned import add_learned
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.move import advance_move
 from micromanip.rt.laws.network import network_output
@@ -131,6 +132,13 @@ def excitation_course(p: Any, s: Any, cycle: Any, allowed: Any, out: Any) -> Non
     """The injected multisine over the numbers of the cycles."""
     for k in range(len(cycle)):
         out[k] = excitation(p, s, cycle[k], allowed[k])
+
+
+@compiled
+def learned_course(p: Any, s: Any, samples: Any, cycle: Any, allowed: Any, out: Any) -> None:
+    """What of a learned correction is added to position, velocity and acceleration, over the numbers of the cycles."""
+    for k in range(len(cycle)):
+        add_learned(p, s, out[k], samples, cycle[k], allowed[k])
 
 
 @compiled

@@ -1,0 +1,185 @@
+"""What an axis has learned of a part, and the file that keeps it: whole or not at all, and of this cell only.
+
+A file is a zip of arrays (``.npz``, with a check sum each) and one JSON text. It is replaced by rename once it is on
+the disk: a power cut leaves the memory before. It names format, cell, axis, tuning and path, and what belongs to
+another one is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.errors import CheckFailed, system_error
+from micromanip.files.held_folder import HeldFolder
+from micromanip.files.regular_file import open_regular
+from micromanip.settings.schema.axis import HASH_DIGITS
+from micromanip.settings.schema.model import Configuration
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+_MOST_BYTES = 500_000_000
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What is known after `parts` parts, n values of one part each, and what is played because of it.
+
+    `mean_um` is the error that is there without a correction, `spread_um2` its variance from part to part in bands of
+    frequency. `contraction` is what is left, at worst, of a wrong correction after one more part; `learned_Hz` the
+    bands in which something is.
+    """
+
+    parts: int
+    mean_um: Array
+    spread_um2: Array
+    correction_um: Array
+    contraction: float
+    learned_Hz: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def nothing(cls, values: int) -> Learned:
+        """Of a part of so many values."""
+        return cls(0, np.zeros(values), np.zeros(0), np.zeros(values), 0.0, ())
+
+
+@dataclass(frozen=True)
+class Memory:
+    """An axis' memory of one path. `blocks_um2` are the mean squares of the last part's error, in band, in order.
+
+    `before` is what was played before `now`, None where nothing was; `generation` counts what was played, `story` has
+    an entry for each part.
+    """
+
+    cell: str
+    axis: str
+    tuning: str
+    rate_hz: float
+    begin_s: float
+    path_um: Array
+    now: Learned
+    before: Learned | None = None
+    generation: int = 0
+    blocks_um2: Array = field(default_factory=lambda: np.zeros(0))
+    story: tuple[Mapping[str, Any], ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """How long the part is."""
+        return len(self.path_um) / self.rate_hz
+
+    @property
+    def path(self) -> str:
+        """What the path is known by: a hash of it, to a hundredth of a micrometre."""
+        return _digest(np.round(self.path_um, 2).tobytes())
+
+    def require(self, cell: str, axis: str, tuning: str, what: str) -> None:
+        """Raise CheckFailed where the memory is of something else than what is asked for."""
+        for name, own, asked in (("cell", self.cell, cell), ("axis", self.axis, axis), ("tuning", self.tuning, tuning)):
+            if own != asked:
+                raise CheckFailed(
+                    f"{what}: this memory is of {name} {own}, not of {asked}: learn anew, into another folder, or "
+                    "after `micromanip learn reset`"
+                )
+
+
+def cell_name(configuration: Configuration) -> str:
+    """What a cell is known by: a hash of its drivers, signals and outputs, but for the seed of a simulation."""
+    drivers = {
+        name: {key: value for key, value in driver.model_dump(mode="json").items() if key != "seed"}
+        for name, driver in configuration.drivers.items()
+    }
+    wired = {
+        name: {key: each.model_dump(mode="json") for key, each in getattr(configuration, name).items()}
+        for name in ("signals", "outputs")
+    }
+    text = json.dumps({"drivers": drivers, **wired}, sort_keys=True, default=str)
+    return _digest(text.encode())
+
+
+def memory_file(folder: Path, axis: str) -> Path:
+    """Where the memory of `axis` lies."""
+    return folder / f"{axis}.npz"
+
+
+def write_memory(file: Path, memory: Memory) -> None:
+    """Replace the file, once the new one is whole on the disk. Raises OSError where it can't be."""
+    told = {
+        "format": FORMAT, "cell": memory.cell, "axis": memory.axis, "tuning": memory.tuning, "path": memory.path,
+        "rate_hz": memory.rate_hz, "begin_s": memory.begin_s, "generation": memory.generation, "now": _told(memory.now),
+        "before": None if memory.before is None else _told(memory.before), "story": list(memory.story),
+    }  # fmt: skip
+    arrays = {"path_um": memory.path_um, "blocks_um2": memory.blocks_um2, **_arrays("now", memory.now)}
+    if memory.before is not None:
+        arrays |= _arrays("before", memory.before)
+    content = io.BytesIO()
+    np.savez(content, **{"memory.json": np.frombuffer(json.dumps(told).encode(), np.uint8)}, **arrays)  # type: ignore[arg-type]
+    with HeldFolder(file.parent, make=True) as folder:
+        folder.write(file.name, content.getvalue())
+
+
+def read_memory(file: Path) -> Memory | None:
+    """The memory in `file`, None where there is no file. CheckFailed where it is none, or damaged."""
+    try:
+        with open_regular(file, _MOST_BYTES) as opened, np.load(opened, allow_pickle=False) as found:
+            arrays = {name: found[name] for name in found.files}
+        return _memory(arrays)
+    except FileNotFoundError:
+        return None
+    except (zipfile.BadZipFile, ValueError, KeyError, TypeError, EOFError) as problem:
+        raise CheckFailed(
+            f"{file}: no memory of `micromanip learn`, or a damaged one ({problem}): `micromanip learn reset` removes "
+            "it"
+        ) from None
+    except OSError as problem:
+        raise system_error(problem, file) from None
+
+
+def _memory(arrays: Mapping[str, NDArray[Any]]) -> Memory:
+    told = json.loads(bytes(arrays["memory.json"]))
+    if told["format"] != FORMAT:
+        raise ValueError(f"it is of format {told['format']}, this program knows {FORMAT}")
+    for name, values in arrays.items():
+        if name != "memory.json" and not (
+            values.dtype == np.float64 and values.ndim == 1 and np.isfinite(values).all()
+        ):
+            raise ValueError(f"{name} is not a row of finite numbers")
+    memory = Memory(
+        told["cell"], told["axis"], told["tuning"], float(told["rate_hz"]), float(told["begin_s"]), arrays["path_um"],
+        _learned("now", told["now"], arrays),
+        None if told["before"] is None else _learned("before", told["before"], arrays),
+        int(told["generation"]), arrays["blocks_um2"], tuple(told["story"]),
+    )  # fmt: skip
+    if memory.path != told["path"] or not memory.rate_hz > 0.0:
+        raise ValueError("its path is not the one that it names")
+    return memory
+
+
+def _told(learned: Learned) -> dict[str, Any]:
+    return {"parts": learned.parts, "contraction": learned.contraction, "learned_Hz": learned.learned_Hz}
+
+
+def _arrays(name: str, learned: Learned) -> dict[str, Array]:
+    return {f"{name}.{key}": getattr(learned, key) for key in ("mean_um", "spread_um2", "correction_um")}
+
+
+def _learned(name: str, told: Mapping[str, Any], arrays: Mapping[str, Array]) -> Learned:
+    mean, spread, correction = (arrays[f"{name}.{key}"] for key in ("mean_um", "spread_um2", "correction_um"))
+    if not len(mean) == len(correction) == len(arrays["path_um"]):
+        raise ValueError("its arrays are not all as long as the part")
+    bands = tuple((float(low), float(high)) for low, high in told["learned_Hz"])
+    return Learned(int(told["parts"]), mean, spread, correction, float(told["contraction"]), bands)
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:HASH_DIGITS]

@@ -19,7 +19,7 @@ CONFIG = Path(__file__).parents[2] / "config"
 def sigmas_um(prepared, configuration):
     """Sigma of configuration C on axis x at 5 and 10 Hz, where a wrong slope shows."""
     inner = paper.ANCHOR_PID.model_copy(update={"mode": "pid+feedforward"})
-    moving = with_axes(configuration, mode="strain", inner=inner)
+    moving = with_axes(configuration, mode="strain", inner=inner, actuator=None)
     out = []
     for frequency_hz in (5.0, 10.0):
         rows = VirtualExperiment(prepared)(with_reference(moving, paper.reference(frequency_hz, 0.5)), 2.5)

@@ -117,13 +117,15 @@ def status(folder: Path, as_json: bool) -> None:
 @click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
 @json_option
 def reset(folder: Path, only: str, as_json: bool) -> None:
-    """Forget: remove the memory of an axis, or all of them; a damaged one too."""
-    files = sorted(folder.glob("*.npz")) if only == "all" else [folder / f"{only}.npz"]
+    """Forget: remove the memory of an axis, a damaged one too, or those of all; other files stay."""
+    from micromanip.design.learning.memory import memory_file, remove_memory
+
+    if only == "all":
+        files = [memory_file(folder, memory.axis) for memory in _memories(folder)]
+    else:
+        files = [memory_file(folder, only)]
     for file in files:
-        try:
-            file.unlink()
-        except OSError as problem:
-            raise system_error(problem, file) from None
+        remove_memory(file)
     if as_json:
         print_json({"removed": [str(file) for file in files]})
     else:

@@ -11,12 +11,14 @@ from typing import Any
 from pydantic import BaseModel
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import YAMLError
 
 from micromanip.files.held_folder import held, linked_file
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.digits import rounded
+from micromanip.settings.text.kept_lines import with_lines_kept
 
 _WIDTH = 110
 
@@ -36,12 +38,23 @@ def _plain(value: Any) -> Any:
 
 
 def edited(text: str, edit: Callable[[Any], None]) -> str:
-    """YAML `text` after `edit` has changed its document in place; comments and order are kept."""
+    """YAML `text` after `edit` has changed its document in place; all lines that it did not change are kept."""
     yaml = YAML()
     yaml.width = _WIDTH
     yaml.indent(mapping=2, sequence=4, offset=2)
     document = yaml.load(text)
+    before = _dumped(yaml, document)
     edit(document)
+    after = _dumped(yaml, document)
+    kept = with_lines_kept(text, before, after)
+    try:
+        means_the_same = yaml.load(kept) == yaml.load(after)
+    except YAMLError:  # lines of both that do not go together
+        means_the_same = False
+    return kept if means_the_same else after
+
+
+def _dumped(yaml: YAML, document: Any) -> str:
     stream = io.StringIO()
     yaml.dump(document, stream)
     return stream.getvalue()

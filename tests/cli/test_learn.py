@@ -111,8 +111,18 @@ def test_a_damaged_memory_is_told_and_can_be_removed(tmp_path):
         result = asked(*arguments, "--memory", tmp_path)
         assert "or a damaged one" in str(result.exception)
         assert "\n" not in str(result.exception)
+    assert "reset --axis y" in str(asked("reset", "--memory", tmp_path).exception)
+    assert file.exists()
     assert asked("reset", "--memory", tmp_path, "--axis", "y").exit_code == 0
     assert not file.exists()
+
+
+def test_what_is_no_memory_is_never_removed(tmp_path):
+    file = tmp_path / "y.npz"
+    np.savez(file, measured=np.arange(3.0))
+    for arguments in ((), ("--axis", "y"), ("--axis", f"../{tmp_path.name}/y")):
+        assert asked("reset", "--memory", tmp_path, *arguments).exception
+    assert np.load(file)["measured"].tolist() == [0.0, 1.0, 2.0]
 
 
 def test_parts_in_virtual_time_take_off_what_repeats():

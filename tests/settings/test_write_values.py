@@ -51,6 +51,19 @@ def test_one_value():
     assert validate_document(Source.parse(SIMULATED, new)) == meant
 
 
+def test_lines_as_somebody_else_wrote_them_stay():
+    """Long ones, lists without indentation, quotes, spaces and blanks of their own, trailing ones too."""
+    text = SHARED.replace("loop: {", "loop:   { ")
+    text += (
+        "  y: {mode: 'strain',   centre_um: 66.0, setpoint: {range_um: [2,128]}, inner: {mode: \"pid\", "
+        "K_V_per_um: 0.60, Ti_ms: 0.571, Td_ms: 0.167, filter_ms: 0.3}}  \n\n\n# the end\n"
+    )
+    new, meant = written(text, axes__x__setpoint__range_um=[3.0, 120.0])
+    assert differing(text, new) == ["    setpoint: {range_um: [3.0, 120.0]}"]
+    assert len(new.splitlines()) == len(text.splitlines())
+    assert validate_document(Source.parse(Path("cell.yaml"), new)) == meant
+
+
 def test_every_digit_is_kept():
     new, _ = written(SIMULATED.read_text(), axes__x__centre_um=0.1 + 0.2 + 60)
     assert validate_document(Source.parse(SIMULATED, new)).axes["x"].centre_um == 0.1 + 0.2 + 60

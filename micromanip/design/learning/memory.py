@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed, system_error
+from micromanip.errors import CheckFailed, UsageError, system_error
 from micromanip.files.held_folder import HeldFolder
 from micromanip.files.regular_file import open_regular
 from micromanip.settings.schema.axis import HASH_DIGITS
@@ -28,6 +28,7 @@ from micromanip.settings.schema.model import Configuration
 Array = NDArray[np.float64]
 
 FORMAT = 1
+_TOLD = "memory.json"
 _MOST_BYTES = 500_000_000
 
 
@@ -108,7 +109,9 @@ def cell_name(configuration: Configuration) -> str:
 
 
 def memory_file(folder: Path, axis: str) -> Path:
-    """Where the memory of `axis` lies."""
+    """Where the memory of `axis` lies. Raises UsageError for what can't be the name of one."""
+    if Path(axis).name != axis:
+        raise UsageError(f"{axis!r} is no name of an axis")
     return folder / f"{axis}.npz"
 
 
@@ -123,7 +126,7 @@ def write_memory(file: Path, memory: Memory) -> None:
     if memory.before is not None:
         arrays |= _arrays("before", memory.before)
     content = io.BytesIO()
-    np.savez(content, **{"memory.json": np.frombuffer(json.dumps(told).encode(), np.uint8)}, **arrays)  # type: ignore[arg-type]
+    np.savez(content, **{_TOLD: np.frombuffer(json.dumps(told).encode(), np.uint8)}, **arrays)  # type: ignore[arg-type]
     with HeldFolder(file.parent, make=True) as folder:
         folder.write(file.name, content.getvalue())
 
@@ -138,21 +141,35 @@ def read_memory(file: Path) -> Memory | None:
         return None
     except (zipfile.BadZipFile, ValueError, KeyError, TypeError, EOFError) as problem:
         raise CheckFailed(
-            f"{file}: no memory of `micromanip learn`, or a damaged one ({problem}): `micromanip learn reset` removes "
-            "it"
+            f"{file}: no memory of `micromanip learn`, or a damaged one ({problem}): "
+            f"`micromanip learn reset --axis {file.stem}` removes a damaged one"
         ) from None
     except OSError as problem:
         raise system_error(problem, file) from None
 
 
+def remove_memory(file: Path) -> None:
+    """Remove a memory, a damaged one too. CheckFailed where it is none, MicromanipError where it can't be."""
+    try:
+        with zipfile.ZipFile(file) as found:
+            if f"{_TOLD}.npy" not in found.namelist():
+                raise CheckFailed(f"{file}: no memory of `micromanip learn`: it stays")
+    except zipfile.BadZipFile:
+        pass
+    except OSError as problem:
+        raise system_error(problem, file) from None
+    try:
+        file.unlink()
+    except OSError as problem:
+        raise system_error(problem, file) from None
+
+
 def _memory(arrays: Mapping[str, NDArray[Any]]) -> Memory:
-    told = json.loads(bytes(arrays["memory.json"]))
+    told = json.loads(bytes(arrays[_TOLD]))
     if told["format"] != FORMAT:
         raise ValueError(f"it is of format {told['format']}, this program knows {FORMAT}")
     for name, values in arrays.items():
-        if name != "memory.json" and not (
-            values.dtype == np.float64 and values.ndim == 1 and np.isfinite(values).all()
-        ):
+        if name != _TOLD and not (values.dtype == np.float64 and values.ndim == 1 and np.isfinite(values).all()):
             raise ValueError(f"{name} is not a row of finite numbers")
     memory = Memory(
         told["cell"], told["axis"], told["tuning"], float(told["rate_hz"]), float(told["begin_s"]), arrays["path_um"],

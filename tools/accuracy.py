@@ -22,6 +22,7 @@ from micromanip.design.budget.configured import bound_of, cell_of
 from micromanip.design.commission.axis import Knobs
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.evaluation import TUNED, evaluate, table
+from micromanip.design.experiment import with_axis
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.compile.cell import compile_cell
@@ -34,16 +35,19 @@ from tools.robustness.family import drawn_cell
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "accuracy.md"
-AXIS, SEED, PLAYED_SEED, FIRST_PLANT = "x", 1, 7, 200
-"""Axis of the drawn plants; seeds of the excitations, of the noise that is played, and of the first plant."""
+AXIS, SEED, PLAYED_SEED, FIRST_PLANT, SLEW_UM_PER_MS = "x", 1, 7, 200, 10.0
+"""Axis of the drawn plants; seeds of the excitations, of the noise that is played, and of the first plant; the slew
+limit of their set-point, as in the cell of `make robustness`."""
 MINUTES, PLAYED_S, AFTER_TOOL_S, LEAST_S, COHERENCE_S = 10.0, 10.0, 1.0, 2.0, 1.0
 """CPU time for drawn plants; virtual time that counts, after the tool's entry and after tracking began; the bound's."""
-UNCOMPENSATED, BEFORE, NOW, BOUND = (
+UNCOMPENSATED, BEFORE, NOW, BOUND, LIMITED = (
     "uncompensated",
     "`config/simulated.yaml`",
     "as `commission` leaves it",
     "causal bound",
+    "time at an end of the actuator's range, %",
 )
+_ORDER = (UNCOMPENSATED, BEFORE, NOW, BOUND, LIMITED)
 _PAGE = f"""\
 # Accuracy: what the cell reaches
 
@@ -61,6 +65,7 @@ Rms, um, over {PLAYED_S:g} s of tracking while the tool cuts. The paper closes n
 
 The bound is that of [the error budget](budget.md#the-bound): no causal controller with these sensors goes below it,
 where phases are known for {COHERENCE_S:g} s. It asks for no margins, and a loop that bears another plant is above it.
+A drawn actuator may be too weak for the common path: at an end of its voltage or set-point nothing is corrected.
 
 ## Sines on the gauge
 
@@ -122,8 +127,8 @@ def commissioned(prepared: Prepared, configuration: Configuration) -> Commission
     return commission_cell(configuration, experiment, list(configuration.axes), lambda _: None, Knobs(), SEED, running)
 
 
-def played(prepared: Prepared) -> tuple[Values, Values]:
-    """Rms (um) of the path error by axis, as it is and uncompensated, of what `prepared` tracks."""
+def played(prepared: Prepared) -> dict[str, Values]:
+    """By axis, of what `prepared` tracks: rms (um) of the path error, uncompensated too; how much is out of reach."""
     name, configuration = simulated_driver(prepared), prepared.configuration
     driver: Any = prepared.wiring.drivers[name]
     options = driver.options.model_copy(update={"seed": PLAYED_SEED})
@@ -134,9 +139,16 @@ def played(prepared: Prepared) -> tuple[Values, Values]:
     cell.run(max(LEAST_S, options.force.start_s + AFTER_TOOL_S - passed))
     rows = cell.run(PLAYED_S)["axis"]
     experiment.require_no_fault(cell)
-    left, moved = (np.sqrt(np.mean(np.square(rows[f]), axis=0)) for f in ("path_error_um", "uncompensated_um"))
-    names = list(configuration.axes)
-    return dict(zip(names, left.tolist(), strict=False)), dict(zip(names, moved.tolist(), strict=False))
+    found = {}
+    for i, (axis, settings) in enumerate(configuration.axes.items()):
+        ends = (
+            ("voltage_V", configuration.outputs[f"voltage_{axis}"].range_V),
+            ("setpoint_um", settings.setpoint.range_um),
+        )
+        limited = np.any([(rows[name][:, i] <= low) | (rows[name][:, i] >= high) for name, (low, high) in ends], axis=0)
+        moved, left = (float(np.sqrt(np.mean(rows[f][:, i] ** 2))) for f in ("uncompensated_um", "path_error_um"))
+        found[axis] = {UNCOMPENSATED: moved, NOW: left, LIMITED: 100.0 * float(np.mean(limited))}
+    return found
 
 
 def sines(prepared: Prepared) -> list[dict[str, Any]]:
@@ -151,7 +163,7 @@ def sines(prepared: Prepared) -> list[dict[str, Any]]:
 
 def reached(prepared: Prepared) -> dict[str, Reached]:
     """By axis, of a tuned cell that tracks."""
-    left, moved = played(prepared)
+    tracked = played(prepared)
     rows, found = sines(prepared), {}
     for axis in prepared.configuration.axes:
         cell = cell_of(prepared, axis)
@@ -161,14 +173,18 @@ def reached(prepared: Prepared) -> dict[str, Reached]:
             {f"{row['config']} {row['frequency_hz']:g}": row[key] for row in rows if row["axis"] == axis}
             for key in ("std_error_um", "true_std_error_um")
         )
-        found[axis] = Reached({UNCOMPENSATED: moved[axis], NOW: left[axis], BOUND: bound}, gauge, true)
+        found[axis] = Reached(
+            {row: (tracked[axis] | {BOUND: bound})[row] for row in _ORDER if row != BEFORE}, gauge, true
+        )
     return found
 
 
 def drawn(prepared: Prepared, seed: int) -> Reached | str:
     """What the plant of `seed` reaches once it is commissioned; a reason where it isn't."""
     cell, _, reach = drawn_cell(prepared, AXIS, seed)
-    found = commissioned(cell, narrowed(prepared.configuration, reach))
+    narrow = narrowed(prepared.configuration, reach)
+    setpoint = narrow.axes[AXIS].setpoint.model_copy(update={"slew_um_per_ms": SLEW_UM_PER_MS})
+    found = commissioned(cell, with_axis(narrow, AXIS, setpoint=setpoint))
     if found.stopped is not None:
         return str(found.stopped)
     missed = [f"{each.name}: {each.value}" for story in found.evidence for each in story.criteria if not each.passed]
@@ -193,10 +209,9 @@ def own_axes() -> dict[str, Reached]:
     found = commissioned(factory, factory.configuration)
     if not found.passed:
         raise SystemExit("config/factory.yaml does not pass: see `micromanip commission`; nothing was written")
-    now, (as_it_stands, _) = reached(tuned(factory, found.configuration)), played(before)
-    order = (UNCOMPENSATED, BEFORE, NOW, BOUND)
+    now, as_it_stands = reached(tuned(factory, found.configuration)), played(before)
     return {
-        axis: replace(each, path={row: (each.path | {BEFORE: as_it_stands[axis]})[row] for row in order})
+        axis: replace(each, path={row: (each.path | {BEFORE: as_it_stands[axis][NOW]})[row] for row in _ORDER})
         for axis, each in now.items()
     }
 

@@ -36,7 +36,7 @@ def read_foreign(file: Path) -> Table:
                     continue
                 rows.setdefault(channel.topic, []).append(dict(_numbers("", json.loads(message.data))))
                 times_ns.setdefault(channel.topic, []).append(message.log_time)
-    except (McapError, ValueError, EOFError) as problem:
+    except (McapError, ValueError, EOFError, OverflowError, RecursionError) as problem:
         raise CheckFailed(f"{file}: it can't be read as MCAP with messages of JSON ({problem})") from problem
     columns: dict[str, Array] = {}
     clocks: dict[str, str] = {}
@@ -49,6 +49,7 @@ def read_foreign(file: Path) -> Table:
                 columns[f"{topic}.{field}"] = np.array([message.get(field, np.nan) for message in messages], np.float64)
             clocks |= dict.fromkeys((clock, *(f"{topic}.{field}" for field in fields)), clock)
     if not columns:
+        others |= dict.fromkeys(rows, "json without numbers")
         told = ", ".join(f"{topic} ({encoding})" for topic, encoding in list(others.items())[:8]) or "no messages"
         raise CheckFailed(
             f"{file}: neither telemetry of ours nor messages of JSON with numbers in it; it has {told}. Write what is "

@@ -185,14 +185,20 @@ def test_another_program_s_mcap_is_told(tmp_path):
     from mcap.writer import Writer
 
     file = tmp_path / "robot.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        channel = writer.register_channel("/pose", "json", 0)
-        writer.add_message(channel, 0, b"{}", 0)
-        writer.finish()
-    with pytest.raises(CheckFailed, match=r"robot.mcap: an MCAP file without telemetry of ours"):
-        read_table(file)
+    for data, told in (
+        (b'{"name": "arm"}', r"messages of JSON with numbers in it; it has /pose \(json without numbers\)"),
+        (b"{", "it can't be read as MCAP with messages of JSON"),
+        (b'{"x": 1' + 400 * b"0" + b"}", "it can't be read as MCAP with messages of JSON"),
+        (100_000 * b"[", "it can't be read as MCAP with messages of JSON"),
+    ):
+        with file.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            channel = writer.register_channel("/pose", "json", 0)
+            writer.add_message(channel, 0, data, 0)
+            writer.finish()
+        with pytest.raises(CheckFailed, match=rf"robot.mcap: .*{told}"):
+            read_table(file)
 
 
 def test_a_recording_replaces_nothing(tmp_path):

@@ -116,7 +116,7 @@ def test_messages_of_json_are_columns(tmp_path):
         (
             {"/a": [(0, {"u": "x"})]},
             {},
-            "nor messages of JSON with numbers in it; it has no mess",
+            r"nor messages of JSON with numbers in it; it has /a \(json without numbers\)",
         ),
         (
             {"/pose": [(0, 1)], "/tf": [(0, 1)]},

@@ -104,8 +104,9 @@ def put_number(data: Any, at: int, size: int, value: int) -> None:
 @compiled
 def local_ns(s: Any, now_ns: int) -> int:
     """The controller's own clock."""
-    passed = now_ns - s["clock_began_ns"]
-    return passed + passed * s["clock_ppb"] // 1_000_000_000
+    passed, ppb = now_ns - s["clock_began_ns"], s["clock_ppb"]
+    whole_s, rest_ns = passed // 1_000_000_000, passed % 1_000_000_000  # their product alone is no int64 after a day
+    return passed + whole_s * ppb + rest_ns * ppb // 1_000_000_000
 
 
 @compiled

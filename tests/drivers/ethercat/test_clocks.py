@@ -142,6 +142,17 @@ def test_a_clock_that_begins_to_drift_does_not_leap():
     assert system_ns(controller, now_ns + 2 * 10**9) - shown_ns == pytest.approx(2 * 10**9 + 250_000, abs=4)
 
 
+def test_a_clock_that_drifts_for_a_month_is_still_one():
+    slaves = Slaves().stations()
+    controller, month_ns = slaves.line.controllers[0], 30 * 86_400 * 10**9
+    slaves.line.applications[0].drift(100.0, slaves.now_ns)
+    begin_ns = int(system_ns(controller, slaves.now_ns))
+    later_ns = slaves.now_ns + month_ns
+    assert int(system_ns(controller, later_ns)) - begin_ns == pytest.approx(month_ns * (1 + 1e-4), rel=1e-12)
+    slaves.line.applications[0].drift(0.0, later_ns)
+    assert int(system_ns(controller, later_ns)) - begin_ns == pytest.approx(month_ns * (1 + 1e-4), rel=1e-12)
+
+
 @pytest.fixture(scope="module")
 def ends():
     with veth("ecc") as ends:

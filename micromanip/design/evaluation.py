@@ -122,15 +122,10 @@ def evaluate(
     `tuned` adds D: C with the configuration's own PID instead of the anchor's.
     """
     runs = []
-    rate_hz = configuration.loop.rate_hz
     for config in (*paper.SIGMA_UM, *([TUNED] if tuned else []), paper.FEEDFORWARD_ALONE):
-        axes = {name: variant_of(axis, config, own_pid) for name, axis in configuration.axes.items()}
-        variant = configuration.model_copy(update={"axes": axes})
+        play = _player(configuration, experiment, config, own_pid)
         for frequency_hz in paper.FREQUENCIES_HZ:
-            settle_s = max(SETTLE_S, 1.0 / frequency_hz)
-            seconds = HOLD_S + settle_s + WINDOW_S
-            rows = experiment(with_reference(variant, paper.reference(frequency_hz, HOLD_S)), seconds)
-            runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz)))
+            runs.append(play(frequency_hz, paper.AMPLITUDE_UM, WINDOW_S))
             progress()
     return runs
 
@@ -143,16 +138,29 @@ def evaluate_fast(
     progress: Callable[[], None] = lambda: None,
 ) -> list[Run]:
     """C, and with `tuned` D, on a sine of ``paper.FAST_UM`` at each of ``paper.FAST_HZ``; `progress` after each."""
-    runs, rate_hz = [], configuration.loop.rate_hz
+    runs = []
     for config in ("C", *([TUNED] if tuned else [])):
-        axes = {name: variant_of(axis, config, own_pid) for name, axis in configuration.axes.items()}
-        variant = configuration.model_copy(update={"axes": axes})
+        play = _player(configuration, experiment, config, own_pid)
         for frequency_hz in paper.FAST_HZ:
-            reference = paper.reference(frequency_hz, HOLD_S, paper.FAST_UM)
-            rows = experiment(with_reference(variant, reference), HOLD_S + SETTLE_S + FAST_WINDOW_S)
-            runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(SETTLE_S * rate_hz)))
+            runs.append(play(frequency_hz, paper.FAST_UM, FAST_WINDOW_S))
             progress()
     return runs
+
+
+def _player(
+    configuration: Configuration, experiment: Experiment, config: str, own_pid: bool
+) -> Callable[[float, float, float], Run]:
+    """Plays a sine (Hz, um) in one of the configurations, and looks at it for some seconds once it has settled."""
+    axes = {name: variant_of(axis, config, own_pid) for name, axis in configuration.axes.items()}
+    variant, rate_hz = configuration.model_copy(update={"axes": axes}), configuration.loop.rate_hz
+
+    def play(frequency_hz: float, amplitude_um: float, window_s: float) -> Run:
+        settle_s = max(SETTLE_S, 1.0 / frequency_hz)
+        reference = paper.reference(frequency_hz, HOLD_S, amplitude_um)
+        rows = experiment(with_reference(variant, reference), HOLD_S + settle_s + window_s)
+        return Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz))
+
+    return play
 
 
 def fast_table(runs: list[Run], configuration: Configuration) -> list[dict[str, Any]]:

@@ -100,17 +100,23 @@ def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) 
     model = settings.hysteresis if isinstance(settings.hysteresis, PrandtlIshlinskii) else None
     identified, slopes = slopes_of(settings, actuator.swing_um, inverse)
     seen = over_path(actuator.system, actuator.path)
-    loops = tuple(strain_loop(settings.inner, seen, slope) for slope in slopes)
+    loops = tuple(strain_loop(settings.running_inner, seen, slope) for slope in slopes)
     cycles: tuple[LimitCycle, ...] = ()
     if model is not None:
         forward, swing_V = actuator_operator(model), actuator.swing_um / identified
         unit = harmonics(forward, swing_V, actuator.centre_V).gain
-        nominal = strain_loop(settings.inner, seen)
+        nominal = strain_loop(settings.running_inner, seen)
         amplitudes = np.geomspace(0.1, 100.0, _AMPLITUDES)
         found = _cycles(lambda a: harmonics(forward, a, actuator.centre_V).gain / unit, amplitudes, nominal)
         cycles = tuple(found)
     side = StrainSide(
-        settings.inner, actuator.dynamics, model, settings.setpoint.range_um, identified, actuator.path, actuator.delay
+        settings.running_inner,
+        actuator.dynamics,
+        model,
+        settings.setpoint.range_um,
+        identified,
+        actuator.path,
+        actuator.delay,
     )
     return Strain(actuator, side, slopes, loops, tuple(margins(loop) for loop in loops), cycles)
 

@@ -67,7 +67,8 @@ static void update(const struct outer_parameters *p, struct estimator_state *s, 
 {
     int64_t now = s->cycle;
     int n = (int)p->states;
-    bool gap = sample_cycle - s->filtered_cycle > p->gap_cycles;
+    int64_t passed = sample_cycle - s->filtered_cycle;
+    bool gap = passed > p->gap_cycles;
     if (sample_cycle <= s->filtered_cycle || sample_cycle > now || now - sample_cycle >= INPUT_HISTORY)
         return;
     s->repeated = y == s->reading_um ? s->repeated + 1 : 0;
@@ -79,8 +80,9 @@ static void update(const struct outer_parameters *p, struct estimator_state *s, 
         advance(p, s->history, s->filtered, s->filtered_cycle, sample_cycle);
     s->innovation_um = y - dot(p->c, s->filtered, p->states);
     double applied = believed(p, s, s->innovation_um);
+    const double *gain = p->gains[earlier(passed, GAPS) - 1];
     for (int i = 0; i < n; i++)
-        s->x[i] = s->filtered[i] += p->gain[i] * (gap && i < p->slow ? s->innovation_um : applied);
+        s->x[i] = s->filtered[i] += gain[i] * (gap && i < p->slow ? s->innovation_um : applied);
     advance(p, s->history, s->x, sample_cycle, now);
     s->filtered_cycle = sample_cycle;
 }
@@ -272,9 +274,11 @@ static double demand(const struct axis_parameters *p, struct axis_state *s)
     s->authority += most(-step, least(step, p->authority - s->authority));
     for (int i = 0; i < REFERENCE_STATES; i++)
         w[i] *= s->authority;
+    double u = p->centre_um + dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
+    if (s->missed > 600.0)
+        s->blend_um = s->setpoint_um - u;
     s->blend_um *= p->blend_decay;
-    double u = dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
-    return p->centre_um + u + s->blend_um;
+    return u + s->blend_um;
 }
 
 static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
@@ -308,6 +312,8 @@ static bool is_finite(const struct axis_parameters *p, const struct axis_state *
 
 static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns)
 {
+    double missed = least(16.0, (double)(cycle - s->estimator.cycle - 1));
+    s->missed = 0.98 * s->missed + missed * missed;
     predict_to(&p->outer, &s->estimator, cycle);
     if (s->stage.fresh && s->watch.degraded == 0)
         update(&p->outer, &s->estimator, cycle - (int64_t)((double)s->stage.age_ns * p->cycles_per_ns + 0.5), s->stage.value);

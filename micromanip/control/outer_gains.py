@@ -117,6 +117,12 @@ def augment(outer: OuterSettings, period_s: float) -> tuple[Matrix, Matrix, Matr
 
 def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
     """Stationary Kalman gain (n,) for a sample every ``sample_cycles`` cycles, and the innovation's variance (um^2)."""
+    P, variance = predicted_covariance(outer, A, C, controllable)
+    return np.asarray((P @ C) / variance, dtype=np.float64), variance
+
+
+def process_noise(outer: OuterSettings, A: Matrix, controllable: int) -> Matrix:
+    """Covariance (n, n) of what enters the augmented states in a cycle."""
     n = len(outer.model.A)
     noise = np.zeros((len(A), len(A)))
     b = np.array(outer.model.B, dtype=float)
@@ -124,6 +130,12 @@ def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int)
     noise[controllable, controllable] = outer.disturbance_um**2
     for i in range(controllable + 1, len(A)):
         noise[i, i] = outer.oscillation_um**2
+    return noise
+
+
+def predicted_covariance(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
+    """Stationary covariance (n, n) of the estimate just before a sample, and the innovation's variance (um^2)."""
+    noise = process_noise(outer, A, controllable)
     step, total = np.eye(len(A)), np.zeros_like(noise)
     for _ in range(outer.sample_cycles):
         total = A @ total @ A.T + noise
@@ -132,8 +144,7 @@ def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int)
     total += 1e-12 * np.eye(len(A))
     r = np.array([[outer.sensor_noise_um**2]])
     P = solve_riccati(step.T, C[:, None], total, r)
-    variance = float(C @ P @ C + r[0, 0])
-    return np.asarray((P @ C) / variance, dtype=np.float64), variance
+    return P, float(C @ P @ C + r[0, 0])
 
 
 def regulate(

@@ -39,6 +39,9 @@ from .setpoint_history import ease_times, measure_errors, remember_setpoint, sta
 from .states import STAGE, VOLTAGE
 
 _ANY_UM = (-math.inf, math.inf)
+_FORGOTTEN, _MOST_MISSED, _OVERLOADED = 0.98, 16.0, 600.0
+"""Share of the missed cycles that a cycle leaves; how many a gap counts for at most; the sum of squares, over some 50
+cycles, beyond which the outer loop waits: three gaps of 16 cycles in them, not a single one, nor many small ones."""
 
 
 @compiled
@@ -110,7 +113,8 @@ def sample(p: Record, s: Record, signals: Record, now_ns: int) -> None:
 def estimate(p: Record, s: Record, cycle: int) -> None:
     """Kalman filter: predict to this cycle, correct with a fresh capacitive sample at its own age.
 
-    It starts with a fresh sample only: what the sensor said before may be old.
+    It starts with a fresh sample only: what the sensor said before may be old. What was missed since the cycle before
+    is noted for `demand`.
     """
     if p["mode"] != STAGE:
         return
@@ -118,6 +122,8 @@ def estimate(p: Record, s: Record, cycle: int) -> None:
         if s["stage"]["fresh"]:
             start_estimator(p["outer"], s["estimator"], cycle, s["setpoint_um"] - p["centre_um"], s["stage"]["value"])
         return
+    missed = min(_MOST_MISSED, cycle - s["estimator"]["cycle"] - 1.0)
+    s["missed"] = _FORGOTTEN * s["missed"] + missed * missed
     predict_to(p["outer"], s["estimator"], cycle)
     if s["stage"]["fresh"] and s["watch"]["degraded"] == 0:
         age = int(s["stage"]["age_ns"] * p["cycles_per_ns"] + 0.5)
@@ -129,7 +135,9 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     """What the set-point should be, before its limits: um, or V in the open-loop mode.
 
     With the outer loop closed, `fraction` of the way from where the axis was held to its reference. Without an
-    estimate that runs there is no outer loop: the set-point stays.
+    estimate that runs there is no outer loop: the set-point stays. It is taken up from there anew, in each cycle, while
+    so many are missed that the loop would swing the stage instead of holding it: the slew limit counts cycles that run,
+    and an oscillation that is cancelled must not stand still.
     """
     w = s["reference"]["w"]
     stage = p["mode"] == STAGE
@@ -156,7 +164,7 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     w[1] += s["move"]["speed_um"] * p["cycles_per_ns"] * 1e9
     w[2] += s["move"]["acceleration_um"] * (p["cycles_per_ns"] * 1e9) ** 2
     u = p["centre_um"] + outer_setpoint(p["outer"], s["estimator"]["x"], w)
-    if s["closed"] == 0:
+    if s["closed"] == 0 or s["missed"] > _OVERLOADED:
         s["blend_um"] = s["setpoint_um"] - u
         s["closed"] = 1
     s["blend_um"] *= p["blend_decay"]
@@ -250,6 +258,7 @@ def start_axis(p: Record, s: Record) -> None:
     s["frozen"] = 0
     s["estimator"]["running"] = 0
     s["strain_cycles"] = 1
+    s["missed"] = 0.0
     s["hold_scale"] = 1.0
     s["authority"] = authority(p, s)
     s["reference"]["jog_um"] = p["reference"]["target_um"]

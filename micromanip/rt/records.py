@@ -113,6 +113,7 @@ AXIS_STATE = record(
     ("hold_scale", "f8"),
     ("authority", "f8"),
     ("blend_um", "f8"),
+    ("missed", "f8"),
     ("awaited_cycles", "f8"),
     ("preview_s", "f8"),
     ("ahead_um", "f8"),

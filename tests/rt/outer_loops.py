@@ -4,6 +4,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from micromanip.control.outer_gains import outer_gains
+from micromanip.rt.laws.estimator import GAPS
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS
 from micromanip.settings.compile.limits import NEVER
 from micromanip.settings.schema.axis import LinearModel, Outer
@@ -32,7 +33,7 @@ def outer(delay_cycles=2, **knobs):
     return Outer(model=linear_model(delay_cycles), **knobs)
 
 
-def parameters(gains, **changed):
+def parameters(gains, /, **changed):
     """The loop's record of these gains; the filter believes every sample, unless that is `changed`."""
     n = len(gains.A)
     fields = {
@@ -40,7 +41,7 @@ def parameters(gains, **changed):
         "a_columns": gains.A.T,
         "b": gains.B,
         "c": gains.C,
-        "gain": gains.observer,
+        "gains": np.tile(gains.observer, (GAPS, 1)),
         "feedback": gains.feedback,
         "reference_states": len(gains.reference),
         "reference": gains.reference,

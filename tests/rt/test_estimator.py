@@ -6,8 +6,10 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
+from micromanip.control.gap_gains import gap_gains
 from micromanip.rt.laws.estimator import (
     ESTIMATOR_STATE,
+    GAPS,
     INPUT_HISTORY,
     output,
     predict_to,
@@ -18,7 +20,7 @@ from micromanip.rt.laws.estimator import (
 
 from .builders import record
 from .kernels import estimator_course
-from .outer_loops import designed, process_noise
+from .outer_loops import designed, parameters, process_noise
 
 SETTINGS, GAINS, P = designed()
 N = len(GAINS.A)
@@ -88,6 +90,46 @@ def test_against_filterpy(every):
     assert np.abs(expected).max() > 1.0
     assert estimates == pytest.approx(expected, rel=0, abs=1e-3 * np.abs(expected).max())
     assert estimates @ gains.C == pytest.approx(expected @ gains.C, rel=0, abs=1e-4)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+@pytest.mark.parametrize("gap", [1, 2, 3, 7, 20, GAPS, 2 * GAPS])
+def test_a_sample_out_of_time_has_the_gain_of_its_gap(every, gap):
+    """That of the filter which carries its covariance along; after longer gaps, that of the longest in the table."""
+    settings, gains, _ = designed(sample_cycles=every)
+    kf = filterpy_filter(settings, gains)
+    for _ in range(min(gap, GAPS)):
+        kf.predict()
+    kf.update(np.zeros(1))
+    table = gap_gains(settings, gains, GAPS)
+    assert (table[every - 1] == gains.observer).all()
+    assert table[min(gap, GAPS) - 1] == pytest.approx(kf.K[:, 0], rel=1e-3, abs=1e-5)
+    p = parameters(gains, gains=table)
+    s = started(p)
+    predict_to(p, s, gap)
+    assert update(p, s, gap, 1.0)
+    assert s["filtered"][: len(gains.A)] == pytest.approx(table[min(gap, GAPS) - 1])
+
+
+def grown(gains, table, gaps):
+    """Natural logarithm, a sample, of what an error of the estimate has become after samples that far apart."""
+    error, total = np.ones(len(gains.A)), 0.0
+    for gap in gaps:
+        error = np.linalg.matrix_power(gains.A, gap) @ error
+        error -= table[min(gap, GAPS) - 1] * (gains.C @ error)
+        total += np.log(np.linalg.norm(error))
+        error /= np.linalg.norm(error)
+    return total / len(gaps)
+
+
+@pytest.mark.parametrize("longest", [10, 30])
+def test_an_estimate_with_many_gaps_does_not_run_away(longest):
+    """As it does with the stationary gain for all of them; of one cycle in thirty, on average, this one does, too."""
+    settings, gains, _ = designed(oscillation_Hz=200.0)
+    gaps = np.random.default_rng(longest).integers(1, longest + 1, 3000)
+    assert grown(gains, gap_gains(settings, gains, GAPS), gaps) < 0.0
+    if longest > 10:
+        assert grown(gains, np.tile(gains.observer, (GAPS, 1)), gaps) > 0.05
 
 
 def rerun(u, samples, now, restart=0):

@@ -7,8 +7,9 @@ input disturbance and tooth-passing oscillator; u is the actuator set-point that
 ``filtered`` is the estimate at the cycle of the last fresh sample, ``x`` its prediction to now.
 A sample taken `age` cycles ago is applied where it belongs: ``filtered`` is carried to the
 sample's cycle with the set-points remembered, corrected there, and predicted to now again. The
-gain is the stationary one for the sensor's sampling interval; the error dynamics
-``(I - L C) A^m`` are checked to be stable with the configuration.
+gain belongs to the cycles m since the sample before (``control/gap_gains.py``): the stationary one where m is the
+sensor's interval, whose error dynamics ``(I - L C) A^m`` are checked to be stable with the configuration. With that
+one for every m the estimate would run away where most of a busy machine's cycles are missed.
 
 No sample moves the estimate by more than is plausible at once: an innovation beyond what sensor and process together
 bring (``innovation_um``) is cut down to that. While more comes the limit opens, threefold per sample, and closes slowly
@@ -27,6 +28,8 @@ from micromanip.rt.record import Field, Record, record
 
 MAX_STATES = 32
 """A multiple of 4; a model behind a slow bus has a state for each cycle of its delay."""
+GAPS = 64
+"""Cycles between two samples up to which each number of them has a gain of its own; that of the last serves more."""
 INPUT_HISTORY = 256
 """Cycles that estimator and axis remember (a power of two): a sample may be that many cycles old."""
 
@@ -35,7 +38,7 @@ MODEL: tuple[Field, ...] = (
     ("a_columns", "f8", (MAX_STATES, MAX_STATES)),
     ("b", "f8", (MAX_STATES,)),
     ("c", "f8", (MAX_STATES,)),
-    ("gain", "f8", (MAX_STATES,)),
+    ("gains", "f8", (GAPS, MAX_STATES)),
     ("steady_u", "f8", (MAX_STATES,)),
     ("steady_y", "f8", (MAX_STATES,)),
     ("slow", "i8"),
@@ -43,9 +46,10 @@ MODEL: tuple[Field, ...] = (
     ("repeated_um", "f8"),
     ("gap_cycles", "i8"),
 )
-"""Parameters: the model and the filter's gain; ``slow``: the first of the states that are disturbances;
-``innovation_um``: how large an innovation may be at once, ``repeated_um`` of a reading that is the same for the third
-time; ``gap_cycles``: samples further apart than that leave the estimate uncertain."""
+"""Parameters: the model and the filter's gains, by the cycles since the sample before, less one;
+``slow``: the first of the states that are disturbances; ``innovation_um``: how large an innovation may be at once,
+``repeated_um`` of a reading that is the same for the third time; ``gap_cycles``: samples further apart than that leave
+the estimate uncertain."""
 ESTIMATOR_STATE = record(
     ("filtered", "f8", (MAX_STATES,)),
     ("x", "f8", (MAX_STATES,)),
@@ -171,7 +175,9 @@ def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
         start_estimator(p, s, now, s["history"][(now - 1) & _MASK], y)
         return True
     n = p["states"]
-    gap = sample_cycle - s["filtered_cycle"] > p["gap_cycles"]
+    passed = sample_cycle - s["filtered_cycle"]
+    gain = p["gains"][min(passed, GAPS) - 1]
+    gap = passed > p["gap_cycles"]
     s["repeated"] = s["repeated"] + 1 if y == s["reading_um"] else 0
     s["reading_um"] = y
     if sample_cycle == now:
@@ -183,7 +189,7 @@ def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
     applied = believed(p, s, innovation)
     motion = innovation if gap else applied
     for i in range(n):
-        s["filtered"][i] += p["gain"][i] * (motion if i < p["slow"] else applied)
+        s["filtered"][i] += gain[i] * (motion if i < p["slow"] else applied)
         s["x"][i] = s["filtered"][i]
     _advance(p, s, s["x"], sample_cycle, now)
     s["filtered_cycle"] = sample_cycle

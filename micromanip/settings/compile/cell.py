@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from micromanip.bus.driver import Channel
+from micromanip.control.gap_gains import gap_gains
 from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation
 from micromanip.control.pid import pid_gains
+from micromanip.rt.laws.estimator import GAPS
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
@@ -200,6 +202,6 @@ def _fill_outer(o: Any, outer: Outer, gains: OuterGains) -> None:
     o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
     o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
     o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
-    o["gain"][:n], o["feedback"][:n] = gains.observer, gains.feedback
+    o["gains"][:, :n], o["feedback"][:n] = gap_gains(outer, gains, GAPS), gains.feedback
     o["reference_states"], o["reference"][: len(gains.reference)] = len(gains.reference), gains.reference
     o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y

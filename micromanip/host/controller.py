@@ -24,7 +24,7 @@ from .child import Child, loop_process
 from .parameter_buffers import ParameterBuffers
 from .refusals import axis_refusals, output_refusals, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
-from .wires import on_the_clock, wire_link
+from .wires import follow, wire_link
 
 _ANSWER_S = 1.0
 _READY_S = 8.0
@@ -142,10 +142,10 @@ class Controller:
                 found[name] = wire_link(driver, wire, driver.statistics(context), places)
         return found
 
-    async def on_the_clock(self, ends: Callable[[], bool]) -> bool:
-        """Wait until the loop's deadlines are on the clock that they follow, if any; False where it `ends` before."""
+    async def wires_follow(self, ends: Callable[[], bool]) -> bool:
+        """Wait until what is on the loop's own wires follows it, also by its clock; False where it `ends` before."""
         steering = next((name for name, driver in self._drivers.items() if driver.steers), None)
-        return steering is None or await on_the_clock(steering, lambda: self.wires()[steering], ends)
+        return await follow(self.wires, steering, ends)
 
     def declare_ready(self) -> None:
         """Starting is over: from now on `state` is the cell's, and `arm` is given to the loop."""

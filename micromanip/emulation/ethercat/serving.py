@@ -31,14 +31,23 @@ MOST_TERMINALS = 8
 NOBODYS, COUNTS = -1, 1000
 """Of a number in the inputs: no signal of the plant, it reads 1; COUNTS + the signal whose samples it counts."""
 
+PORT = record(
+    ("socket", SOCKET),
+    ("waiting", "i8"),
+    ("next", "i8"),
+    ("first", "i8"),
+    ("end", "i8"),
+    ("out", "i8"),
+)
+"""An end of the line: `waiting` frames of a batch are served from `next` on. Slaves `first` up to `end` act on what
+comes in here, which leaves at the end `out` (``line.py``)."""
+
 SERVED = record(
     *PLANT,
     ("heard_ns", "i8"),
     ("phase_ns", "i8"),
     ("follows", "i8"),
     ("refused", "i8"),
-    ("waiting", "i8"),
-    ("next", "i8"),
     ("frames", "i8"),
     ("bytes", "i8"),
     ("strange", "i8"),
@@ -50,41 +59,45 @@ SERVED = record(
     ("arrived", ARRIVED, (MOST_TERMINALS, MAX_OUTPUTS)),
     ("inputs", FRAME, (MOST_TERMINALS,)),
     ("outputs", FRAME, (MOST_TERMINALS,)),
-    ("socket", SOCKET),
+    ("port", PORT, (2,)),
 )
-"""Plant and line: which of the plant's signals and outputs each number is, and what came; `waiting` frames of a
-batch are served from `next` on. `taken` are the outputs of a terminal that were seen."""
+"""Plant and line: which of the plant's signals and outputs each number is, and what came. `taken` are the outputs of a
+terminal that were seen."""
 
 
-@compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), types.float64[::1], array_of(SIGNAL)))
-def serve(served: Any, slaves: Any, outputs: Any, signals: Any) -> bool:
-    """Serve what has come, up to the first frame that gives an application something to do: whether there is more.
+@compiled.entry(types.boolean(array_of(SERVED), types.int64, array_of(ESC), types.float64[::1], array_of(SIGNAL)))
+def serve(served: Any, end: int, slaves: Any, outputs: Any, signals: Any) -> bool:
+    """Serve what has come in at an end, up to the first frame that gives an application something to do: whether there
+    is more.
 
     `outputs` and `signals` are the plant's.
     """
     d = served[0]
-    s = d["socket"]
-    if d["next"] >= d["waiting"]:
-        d["waiting"], d["next"] = receive(s), 0
-    while d["next"] < d["waiting"]:
-        k = d["next"]
-        d["next"] += 1
+    port = d["port"][end]
+    s, out = port["socket"], d["port"][max(0, port["out"])]["socket"]
+    if port["next"] >= port["waiting"]:
+        port["waiting"], port["next"] = receive(s), 0
+    while port["next"] < port["waiting"]:
+        k = port["next"]
+        port["next"] += 1
         length, data = length_of(s, k), s["received"][k]
         if length < 0:
             d["strange"] += 1
             continue
+        if port["out"] < 0:
+            continue
         advance(d, s["now_ns"], outputs, signals)
         read_plant(d, slaves, signals)
         lay_out(d, slaves)
-        if pass_frame(slaves, data, length, s["now_ns"]) == NOT_ETHERCAT:
+        if pass_frame(slaves[port["first"] : port["end"]], data, length, s["now_ns"]) == NOT_ETHERCAT:
             d["strange"] += 1
             continue
         if take_outputs(d, slaves, outputs):
             d["heard_ns"] = s["now_ns"]
             advance(d, s["now_ns"], outputs, signals)
         for i in range(length):
-            s["sent"][i] = data[i]
-        send(s, length)
+            out["sent"][i] = data[i]
+        send(out, length)
         d["frames"] += 1
         d["bytes"] += length
         if has_events(slaves):

@@ -9,7 +9,7 @@ import struct
 
 import numpy as np
 import pytest
-from micromanip_drivers.ethercat import exchange, mailbox, mapping
+from micromanip_drivers.ethercat import exchange, mailbox, mapping, ring
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.mailbox import Mailbox
 from micromanip_drivers.ethercat.scan import FIRST_STATION, Slave
@@ -71,6 +71,33 @@ def test_garbage_at_the_master(count):
     assert c["gate"]["state"] in (0, 1, 2)
     assert np.all(np.isfinite(signals["value"]) | (signals["status"] != 0))
     assert np.all(signals["time_ns"] <= 10**12 + count * PERIOD_NS)
+
+
+def test_garbage_at_both_ends_of_a_ring(count):
+    """The same of a cut one, whose halves are put together: no half of another cycle, and no rubbish, completes one."""
+    chance = random.Random(7)
+    driver = Ethercat(options(return_interface="none1", clocks=False), PERIOD_NS)
+    context = driver.context()
+    c, signals = driver.record(context), np.zeros(48, SIGNAL)
+    c["gate"]["sent_count"], k = 100, 3
+    c["socket"]["received"][:] = 0xA5
+    half = bytearray(driver._image.frame)
+    half[6] |= 2
+    for at in (driver._image.position_at, driver._image.status_at + 2):
+        half[at] = 1
+    far = half[:11] + b"\x12" + half[12:]
+    before = {name: c["gate"][name].tobytes() for name in ("given", "recent", "rest")}
+    for number in range(count):
+        data = garbage(chance, bytes(half), bytes(far))
+        c["socket"]["received"][k][: len(data)] = np.frombuffer(data, np.uint8)
+        place = c["socket"]["received"][k]
+        ring.take_half(c, place, len(data), number, chance.randrange(2), exchange.take_good, signals, number)
+    assert c["received"] == count
+    assert c["counted"]["known"] == 1, "some of them were halves of one count"
+    assert c["gate"]["acknowledged"] == 0, "no terminal was in OP"
+    assert np.all(np.delete(c["socket"]["received"], k, axis=0) == 0xA5)
+    assert {name: c["gate"][name].tobytes() for name in before} == before
+    assert np.all(signals["sequence"] == 0)
 
 
 def conversation():

@@ -157,7 +157,7 @@ class Ethercat(LoopWire):
         """Slaves that somebody left operating come to rest by INIT, in which nothing is put out."""
         c = self.record(context)
         with Link(*self.options.interfaces) as link:
-            bring_to_safeop(link, self.options, self._image, self.period_ns)
+            c["turn_ns"] = bring_to_safeop(link, self.options, self._image, self.period_ns)
         if self.options.watchdog is not None:
             time.sleep(self.options.watchdog.rest_ms * 1e-3)
         sockets = c["socket"], c["ring"]["socket"]

@@ -40,7 +40,7 @@ from micromanip.driver.wire import FOLLOWING, QUIET, RECENT
 
 from .compiled import compiled
 from .records import CONTEXT
-from .ring import send_at_far_end, take_ring
+from .ring import send_at_far_end, take_half, take_ring
 
 _TIME_BYTES = 8
 
@@ -50,6 +50,13 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
     """Frame `k` of the socket: 1 if it acknowledges what was sent."""
     s = c["socket"]
     return take_frame(c, s["received"][k], length_of(s, k), received_ns(s, k), inputs, deadline_ns)
+
+
+@compiled
+def take_one_of_ring(c: Any, s: Any, k: int, end: int, inputs: Any, deadline_ns: int) -> int:
+    """Frame `k` of the socket at an end of a ring: 1 if with it something is acknowledged."""
+    data = s["received"][k]
+    return take_half(c, data, length_of(s, k), received_ns(s, k), end, take_good, inputs, deadline_ns)
 
 
 @compiled
@@ -102,7 +109,7 @@ def hear_first_clock(c: Any, data: Any, count: int, came_ns: int) -> None:
     behind = (g["sent_count"] - 1 - count) % c["counts"]
     if behind < RECENT and bits_at(data, at + _TIME_BYTES, WKC_BYTES, 0) > 0:
         stamp_ns: Any = np.int64(bits_at(data, at, _TIME_BYTES, 0))
-        hear_clock(c["lock"], c["lock"]["sent_ns"][count % RECENT], stamp_ns, came_ns)
+        hear_clock(c["lock"], c["lock"]["sent_ns"][count % RECENT], stamp_ns, came_ns - c["turn_ns"])
 
 
 @compiled
@@ -151,7 +158,7 @@ def wait_for_frame(c: Any, inputs: Any, deadline_ns: int) -> None:
 def take_all(c: Any, inputs: Any, deadline_ns: int) -> int:
     """What has come since the last time, of a line or a ring; how many frames acknowledge what was sent."""
     if c["ring"]["present"] != 0:
-        return take_ring(c, take_good, inputs, deadline_ns)
+        return take_ring(c, take_one_of_ring, inputs, deadline_ns)
     return take(c, take_one, inputs, deadline_ns)
 
 

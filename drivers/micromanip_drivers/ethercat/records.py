@@ -42,8 +42,10 @@ CONTEXT = record(
     ("not_operating", "i8"),
     ("lock", CLOCK_LOCK),
     ("time_at", "i8"),
+    ("turn_ns", "i8"),
     ("ring", RING),
 )
 """``al_status`` is that of all slaves, merged by `or`, as the last frame told it; ``bring_ups`` counts how often the
 line was brought to OP. The loop waits for its frame until `wait_ns` after the deadline; `news` were acknowledged so.
-The first terminal's time is at `time_at` of the frame."""
+The first terminal's time is at `time_at` of the frame, which from there to the end of the line and back takes
+`turn_ns`."""

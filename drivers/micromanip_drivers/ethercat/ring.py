@@ -18,9 +18,7 @@ from micromanip.driver.datagrams import (
     code_of,
     has_sent,
     judged,
-    length_of,
     receive,
-    received_ns,
     send,
 )
 from micromanip.driver.ethercat import PROCESSED, STATUS_BYTES, WKC_BYTES
@@ -34,22 +32,21 @@ _NEAR_SENDER = LOOP_SENDERS[_NEAR][-1]
 
 
 @compiled
-def take_ring(c: Any, take_good: Any, inputs: Any, deadline_ns: int) -> int:
+def take_ring(c: Any, take_one: Any, inputs: Any, deadline_ns: int) -> int:
     """Take in what has come at both ends, a batch of each; how many frames acknowledge what was sent.
 
-    ``take_good(c, data, came_ns, inputs, deadline_ns)`` gets each frame that is whole, or as good as.
+    ``take_one(c, s, k, end, inputs, deadline_ns)`` judges what is in place `k` of the socket at an end.
     """
-    news = take_end(c, c["socket"], _NEAR, take_good, inputs, deadline_ns)
-    return news + take_end(c, c["ring"]["socket"], _FAR, take_good, inputs, deadline_ns)
+    news = take_end(c, c["socket"], _NEAR, take_one, inputs, deadline_ns)
+    return news + take_end(c, c["ring"]["socket"], _FAR, take_one, inputs, deadline_ns)
 
 
 @compiled
-def take_end(c: Any, s: Any, end: int, take_good: Any, inputs: Any, deadline_ns: int) -> int:
+def take_end(c: Any, s: Any, end: int, take_one: Any, inputs: Any, deadline_ns: int) -> int:
     """The same of one end."""
     news = 0
     for k in range(receive(s)):
-        data = s["received"][k]
-        news += take_half(c, data, length_of(s, k), received_ns(s, k), end, take_good, inputs, deadline_ns)
+        news += take_one(c, s, k, end, inputs, deadline_ns)
     return news
 
 
@@ -57,7 +54,10 @@ def take_end(c: Any, s: Any, end: int, take_good: Any, inputs: Any, deadline_ns:
 def take_half(
     c: Any, data: Any, length: int, came_ns: int, end: int, take_good: Any, inputs: Any, deadline_ns: int
 ) -> int:
-    """A frame that came at an end: taken at once where all terminals have acted on it, else with its other half."""
+    """A frame that came at an end: taken at once where all terminals have acted on it, else with its other half.
+
+    ``take_good(c, data, came_ns, inputs, deadline_ns)`` gets what is a whole frame then.
+    """
     ring, f = c["ring"], c["receive"]
     c["received"] += 1
     if length != f["length"]:

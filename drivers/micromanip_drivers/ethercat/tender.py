@@ -47,7 +47,8 @@ class Tender:
             try:
                 with Link(*self._options.interfaces) as link:
                     if not is_prepared:
-                        bring_to_safeop(link, self._options, self._image, self._period_ns)
+                        turn_ns = bring_to_safeop(link, self._options, self._image, self._period_ns)
+                        self._context["turn_ns"] = turn_ns
                     is_prepared = False
                     bring_to_op(link, self._options)
                 self._context["bring_ups"] += 1

@@ -43,6 +43,9 @@ _PAUSE_NS = 50_000_000
 """Who has said nothing for so long begins anew."""
 _PHASE_NS = 30_000
 """So old is the plant's state when it is asked for: a frame that comes a little early still finds a new one."""
+_TURN_NS = 30_000
+"""From the first terminal to the last and back: cables so long that this process has answered by then, and the line's
+clocks can tell what it takes. A real line takes some 2 us for each terminal."""
 _OF_FRAMES = (Drop, Delay, Duplicate, Reorder, Hang, Unplug)
 
 
@@ -57,8 +60,10 @@ class EthercatDevice:
         self._names = list(keys.terminals)
         self.figures = MessageFigures()
         terminals = [terminal_of(name, keys.terminals[name]) for name in self._names]
-        self.slaves = Line(terminals, self._left_op, is_ring=keys.return_interface is not None)
+        hop_ns = _TURN_NS // max(1, 2 * (len(terminals) - 1))
+        self.slaves = Line(terminals, self._left_op, keys.return_interface is not None, hop_ns)
         self._served = np.zeros(1, SERVED)
+        self._served[0]["turn_ns"] = _TURN_NS
         self.signals: list[str] = []
         self._signal: list[list[tuple[str, bool]]] = []
         self._output: list[list[str | None]] = []

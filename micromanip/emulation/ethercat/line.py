@@ -13,7 +13,7 @@ from .application import Application
 from .controller import ESC, NOT_ETHERCAT, passed
 from .terminal import Terminal
 
-HOP_NS = 750
+_HOP_NS = 750
 """What a slave and a cable to it delay a frame by, each way."""
 NEAR, FAR, NOWHERE = 0, 1, -1
 """The ends of the line: where the master sends from, and where a ring comes back to it."""
@@ -33,12 +33,20 @@ class Line:
     """Slaves in their order from the master."""
 
     def __init__(
-        self, terminals: Sequence[Terminal], left_op: Callable[[], None] = lambda: None, is_ring: bool = False
+        self,
+        terminals: Sequence[Terminal],
+        left_op: Callable[[], None] = lambda: None,
+        is_ring: bool = False,
+        hop_ns: int = _HOP_NS,
     ) -> None:
-        """`left_op` is called when any of them leaves OP; `is_ring` is whether a cable leads back from the last one."""
+        """`left_op` is called when any of them leaves OP; `is_ring` is whether a cable leads back from the last one.
+
+        A slave, with the cable to it, delays a frame by `hop_ns` each way.
+        """
         self.controllers = np.zeros(len(terminals), ESC)
         self.applications = [Application(c, t, left_op) for c, t in zip(self.controllers, terminals, strict=True)]
-        self.controllers["to_ns"] = HOP_NS * np.arange(len(terminals))
+        self._hop_ns = hop_ns
+        self.controllers["to_ns"] = hop_ns * np.arange(len(terminals))
         self._data = np.zeros(_MOST_BYTES, np.uint8)
         self._is_ring = is_ring
         self.cuts: set[int] = set()
@@ -76,7 +84,7 @@ class Line:
         for k, (controller, application) in enumerate(zip(self.controllers, self.applications, strict=True)):
             application.link(before=not broken[k], behind=not broken[k + 1])
             controller["returns"] = int(bool(places) and not broken[k + 1])
-            controller["back_ns"] = 2 * HOP_NS * max(0, near - 1 - k)
+            controller["back_ns"] = 2 * self._hop_ns * max(0, near - 1 - k)
 
     def passed(self, frame: bytes, now_ns: int, end: int = NEAR) -> bytes | None:
         """The frame, which came in at an end, as it leaves; None for one that is not EtherCAT, or leaves nowhere."""

@@ -14,11 +14,12 @@ from numba import types
 
 from micromanip.bus.ethercat.al_states import OP, STATUS_MASK
 from micromanip.bus.ethercat.registers import AL_STATUS
+from micromanip.rt.clock import now_ns
 from micromanip.rt.record import record
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
 from micromanip.rt.wire.codec import put_bits, put_value, value_of
-from micromanip.rt.wire.datagrams import length_of, receive, send
+from micromanip.rt.wire.datagrams import length_of, receive, received_ns, send
 from micromanip.rt.wire.records import FRAME, SOCKET
 
 from ..arrivals import ARRIVED, note
@@ -46,6 +47,7 @@ SERVED = record(
     *PLANT,
     ("heard_ns", "i8"),
     ("phase_ns", "i8"),
+    ("turn_ns", "i8"),
     ("follows", "i8"),
     ("refused", "i8"),
     ("frames", "i8"),
@@ -62,7 +64,7 @@ SERVED = record(
     ("port", PORT, (2,)),
 )
 """Plant and line: which of the plant's signals and outputs each number is, and what came. `taken` are the outputs of a
-terminal that were seen."""
+terminal that were seen. A frame leaves `turn_ns` after it came, by the kernel's time: the way through the line."""
 
 
 @compiled.entry(types.boolean(array_of(SERVED), types.int64, array_of(ESC), types.float64[::1], array_of(SIGNAL)))
@@ -86,17 +88,20 @@ def serve(served: Any, end: int, slaves: Any, outputs: Any, signals: Any) -> boo
             continue
         if port["out"] < 0:
             continue
-        advance(d, s["now_ns"], outputs, signals)
+        came_ns = received_ns(s, k)
+        advance(d, came_ns, outputs, signals)
         read_plant(d, slaves, signals)
         lay_out(d, slaves)
-        if pass_frame(slaves[port["first"] : port["end"]], data, length, s["now_ns"]) == NOT_ETHERCAT:
+        if pass_frame(slaves[port["first"] : port["end"]], data, length, came_ns) == NOT_ETHERCAT:
             d["strange"] += 1
             continue
         if take_outputs(d, slaves, outputs):
-            d["heard_ns"] = s["now_ns"]
-            advance(d, s["now_ns"], outputs, signals)
+            d["heard_ns"] = came_ns
+            advance(d, came_ns, outputs, signals)
         for i in range(length):
             out["sent"][i] = data[i]
+        while now_ns(s["timespec"]) < came_ns + d["turn_ns"]:
+            pass
         send(out, length)
         d["frames"] += 1
         d["bytes"] += length

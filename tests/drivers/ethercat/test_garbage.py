@@ -9,7 +9,7 @@ import struct
 
 import numpy as np
 import pytest
-from micromanip_drivers.ethercat import exchange, mailbox, mapping, ring
+from micromanip_drivers.ethercat import exchange, mailbox, mapping
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.mailbox import Mailbox
 from micromanip_drivers.ethercat.scan import FIRST_STATION, Slave
@@ -90,8 +90,8 @@ def test_garbage_at_both_ends_of_a_ring(count):
     for number in range(count):
         data = garbage(chance, bytes(half), bytes(far))
         c["socket"]["received"][k][: len(data)] = np.frombuffer(data, np.uint8)
-        place = c["socket"]["received"][k]
-        ring.take_half(c, place, len(data), number, chance.randrange(2), exchange.take_good, signals, number)
+        c["socket"]["message"][k]["length"] = len(data)
+        exchange.take_one_of_ring(c, c["socket"], k, chance.randrange(2), signals, number)
     assert c["received"] == count
     assert c["counted"]["known"] == 1, "some of them were halves of one count"
     assert c["gate"]["acknowledged"] == 0, "no terminal was in OP"

@@ -1,6 +1,6 @@
 """Terminals for `ethercat_exchange`: each frame goes back as if all of them had acted on it.
 
-``python -m benchmarks.ethercat_partner INTERFACE INPUTS_AT POSITION_AT TERMINALS WKC_AT WKC STATUS_AT``: the numbers say
+``python -m benchmarks.ethercat_partner INTERFACE INPUTS_AT POSITION_AT TERMINALS WKC_AT WKC STATUS_AT``: these say
 where in a frame inputs begin, where the broadcast counts, where the working counters stand, and what they must come to.
 It says `up`, or why not.
 """

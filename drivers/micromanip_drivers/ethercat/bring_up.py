@@ -48,7 +48,7 @@ def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_n
         go(link, slave.station, name, SAFEOP)
     if any(terminal.sync0_shift_us is not None for terminal in options.terminals.values()):
         time.sleep(SYNC0_BEGINS_IN_S)  # OP is refused before
-    return turn_ns if turn_ns < period_ns else 0  # longer than a cycle: of a slave that says rubbish
+    return turn_ns
 
 
 def bring_to_op(link: Link, options: EthercatOptions) -> None:

@@ -194,9 +194,14 @@ class EthercatDevice:
             case Order():
                 if k + 1 == len(self._names):
                     raise UsageError(f"fault order: behind {fault.terminal} there is no terminal")
-                self.slaves.swap(k, self._loop.now_ns())
-                self._relink()
-                self._left_op()
+                self._swap(k)
+                if fault.for_s is not None:
+                    self._loop.call_at(end_ns, partial(self._swap, k))
+
+    def _swap(self, k: int) -> None:
+        self.slaves.swap(k, self._loop.now_ns())
+        self._relink()
+        self._left_op()
 
     def _switch_off(self, k: int) -> None:
         self.slaves.controllers[k]["powered"] = 0

@@ -50,8 +50,8 @@ LINE = (
         lasts_s=3.0,
     ),
     Case(
-        "two terminals change places for 0.6 s",
-        inject("order", terminal="gauge"),
+        "two terminals change places for 1.5 s",
+        inject("order", terminal="gauge", for_s=1.5),
         CUT_OFF,
         200.0,
         ("bring_ups",),

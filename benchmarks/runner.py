@@ -19,6 +19,7 @@ NAMES = (
     "can_worker",
     "line_rates",
     "modbus_transactions",
+    "ethercat_exchange",
 )
 """Each is the module of that name with its function ``run``, imported only when it is used."""
 

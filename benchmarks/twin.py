@@ -18,18 +18,23 @@ from .results import Skipped
 _FLAGS = ("-std=gnu99", "-O3", "-march=native", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
 
 
-def compile_twin(folder: Path) -> Any:
-    """The function ``replay`` of ``twin.c``, built in `folder`; raises Skipped where there is no gcc."""
+def compile_c(source: str, folder: Path) -> ctypes.CDLL:
+    """The library of a file beside this one, built in `folder`; raises Skipped where there is no gcc."""
     gcc = shutil.which("gcc")
     if gcc is None:
         raise Skipped("there is no gcc to compile the C twin; install the package gcc")
-    write_header(folder)
     library = folder / "twin.so"
-    command = [gcc, *_FLAGS, f"-I{folder}", str(Path(__file__).parent / "twin.c"), "-o", str(library), "-lm"]
+    command = [gcc, *_FLAGS, f"-I{folder}", str(Path(__file__).parent / source), "-o", str(library), "-lm"]
     built = subprocess.run(command, capture_output=True, text=True, check=False)
     if built.returncode != 0:
         raise CheckFailed(f"gcc does not compile the C twin: {built.stderr.strip()}")
-    function = ctypes.CDLL(str(library)).replay
+    return ctypes.CDLL(str(library))
+
+
+def compile_twin(folder: Path) -> Any:
+    """The function ``replay`` of ``twin.c``, built in `folder`; raises Skipped where there is no gcc."""
+    write_header(folder)
+    function = compile_c("twin.c", folder).replay
     function.argtypes = [ctypes.c_void_p] * 7 + [ctypes.c_int64] * 2
     function.restype = None
     return function

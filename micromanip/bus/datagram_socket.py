@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt.wire.records import ADDRESS_BYTES, BATCH, BUFFER, CONTROL, MAX_BYTES
+from micromanip.rt.wire.records import ADDRESS_BYTES, BATCH, BUFFER, CONTROL, MAX_BYTES, SO_TIMESTAMPNS
 
 from .errors import LinkError
 
-_SO_TIMESTAMPNS = 35
 _QUEUE_BYTES = 64 * 1024
 """Room for some tens of datagrams: what a loop that stood still finds waiting is old."""
 
@@ -27,7 +26,7 @@ def open_datagrams(host: str, port: int, listen: int | None, timeout_s: float) -
     except OSError as problem:
         raise LinkError(f"udp {host}:{port} can't be found: {problem.strerror}") from problem
     try:
-        opened.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        opened.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE_BYTES)
         if listen is not None:
             opened.bind(("", listen))

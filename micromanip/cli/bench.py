@@ -36,9 +36,9 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     hysteresis_gradient: derivatives of a hysteresis model beside loops in NumPy. can_frames: frames a second of the
     driver canbus, and can_worker: use of a CPU by the worker of config/can.yaml, each beside bare python-can.
     modbus_transactions: of the driver modbus beside the bare library. line_rates: frames, lines and packets of the
-    driver line beside bare pyserial and sockets.
+    driver line beside bare pyserial and sockets. ethercat_exchange: of the driver ethercat beside the same in C.
 
-    Where the machine lacks what one of them needs (gcc, cyclictest, real-time rights), that is said and it is skipped.
+    Where the machine lacks what one of them needs (gcc, cyclictest, rights), that is said and it is skipped.
     """
     root = source_tree()
     runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))

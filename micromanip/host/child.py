@@ -129,6 +129,13 @@ class Child:
             with contextlib.suppress(ValueError):
                 yield json.loads(line)
 
+    async def complaints(self) -> AsyncIterator[str]:
+        """The same line by line, as they come."""
+        assert self._process is not None
+        assert self._process.stderr is not None
+        async for line in self._process.stderr:
+            yield line.decode(errors="replace").rstrip("\n")
+
     async def complaint(self) -> str:
         """All that it says on standard error until its end."""
         assert self._process is not None

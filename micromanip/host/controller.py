@@ -24,13 +24,17 @@ from .child import Child, loop_process
 from .parameter_buffers import ParameterBuffers
 from .refusals import axis_refusals, output_refusals, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
-from .wires import on_the_clock, wire_link
+from .wires import follow, wire_link
 
 _ANSWER_S = 1.0
 _READY_S = 8.0
 """A command that comes between the loop's first cycle and READY waits so long: a recorder may have to be started."""
 _SENSORS_S = 0.05
 """Time for a first sample of every sensor, the slowest included, before the controller is READY."""
+
+
+def _to_stderr(text: str) -> None:
+    sys.stderr.write(f"{text}\n")
 
 
 class Controller:
@@ -44,6 +48,7 @@ class Controller:
         self.adopted: Callable[[Prepared], None] = lambda _: None
         """Hears of each configuration that comes into force."""
         self._socket_path = socket_path
+        self._say: Callable[[str], None] = lambda _: None
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
         self._drivers = dict(prepared.wiring.drivers)
         # loaded now: it must neither take time nor fail once the loop has died
@@ -83,20 +88,22 @@ class Controller:
         for (name, driver), context in zip(self._drivers.items(), self._contexts, strict=True):
             driver.adopt(context, prepared.wiring.safe_outputs(name, prepared.configuration))
 
-    async def start(self, *, ready: bool = True, say: Callable[[str], None] = lambda _: None) -> None:
+    async def start(self, *, ready: bool = True, say: Callable[[str], None] = _to_stderr) -> None:
         """Start the loop process; returns when it has run for so long that every sensor has said something.
 
-        `ready` says that starting is over then; else `declare_ready` will. `say` gets what takes long meanwhile.
+        `ready` says that starting is over then; else `declare_ready` will. `say` gets what takes long meanwhile, and
+        line by line what the loop process complains of, as long as it runs.
         Raises what the loop process reports: DeviceUnavailable, PermissionDenied, or CheckFailed.
         """
         self.beat()
+        self._say = say
         places = [(at, len(context)) for at, context in zip(self.offsets, self._contexts, strict=True)]
         if self.process.starts == 0:
             await self.process.begin()
         if self.process.runs:
             put_on_cpu(self.process.pid, self.prepared.configuration.loop.cpu)
         self.process.hand_on(loop_orders(self.prepared, places, self._socket_path), self._handed_on)
-        self._relaying = asyncio.create_task(self._relay(say))
+        self._relaying = asyncio.create_task(self._relay())
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
         while self.words[w.CYCLES_RUN] < heard:
             if not self.process.runs:
@@ -142,10 +149,10 @@ class Controller:
                 found[name] = wire_link(driver, wire, driver.statistics(context), places)
         return found
 
-    async def on_the_clock(self, ends: Callable[[], bool]) -> bool:
-        """Wait until the loop's deadlines are on the clock that they follow, if any; False where it `ends` before."""
+    async def wires_follow(self, ends: Callable[[], bool]) -> bool:
+        """Wait until what is on the loop's own wires follows it, also by its clock; False where it `ends` before."""
         steering = next((name for name, driver in self._drivers.items() if driver.steers), None)
-        return steering is None or await on_the_clock(steering, lambda: self.wires()[steering], ends)
+        return await follow(self.wires, steering, ends)
 
     def declare_ready(self) -> None:
         """Starting is over: from now on `state` is the cell's, and `arm` is given to the loop."""
@@ -252,10 +259,10 @@ class Controller:
         """Bring the outputs to their safe value with the loop dead; by driver 0, or a code where that failed."""
         return {name: safe(context) for (name, safe), context in zip(self._safe.items(), self._contexts, strict=True)}
 
-    async def _relay(self, say: Callable[[str], None]) -> None:
+    async def _relay(self) -> None:
         """Pass on what the loop process tells people while it starts."""
         async for answer in self.process.answers():
-            say(str(answer["text"]))
+            self._say(str(answer["text"]))
 
     def kill(self, why: FaultReport) -> None:
         """End the loop process at once; `make_safe` is then the host's to call, and `why` what is said of it."""
@@ -264,9 +271,10 @@ class Controller:
             self.process.kill()
 
     async def wait(self) -> None:
-        """Wait for the loop process to end; `process` knows how it did."""
-        with contextlib.suppress(ValueError, OSError):
-            sys.stderr.write(await self.process.complaint())
+        """Wait for the loop process to end, and pass on what it complains of; `process` knows how it ended."""
+        async for line in self.process.complaints():
+            with contextlib.suppress(ValueError, OSError):
+                self._say(line)
         await self.process.wait()
 
 

@@ -151,7 +151,7 @@ class Daemon:
             if self._options.record is not None:
                 await self._recordings.begin(self._options.record)
             over = lambda: ended.done() or stopped.done()  # noqa: E731
-            if await self._workers.in_hand(over) and await self._controller.on_the_clock(over):
+            if await self._workers.in_hand(over) and await self._controller.wires_follow(over):
                 self._tell_ready()
                 if self._prepared.configuration.arm_on_start:
                     await self._verbs.ask("arm", Peer("configuration"))

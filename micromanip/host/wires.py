@@ -11,26 +11,34 @@ from micromanip.errors import DeviceUnavailable
 from micromanip.replies import Link
 from micromanip.rt.bus_image import FOLLOWING, LINK_DOWN, LINK_NAMES, LINK_UP, OUTPUT_NAMES
 
-_LOCKS_IN_S, _POLL_S = 60.0, 0.01
+_ANSWERS_IN_S, _LOCKS_IN_S, _POLL_S = 15.0, 60.0, 0.01
 
 
-async def on_the_clock(name: str, link: Callable[[], Link], ends: Callable[[], bool]) -> bool:
-    """Wait until the loop follows the clock of the driver called `name`; False where it `ends` before.
+async def follow(links: Callable[[], Mapping[str, Link]], steering: str | None, ends: Callable[[], bool]) -> bool:
+    """Wait until the device on every wire answers, with its outputs in the loop's hand; False where it `ends` before.
 
-    Raises DeviceUnavailable where that takes too long: nobody is told READY while the deadlines still move.
+    `steering` is the driver whose clock the loop's deadlines follow, if any: its outputs follow once that is locked.
+    Raises DeviceUnavailable where it takes too long: nobody is told READY while a device is missing, or the deadlines
+    still move.
     """
     begin = time.monotonic()
     while not ends():
-        found = link()
-        if found["outputs"] == OUTPUT_NAMES[FOLLOWING]:
+        away = {name: link for name, link in links().items() if link["outputs"] != OUTPUT_NAMES[FOLLOWING]}
+        if not away:
             return True
-        if time.monotonic() - begin > _LOCKS_IN_S:
-            counts = ", ".join(f"{key} {value}" for key, value in found["counts"].items() if value)
-            raise DeviceUnavailable(
-                f"driver {name}: its outputs do not follow the loop, whose deadlines are to lock to its clock: {counts}"
-            )
+        for name, link in away.items():
+            if time.monotonic() - begin > (_LOCKS_IN_S if name == steering else _ANSWERS_IN_S):
+                raise DeviceUnavailable(f"driver {name}: {_missing(link, name == steering)}")
         await asyncio.sleep(_POLL_S)
     return False
+
+
+def _missing(link: Link, steers: bool) -> str:
+    counts = ", ".join(f"{key} {value}" for key, value in link["counts"].items() if value) or "nothing came at all"
+    if link["link"] != LINK_NAMES[LINK_UP]:
+        return f"its device does not answer: {counts}"
+    why = ", whose deadlines are to lock to its clock" if steers else ""
+    return f"its outputs do not follow the loop{why}: {counts}"
 
 
 def wire_link(driver: CyclicDriver, wire: Wire, counts: Mapping[str, int], places: Mapping[str, int]) -> Link:

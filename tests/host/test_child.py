@@ -21,6 +21,10 @@ for line in sys.stdin:
     elif order == "fail":
         print("it can't be done", file=sys.stderr, flush=True)
         sys.exit(7)
+    elif order == "complain":
+        print("a cable is cut\\nit is whole again", file=sys.stderr, flush=True)
+    elif order == "end":
+        sys.exit("it goes")
     elif order == "die":
         print('{"cut": ', end="", flush=True)
         os.kill(os.getpid(), signal.SIGKILL)
@@ -85,6 +89,20 @@ def test_what_it_complains_of(module):
         await child.wait()
         assert child.end == "ended with 7"
         assert not child.may_restart()
+
+    asyncio.run(main())
+
+
+def test_what_it_complains_of_while_it_goes_on(module):
+    async def main():
+        child = Child(module, (), complains=True)
+        await child.start("complain")
+        complaints = child.complaints()
+        assert [await anext(complaints) for _ in range(2)] == ["a cable is cut", "it is whole again"]
+        assert child.runs, "it is heard before its end"
+        child.tell("end")
+        assert [line async for line in complaints] == ["it goes"]
+        await child.wait()
 
     asyncio.run(main())
 

@@ -1,4 +1,4 @@
-"""READY waits until the loop is on the clock that it follows."""
+"""READY waits until every device on a wire of the loop's answers, and the loop is on the clock that it follows."""
 
 import asyncio
 
@@ -6,30 +6,41 @@ import pytest
 
 from micromanip.errors import DeviceUnavailable
 from micromanip.host import wires
-from micromanip.host.wires import on_the_clock
+from micromanip.host.wires import follow
 
 
-def link(outputs):
-    return {"outputs": outputs, "counts": {"locked": 0, "clock_drift_ppb": 900_000, "unlocked": 3}}
+def link(outputs, up="up", **counts):
+    return {"outputs": outputs, "link": up, "counts": counts or {"locked": 0, "clock_drift_ppb": 900_000}}
 
 
-def waited(found, ends=lambda: False):
-    return asyncio.run(on_the_clock("cell", lambda: link(next(found)), ends))
+def waited(found, steering=None, ends=lambda: False):
+    return asyncio.run(follow(lambda: next(found), steering, ends))
 
 
-def test_it_waits_until_the_outputs_follow():
-    left = iter(["at rest", "at rest", "following", "at rest"])
+def test_it_waits_until_the_outputs_of_all_follow():
+    rests, follows = link("at rest"), link("following")
+    left = iter([{"a": rests, "b": follows}, {"a": follows, "b": rests}, {"a": follows, "b": follows}, {}])
     assert waited(left) is True
-    assert list(left) == ["at rest"]
+    assert list(left) == [{}]
+
+
+def test_a_cell_without_a_wire_waits_for_none():
+    assert waited(iter([{}])) is True
 
 
 def test_it_ends_with_the_controller():
     assert waited(iter([]), ends=lambda: True) is False
 
 
+def test_a_device_that_does_not_answer_is_told(monkeypatch):
+    monkeypatch.setattr(wires, "_ANSWERS_IN_S", 0.0)
+    for counts, said in (({"lost": 3}, "lost 3"), ({"lost": 0}, "nothing came at all")):
+        found = iter([{"cell": link("unknown", "down", **counts)}] * 3)
+        with pytest.raises(DeviceUnavailable, match=f"driver cell: its device does not answer: {said}$"):
+            waited(found)
+
+
 def test_a_clock_that_can_not_be_followed_is_told_with_what_is_known(monkeypatch):
     monkeypatch.setattr(wires, "_LOCKS_IN_S", 0.0)
-    with pytest.raises(
-        DeviceUnavailable, match=r"driver cell: .* lock to its clock: clock_drift_ppb 900000, unlocked 3"
-    ):
-        waited(iter(["at rest", "at rest", "at rest"]))
+    with pytest.raises(DeviceUnavailable, match=r"driver cell: .* lock to its clock: clock_drift_ppb 900000$"):
+        waited(iter([{"cell": link("at rest")}] * 3), steering="cell")

@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 from .bench import Outcome
-from .campaign import BUSES, campaign
+from .campaign import BUSES, TITLES, campaign
 from .cases import Case
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,7 +50,7 @@ def table(name: str, cases: tuple[Case, ...], outcomes: list[Outcome]) -> str:
     """The outcomes on one example; the last is that of its end."""
     *each, end = outcomes
     lines = [
-        f"## config/{name}.yaml",
+        f"## {TITLES.get(name, f'config/{name}.yaml')}",
         "",
         "| fault, for 0.6 s | must follow | followed | after ms, of | outputs, V | tracks again after s | verdict |",
         "| --- | --- | --- | --- | --- | --- | --- |",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from . import gcs_cases, modbus_cases, serial_cases
+from . import ethercat_cases, gcs_cases, modbus_cases, serial_cases
 from .bench import WATCHDOG_MS, Bench, Outcome
 from .cases import CASES, Case
 from .cells import gcs_cell, modbus_cell, serial_cell, watched_can_cell
+from .ethercat_cells import line_cell, ring_cell
 
 SHARED = Path("/dev/shm")
 BUSES: dict[str, tuple[Callable[[], str], tuple[Case, ...]]] = {
@@ -16,8 +17,15 @@ BUSES: dict[str, tuple[Callable[[], str], tuple[Case, ...]]] = {
     "modbus": (modbus_cell, modbus_cases.CASES),
     "serial": (serial_cell, serial_cases.CASES),
     "gcs": (gcs_cell, gcs_cases.CASES),
+    "ethercat": (line_cell, ethercat_cases.LINE),
+    "ring": (ring_cell, ethercat_cases.RING),
 }
-"""Example of config/ and its faults."""
+"""Examples of config/ and their faults; the last two have a cell of their own."""
+TITLES = {
+    "ethercat": "An axis on a line of three EtherCAT terminals, 500 Hz",
+    "ring": "An axis on a ring of three EtherCAT terminals, 500 Hz",
+}
+"""Of those that are no example of config/."""
 
 
 def campaign(folder: Path, text: str, cases: tuple[Case, ...], watchdog_ms: float = WATCHDOG_MS) -> Iterator[Outcome]:

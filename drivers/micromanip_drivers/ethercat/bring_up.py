@@ -18,14 +18,17 @@ from .scan import FIRST_STATION, require, reset
 from .states import go
 
 
-def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_ns: int) -> None:
+def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_ns: int) -> int:
     """INIT, scan and compare, clocks, PREOP, settings and mapping, SAFEOP. No output moves.
+
+    Returns how long (ns) a frame takes from the first clock to the last slave and back, 0 where that isn't known.
 
     Raises LinkError, IdentityMismatch, DeviceFault.
     """
     reset(link)
     slaves = require(link, options.terminals)
-    first_clock = set_clocks(link, [slave.station for slave in slaves]) if options.clocks else None
+    clocks = set_clocks(link, [slave.station for slave in slaves]) if options.clocks else None
+    first_clock, turn_ns = (None, 0) if clocks is None else clocks
     if options.lock is not None and first_clock != FIRST_STATION:
         raise DeviceFault(f"{link.name}: terminal {next(iter(options.terminals))}, the first, has no clock to lock to")
     for slave, (name, terminal) in zip(slaves, options.terminals.items(), strict=True):
@@ -45,6 +48,7 @@ def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_n
         go(link, slave.station, name, SAFEOP)
     if any(terminal.sync0_shift_us is not None for terminal in options.terminals.values()):
         time.sleep(SYNC0_BEGINS_IN_S)  # OP is refused before
+    return turn_ns
 
 
 def bring_to_op(link: Link, options: EthercatOptions) -> None:

@@ -15,12 +15,17 @@ _SINCE_2000_S = 946_684_800
 """EtherCAT counts from the year 2000."""
 _DC = 0x04
 """Feature bit of a slave that has a clock."""
+_LONGEST_NS = 1_000_000
+"""A line that takes longer has a slave that says rubbish."""
 SYNC0_BEGINS_IN_S = 0.2
 """Surely later than the last of its registers is written, and SAFEOP reached."""
 
 
-def set_clocks(link: Link, stations: Sequence[int]) -> int | None:
-    """Write offset and delay of each slave that has a clock; the station of the first of them, None for no clock.
+def set_clocks(link: Link, stations: Sequence[int]) -> tuple[int, int] | None:
+    """Write offset and delay of each slave that has a clock; None where none has.
+
+    Returns the station of the first of them, and how long (ns) a frame takes from there to the last slave and
+    back, 0 where that isn't known.
 
     The first slave passes a frame on at its port 1 and gets it back there: what lies between is twice the way to the
     last. For slave k, delay = (what lies between at the reference - the same at slave k) / 2, which holds for a line
@@ -38,7 +43,8 @@ def set_clocks(link: Link, stations: Sequence[int]) -> int | None:
         offset_ns = now_ns + delay_ns - local_ns
         link.station_write(station, registers.DC_OFFSET, struct.pack("<q", offset_ns))
         link.station_write(station, registers.DC_DELAY, struct.pack("<I", delay_ns))
-    return with_clock[0]
+    turn_ns = _between(latched[0])
+    return with_clock[0], turn_ns if turn_ns < _LONGEST_NS else 0
 
 
 def begin_sync0(link: Link, station: int, name: str, period_ns: int, shift_ns: int) -> None:

@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Answer, BusError, Channel, ConfigError, Functions, Load
+from micromanip.driver import Answer, BusError, Channel, ConfigError, Functions, Load, real_because
 from micromanip.driver.ethercat import INIT, OP, STATE_MASK, registers
 from micromanip.driver.wire import MOST_BITS, LoopWire, lend, set_lock
 
 from .bring_up import bring_to_safeop
 from .described import compare_with_file
 from .image import Image
-from .link import LOOP_SENDER, Link, open_interface
+from .link import LOOP_SENDERS, Link, open_interface
 from .options import EthercatOptions
-from .records import BAD, CONTEXT
+from .records import BAD, CONTEXT, WHOLE
 from .scan import differences, found
 from .tender import Tender
 
@@ -77,6 +77,11 @@ class Ethercat(LoopWire):
         return f"ethercat {self.options.interface}"
 
     @property
+    def real_because(self) -> str | None:
+        found = (real_because(f"ethercat {each}") for each in self.options.interfaces)
+        return next((reason for reason in found if reason is not None), None)
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         return tuple(self._image.inputs)
 
@@ -111,6 +116,10 @@ class Ethercat(LoopWire):
         c["wait_ns"] = round(1e3 * self.options.wait_us)
         c["clock"]["unit_ns"], c["clock"]["bits"] = 1.0, MOST_BITS
         c["time_at"], lock = image.time_at, self.options.lock
+        ring = c["ring"]
+        ring["present"], ring["cut_behind"], ring["half"]["count"] = len(self.options.interfaces) - 1, WHOLE, -1
+        ring["socket"]["descriptor"] = -1
+        ring["position_at"], ring["inputs_at"][: len(image.inputs_at)] = image.position_at, image.inputs_at
         if lock is not None:
             set_lock(c["lock"], self.period_ns, 1e-3 * lock.time_constant_ms, lock.drift_ppm, lock.within_us)
 
@@ -123,8 +132,16 @@ class Ethercat(LoopWire):
         return found
 
     def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
-        """With `lock` also where it stands: error of the deadlines, rms over a second, and the clock's drift."""
-        counts, lock = super().statistics(context), self.record(context)["lock"]
+        """With `lock` also where it stands: error of the deadlines, rms over a second, and the clock's drift.
+
+        Of a ring how often it was cut, and where it is.
+        """
+        c = self.record(context)
+        counts, lock, ring = super().statistics(context), c["lock"], c["ring"]
+        if ring["present"]:
+            counts = {**counts, "cuts": int(ring["cuts"])}
+            if ring["cut_behind"] != WHOLE:
+                counts["cut_behind"] = int(ring["cut_behind"])
         if not lock["present"]:
             return counts
         drift_ppb, rms_ns = 1e9 * lock["gained_ns"] / self.period_ns, math.sqrt(lock["square_ns2"])
@@ -139,11 +156,13 @@ class Ethercat(LoopWire):
     def begin(self, context: NDArray[np.uint8]) -> None:
         """Slaves that somebody left operating come to rest by INIT, in which nothing is put out."""
         c = self.record(context)
-        with Link(self.options.interface) as link:
-            bring_to_safeop(link, self.options, self._image, self.period_ns)
+        with Link(*self.options.interfaces) as link:
+            c["turn_ns"] = bring_to_safeop(link, self.options, self._image, self.period_ns)
         if self.options.watchdog is not None:
             time.sleep(self.options.watchdog.rest_ms * 1e-3)
-        lend(open_interface(self.options.interface, LOOP_SENDER).detach(), c["socket"])
+        sockets = c["socket"], c["ring"]["socket"]
+        for interface, sender, record in zip(self.options.interfaces, LOOP_SENDERS, sockets, strict=False):
+            lend(open_interface(interface, sender).detach(), record)
         Tender(self.options, self._image, c, self.period_ns).start()
 
     def functions(self) -> Functions:
@@ -154,7 +173,7 @@ class Ethercat(LoopWire):
     def probe(self, seconds: float) -> Iterator[Answer]:  # noqa: ARG002 (it is asked once)
         """Who is on the line, by the EEPROMs; station addresses are given, states and outputs stay."""
         terminals = list(self.options.terminals.items())
-        with Link(self.options.interface) as link:
+        with Link(*self.options.interfaces) as link:
             for place, slave in enumerate(found(link)):
                 note = "not configured"
                 if place < len(terminals):
@@ -166,7 +185,7 @@ class Ethercat(LoopWire):
     def is_at_rest(self) -> bool:
         """Whether all terminals are there, and none operates."""
         try:
-            with Link(self.options.interface) as link:
+            with Link(*self.options.interfaces) as link:
                 link.write(registers.BWR, 0, registers.AL_CONTROL, struct.pack("<H", INIT))
                 back = link.read(registers.BRD, 0, registers.AL_STATUS, 2)
         except BusError:

@@ -7,7 +7,7 @@ clocks, FRMW of the system time from the first clock to the others.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ from micromanip.driver.ethercat import (
     DATAGRAM_BYTES,
     HEADER_BYTES,
     PROCESSED,
+    STATUS_BYTES,
     WKC_BYTES,
     Datagram,
     framed,
@@ -25,13 +26,11 @@ from micromanip.driver.ethercat import (
 )
 from micromanip.driver.wire import FramePlan, GroupPlan
 
-from .link import LOOP_SENDER
+from .link import LOOP_SENDERS, SENDER
 from .options import EthercatOptions, Input
 from .scan import FIRST_STATION
 
-COUNT_BYTES, STATUS_BYTES, TIME_BYTES = 4, 2, 8
-_SENDER = 6
-"""First byte of who has sent the frame."""
+COUNT_BYTES, TIME_BYTES = 4, 8
 
 
 @dataclass(frozen=True)
@@ -63,6 +62,8 @@ class Image:
         self.image_at = self.count_at + COUNT_BYTES + WKC_BYTES + DATAGRAM_BYTES
         self.status_at = self.image_at + self.bytes + WKC_BYTES + DATAGRAM_BYTES
         self.time_at = self.status_at + STATUS_BYTES + WKC_BYTES + DATAGRAM_BYTES
+        self.position_at = self.status_at - DATAGRAM_BYTES + 2
+        """Of the broadcast: each slave counts it up."""
 
     @property
     def frame(self) -> bytes:
@@ -74,7 +75,12 @@ class Image:
         ]
         if self._options.clocks:
             datagrams.append(Datagram(registers.FRMW, (FIRST_STATION, registers.DC_SYSTEM), bytes(TIME_BYTES)))
-        return framed(datagrams, LOOP_SENDER)
+        return framed(datagrams, LOOP_SENDERS[0])
+
+    @property
+    def inputs_at(self) -> Sequence[int]:
+        """Where in the frame the inputs of each terminal begin, and last of all where they end."""
+        return [self.image_at + at for at in (*(placed.inputs_at for placed in self.placed.values()), self.bytes)]
 
     @property
     def inputs(self) -> Mapping[str, Input]:
@@ -108,11 +114,10 @@ class Image:
         groups = [GroupPlan(fields, latency_ns=round(latency_us * 1e3)), *slow]
         record = FramePlan(len(self.frame), groups, counter=count, clock=clock).record()
         template, fixed = bytearray(self.frame), record[0]["fixed"]
-        template[_SENDER] |= PROCESSED
-        broadcast_at = self.status_at - DATAGRAM_BYTES + 2  # each slave counts the position up
-        template[broadcast_at : broadcast_at + 2] = len(self._options.terminals).to_bytes(2, "little")
+        template[SENDER] |= PROCESSED
+        template[self.position_at : self.position_at + 2] = len(self._options.terminals).to_bytes(2, "little")
         record[0]["template"][: len(template)] = np.frombuffer(template, np.uint8)
-        fixed[_SENDER : self.count_at] = 1
+        fixed[SENDER : self.count_at] = 1
         for data_at in (self.image_at, self.status_at, *((self.time_at,) if self._options.clocks else ())):
             fixed[data_at - DATAGRAM_BYTES : data_at] = 1
         return record

@@ -11,28 +11,45 @@ import time
 from collections.abc import Sequence
 
 from micromanip.driver import LinkError
-from micromanip.driver.ethercat import Datagram, framed, registers, unframed
+from micromanip.driver.ethercat import PROCESSED, Datagram, framed, registers, unframed
 
-LOOP_SENDER, PYTHON_SENDER = b"\x10\x10\x10\x10\x10\x10", b"\x10\x10\x10\x10\x10\x11"
-"""Whom frames name as their sender: so each of the two sockets sees its own frames only."""
+LOOP_SENDERS = b"\x10\x10\x10\x10\x10\x10", b"\x10\x10\x10\x10\x10\x12"
+PYTHON_SENDERS = b"\x10\x10\x10\x10\x10\x11", b"\x10\x10\x10\x10\x10\x13"
+"""Whom frames name as their sender, at the near end and at the far end of a ring: so loop and Python each see their own
+frames only, and know where one was sent."""
+FAR_BIT, SENDER, LAST_OF_SENDER = 0x02, 6, 11
+"""What the last byte of the two differs in; the first byte of the sender in a frame, and its last."""
 _ANSWER_S, _TRIES = 0.05, 4
 _SO_ATTACH_FILTER, _SO_TIMESTAMPNS = 26, 35
 _QUEUE_BYTES = 64 * 1024
-_LOAD_BYTE, _IF_EQUAL, _RETURN = 0x30, 0x15, 0x06
+_LOAD_BYTE, _AND, _IF_EQUAL, _RETURN = 0x30, 0x54, 0x15, 0x06
 
 
 class Link:
-    """A socket of its own; whoever else uses the interface is not disturbed."""
+    """A socket of its own at each end; whoever else uses the interfaces is not disturbed.
 
-    def __init__(self, interface: str) -> None:
-        """Raises LinkError."""
+    In a ring each frame is sent at both ends. Slaves act on it once: where the ring is whole on the one that came in at
+    the near end, which leaves at the far end; else on each up to where it turns back, and both together are the answer.
+    """
+
+    def __init__(self, interface: str, return_interface: str | None = None) -> None:
+        """`return_interface` is the far end of a ring. Raises LinkError."""
         self.name = f"ethercat {interface}"
-        self._socket = open_interface(interface, PYTHON_SENDER)
+        self._sockets = [open_interface(interface, PYTHON_SENDERS[0])]
         self._index = 0
+        self.open_behind: int | None = None
+        """The ring is broken behind so many slaves, by the last BRD; None for a whole one, and for a line."""
+        if return_interface is not None:
+            try:
+                self._sockets.append(open_interface(return_interface, PYTHON_SENDERS[1]))
+            except BaseException:
+                self.close()
+                raise
 
     def close(self) -> None:
-        """Let go of the socket."""
-        self._socket.close()
+        """Let go of the sockets."""
+        for each in self._sockets:
+            each.close()
 
     def __enter__(self) -> Link:
         return self
@@ -45,10 +62,7 @@ class Link:
         for _ in range(_TRIES):
             self._index = self._index % 255 + 1
             sent = [Datagram(d.command, d.address, d.data, 0, self._index) for d in datagrams]
-            try:
-                self._socket.send(framed(sent, PYTHON_SENDER))
-            except OSError as problem:
-                raise LinkError(f"{self.name} can't send: {problem.strerror}; is the interface up?") from problem
+            self._send(sent)
             if back := self._received(sent):
                 return back
         raise LinkError(f"{self.name}: no frame comes back; check cable, power of the first terminal, and interface")
@@ -73,23 +87,60 @@ class Link:
         if self.write(registers.FPWR, station, register, data).wkc != 1:
             raise LinkError(f"{self.name}: station 0x{station:04x} does not let register 0x{register:04x} be written")
 
-    def _received(self, sent: Sequence[Datagram]) -> list[Datagram]:
-        end = time.monotonic() + _ANSWER_S
-        while (left := end - time.monotonic()) > 0:
-            if not select.select([self._socket], [], [], left)[0]:
-                break
+    def _send(self, sent: Sequence[Datagram]) -> None:
+        problems = []
+        for each, sender in zip(self._sockets, PYTHON_SENDERS, strict=False):
             try:
-                frame = self._socket.recv(2048)
-            except OSError:
-                continue  # the interface went down: told once
-            back = list(unframed(frame))
-            if [(d.command, d.index, len(d.data)) for d in back] == [(d.command, d.index, len(d.data)) for d in sent]:
-                return back
-        return []
+                each.send(framed(sent, sender))
+            except OSError as problem:
+                problems.append(problem)
+        if len(problems) == len(self._sockets):
+            raise LinkError(f"{self.name} can't send: {problems[0].strerror}; is the interface up?") from problems[0]
+
+    def _received(self, sent: Sequence[Datagram]) -> list[Datagram]:
+        end, halves = time.monotonic() + _ANSWER_S, dict[bool, list[Datagram]]()
+        while len(halves) < 2 and (left := end - time.monotonic()) > 0:
+            for each in select.select(self._sockets, [], [], left)[0]:
+                try:
+                    frame = each.recv(2048)
+                except OSError:
+                    continue  # the interface went down: told once
+                back = list(unframed(frame))
+                if [(d.command, d.index, len(d.data)) for d in back] != [
+                    (d.command, d.index, len(d.data)) for d in sent
+                ]:
+                    continue
+                if len(self._sockets) == 1:
+                    return back
+                from_far = bool(frame[LAST_OF_SENDER] & FAR_BIT)
+                if not from_far and each is self._sockets[1]:
+                    self.open_behind = None
+                    return back
+                if frame[SENDER] & PROCESSED:
+                    halves[from_far] = back
+        return self._merged(halves.get(False, []), halves.get(True, []))
+
+    def _merged(self, near: list[Datagram], far: list[Datagram]) -> list[Datagram]:
+        """What both ends of a broken ring say, or the one of them that says anything."""
+        for datagram in near or far:
+            if datagram.command == registers.BRD:
+                self.open_behind = near[0].wkc if near else 0
+        if not (near and far):
+            return near or far
+        merged = []
+        for one, other in zip(near, far, strict=True):
+            data = one.data if one.wkc else other.data
+            if one.command == registers.BRD:
+                data = bytes(a | b for a, b in zip(one.data, other.data, strict=True))
+            merged.append(Datagram(one.command, one.address, data, one.wkc + other.wkc, one.index))
+        return merged
 
 
 def open_interface(interface: str, sender: bytes) -> socket.socket:
-    """A raw socket that hears frames which name `sender`. Raises LinkError, which says what is missing."""
+    """A raw socket that hears frames which name `sender`, or that of the other end.
+
+    Raises LinkError, which says what is missing.
+    """
     try:
         opened = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)  # nothing comes before it is bound
     except OSError as problem:
@@ -112,7 +163,14 @@ def open_interface(interface: str, sender: bytes) -> socket.socket:
 
 
 def _hear_only(opened: socket.socket, last: int) -> None:
-    """Let the kernel drop frames whose sender ends with another byte: a classic BPF program of four instructions."""
-    program = [(_LOAD_BYTE, 0, 0, 11), (_IF_EQUAL, 0, 1, last), (_RETURN, 0, 0, 0xFFFF), (_RETURN, 0, 0, 0)]
+    """Let the kernel drop frames whose sender ends with another byte, `FAR_BIT` aside: a classic BPF program."""
+    either = 0xFF & ~FAR_BIT
+    program = [
+        (_LOAD_BYTE, 0, 0, LAST_OF_SENDER),
+        (_AND, 0, 0, either),
+        (_IF_EQUAL, 0, 1, last & either),
+        (_RETURN, 0, 0, 0xFFFF),
+        (_RETURN, 0, 0, 0),
+    ]
     code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *each) for each in program))
     opened.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, struct.pack("HL", len(program), ctypes.addressof(code)))

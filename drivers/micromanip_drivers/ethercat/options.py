@@ -46,8 +46,11 @@ from micromanip.driver.quantities import Latency, SampleRate
 from micromanip.driver.wire import LoopOutput
 from micromanip_drivers.line.section import Name, Whole
 
+from .records import MOST_TERMINALS
+
 Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
 Number32 = Annotated[int, Field(strict=True, ge=0, le=0xFFFF_FFFF)]
+Interface = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,15}$")]
 Index = Annotated[int, Field(strict=True, ge=0, le=0xFFFF)]
 Subindex = Annotated[int, Field(strict=True, ge=0, le=0xFF)]
 
@@ -179,8 +182,11 @@ class Watchdog(Section):
 class EthercatOptions(Section):
     """A line of terminals."""
 
-    interface: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,15}$")] = Field(
-        description="Network interface; nothing but the line is connected to it."
+    interface: Interface = Field(description="Network interface; nothing but the line is connected to it.")
+    return_interface: Interface | None = Field(
+        default=None,
+        description="Another one, to which the last terminal leads back: a cable that breaks is survived; needs "
+        "`clocks: false`. null: the line ends at its last terminal.",
     )
     simulated: bool = Field(
         default=False,
@@ -211,7 +217,9 @@ class EthercatOptions(Section):
         strict=True,
         description="The manuals say that the outputs may be written for ever: no flash memory is written.",
     )
-    terminals: dict[Name, Terminal] = Field(min_length=1, max_length=8, description="In their order from the master.")
+    terminals: dict[Name, Terminal] = Field(
+        min_length=1, max_length=MOST_TERMINALS, description="In their order from the master."
+    )
 
     @model_validator(mode="after")
     def _clock_to_lock_to(self) -> EthercatOptions:
@@ -221,6 +229,22 @@ class EthercatOptions(Section):
             if terminal.sync0_shift_us is not None and self.lock is None:
                 raise ValueError(f"terminals.{name}.sync0_shift_us: needs lock, or SYNC0 would drift through the cycle")
         return self
+
+    @model_validator(mode="after")
+    def _ring(self) -> EthercatOptions:
+        if self.return_interface == self.interface:
+            raise ValueError("return_interface: must be another one than interface")
+        if self.return_interface is not None and self.clocks:
+            raise ValueError(
+                "return_interface: needs clocks: false: the way to a clock is measured by frames that come back "
+                "where they went, and behind a cut nobody tells the clocks the time"
+            )
+        return self
+
+    @property
+    def interfaces(self) -> tuple[str, ...]:
+        """The one at which the line begins, and the one to which it leads back, if any."""
+        return (self.interface,) if self.return_interface is None else (self.interface, self.return_interface)
 
     @property
     def outputs(self) -> dict[str, Output]:

@@ -62,8 +62,18 @@ def reset(link: Link) -> None:
 
 
 def found(link: Link) -> Iterator[Slave]:
-    """Each slave in its order, with a station address from now on. Raises LinkError."""
-    for k in range(count(link)):
+    """Each slave in its order, with a station address from now on. Raises LinkError.
+
+    Their order is known by a whole ring only: from its far end it is another one.
+    """
+    slaves = count(link)
+    if link.open_behind is not None:
+        where = f"behind slave {link.open_behind}" if link.open_behind else "in front of the first slave"
+        raise LinkError(
+            f"{link.name}: the ring is open {where}, {slaves} slaves answer: it is brought up whole only; "
+            "check cables and power, or say return_interface: null for a line"
+        )
+    for k in range(slaves):
         station = FIRST_STATION + k
         link.write(registers.APWR, -k, registers.STATION, struct.pack("<H", station))
         yield _asked(link, station)

@@ -19,6 +19,7 @@ from .bring_up import bring_to_op, bring_to_safeop
 from .image import Image
 from .link import Link
 from .options import EthercatOptions
+from .records import WHOLE
 
 _LOOK_S, _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.005, 0.05, 2.0
 
@@ -28,7 +29,7 @@ class Tender:
 
     def __init__(self, options: EthercatOptions, image: Image, context: Any, period_ns: int) -> None:
         self._options, self._image, self._context, self._period_ns = options, image, context, period_ns
-        self._said = ""
+        self._said, self._cut_behind = "", WHOLE
 
     def start(self) -> None:
         """Look after the line until the context is closed; the process need not wait for it."""
@@ -39,13 +40,15 @@ class Tender:
         wait, pause_s, is_prepared = threading.Event(), _FIRST_PAUSE_S, True
         while not self._context["closed"]:
             wait.wait(_LOOK_S)
+            self._look_at_ring()
             if not self._is_needed():
                 pause_s = _FIRST_PAUSE_S
                 continue
             try:
-                with Link(self._options.interface) as link:
+                with Link(*self._options.interfaces) as link:
                     if not is_prepared:
-                        bring_to_safeop(link, self._options, self._image, self._period_ns)
+                        turn_ns = bring_to_safeop(link, self._options, self._image, self._period_ns)
+                        self._context["turn_ns"] = turn_ns
                     is_prepared = False
                     bring_to_op(link, self._options)
                 self._context["bring_ups"] += 1
@@ -54,6 +57,23 @@ class Tender:
                 self._tell(str(problem))
                 wait.wait(pause_s)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+
+    def _look_at_ring(self) -> None:
+        """Say where it has been cut, and that it is whole again."""
+        ring = self._context["ring"]
+        behind = int(ring["cut_behind"])
+        if not ring["present"] or behind == self._cut_behind:
+            return
+        self._cut_behind = behind
+        near, far = self._options.interfaces
+        ends = [f"interface {near}", *(f"terminal {name}" for name in self._options.terminals), f"interface {far}"]
+        if behind == WHOLE:
+            self._tell(f"ethercat {near}: the ring is whole again")
+        else:
+            self._tell(
+                f"ethercat {near}: the ring is cut between {ends[behind]} and {ends[behind + 1]}: all terminals are "
+                "reached from its two ends; mend it, a second cut would stop the cell"
+            )
 
     def _is_needed(self) -> bool:
         """Whether the loop sends safe values in vain."""

@@ -13,7 +13,7 @@ MASTER = b"\x10\x10\x10\x10\x10\x10"
 """The sender that frames name: nobody answers to it."""
 PROCESSED = 0x02
 """Bit that slaves set in the first byte of the sender: the frame has been through them."""
-HEADER_BYTES, DATAGRAM_BYTES, WKC_BYTES = 16, 10, 2
+HEADER_BYTES, DATAGRAM_BYTES, WKC_BYTES, STATUS_BYTES = 16, 10, 2, 2
 LEAST_BYTES = 60
 _MORE = 0x8000
 

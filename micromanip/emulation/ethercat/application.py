@@ -139,10 +139,9 @@ class Application:
         self._mailbox = Mailbox(self.objects, MAILBOX_BYTES)
         self.mailbox_silent = False
 
-    def link(self, is_last: bool) -> None:
-        """Whether nothing more is connected behind it."""
-        self._esc["is_last"] = int(is_last)
-        ports = 0x0210 | (0x0400 if is_last else 0x0820)  # port 0 open with a link, port 1 closed or the same
+    def link(self, before: bool, behind: bool) -> None:
+        """Whether something is connected at port 0, towards the master, and at port 1; else the port is closed."""
+        ports = (0x0210 if before else 0x0100) | (0x0820 if behind else 0x0400)
         self._put(DL_STATUS, 0x5000 | ports | 0x03)
 
     def serve(self, now_ns: int) -> None:

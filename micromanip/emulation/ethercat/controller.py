@@ -77,12 +77,12 @@ ESC = record(
     ("clock_adjusted_ns", "i8"),
     ("to_ns", "i8"),
     ("back_ns", "i8"),
-    ("is_last", "i8"),
+    ("returns", "i8"),
     ("last_wkc", "i8"),
 )
 """One controller. Where `writable` is 1 a master may write. Its clock began at `clock_began_ns`, gains `clock_ppb` and
-was adjusted by so much; a frame reaches it `to_ns` after the first one, and comes by on its way back `back_ns` after
-that. `outputs_count` frames have brought outputs, the last one at `outputs_ns`."""
+was adjusted by so much; a frame reaches it `to_ns` after the first one and, where `returns` is 1, comes by again
+`back_ns` after that. `outputs_count` frames have brought outputs, the last one at `outputs_ns`."""
 
 
 @compiled
@@ -118,9 +118,9 @@ def system_ns(s: Any, now_ns: int) -> int:
 @compiled
 def latch(s: Any, now_ns: int) -> None:
     """Keep the times at which this frame comes to each port."""
-    there, back = local_ns(s, now_ns + s["to_ns"]), local_ns(s, now_ns + s["to_ns"] + s["back_ns"])
+    there, back = local_ns(s, now_ns), local_ns(s, now_ns + s["back_ns"])
     put_number(s["memory"], DC_PORTS, 4, there)
-    put_number(s["memory"], DC_PORTS + 4, 4, 0 if s["is_last"] != 0 else back)
+    put_number(s["memory"], DC_PORTS + 4, 4, back if s["returns"] != 0 else 0)
     put_number(s["memory"], DC_UNIT, 8, there)
 
 
@@ -247,8 +247,9 @@ def map_logical(s: Any, command: int, logical: int, data: Any, at: int, length: 
 
 
 @compiled
-def pass_datagram(s: Any, data: Any, at: int, length: int, now_ns: int) -> None:
-    """Let one controller act on a datagram whose header is at `at`."""
+def pass_datagram(s: Any, data: Any, at: int, length: int, came_ns: int) -> None:
+    """Let one controller act on a datagram whose header is at `at`; its frame was at the first one at `came_ns`."""
+    now_ns = came_ns + s["to_ns"]
     command, body, wkc_at = int(data[at]), at + _DATAGRAM, at + _DATAGRAM + length
     wkc = 0
     if LRD <= command <= LRW:
@@ -274,7 +275,10 @@ def pass_datagram(s: Any, data: Any, at: int, length: int, now_ns: int) -> None:
 
 @compiled
 def pass_frame(slaves: Any, data: Any, length: int, now_ns: int) -> int:
-    """Let a frame pass all controllers up to the first without power: how many datagrams it had, or NOT_ETHERCAT."""
+    """Let a frame pass all controllers up to the first without power: how many datagrams it had, or NOT_ETHERCAT.
+
+    It may pass none: what comes from the far end of a ring goes by behind them, as it is.
+    """
     if length < _HEADER or (int(data[12]) << 8 | int(data[13])) != ETHERTYPE:
         return NOT_ETHERCAT
     head = number(data, 14, 2)
@@ -292,7 +296,8 @@ def pass_frame(slaves: Any, data: Any, length: int, now_ns: int) -> int:
             pass_datagram(slaves[k], data, at, size, now_ns)
         count += 1
         at += _DATAGRAM + size + 2
-    data[6] |= np.uint8(2)
+    if len(slaves) > 0:
+        data[6] |= np.uint8(2)
     return count
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,8 @@ from micromanip.rt.jit import prepare
 from micromanip.testbus.event_loop import EventLoop
 
 from .controller import system_ns
-from .faults import KINDS, Absent, Clock, LeftOp, MailboxSilent, Order, Power, TerminalFault, parsed
-from .line import Line
+from .faults import KINDS, Absent, Clock, Cut, LeftOp, MailboxSilent, Order, Power, TerminalFault, parsed
+from .line import NEAR, NOWHERE, Line
 from .port import EthernetPort
 from .process_data import Number, numbers, terminal_of
 from .serving import COUNTS, NOBODYS, SERVED, lay_out_readings, outputs_taken, serve
@@ -42,6 +43,9 @@ _PAUSE_NS = 50_000_000
 """Who has said nothing for so long begins anew."""
 _PHASE_NS = 30_000
 """So old is the plant's state when it is asked for: a frame that comes a little early still finds a new one."""
+_TURN_NS = 30_000
+"""From the first terminal to the last and back: cables so long that this process has answered by then, and the line's
+clocks can tell what it takes. A real line takes some 2 us for each terminal."""
 _OF_FRAMES = (Drop, Delay, Duplicate, Reorder, Hang, Unplug)
 
 
@@ -55,8 +59,11 @@ class EthercatDevice:
         self._loop, self._cell, self._amplifier, self._keys = loop, cell, amplifier, keys
         self._names = list(keys.terminals)
         self.figures = MessageFigures()
-        self.slaves = Line([terminal_of(name, keys.terminals[name]) for name in self._names], self._left_op)
+        terminals = [terminal_of(name, keys.terminals[name]) for name in self._names]
+        hop_ns = _TURN_NS // max(1, 2 * (len(terminals) - 1))
+        self.slaves = Line(terminals, self._left_op, keys.return_interface is not None, hop_ns)
         self._served = np.zeros(1, SERVED)
+        self._served[0]["turn_ns"] = _TURN_NS
         self.signals: list[str] = []
         self._signal: list[list[tuple[str, bool]]] = []
         self._output: list[list[str | None]] = []
@@ -64,12 +71,21 @@ class EthercatDevice:
         self._silent_until_ns = 0.0
         self._began_ns, self._heard_ns = loop.now_ns(), 0
         prepare(serve, lay_out_readings, outputs_taken)
-        self._line = DeviceLine(loop, self._make_port)
-        self._line.attach(self._hear)
+        self._ports: list[EthernetPort] = []
+        self._lines: list[DeviceLine] = []
+        """The near end and, of a ring, the far one."""
+        try:
+            for end, interface in enumerate(filter(None, (keys.interface, keys.return_interface))):
+                line = DeviceLine(loop, partial(self._make_port, interface), end)
+                line.attach(partial(self._hear, end))
+                self._lines.append(line)
+        except BaseException:
+            self.close()
+            raise
 
-    def _make_port(self, hear: Hear) -> EthernetPort:
-        self._port = EthernetPort(self._loop, self._keys.interface, hear)
-        return self._port
+    def _make_port(self, interface: str, hear: Hear) -> EthernetPort:
+        self._ports.append(EthernetPort(self._loop, interface, hear))
+        return self._ports[-1]
 
     def _fill(self, d: Any, wires: Wires) -> None:
         plant = self._cell.plant
@@ -93,7 +109,11 @@ class EthercatDevice:
     @property
     def ready(self) -> str:
         outputs = sum(map(len, self._output))
-        return f"{self._port.name}: {len(self._names)} terminals, {len(self.signals)} signals, {outputs} outputs"
+        return f"{self._name}: {len(self._names)} terminals, {len(self.signals)} signals, {outputs} outputs"
+
+    @property
+    def _name(self) -> str:
+        return " and back by ".join(port.name for port in self._ports)
 
     @property
     def messages(self) -> list[str]:
@@ -103,11 +123,11 @@ class EthercatDevice:
         self._began_ns = now_ns
         for application in self.slaves.applications:
             application.switch_on(now_ns)
-        self.slaves.relink()
+        self._relink()
         self._tick()
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
-        raise UsageError(f"{self._port.name}: the master counts the frames, terminals send them back as they come")
+        raise UsageError(f"{self._name}: the master counts the frames, terminals send them back as they come")
 
     def silence(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
         self._silent_until_ns = self._loop.end_ns(for_s)
@@ -124,9 +144,31 @@ class EthercatDevice:
         injected = line_fault(dict(fault))
         if not isinstance(injected, _OF_FRAMES):
             raise UsageError(f"fault {injected.kind}: {self.ready} has nothing of the kind")
-        self._line.inject(injected)
+        for line in self._lines:
+            line.inject(injected)
 
-    def _befall(self, fault: TerminalFault) -> None:
+    def _cut(self, fault: Cut) -> None:
+        if fault.behind > len(self._names):
+            raise UsageError(f"fault cut: behind {fault.behind} terminals, but there are {len(self._names)}")
+        self.slaves.cuts.add(fault.behind)
+        self._relink()
+        if fault.for_s is not None:
+            self._loop.call_at(self._loop.now_ns() + round(fault.for_s * 1e9), partial(self._mend, fault.behind))
+
+    def _mend(self, behind: int) -> None:
+        self.slaves.cuts.discard(behind)
+        self._relink()
+
+    def _relink(self) -> None:
+        """Who has a neighbour, and which way frames go, has changed."""
+        self.slaves.relink()
+        for port, way in zip(self._served[0]["port"], self.slaves.ways, strict=True):
+            port["first"], port["end"], port["out"] = way.first, way.end, way.out
+
+    def _befall(self, fault: TerminalFault | Cut) -> None:
+        if isinstance(fault, Cut):
+            self._cut(fault)
+            return
         if fault.terminal not in self._names:
             raise UsageError(f"fault {fault.kind}: there is no terminal {fault.terminal}: {', '.join(self._names)}")
         k = self._names.index(fault.terminal)
@@ -152,20 +194,29 @@ class EthercatDevice:
             case Order():
                 if k + 1 == len(self._names):
                     raise UsageError(f"fault order: behind {fault.terminal} there is no terminal")
-                self.slaves.swap(k, self._loop.now_ns())
-                self._left_op()
+                self._swap(k)
+                if fault.for_s is not None:
+                    self._loop.call_at(end_ns, partial(self._swap, k))
+
+    def _swap(self, k: int) -> None:
+        self.slaves.swap(k, self._loop.now_ns())
+        self._relink()
+        self._left_op()
 
     def _switch_off(self, k: int) -> None:
         self.slaves.controllers[k]["powered"] = 0
-        self.slaves.relink()
+        self._relink()
         self._left_op()
 
     def _switch_on(self, k: int) -> None:
         self.slaves.applications[k].switch_on(self._loop.now_ns())
-        self.slaves.relink()
+        self._relink()
 
     def clear(self) -> None:
-        self._line.clear()
+        for line in self._lines:
+            line.clear()
+        self.slaves.cuts.clear()
+        self._relink()
         self._silent_until_ns = 0.0
         for k, application in enumerate(self.slaves.applications):
             application.take_part()
@@ -180,10 +231,10 @@ class EthercatDevice:
         return {
             "frames": self.figures.sent + self.figures.received,
             **vars(self.figures),
-            **vars(self._port.figures),
+            **{name: sum(getattr(port.figures, name) for port in self._ports) for name in vars(self._ports[0].figures)},
             "clock": self._clock(),
             "states": {n: a.state for n, a in zip(self._names, self.slaves.applications, strict=True)},
-            "bus_load_percent": round(100 * self._port.figures.busy_ns / elapsed_ns, 2),
+            "bus_load_percent": round(100 * self._ports[0].figures.busy_ns / elapsed_ns, 2),
         }
 
     def _clock(self) -> dict[str, int]:
@@ -192,23 +243,25 @@ class EthercatDevice:
         return {"monotonic_ns": now_ns, "system_ns": int(system_ns(first, now_ns)), "ppb": int(first["clock_ppb"])}
 
     def close(self) -> None:
-        self._line.close()
+        for line in self._lines:
+            line.close()
 
     def _left_op(self) -> None:
         if self._amplifier is not None:
             self._amplifier.trip(self._cell.plant.time_ns)
 
-    def _readable(self) -> None:
+    def _readable(self, end: int) -> None:
         plant, now_ns = self._cell.plant, self._loop.now_ns()
         d = self._served[0]
-        if not self._is_plain(now_ns) and d["next"] >= d["waiting"]:
+        port = d["port"][end]
+        if not self._is_plain(now_ns) and port["next"] >= port["waiting"]:
             self._gather()
-            self._port.read()
+            self._ports[end].read()
             return
         d["time_ns"], d["follows"] = plant.time_ns, self._amplifier is None or self._amplifier.follows
         more = True
         while more:
-            more = serve(self._served, self.slaves.controllers, *plant.arrays)
+            more = serve(self._served, end, self.slaves.controllers, *plant.arrays)
             plant.time_ns = int(d["time_ns"])
             if more:
                 self._gather()
@@ -221,7 +274,7 @@ class EthercatDevice:
             now_ns - self._heard_ns < _PAUSE_NS
             and now_ns >= self._silent_until_ns
             and self._cell.undisturbed
-            and self._line.active(LineFault) is None
+            and all(line.active(LineFault) is None for line in self._lines)
         )
 
     def _gather(self) -> None:
@@ -234,7 +287,7 @@ class EthercatDevice:
             return
         self.figures.received += frames
         self.figures.sent += frames
-        self._port.carried(frames, int(d["bytes"]))
+        self._ports[NEAR].carried(frames, int(d["bytes"]))
         d["frames"] = d["bytes"] = 0
         self._heard_ns = max(self._heard_ns, int(d["heard_ns"]))
         self._cell.plant.is_at(self._cell.plant.time_ns)
@@ -245,13 +298,16 @@ class EthercatDevice:
                 if arrived := dict(gathered(names, records)):
                     self._amplifier.has_taken(arrived, self._heard_ns)
 
-    def _hear(self, data: bytes, peer: Peer) -> None:
-        """One frame, through Python."""
+    def _hear(self, end: int, data: bytes, peer: Peer) -> None:
+        """One frame that came in at an end, through Python."""
+        out = self.slaves.ways[end].out
+        if out == NOWHERE:
+            return
         now_ns, d = self._loop.now_ns(), self._served[0]
         self._cell.advance_to(now_ns)
         self._read()
         before = int(self.slaves.controllers["outputs_count"].sum())
-        back = self.slaves.passed(data, now_ns)
+        back = self.slaves.passed(data, now_ns, end)
         if back is None:
             self.figures.not_understood += 1
             return
@@ -266,7 +322,7 @@ class EthercatDevice:
         if now_ns < self._silent_until_ns:
             self.figures.silent += 1
             return
-        self._line.answer(peer, back)
+        self._lines[out].answer(peer if out == end else self._ports[out], back)
         self.figures.sent += 1
 
     def _command(self, now_ns: int) -> None:
@@ -300,8 +356,10 @@ class EthercatDevice:
         now_ns = self._loop.now_ns()
         self._cell.advance_to(now_ns)
         self.slaves.tick(now_ns)
-        if self._port.lend(self._served[0]["socket"], self._readable):
-            self._served[0]["waiting"] = self._served[0]["next"] = 0
+        for end, port in enumerate(self._ports):
+            served = self._served[0]["port"][end]
+            if port.lend(served["socket"], partial(self._readable, end)):
+                served["waiting"] = served["next"] = 0
         self._loop.call_at(now_ns + _TICK_NS, self._tick)
 
 

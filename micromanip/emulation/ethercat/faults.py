@@ -6,6 +6,7 @@
     mailbox     its mailbox takes mails and gives none
     order       it has changed places with the one behind it
     clock       its clock gains `ppm` from now on
+    cut         the cable is cut behind the first `behind` terminals, 0: in front of them all; has no `terminal`
 
 Whatever befalls frames is of any line (``emulation/line/faults.py``), but for wrong bits: a network card drops such a
 frame, so say ``drop``.
@@ -66,12 +67,19 @@ class Clock(TerminalFault):
     ppm: Annotated[float, Field(strict=True, ge=-1000, le=1000)]
 
 
-KINDS = ("power", "left_op", "absent", "mailbox", "order", "clock")
-_ANY: TypeAdapter[TerminalFault] = TypeAdapter(
-    Annotated[Power | LeftOp | Absent | MailboxSilent | Order | Clock, Field(discriminator="kind")]
+class Cut(LineFault):
+    """The cable is cut; plugged in again when it ends."""
+
+    kind: Literal["cut"]
+    behind: Annotated[int, Field(strict=True, ge=0, description="So many terminals.")]
+
+
+KINDS = ("power", "left_op", "absent", "mailbox", "order", "clock", "cut")
+_ANY: TypeAdapter[TerminalFault | Cut] = TypeAdapter(
+    Annotated[Power | LeftOp | Absent | MailboxSilent | Order | Clock | Cut, Field(discriminator="kind")]
 )
 
 
-def parsed(document: object) -> TerminalFault:
+def parsed(document: object) -> TerminalFault | Cut:
     """The fault that a mapping describes. Raises UsageError with the first thing that is wrong with it."""
     return validated(_ANY, document)

@@ -1,8 +1,9 @@
-"""A line of slaves: frames go through all of them, their applications do the rest."""
+"""A line of slaves, or a ring that ends at the master again: frames go through them, their applications do the rest."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,23 +13,45 @@ from .application import Application
 from .controller import ESC, NOT_ETHERCAT, passed
 from .terminal import Terminal
 
-_HOP_NS, _CABLE_NS = 700, 50
+_HOP_NS = 750
 """What a slave and a cable to it delay a frame by, each way."""
+NEAR, FAR, NOWHERE = 0, 1, -1
+"""The ends of the line: where the master sends from, and where a ring comes back to it."""
 _MOST_BYTES = 2048
+
+
+@dataclass(frozen=True)
+class Way:
+    """What becomes of a frame that comes in at an end: slaves `first` up to `end` act on it, and it leaves at `out`."""
+
+    first: int
+    end: int
+    out: int
 
 
 class Line:
     """Slaves in their order from the master."""
 
-    def __init__(self, terminals: Sequence[Terminal], left_op: Callable[[], None] = lambda: None) -> None:
-        """`left_op` is called when any of them leaves OP."""
+    def __init__(
+        self,
+        terminals: Sequence[Terminal],
+        left_op: Callable[[], None] = lambda: None,
+        is_ring: bool = False,
+        hop_ns: int = _HOP_NS,
+    ) -> None:
+        """`left_op` is called when any of them leaves OP; `is_ring` is whether a cable leads back from the last one.
+
+        A slave, with the cable to it, delays a frame by `hop_ns` each way.
+        """
         self.controllers = np.zeros(len(terminals), ESC)
         self.applications = [Application(c, t, left_op) for c, t in zip(self.controllers, terminals, strict=True)]
-        last = len(terminals) - 1
-        for k, controller in enumerate(self.controllers):
-            controller["to_ns"] = k * (_HOP_NS + _CABLE_NS)
-            controller["back_ns"] = 2 * (last - k) * (_HOP_NS + _CABLE_NS)
+        self._hop_ns = hop_ns
+        self.controllers["to_ns"] = hop_ns * np.arange(len(terminals))
         self._data = np.zeros(_MOST_BYTES, np.uint8)
+        self._is_ring = is_ring
+        self.cuts: set[int] = set()
+        """Places at which the cable is cut: behind so many slaves."""
+        self.ways: tuple[Way, Way]
         self.relink()
         prepare(passed)
 
@@ -41,15 +64,35 @@ class Line:
         self.relink()
 
     def relink(self) -> None:
-        """See anew who has a neighbour behind it."""
-        powered = [bool(controller["powered"]) for controller in self.controllers]
-        for k, application in enumerate(self.applications):
-            application.link(not any(powered[k + 1 : k + 2]))
+        """See anew who has a neighbour: a slave closes a port without one, so that frames turn back there.
 
-    def passed(self, frame: bytes, now_ns: int) -> bytes | None:
-        """The frame as it comes back; None for one that is not EtherCAT."""
+        Slaves act on what comes from port 0 only, a closed port 0 included: what comes from the far end passes them on
+        its way to where the line is broken, and is acted on as it comes back.
+        """
+        count = len(self.applications)
+        broken = [k in self.cuts for k in range(count + 1)]
+        broken[count] |= not self._is_ring
+        for k, controller in enumerate(self.controllers):
+            if not controller["powered"]:
+                broken[k] = broken[k + 1] = True
+        places = [k for k, is_broken in enumerate(broken) if is_broken]
+        near, far = (places[0], places[-1]) if places else (count, count)
+        self.ways = (
+            Way(0, near, FAR if not places else NEAR if near > 0 else NOWHERE),
+            Way(far, count, NEAR if not places else FAR if far < count else NOWHERE),
+        )
+        for k, (controller, application) in enumerate(zip(self.controllers, self.applications, strict=True)):
+            application.link(before=not broken[k], behind=not broken[k + 1])
+            controller["returns"] = int(bool(places) and not broken[k + 1])
+            controller["back_ns"] = 2 * self._hop_ns * max(0, near - 1 - k)
+
+    def passed(self, frame: bytes, now_ns: int, end: int = NEAR) -> bytes | None:
+        """The frame, which came in at an end, as it leaves; None for one that is not EtherCAT, or leaves nowhere."""
+        way = self.ways[end]
+        if way.out == NOWHERE:
+            return None
         self._data[: len(frame)] = np.frombuffer(frame, np.uint8)
-        if passed(self.controllers, self._data, len(frame), now_ns) == NOT_ETHERCAT:
+        if passed(self.controllers[way.first : way.end], self._data, len(frame), now_ns) == NOT_ETHERCAT:
             return None
         self.serve(now_ns)
         return self._data[: len(frame)].tobytes()

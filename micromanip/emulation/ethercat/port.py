@@ -10,6 +10,7 @@ from pathlib import Path
 from micromanip.bus.ethercat.registers import ETHERTYPE
 from micromanip.emulation.line.port import Hear, SocketPort
 from micromanip.errors import DeviceUnavailable
+from micromanip.rt.wire.records import SO_TIMESTAMPNS
 from micromanip.testbus.event_loop import EventLoop
 
 _READ_BYTES = 2048
@@ -59,6 +60,7 @@ class EthernetPort(SocketPort):
         except OSError as problem:
             raise _unavailable(self._interface, problem) from problem
         try:
+            opened.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             opened.setblocking(False)
             opened.bind((far, ETHERTYPE))
         except OSError as problem:

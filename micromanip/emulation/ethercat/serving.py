@@ -14,11 +14,12 @@ from numba import types
 
 from micromanip.bus.ethercat.al_states import OP, STATUS_MASK
 from micromanip.bus.ethercat.registers import AL_STATUS
+from micromanip.rt.clock import now_ns
 from micromanip.rt.record import record
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
 from micromanip.rt.wire.codec import put_bits, put_value, value_of
-from micromanip.rt.wire.datagrams import length_of, receive, send
+from micromanip.rt.wire.datagrams import length_of, receive, received_ns, send
 from micromanip.rt.wire.records import FRAME, SOCKET
 
 from ..arrivals import ARRIVED, note
@@ -31,14 +32,24 @@ MOST_TERMINALS = 8
 NOBODYS, COUNTS = -1, 1000
 """Of a number in the inputs: no signal of the plant, it reads 1; COUNTS + the signal whose samples it counts."""
 
+PORT = record(
+    ("socket", SOCKET),
+    ("waiting", "i8"),
+    ("next", "i8"),
+    ("first", "i8"),
+    ("end", "i8"),
+    ("out", "i8"),
+)
+"""An end of the line: `waiting` frames of a batch are served from `next` on. Slaves `first` up to `end` act on what
+comes in here, which leaves at the end `out` (``line.py``)."""
+
 SERVED = record(
     *PLANT,
     ("heard_ns", "i8"),
     ("phase_ns", "i8"),
+    ("turn_ns", "i8"),
     ("follows", "i8"),
     ("refused", "i8"),
-    ("waiting", "i8"),
-    ("next", "i8"),
     ("frames", "i8"),
     ("bytes", "i8"),
     ("strange", "i8"),
@@ -50,41 +61,48 @@ SERVED = record(
     ("arrived", ARRIVED, (MOST_TERMINALS, MAX_OUTPUTS)),
     ("inputs", FRAME, (MOST_TERMINALS,)),
     ("outputs", FRAME, (MOST_TERMINALS,)),
-    ("socket", SOCKET),
+    ("port", PORT, (2,)),
 )
-"""Plant and line: which of the plant's signals and outputs each number is, and what came; `waiting` frames of a
-batch are served from `next` on. `taken` are the outputs of a terminal that were seen."""
+"""Plant and line: which of the plant's signals and outputs each number is, and what came. `taken` are the outputs of a
+terminal that were seen. A frame leaves `turn_ns` after it came, by the kernel's time: the way through the line."""
 
 
-@compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), types.float64[::1], array_of(SIGNAL)))
-def serve(served: Any, slaves: Any, outputs: Any, signals: Any) -> bool:
-    """Serve what has come, up to the first frame that gives an application something to do: whether there is more.
+@compiled.entry(types.boolean(array_of(SERVED), types.int64, array_of(ESC), types.float64[::1], array_of(SIGNAL)))
+def serve(served: Any, end: int, slaves: Any, outputs: Any, signals: Any) -> bool:
+    """Serve what has come in at an end, up to the first frame that gives an application something to do: whether there
+    is more.
 
     `outputs` and `signals` are the plant's.
     """
     d = served[0]
-    s = d["socket"]
-    if d["next"] >= d["waiting"]:
-        d["waiting"], d["next"] = receive(s), 0
-    while d["next"] < d["waiting"]:
-        k = d["next"]
-        d["next"] += 1
+    port = d["port"][end]
+    s, out = port["socket"], d["port"][max(0, port["out"])]["socket"]
+    if port["next"] >= port["waiting"]:
+        port["waiting"], port["next"] = receive(s), 0
+    while port["next"] < port["waiting"]:
+        k = port["next"]
+        port["next"] += 1
         length, data = length_of(s, k), s["received"][k]
         if length < 0:
             d["strange"] += 1
             continue
-        advance(d, s["now_ns"], outputs, signals)
+        if port["out"] < 0:
+            continue
+        came_ns = received_ns(s, k)
+        advance(d, came_ns, outputs, signals)
         read_plant(d, slaves, signals)
         lay_out(d, slaves)
-        if pass_frame(slaves, data, length, s["now_ns"]) == NOT_ETHERCAT:
+        if pass_frame(slaves[port["first"] : port["end"]], data, length, came_ns) == NOT_ETHERCAT:
             d["strange"] += 1
             continue
         if take_outputs(d, slaves, outputs):
-            d["heard_ns"] = s["now_ns"]
-            advance(d, s["now_ns"], outputs, signals)
+            d["heard_ns"] = came_ns
+            advance(d, came_ns, outputs, signals)
         for i in range(length):
-            s["sent"][i] = data[i]
-        send(s, length)
+            out["sent"][i] = data[i]
+        while now_ns(s["timespec"]) < came_ns + d["turn_ns"]:
+            pass
+        send(out, length)
         d["frames"] += 1
         d["bytes"] += length
         if has_events(slaves):

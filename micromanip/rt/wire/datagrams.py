@@ -18,7 +18,7 @@ from numba import types
 from micromanip.rt.clock import now_ns
 from micromanip.rt.jit import compiled
 
-from .records import ADDRESS_BYTES, BATCH, CONTROL
+from .records import ADDRESS_BYTES, BATCH, CONTROL, SO_TIMESTAMPNS
 
 WOULD_BLOCK, REFUSED = 11, 111
 """Nothing is there, or no room is left; nobody listens at the other end, which the system said in answer to a datagram
@@ -27,7 +27,7 @@ before."""
 _DONT_WAIT, _NO_SIGNAL, _TRUNCATED = 0x40, 0x4000, 0x20
 _REALTIME, _SECOND_NS = 0, 1_000_000_000
 _POLLIN = 1
-_SO_TIMESTAMPNS, _SOL_SOCKET = 35, 1
+_SOL_SOCKET = 1
 _CONTROL_BYTES = CONTROL.itemsize
 
 if numba.config.DISABLE_JIT:
@@ -129,7 +129,7 @@ def received_ns(s: Any, k: int) -> int:
     control = s["control"][k]
     if s["message"][k]["control_bytes"] < _CONTROL_BYTES or control["level"] != _SOL_SOCKET:
         return s["now_ns"]
-    if control["kind"] != _SO_TIMESTAMPNS:
+    if control["kind"] != SO_TIMESTAMPNS:
         return s["now_ns"]
     ago_ns = s["wall_ns"] - (control["seconds"] * _SECOND_NS + control["nanoseconds"])
     s["earliest_ns"] = min(s["now_ns"], max(s["earliest_ns"], s["now_ns"] - ago_ns))

@@ -60,6 +60,8 @@ FRAME = record(
 """One kind of frame; `acknowledged` is the count of the frame that its sender has taken last, `clock` the device's time
 stamp, `bits` scratch for the bits of a number."""
 
+SO_TIMESTAMPNS = 35
+"""Option of a socket, and kind of the message in which the kernel then says when a datagram came."""
 BATCH = 8
 """Datagrams that one system call takes at most."""
 ADDRESS_BYTES = 28

@@ -76,11 +76,16 @@ def options(interface="none0", **changes):
 
 
 class Bench:
-    """A driver, and its slaves; `meddle` gets each cyclic frame on its way back and gives those that arrive."""
+    """A driver, and its slaves; `meddle` gets each cyclic frame on its way back and gives those that arrive.
 
-    def __init__(self, ends, step_V=1e3, slaves=None, **changes):
-        here, there = ends
-        self.options = options(here, **changes)
+    `far_ends` are those of the pair by which a ring comes back.
+    """
+
+    def __init__(self, ends, step_V=1e3, slaves=None, far_ends=None, **changes):
+        pairs = [ends] if far_ends is None else [ends, far_ends]
+        if far_ends is not None:
+            changes |= {"return_interface": far_ends[0], "clocks": False}
+        self.options = options(ends[0], **changes)
         self.driver = Ethercat(self.options, PERIOD_NS)
         self.context = self.driver.context()
         c = self.context.view(CONTEXT)[0]
@@ -89,11 +94,11 @@ class Bench:
         self.driver.adopt(self.context, [voltage, SafeOutput(SWITCH, 1.0, 0.0, 1.0)])
         self.signals, self.outputs = np.zeros(48, SIGNAL), np.zeros(8)
         slaves = self.options.terminals if slaves is None else slaves
-        self.line = Line([terminal_of(name, keys) for name, keys in slaves.items()])
+        self.line = Line([terminal_of(name, keys) for name, keys in slaves.items()], is_ring=len(pairs) > 1)
         self.meddle = lambda frame: [frame]
         self._functions = self.driver.functions()
         self._exchange = _EXCHANGE(self._functions.exchange)
-        self._far, self._done, self.lock = raw(there), threading.Event(), threading.Lock()
+        self._far, self._done, self.lock = [raw(there) for _, there in pairs], threading.Event(), threading.Lock()
         self.came = 0
         self.by_the_clock = False  # a machine that stalls would be a lost link
         self._thread = threading.Thread(target=self._play)
@@ -102,20 +107,21 @@ class Bench:
 
     def _play(self):
         while not self._done.is_set():
-            if select.select([self._far], [], [], 0.02)[0]:
-                frame = self._far.recv(2048)
+            for far in select.select(self._far, [], [], 0.02)[0]:
+                frame, end = far.recv(2048), self._far.index(far)
                 with self.lock:
-                    back = self.line.passed(frame, time.monotonic_ns())
+                    back, out = self.line.passed(frame, time.monotonic_ns(), end), self.line.ways[end].out
                     is_cyclic = frame[16] == NOP
-                    for each in self.meddle(back) if is_cyclic else [back]:
-                        self._far.send(each)
+                    for each in self.meddle(back) if is_cyclic and back else filter(None, [back]):
+                        self._far[out].send(each)
                     self.came += is_cyclic
 
     def close(self):
         call_context(self._functions.close, self.context.ctypes.data)
         self._done.set()
         self._thread.join()
-        self._far.close()
+        for far in self._far:
+            far.close()
 
     def __enter__(self):
         return self
@@ -148,7 +154,7 @@ class Bench:
             self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data, self.now_ns, periods
         )
         if int(self.c["gate"]["sent_count"]) > sent:
-            assert until(lambda: self.came > came)
+            assert until(lambda: self.came >= came + len(self._far))
         return code
 
     def until_code(self, code, *outputs):

@@ -3,8 +3,10 @@
 import struct
 import time
 
+import numpy as np
 import pytest
-from micromanip_drivers.ethercat.clocks import SYNC0_BEGINS_IN_S, begin_sync0
+from micromanip_drivers.ethercat import exchange
+from micromanip_drivers.ethercat.clocks import SYNC0_BEGINS_IN_S, begin_sync0, set_clocks
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.scan import reset
 from pydantic import ValidationError
@@ -153,6 +155,27 @@ def test_a_clock_that_drifts_for_a_month_is_still_one():
     assert int(system_ns(controller, later_ns)) - begin_ns == pytest.approx(month_ns * (1 + 1e-4), rel=1e-12)
 
 
+@pytest.mark.compiled_only
+def test_the_way_through_the_line_is_no_error_of_the_clock():
+    """A frame that is 3 us on its way there, 30 us in the line, as its ports have told, and 3 us on its way back."""
+    driver = Ethercat(options(lock=LOCK), PERIOD_NS)
+    c = driver.record(driver.context())
+    ahead_ns, sent_ns, data = 7 * 10**17, 10**12, np.zeros(1472, np.uint8)
+    stamp = struct.pack("<qH", sent_ns + 3_000 + ahead_ns, 2)
+    data[c["time_at"] : c["time_at"] + len(stamp)] = np.frombuffer(stamp, np.uint8)
+    c["gate"]["sent_count"], c["lock"]["sent_ns"][0], c["turn_ns"] = 1, sent_ns, 30_000
+    exchange.hear_first_clock(c, data, 0, sent_ns + 36_000)
+    lock = c["lock"]
+    assert int(lock["apart_ns"]) + (lock["lowest_ns"] + lock["highest_ns"]) / 2 == ahead_ns
+
+
+def test_rubbish_in_a_ports_receive_time_counts_as_not_known():
+    slaves = Slaves()
+    link = synced(slaves)
+    link.slaves.line.controllers["back_ns"] = -5_000_000
+    assert set_clocks(link, [0x1001, 0x1002]) == (0x1001, 0)
+
+
 @pytest.fixture(scope="module")
 def ends():
     with veth("ecc") as ends:
@@ -173,6 +196,7 @@ def test_the_deadlines_lock_to_a_clock_that_drifts_and_the_outputs_wait_for_it(e
         codes = []
         patiently(lambda: codes.append(bench.exchange(0.0, 1.0)) or codes[-1] == 0)
         assert bench.statistics["locked"] == 1
+        assert bench.c["turn_ns"] == 1500, "as the first terminal's ports have told"
         assert TAKEN in codes, "the line was up, and the outputs waited for the clock"
 
         def beyond_ns():

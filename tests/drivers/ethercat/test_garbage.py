@@ -73,6 +73,33 @@ def test_garbage_at_the_master(count):
     assert np.all(signals["time_ns"] <= 10**12 + count * PERIOD_NS)
 
 
+def test_garbage_at_both_ends_of_a_ring(count):
+    """The same of a cut one, whose halves are put together: no half of another cycle, and no rubbish, completes one."""
+    chance = random.Random(7)
+    driver = Ethercat(options(return_interface="none1", clocks=False), PERIOD_NS)
+    context = driver.context()
+    c, signals = driver.record(context), np.zeros(48, SIGNAL)
+    c["gate"]["sent_count"], k = 100, 3
+    c["socket"]["received"][:] = 0xA5
+    half = bytearray(driver._image.frame)
+    half[6] |= 2
+    for at in (driver._image.position_at, driver._image.status_at + 2):
+        half[at] = 1
+    far = half[:11] + b"\x12" + half[12:]
+    before = {name: c["gate"][name].tobytes() for name in ("given", "recent", "rest")}
+    for number in range(count):
+        data = garbage(chance, bytes(half), bytes(far))
+        c["socket"]["received"][k][: len(data)] = np.frombuffer(data, np.uint8)
+        c["socket"]["message"][k]["length"] = len(data)
+        exchange.take_one_of_ring(c, c["socket"], k, chance.randrange(2), signals, number)
+    assert c["received"] == count
+    assert c["counted"]["known"] == 1, "some of them were halves of one count"
+    assert c["gate"]["acknowledged"] == 0, "no terminal was in OP"
+    assert np.all(np.delete(c["socket"]["received"], k, axis=0) == 0xA5)
+    assert {name: c["gate"][name].tobytes() for name in before} == before
+    assert np.all(signals["sequence"] == 0)
+
+
 def conversation():
     """Frames of a master that brings slaves to OP, as they were sent."""
     slaves, said = Slaves(), []

@@ -1,0 +1,158 @@
+"""A ring of three terminals that is cut at any place: no cycle is lost, nothing steps, and people are told."""
+
+import random
+from itertools import pairwise
+
+import pytest
+from micromanip_drivers.ethercat.link import LinkError
+from pydantic import ValidationError
+
+from micromanip.bus.ethercat.al_states import OP
+from micromanip.emulation.ethercat.terminal import INPUTS
+from micromanip.rt.bus_image import DOWN, TAKEN
+from tests.emulation.ethercat.wire import until, veth
+
+from .bench import AMPLIFIER, GAUGE, SILENT_CYCLES, Bench, options
+
+pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_group("ethercat")]
+
+SENSOR = {
+    "vendor": 0x4D4D,
+    "product": 0x30,
+    "inputs": {
+        "level": {"pdo": 0x1A00, "fields": {"level": {"index": 0x6000, "subindex": 1, "type": "int32"}}},
+    },
+}
+TERMINALS = {"amplifier": AMPLIFIER, "gauge": GAUGE, "sensor": SENSOR}
+PLACES = range(len(TERMINALS) + 1)
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    with veth("ecr") as near, veth("ecs") as far:
+        yield near, far
+
+
+@pytest.fixture
+def bench(pairs):
+    near, far = pairs
+    with Bench(near, step_V=1.0, far_ends=far, terminals=TERMINALS) as bench:
+        yield bench.open().follow()
+
+
+def cut(bench, *places):
+    with bench.lock:
+        bench.line.cuts = set(places)
+        bench.line.relink()
+
+
+def level(bench, value):
+    """Let the last terminal measure that."""
+    bench.line.applications[2].memory[INPUTS : INPUTS + 4].view("<i4")[0] = value
+
+
+def test_a_whole_ring_is_brought_up_and_told_as_one(bench):
+    assert {application.state for application in bench.line.applications} == {OP}
+    assert "cut_behind" not in bench.statistics
+    assert (bench.statistics["cuts"], bench.statistics["wrong_working_counter"]) == (0, 0)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_cut_costs_no_cycle_and_no_sample(bench, place):
+    bench.exchange(0.5, 0.0)
+    bench.exchange(0.5, 0.0)
+    before, sequence = bench.statistics, int(bench.sample("level")["sequence"])
+    for number in range(40):
+        cut(bench, *([place] if 10 <= number < 30 else []))
+        bench.measure(strain=0.25 * number, count=number, deviation=0.0)
+        level(bench, number)
+        assert bench.exchange(0.5 + 0.1 * number, 0.0) == 0
+        assert bench.voltage == pytest.approx(0.5 + 0.1 * number)
+        if number > 0:
+            assert bench.sample("level")["value"] == number - 1, "of the frame before, from whichever end"
+            assert bench.sample("strain")["value"] == pytest.approx(0.25 * (number - 1))
+        if number == 20:
+            assert bench.statistics["cut_behind"] == place
+    assert bench.sample("level")["sequence"] == sequence + 40
+    after = bench.statistics
+    grown = {name for name in after.keys() - {"bring_ups"} if after[name] != before.get(name, 0)}
+    assert grown == {"received", "performed", "cuts"}, "nothing lost, late or wrong"
+    assert after["cuts"] == before["cuts"] + 1
+
+
+def test_people_are_told_where_it_is_cut_and_when_it_is_whole(bench, capfd):
+    told = []
+
+    def says(what):
+        bench.exchange(0.0, 1.0)
+        told.append(capfd.readouterr().err)
+        return what in "".join(told)
+
+    cut(bench, 1)
+    assert until(lambda: says("the ring is cut between terminal amplifier and terminal gauge"))
+    cut(bench, 3)
+    assert until(lambda: says("is cut between terminal sensor and interface ecs"))
+    cut(bench)
+    assert until(lambda: says("the ring is whole again"))
+
+
+def test_frames_that_are_lost_on_a_cut_ring_step_nowhere(bench):
+    cut(bench, 1)
+    chance, wanted, given = random.Random(1), 0.0, [float(bench.voltage)]
+    bench.meddle = lambda frame: [frame] if chance.random() < 0.7 else []
+    for _ in range(300):
+        wanted = max(0.0, min(100.0, wanted + chance.uniform(-0.9, 1.0)))
+        bench.exchange(wanted, 0.0)
+        given.append(float(bench.voltage))
+    assert bench.statistics["lost"] > 50, "half a frame is none"
+    assert max(abs(b - a) for a, b in pairwise(given)) <= 1.0 + 1e-4
+    assert max(given) > 3.0, "it did move"
+
+
+def test_two_cuts_lose_the_line_and_it_comes_back_at_rest(bench):
+    bench.exchange(1.0, 0.0)
+    cut(bench, 1, 2)
+    codes = [bench.exchange(1.0, 0.0) for _ in range(SILENT_CYCLES + 5)]
+    assert (codes[0], codes[-1]) == (0, DOWN)
+    assert bench.statistics["wrong_working_counter"] >= SILENT_CYCLES
+    cut(bench)
+    bench.until_code(TAKEN, 1.0, 0.0)
+    assert bench.voltage == 0.0
+    bench.follow()
+
+
+def test_a_terminal_that_leaves_OP_behind_the_cut_loses_the_line_at_once(bench):
+    bench.exchange(1.0, 0.0)
+    cut(bench, 1)
+    bench.exchange(1.0, 0.0)
+    with bench.lock:
+        bench.line.applications[2].drop(0x1D)
+    assert DOWN in [bench.exchange(1.0, 0.0) for _ in range(3)]
+
+
+def test_a_loop_that_died_on_a_cut_ring_leaves_it_safe(bench):
+    bench.exchange(1.0, 0.0)
+    cut(bench, 1)
+    assert bench.driver.safe_in_host()(bench.context) == 0
+    assert OP not in {application.state for application in bench.line.applications}
+
+
+def test_an_open_ring_is_not_brought_up(pairs):
+    near, far = pairs
+    with Bench(near, far_ends=far, terminals=TERMINALS) as bench:
+        for place, where in ((0, "in front of the first slave"), (2, "behind slave 2")):
+            cut(bench, place)
+            with pytest.raises(LinkError, match=f"the ring is open {where}, 3 slaves answer: it is brought up whole"):
+                bench.open()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"return_interface": "eth1"}, "needs clocks: false"),
+        ({"return_interface": "none0", "clocks": False}, "must be another one than interface"),
+    ],
+)
+def test_a_ring_that_can_not_be_is_refused(changes, said):
+    with pytest.raises(ValidationError, match=said):
+        options(**changes)

@@ -130,7 +130,7 @@ class BinaryFraming(Framing):
             return None
         from . import exchange  # compiled: loaded only where it is going to be called
 
-        return Steady(exchange.receive_c.address, exchange.send_c.address, tables.record, lambda: tables.descriptor)
+        return Steady(*exchange.ENTRIES.addresses, tables.record, lambda: tables.descriptor)
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         self._forget()

@@ -102,7 +102,7 @@ class ReceivedFrame:
 
     def take(self, frame: bytes, time_ns: int, inbox: Inbox) -> bool:
         """Put its samples into `inbox`; False if it is not a fresh one."""
-        lost = self.counter.lost_before(frame) if self.counter else 0
+        lost = self.counter.samples_before(frame) if self.counter else 0
         if lost is None:
             return False
         status = self.status(frame)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import FRAME, MAX_BYTES, NUMBER, SAMPLES, record
+from micromanip.driver.wire import COUNTED, FRAME, MAX_BYTES, NUMBER, SAMPLES, record
 
 MAX_MESSAGES = 16
 """Of each direction."""
@@ -11,21 +11,7 @@ READ_BYTES = 4096
 """What one reading takes at most."""
 _BUFFER_BYTES = MAX_BYTES + READ_BYTES
 
-COUNTER = record(
-    ("mask", "i8"),
-    ("known", "i8"),
-    ("next", "i8"),
-    ("past", "i8"),
-    ("next_of_past", "i8"),
-    ("in_order", "i8"),
-    ("lost", "i8"),
-    ("stale", "i8"),
-    ("restarts", "i8"),
-)
-"""The counter of a message (``packet_counter.py``): `next` is what is to come, `past` is 1 after one that was not
-fresh, `next_of_past` what would follow that."""
-
-RECEIVED = record(("frame", FRAME), ("kind", "u8"), ("input", "i8"), ("counter", COUNTER))
+RECEIVED = record(("frame", FRAME), ("kind", "u8"), ("input", "i8"), ("counter", COUNTED))
 """A message that is received; its inputs from `input` on."""
 
 SENT = record(("frame", FRAME), ("output", "i8"), ("count", "i8"), ("unheard", "i8"))

@@ -151,7 +151,7 @@ class StreamFraming(Framing):
         """Put the samples of a packet into `inbox`; False if it is not a fresh one."""
         options = self._options
         count = (len(packet) - options.header_bytes - self._crc_size) // options.block_bytes
-        lost = self._counter.lost_before(packet, count) if self._counter else 0
+        lost = self._counter.samples_before(packet, count) if self._counter else 0
         if lost is None:
             return False
         self._packets += 1

@@ -137,7 +137,7 @@ def test_counter_and_status_are_judged_the_same(frames):
                 assert at.receive() == 0
         assert len(theirs) == len(ours) + int(at.inbox[0]["received"])
         assert theirs.lost == ours.lost + int(at.inbox[0]["lost"])
-        for name in ("lost", "repeated", "out_of_order", "restarts"):
+        for name in ("lost", "doubled", "late", "restarts"):
             assert shared.counter.counted(name) == reference.counter.counted(name)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.rt.record import move
 from micromanip.rt.wire.counting import COUNTED, OLD, missing_before
 
 _MOST_BITS = 32
@@ -21,9 +22,7 @@ class DeviceCounter:
 
     def move_to(self, record: Any) -> None:
         """Count in this record from now on, from where it stands."""
-        for name in COUNTED.names or ():
-            record[name] = self.record[name]
-        self.record = record
+        self.record = move(self.record, record)
 
     def forget(self) -> None:
         """Begin anew: what comes next is taken as it is."""

@@ -9,7 +9,7 @@ from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopOutput, LoopWire
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.rt.bus_image import DOWN, TAKEN
-from micromanip.rt.record import record
+from micromanip.rt.record import move, record
 from micromanip.rt.records import MAX_OUTPUTS
 from micromanip.rt.wire.clock_lock import CLOCK_LOCK, set_lock
 from micromanip.rt.wire.codec import begin_frame, put_value, seal
@@ -68,6 +68,7 @@ __all__ = [
     "gate_statistics",
     "hand_over",
     "lend",
+    "move",
     "open_datagrams",
     "put_value",
     "record",

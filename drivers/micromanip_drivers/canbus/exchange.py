@@ -76,7 +76,8 @@ def is_watched(c: Any, word: int) -> bool:
 def take_frame(c: Any, k: int, leave: Any, inbox: Any, time_ns: int) -> bool:
     """Frame `k` of the batch, received at `time_ns`; False for one that is for Python to judge.
 
-    One that is received goes to ``leave(c, m, data, first, inbox, time_ns)``: message, packet, where its data begin.
+    One that is received goes to ``leave(c, number, data, first, inbox, time_ns)``: of which message, the packet, where
+    its data begin.
     """
     data, first = c["socket"]["received"][k], c["stamp_bytes"]
     size = length_of(c["socket"], k) - first
@@ -99,13 +100,14 @@ def take_frame(c: Any, k: int, leave: Any, inbox: Any, time_ns: int) -> bool:
         return False
     c["frames_in"] += 1
     c["heard_ns"] = c["socket"]["now_ns"]
-    leave(c, m, data, first + _HEADER_BYTES, inbox, time_ns)
+    leave(c, number, data, first + _HEADER_BYTES, inbox, time_ns)
     return True
 
 
 @compiled
-def leave_samples(c: Any, m: Any, data: Any, first: int, inbox: Any, time_ns: int) -> None:
-    """The signals of message `m` as samples, if the frame is a fresh one."""
+def leave_samples(c: Any, number: int, data: Any, first: int, inbox: Any, time_ns: int) -> None:
+    """A frame of the message of that number as samples, if it is a fresh one."""
+    m = c["received"][number]
     missing, status = 0, 0
     if m["counted"] != 0:
         count: Any = np.int64(code_bits(m["counter_field"], data, first, m["length"]) & np.uint64(0xFFFFFFFF))

@@ -24,6 +24,8 @@ _NOT_PLAIN = 0x60000000
 _IDENTIFIER = 0x9FFFFFFF
 """The identifier, with the flag that it has 29 bits."""
 _BAD_STATUS, GONE = -1, -1
+_BATCHES = 4
+"""Of frames, that are taken at a time: what more there is waits until what is due has been sent."""
 _FULL = (11, 12, 105)
 """EAGAIN, ENOMEM, ENOBUFS: the frame was not taken."""
 
@@ -151,38 +153,40 @@ def is_pythons(c: Any) -> bool:
 
 
 @compiled
-def take_batch(c: Any, leave: Any, inbox: Any, began_ns: int) -> int:
-    """Take what is there, a batch at most: when its newest frame came, `began_ns` for none, or GONE.
+def take_all(c: Any, leave: Any, inbox: Any, began_ns: int) -> int:
+    """Take what is there, some batches at most: when its newest frame came, `began_ns` for none, or GONE.
 
     See ``take_frame`` for `leave`. Python has to judge where it is GONE, or ``is_pythons``.
     """
     if is_pythons(c):
         return GONE
     s, newest_ns = c["socket"], began_ns
-    count = receive(s)
-    if count < 0:
-        c["receive_error"] = -count
-        return GONE
-    for k in range(min(count, BATCH)):
-        time_ns = min(stamp_of(s["received"][k]), s["now_ns"]) if c["stamp_bytes"] != 0 else received_ns(s, k)
-        if length_of(s, k) == 0:
-            return GONE  # the other end is, which Python finds too
-        c["odd"][k], c["odd_ns"][k] = 0, time_ns
-        if not take_frame(c, k, leave, inbox, time_ns):
-            c["odd"][k] = 1
-            c["left"] += 1
-        newest_ns = time_ns
+    for _ in range(_BATCHES):
+        count = receive(s)
+        if count < 0:
+            c["receive_error"] = -count
+            return GONE
+        for k in range(count):
+            newest_ns = min(stamp_of(s["received"][k]), s["now_ns"]) if c["stamp_bytes"] != 0 else received_ns(s, k)
+            if length_of(s, k) == 0:
+                return GONE  # the other end is, which Python finds too
+            c["odd"][k], c["odd_ns"][k] = 0, newest_ns
+            if not take_frame(c, k, leave, inbox, newest_ns):
+                c["odd"][k] = 1
+                c["left"] += 1
+        if count < BATCH or c["left"] != 0:
+            break
     return newest_ns
 
 
 @compiled
 def take(c: Any, inbox: Any, began_ns: int) -> int:
-    """Take what is there, a batch at most; 0, or 1 where Python has to judge, or the devices are silent too long.
+    """Take what is there; 0, or 1 where Python has to judge, or the devices are silent too long.
 
     Silence is judged where a call began: what came while this process stood still is there with the first call after.
     """
     heard_ns = c["heard_ns"]
-    if take_batch(c, leave_samples, inbox, began_ns) == GONE or is_pythons(c):
+    if take_all(c, leave_samples, inbox, began_ns) == GONE or is_pythons(c):
         return 1
     is_silent = c["silence_ns"] > 0 and began_ns - c["heard_ns"] > c["silence_ns"]
     return 1 if heard_ns == c["heard_ns"] and is_silent else 0

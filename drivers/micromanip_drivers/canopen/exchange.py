@@ -12,7 +12,7 @@ from micromanip.driver import now_ns
 from micromanip.driver.steady import steady_entries
 
 from ..canbus.bit_codec import low_bytes
-from ..canbus.exchange import GONE, give, is_pythons, put_samples, take_batch
+from ..canbus.exchange import GONE, give, is_pythons, put_samples, take_all
 from .compiled import compiled
 from .records import CONTEXT
 from .sampling import REPEATED, note_sync, sampled
@@ -33,11 +33,11 @@ def leave_pdo(c: Any, number: int, data: Any, first: int, inbox: Any, time_ns: i
 
 @compiled
 def take(c: Any, inbox: Any, began_ns: int) -> int:
-    """Take what is there, a batch at most; 0, or 1 where Python has to judge, or a heartbeat is missing.
+    """Take what is there; 0, or 1 where Python has to judge, or a heartbeat is missing.
 
     That by the time of the frames: what a worker that was held up finds is old, and no reason to miss a heartbeat.
     """
-    newest_ns = take_batch(c, leave_pdo, inbox, began_ns)
+    newest_ns = take_all(c, leave_pdo, inbox, began_ns)
     return 1 if newest_ns == GONE or is_pythons(c) or newest_ns > c["overdue_ns"] else 0
 
 

@@ -17,8 +17,9 @@ from pathlib import Path
 import can
 import numpy as np
 
-from micromanip.bus.driver import BusDriver, Inbox
+from micromanip.bus.driver import BusDriver
 from micromanip.bus.image import ProcessImage
+from micromanip.bus.inbox import Inbox
 from micromanip.bus.output_writer import OutputWriter
 from micromanip.bus.registry import driver_class
 from micromanip.bus.safe_state import SafeState

@@ -81,15 +81,20 @@ def message_at(c: Any, at: int) -> int:
 def take_message(c: Any, number: int, inbox: Any, time_ns: int) -> None:
     """The frame that was looked at last, of message `number`, as samples, if it is a fresh one."""
     m = c["received"][number]
-    f, missing = m["frame"], 0
+    f, samples, missing = m["frame"], m["samples"], 0
     if f["counter"]["present"] != 0:
         count: Any = np.int64(code_of(f["counter"], c["frame"]) & np.uint64(0xFFFFFFFF))
-        missing = missing_before(m["counter"], count)
+        by_sample = m["by_sample"] != 0
+        missing = missing_before(c["received"][m["counted"]]["counter"], count, samples if by_sample else 1)
         if missing == OLD:
             return
         missing = max(missing, 0)
-    leave_samples(c["samples"], f, c["frame"], inbox["signal"][m["input"] :], missing, time_ns)
-    inbox["received"] += f["numbers"]
+        if not by_sample:
+            c["more_lost"] += missing * (samples - 1)
+            missing *= samples
+    # the newest wins, as in the loop's image: those before it are counted
+    leave_samples(c["samples"], f, c["frame"], inbox["signal"][m["input"] :], missing + samples - 1, time_ns)
+    inbox["received"] += samples * f["numbers"]
     inbox["lost"] += missing * f["numbers"]
     c["frames"] += 1
     c["heard_ns"] = time_ns

@@ -13,13 +13,13 @@ class PacketCounter(DeviceCounter):
 
     def __init__(self, options: Number, by_sample: bool = False) -> None:
         super().__init__(8 * options.size)
-        self._codec, self._by_sample = NumberCodec(options), by_sample
+        self._codec, self.by_sample = NumberCodec(options), by_sample
         self._more = 0
 
     def samples_before(self, packet: bytes, samples: int = 1) -> int | None:
         """Samples known to be missing before the `samples` of a packet; None for a packet that is not fresh."""
-        missing = self.lost_before(int(self._codec.read(packet)), samples if self._by_sample else 1)
-        if missing is None or self._by_sample:
+        missing = self.lost_before(int(self._codec.read(packet)), samples if self.by_sample else 1)
+        if missing is None or self.by_sample:
             return missing
         self._more += missing * (samples - 1)
         return missing * samples

@@ -17,8 +17,8 @@ from micromanip_drivers.canbus.options import Received, Sent
 from micromanip_drivers.canbus.received_message import ReceivedMessage
 from micromanip_drivers.canbus.sent_message import SentMessage
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import OutputRefused
+from micromanip.bus.inbox import Inbox
 from micromanip.errors import ConfigError
 from micromanip.rt.records import MAX_OUTPUTS
 from micromanip.rt.steady.records import NOTHING_SENT, SENT_IN_DOUBT

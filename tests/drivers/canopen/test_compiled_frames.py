@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from can.interfaces.socketcan.socketcan import build_can_frame
 from canopen.objectdictionary import datatypes
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from micromanip_drivers.canopen import exchange
 from micromanip_drivers.canopen.mapping import Mapped
@@ -23,8 +23,9 @@ from micromanip_drivers.canopen.sampling import Sampling, SyncTimes
 from micromanip_drivers.canopen.tables import PdoTables
 from micromanip_drivers.canopen.wire import wire
 
-from micromanip.bus.driver import Inbox, Steady
+from micromanip.bus.driver import Steady
 from micromanip.bus.errors import OutputRefused
+from micromanip.bus.inbox import Inbox
 from micromanip.rt.records import MAX_OUTPUTS
 from micromanip.rt.steady.records import INBOX, NOTHING_SENT
 
@@ -169,6 +170,11 @@ def drawn_value(draw, field):
     return (code + draw.choice([0.0, 0.5, -0.5, 0.25])) * field.scale + field.offset
 
 
+LOST = [(1, "s"), (200, "a"), (800, "s"), (1000, "s"), (1000, "s"), (200, "b")]
+"""Two SYNCs without an answer."""
+
+
+@example(1, LOST)
 @given(
     st.integers(0, 3),
     st.lists(st.tuples(st.integers(1, 1500), st.sampled_from("saab")), max_size=40),

@@ -1,4 +1,4 @@
-"""The framing `binary` at one end of a pair of sockets: in Python alone, or with its compiled functions in front."""
+"""A framing at one end of a pair of sockets: in Python alone, or with its compiled functions in front."""
 
 import os
 import socket
@@ -13,8 +13,8 @@ from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port import Port
 from micromanip_drivers.line.port_options import SerialPort
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import TransientError
+from micromanip.bus.inbox import Inbox
 from micromanip.rt.steady.records import INBOX
 
 from ..compiled_turns import CompiledTurns, call_receive, call_send
@@ -52,9 +52,9 @@ class PairPort(Port):
 class Spoken:
     """Framing and port of `options`, the table of samples as the loop would see it, and how many errors there were."""
 
-    def __init__(self, options, compiled):
+    def __init__(self, options, compiled, kind=BinaryFraming):
         self.port = PairPort()
-        self.framing = BinaryFraming(
+        self.framing = kind(
             options, self.port, LineTime(SerialPort(device="/dev/a", baud=9600)), Silence("the device", SILENCE_MS)
         )
         self.steady = self.framing.steady() if compiled else None

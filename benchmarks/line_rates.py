@@ -17,7 +17,8 @@ from typing import Any
 
 import serial
 
-from micromanip.bus.driver import BusDriver, Inbox
+from micromanip.bus.driver import BusDriver
+from micromanip.bus.inbox import Inbox
 from micromanip.bus.registry import driver_class
 from micromanip.errors import CheckFailed
 

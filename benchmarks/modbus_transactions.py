@@ -14,7 +14,8 @@ from pathlib import Path
 
 from pymodbus.client import ModbusTcpClient
 
-from micromanip.bus.driver import BusDriver, Inbox
+from micromanip.bus.driver import BusDriver
+from micromanip.bus.inbox import Inbox
 from micromanip.bus.registry import driver_class
 from micromanip.errors import CheckFailed
 

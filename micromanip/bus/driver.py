@@ -2,7 +2,7 @@
 
 A bus driver runs in a worker process of its own (``worker.py``), which owns all that drivers have in common: shared
 memory, the schedule, the safe state, reconnection, statistics. So a driver is a Python object that is called by one
-thread, may block for a few milliseconds, and says what happened by raising one of the errors of ``bus_errors.py``.
+thread, may block for a few milliseconds, and says what happened by raising one of the errors of ``errors.py``.
 
     open      once for each try to reach the device; read_outputs after it
     perform   at the rate of each task: send a frame, ask for registers, write outputs
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from .device_identity import real_because
+from .inbox import Inbox
 
 
 class BusOptions(BaseModel):
@@ -84,20 +85,6 @@ class Load:
     limit: float = 0.8
 
 
-@dataclass
-class Sample:
-    """One fresh reading of an input."""
-
-    channel: int
-    value: float
-    time_ns: int
-    """When it was taken, CLOCK_MONOTONIC."""
-    status: int = 0
-    """0 is good; anything else is the device's own word for "do not use"."""
-    lost: int = 0
-    """Samples that are known to be missing before it (a gap in the device's counter)."""
-
-
 class Outcome(Enum):
     """What became of the outputs of a task, where ``perform`` can't say that the device has them."""
 
@@ -105,65 +92,6 @@ class Outcome(Enum):
     """Nothing was sent: the line was busy, an answer of before is missing."""
     SENT = "sent"
     """Sent, and still to be answered: ``Inbox.confirm`` is called with the task when the answer has come."""
-
-
-Readings = tuple[int, Sequence[float], int, int, int]
-"""What was read at one moment: index of the first input, values of it and its neighbours, time_ns, status, lost."""
-
-
-class Inbox:
-    """Where a driver puts what it received; the worker empties it into the process image."""
-
-    def __init__(self) -> None:
-        self._readings: list[Readings] = []
-        self._confirmed: list[int] = []
-        self._samples = 0
-
-    def confirm(self, task: int) -> None:
-        """The device has said that it took the outputs of that task, as they were sent last."""
-        self._confirmed.append(task)
-
-    def put(self, channel: int, value: float, time_ns: int, status: int = 0, lost: int = 0) -> None:
-        """Add a fresh sample of the input with index `channel`; the newest of several wins, none is counted lost."""
-        self._readings.append((channel, (value,), time_ns, status, lost))
-        self._samples += 1
-
-    def put_all(self, first: int, values: Sequence[float], time_ns: int, status: int = 0, lost: int = 0) -> None:
-        """Add a fresh sample of each of the inputs from index `first` on, all taken at the same moment: a frame.
-
-        The same as to ``put`` one after the other, in less time.
-        """
-        self._readings.append((first, values, time_ns, status, lost))
-        self._samples += len(values)
-
-    @property
-    def readings(self) -> Sequence[Readings]:
-        """What was put, in that order, not taken apart."""
-        return self._readings
-
-    @property
-    def confirmed(self) -> Sequence[int]:
-        """Tasks whose outputs the device has confirmed."""
-        return self._confirmed
-
-    @property
-    def lost(self) -> int:
-        """Samples that are known to be missing, of all inputs together."""
-        return sum(lost * len(values) for _, values, _, _, lost in self._readings)
-
-    def __iter__(self) -> Iterator[Sample]:
-        for first, values, time_ns, status, lost in self._readings:
-            for channel, value in enumerate(values, first):
-                yield Sample(channel, value, time_ns, status, lost)
-
-    def __len__(self) -> int:
-        return self._samples
-
-    def clear(self) -> None:
-        """Forget what was taken over."""
-        self._readings.clear()
-        self._confirmed.clear()
-        self._samples = 0
 
 
 @dataclass(frozen=True)

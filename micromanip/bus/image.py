@@ -15,7 +15,7 @@ from micromanip.rt import bus_image as rt
 from micromanip.rt import tell as shared
 from micromanip.rt.records import MAX_OUTPUTS
 
-from .driver import Inbox
+from .inbox import Inbox
 
 
 class ProcessImage:

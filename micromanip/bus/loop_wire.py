@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from micromanip.errors import ConfigError
-from micromanip.rt.wire.gate import MAX_OUTPUTS
+from micromanip.rt.records import MAX_OUTPUTS
 
 from .cyclic import CyclicDriver, Wire
 from .driver import Channel

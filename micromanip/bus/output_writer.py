@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .driver import BusDriver, Inbox, Outcome
+from .driver import BusDriver, Outcome
 from .errors import OutputRefused
+from .inbox import Inbox
 from .safe_state import SafeState, Values
 
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import random
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -32,21 +28,20 @@ from micromanip.rt.bus_image import (
 )
 
 from .backoff import BackOff
-from .driver import BusDriver, Inbox, Outcome
-from .errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
+from .driver import BusDriver, Outcome
+from .errors import BusError, IdentityMismatch, OutputRefused, TransientError
 from .image import ProcessImage
+from .inbox import Inbox
 from .last_given import LastGiven
 from .output_writer import OutputWriter
+from .patience import Patience
+from .report import Report, tell
 from .safe_state import SafeOutput, SafeState, Values
 from .schedule import Schedule
 from .steady import SteadyService
 
 LOOK_NS = 1_000_000
 """The worker looks whether the loop still lives so often at most; five times while that is in doubt."""
-_REPORT_NS = 500_000_000
-_ERRORS, _AMONG = 10, 40
-"""So many errors among the last calls are a lost link."""
-_COUNTERS = ("received", "lost", "performed", "held", "errors", "refused", "links", "skipped")
 _UNREACHED_S = 30.0
 """With nobody left, a device that can't be reached is given up after so long."""
 
@@ -99,11 +94,10 @@ class Worker:
         self._decided_ns = 0
         self._inbox = Inbox()
         self._schedule = Schedule((), 0)
-        self._failures: deque[bool] = deque(maxlen=_AMONG)
-        self._good_ns = 0
+        self._patience = Patience()
         self._down_ns = time.monotonic_ns()
-        self._counts = dict.fromkeys(_COUNTERS, 0)
-        self._reported_ns = 0
+        self._report = Report()
+        self._counts = self._report.counts
         self._ends = threading.Event()
         self._steady: SteadyService | None = None
 
@@ -134,12 +128,12 @@ class Worker:
                 self._serve()
             except IdentityMismatch as problem:
                 self._lose(LINK_LATCHED)
-                self._tell("latched", str(problem))
+                tell("latched", str(problem))
                 self._wait(math.inf)
             except BusError as problem:
                 self._lose(LINK_DOWN)
                 wait_s = back_off.lost(time.monotonic() - opened)
-                self._tell("lost", str(problem), retry_s=round(wait_s, 3))
+                tell("lost", str(problem), retry_s=round(wait_s, 3))
                 self._wait(wait_s)
             finally:
                 self._driver.close()
@@ -151,8 +145,7 @@ class Worker:
             self._follow()
             self._read_back()
         self._writer.forget()
-        self._failures.clear()
-        self._good_ns = time.monotonic_ns()
+        self._patience = Patience()
         self._inbox.clear()
         self._counts["links"] += 1
         self._schedule = Schedule(self._driver.tasks, time.monotonic_ns())
@@ -161,7 +154,7 @@ class Worker:
         self._image.tell(OUTPUT_STATE, self.safe.state)
         self._image.tell(AT_REST, 0)
         self._image.tell(LINK, LINK_UP)
-        self._tell("up", self._driver.device)
+        tell("up", self._driver.device)
         while not self._may_leave():
             self._serve_steadily()
             self._turn()
@@ -174,16 +167,16 @@ class Worker:
             try:
                 self._memory = self._memory.follow(self._driver.device, names, self.safe.last)
             except PermissionDenied as problem:
-                self._tell("rights", str(problem))
+                tell("rights", str(problem))
 
     def _read_back(self) -> None:
         """Begin where the device says that its outputs are; say so where nobody knows."""
         values, names = self._driver.read_outputs(), [channel.name for channel in self._driver.outputs]
         for i in self.safe.outside(values):
-            self._tell("outputs", f"{names[i]} reads {values[i]:g}, which is outside of its range")
+            tell("outputs", f"{names[i]} reads {values[i]:g}, which is outside of its range")
         self.safe.read_back(values)
         if not self._is_known and any(value is None for value in values):
-            self._tell("outputs", "nobody knows what its outputs were given last: they begin at their safe values")
+            tell("outputs", "nobody knows what its outputs were given last: they begin at their safe values")
         self._is_known = True
 
     def _part(self) -> None:
@@ -194,7 +187,7 @@ class Worker:
                 try:
                     self._perform(number)
                 except BusError as problem:
-                    self._tell("unsafe", f"{task.name} was not given its safe values once more: {problem}")
+                    tell("unsafe", f"{task.name} was not given its safe values once more: {problem}")
 
     def _serve_steadily(self) -> None:
         """Leave the turns to the compiled loop, where there is one, until it needs one of Python's."""
@@ -204,7 +197,7 @@ class Worker:
         steady.begin()
         if self._ends.is_set() or self._next_rules is not self._rules:
             return
-        until_ns = self._reported_ns + _REPORT_NS
+        until_ns = self._report.due_ns
         served = steady.serve(self.safe, self._writer, self._schedule, self._memory, self._rules.look_ns, until_ns)
         self._counts["performed"] += served.performed
         self._counts["received"] += served.received
@@ -213,9 +206,7 @@ class Worker:
         if served.gave:
             self._given[: len(self._values)] = self.safe.last
         if served.calls:
-            self._failures.extend([False] * min(served.calls, _AMONG))
-            if sum(self._failures) < _ERRORS - 1:
-                self._good_ns = time.monotonic_ns()
+            self._patience.note(False, served.calls, time.monotonic_ns())
 
     def _turn(self) -> None:
         """Do what is due, or listen for a moment; hand over what came."""
@@ -234,14 +225,12 @@ class Worker:
         except (TransientError, OutputRefused) as problem:
             failed = True
             self._counts["errors"] += 1
-            self._judge(problem)
+            self._patience.judge(problem, self._rules.patience_ns)
         if task is not None or failed or len(self._inbox) > 0:
-            self._failures.append(failed)
-            if sum(self._failures) < _ERRORS - 1:
-                self._good_ns = now_ns
+            self._patience.note(failed, 1, now_ns)
         self._hand_over()
         self._image.tell(ALIVE_NS, time.monotonic_ns())
-        self._report(now_ns)
+        self._tell_counts(now_ns)
 
     def _perform(self, number: int) -> None:
         """Do a task with what was decided. Raises what the driver does."""
@@ -256,11 +245,6 @@ class Worker:
             self._memory.write(last)
         if self.safe.state != self._image.ask(OUTPUT_STATE):
             self._image.tell(OUTPUT_STATE, self.safe.state)
-
-    def _judge(self, problem: BusError) -> None:
-        impatient = time.monotonic_ns() - self._good_ns >= self._rules.patience_ns
-        if impatient and sum(self._failures) >= _ERRORS - 1:
-            raise LinkError(f"{_ERRORS} errors in the last {_AMONG} calls; the last: {problem}") from problem
 
     def _hand_over(self) -> None:
         self._writer.take_confirmed(self._inbox)
@@ -293,7 +277,7 @@ class Worker:
         while time.monotonic() < end and not self._may_leave():
             now_ns = time.monotonic_ns()
             self._image.tell(ALIVE_NS, now_ns)
-            self._report(now_ns)
+            self._tell_counts(now_ns)
             time.sleep(min(0.005, max(0.0, end - time.monotonic())))
 
     def _may_leave(self) -> bool:
@@ -308,21 +292,7 @@ class Worker:
             return True
         return self._image.ask(LINK) != LINK_UP and now_ns - self._down_ns > _UNREACHED_S * 1e9
 
-    def _report(self, now_ns: int) -> None:
-        if now_ns - self._reported_ns < _REPORT_NS:
-            return
-        self._reported_ns = now_ns
-        self._counts["refused"], self._counts["skipped"] = self.safe.refused, self._schedule.skipped
-        counts = {**self._counts, **self._driver.statistics()}
-        say({"event": "statistics", "counts": counts, "cpu_s": round(time.process_time(), 3)})
-
-    def _tell(self, event: str, text: str, **more: Any) -> None:
-        say({"event": event, "text": text, **more})
-
-
-def say(document: dict[str, Any]) -> None:
-    """Tell the host, a JSON document a line."""
-    try:
-        os.write(1, json.dumps(document).encode() + b"\n")
-    except (BlockingIOError, BrokenPipeError):
-        return  # nobody listens, or not fast enough: the bus comes first
+    def _tell_counts(self, now_ns: int) -> None:
+        if now_ns >= self._report.due_ns:
+            self._counts["refused"], self._counts["skipped"] = self.safe.refused, self._schedule.skipped
+            self._report.tell_counts(now_ns, self._driver.statistics())

@@ -27,9 +27,10 @@ from .driver import BusDriver
 from .image import ProcessImage
 from .last_given import LastGiven
 from .registry import driver_class
+from .report import say
 from .rights import leave_cpu, lock_memory, stay_on_cpu
 from .safe_state import SafeOutput
-from .worker import Rules, Worker, say
+from .worker import Rules, Worker
 
 _STUCK_S, _LOOK_S = 30.0, 1.0
 """With the host gone, a driver that does not come back from its bus for so long is ended."""

@@ -34,9 +34,10 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     cycle: three axes beside the same cycle in plain C. lateness: wake-ups of the loop process beside cyclictest.
     offline: simulation beside real time. startup: command to READY, and memory, beside Python's own.
     hysteresis_gradient: derivatives of a hysteresis model beside loops in NumPy. can_frames: frames a second of the
-    driver canbus, and can_worker: use of a CPU by the worker of config/can.yaml, each beside bare python-can.
-    modbus_transactions: of the driver modbus beside the bare library. line_rates: frames, lines and packets of the
-    driver line beside bare pyserial and sockets. ethercat_exchange: of the driver ethercat beside the same in C.
+    driver canbus in Python and compiled, and can_worker: use of a CPU by the worker of config/can.yaml, each beside
+    bare python-can. modbus_transactions: of the driver modbus beside the bare library. line_rates: frames, lines and
+    packets of the driver line beside bare pyserial and sockets. ethercat_exchange: of the driver ethercat beside the
+    same in C.
 
     Where the machine lacks what one of them needs (gcc, cyclictest, rights), that is said and it is skipped.
     """

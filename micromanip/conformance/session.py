@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-from micromanip.bus.driver import BusDriver, Inbox, Outcome, Sample
+from micromanip.bus.driver import BusDriver, Outcome
 from micromanip.bus.errors import BusError, LinkError
+from micromanip.bus.inbox import Inbox, Sample
 
 _SLICE_NS = 5_000_000
 

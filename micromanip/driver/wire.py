@@ -4,17 +4,19 @@
 """
 
 from micromanip.bus.datagram_socket import hand_over, lend, open_datagrams
+from micromanip.bus.device_counter import DeviceCounter
 from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopOutput, LoopWire
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.rt.bus_image import DOWN, TAKEN
-from micromanip.rt.record import record
+from micromanip.rt.record import move, record
+from micromanip.rt.records import MAX_OUTPUTS
 from micromanip.rt.wire.clock_lock import CLOCK_LOCK, set_lock
 from micromanip.rt.wire.codec import begin_frame, put_value, seal
 from micromanip.rt.wire.context import WIRE
 from micromanip.rt.wire.counting import COUNTED
 from micromanip.rt.wire.device_clock import MOST_BITS
-from micromanip.rt.wire.gate import ANSWERS, FOLLOWING, GATE, MAX_OUTPUTS, QUIET, RECENT, RESTING
+from micromanip.rt.wire.gate import ANSWERS, FOLLOWING, GATE, QUIET, RECENT, RESTING
 from micromanip.rt.wire.records import (
     BATCH,
     CODE,
@@ -54,6 +56,7 @@ __all__ = [
     "TAKEN",
     "UNSIGNED",
     "WIRE",
+    "DeviceCounter",
     "FramePlan",
     "GroupPlan",
     "LoopOutput",
@@ -65,6 +68,7 @@ __all__ = [
     "gate_statistics",
     "hand_over",
     "lend",
+    "move",
     "open_datagrams",
     "put_value",
     "record",

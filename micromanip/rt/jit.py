@@ -196,8 +196,9 @@ class Compiler:
     tell: ClassVar[Callable[[str], None]] = staticmethod(lambda _: None)
     """Hears the name of each function that has to be compiled because it is not in the cache."""
 
-    def __init__(self, package_file: str, *, allocates: bool = False) -> None:
-        self._package = Path(package_file).resolve().parent
+    def __init__(self, package_file: str, *, allocates: bool = False, also: tuple[Path, ...] = ()) -> None:
+        """`also` are folders of other packages whose functions are built into this one's."""
+        self._package, self._also = Path(package_file).resolve().parent, also
         self._caches: bool | None = None
         self.allocates = allocates
         self.options = {"nogil": True, "error_model": "numpy", "_nrt": allocates}
@@ -207,7 +208,7 @@ class Compiler:
         """Where the machine code of these very sources is kept."""
         rt = Path(__file__).resolve().parent
         folders = (rt,) if self._package == rt else (rt, self._package)
-        return cache_root() / f"{self._package.name}-{_digest(folders)}"
+        return cache_root() / f"{self._package.name}-{_digest((*folders, *self._also))}"
 
     def __call__(self, function: Function) -> Function:
         """Decorator: what compiled code calls is built into it."""

@@ -22,3 +22,10 @@ MAX_AXES = 3
 def record(*fields: Field) -> np.dtype[Any]:
     """Type of a record with these fields, aligned as C aligns them."""
     return np.dtype(list(fields), align=True)
+
+
+def move(source: Any, target: Any) -> Any:
+    """Copy one record (an element of an array) into another one of the same kind; returns `target`, to go on with."""
+    for name in source.dtype.names:
+        target[name] = source[name]
+    return target

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from micromanip.bus.driver import Inbox, Sample
 from micromanip.bus.image import ProcessImage
+from micromanip.bus.inbox import Inbox, Sample
 from micromanip.rt.bus_image import IMAGE
 
 

@@ -115,7 +115,7 @@ class Bench:
 @pytest.fixture
 def said(monkeypatch):
     said = []
-    monkeypatch.setattr("micromanip.bus.worker.say", said.append)
+    monkeypatch.setattr("micromanip.bus.report.say", said.append)
     return said
 
 

@@ -12,8 +12,8 @@ import pytest
 from micromanip_drivers.line.driver import Line
 from micromanip_drivers.line.options import LineOptions
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import BusError, IdentityMismatch
+from micromanip.bus.inbox import Inbox
 from micromanip.emulation.devices import Devices
 from micromanip.settings.text.source import Source
 

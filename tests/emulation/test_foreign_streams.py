@@ -14,8 +14,8 @@ import pytest
 from micromanip_drivers.line.driver import Line
 from micromanip_drivers.line.options import LineOptions
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import LinkError
+from micromanip.bus.inbox import Inbox
 from micromanip.settings.text.source import Source
 
 from .lines import ELSEWHERE, free_port, write_cell

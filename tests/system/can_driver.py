@@ -5,7 +5,7 @@ import time
 import cantools
 from micromanip_drivers.canbus.driver import CanBus
 
-from micromanip.bus.driver import Inbox
+from micromanip.bus.inbox import Inbox
 
 from .vcan import CHANNEL
 from .vm_cell import FRAMES

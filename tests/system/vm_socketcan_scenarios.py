@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from micromanip_drivers.canbus.link import CanLink, LinkOptions
 
-from micromanip.bus.driver import Inbox
+from micromanip.bus.inbox import Inbox
 
 from .can_driver import CLASSIC, FD, LINK, PATIENCE_NS, driver, message_of, seen_empty, sensors, taken
 from .machine import ok

@@ -4,8 +4,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import DeviceFault, LinkError, TransientError
+from micromanip.bus.inbox import Inbox
 
 from .can_driver import CLASSIC, FD, at_rest, driver, patiently, seen_empty, sensors, taken
 from .machine import ok

@@ -20,6 +20,15 @@ def place(n: Any, first: int, length: int, j: int) -> int:
 
 
 @compiled
+def low_bytes(data: Any, first: int, length: int) -> Any:
+    """The `length` bytes of `data` from `first` on, 8 at most, as one number (uint64), the first byte the lowest."""
+    number = _U0
+    for j in range(length):
+        number |= np.uint64(data[first + j]) << np.uint64(8 * j)
+    return number
+
+
+@compiled
 def code_bits(n: Any, data: Any, first: int, length: int) -> Any:
     """The bits of a signal (uint64) in the `length` bytes of `data` from `first` on."""
     shift, bits = n["bit"], n["bits"]

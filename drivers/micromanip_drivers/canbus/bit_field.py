@@ -6,6 +6,8 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
+GREATEST = {16: 65504.0, 32: (2 - 2**-23) * 2.0**127, 64: (2 - 2**-52) * 2.0**1023}
+"""The greatest IEEE 754 numbers, by their bits."""
 _FLOATS = {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")}
 
 
@@ -65,8 +67,7 @@ def bit_field(signal: Any, message_length: int) -> BitField:
 
 def _ends(signal: Any) -> tuple[float, float]:
     if signal.is_float:
-        greatest = {16: 65504.0, 32: (2 - 2**-23) * 2.0**127, 64: (2 - 2**-52) * 2.0**1023}[signal.length]
-        low, high = -greatest, greatest
+        low, high = -GREATEST[signal.length], GREATEST[signal.length]
     elif signal.is_signed:
         low, high = -(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1
     else:

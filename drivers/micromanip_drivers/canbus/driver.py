@@ -30,10 +30,11 @@ from .listening import heard
 from .options import CanBusOptions
 from .received_message import ReceivedMessage
 from .sent_message import SentMessage
-from .tables import Tables
+from .tables import MessageTables
 
 _OPEN_NS = 900_000_000
-_COUNTED = ("lost", "repeated", "out_of_order", "restarts")
+_COUNTED = {"lost": "lost", "repeated": "doubled", "out_of_order": "late", "restarts": "restarts"}
+"""Statistics, and what they are in a counter's record."""
 _ECHOES = ("udp_multicast",)  # gives a sender its own frames, and can't tell
 
 
@@ -68,7 +69,7 @@ class CanBus(BusDriver):
         self._others = 0
         self._silence_ns = options.silence_ms * 1_000_000 if options.silence_ms and self._received else None
         self._heard_ns = 0
-        self._tables: Tables | None = None
+        self._tables: MessageTables | None = None
         self._link = CanLink(options, [*self._by_identity, *self._commands])
 
     @property
@@ -117,8 +118,8 @@ class CanBus(BusDriver):
             self._listen(min(self._silence_ns, _OPEN_NS))
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
-        if self._tables is not None and (problem := self._tables.error("send_error")) is not None:
-            raise self._link.sorted("sending", problem)
+        if self._tables is not None:
+            self._tables.complain(self._link)
         message = self._sent[task]
         self._link.send(message.frame(values))
         message.was_sent()
@@ -147,12 +148,12 @@ class CanBus(BusDriver):
         self._link.close()
 
     def steady(self) -> Steady | None:
-        if not Tables.have_room(self._received, self._sent):
+        if not MessageTables.hold_all(self._received, self._sent):
             return None
         from . import exchange  # compiled: loaded only where it is going to be called
 
-        tables = self._tables = Tables(self._received, self._sent, self.options.fd, self._silence_ns)
-        return Steady(exchange.receive_c.address, exchange.send_c.address, tables.record, lambda: tables.descriptor)
+        tables = self._tables = MessageTables(self._received, self._sent, self.options.fd, self._silence_ns)
+        return Steady(*exchange.ENTRIES.addresses, tables.record, lambda: tables.descriptor)
 
     def statistics(self) -> Mapping[str, int]:
         counters = [message.counter for message in self._received if message.counter]
@@ -162,7 +163,7 @@ class CanBus(BusDriver):
                 statistics[name] += self._tables.counted(name)
         return {
             **statistics,
-            **{name: sum(counter.counted(name) for counter in counters) for name in _COUNTED},
+            **{name: sum(counter.counted(of) for counter in counters) for name, of in _COUNTED.items()},
             "short": sum(message.short for message in self._received),
         }
 
@@ -181,9 +182,7 @@ class CanBus(BusDriver):
         if self._tables is None:
             return []
         self._heard_ns = max(self._heard_ns, self._tables.heard_ns)
-        if (problem := self._tables.error("receive_error")) is not None:
-            raise self._link.sorted("receiving", problem)
-        return self._link.counted(self._tables.left())
+        return self._tables.taken(self._link)
 
     def _watch(self, frames: Sequence[tuple[can.Message, int]], began_ns: int) -> None:
         """Note that `frames` came by a call that began then. Raises LinkError if the devices were silent for too long.

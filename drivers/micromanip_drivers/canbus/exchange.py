@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
-from numba import types
 
-from micromanip.driver import EXCHANGE_SIGNATURE, now_ns
-from micromanip.driver.datagrams import BATCH, length_of, receive, received_ns, send
-from micromanip.driver.steady import INBOX, NOTHING_SENT, SENT_IN_DOUBT
+from micromanip.driver import now_ns
+from micromanip.driver.datagrams import BATCH, OLD, length_of, missing_before, receive, received_ns, send
+from micromanip.driver.steady import NOTHING_SENT, SENT_IN_DOUBT, steady_entries
 
 from .bit_codec import code_bits, put_value, value_of
 from .compiled import compiled
-from .frame_counter import STALE, missing_before
 from .records import CONTEXT
 
 _HEADER_BYTES, _CLASSIC_BYTES, _FD_BYTES = 8, 16, 72
@@ -26,10 +23,11 @@ _NOT_PLAIN = 0x60000000
 """The flags of an error frame and of a remote frame."""
 _IDENTIFIER = 0x9FFFFFFF
 """The identifier, with the flag that it has 29 bits."""
-_BAD_STATUS = -1
+_BAD_STATUS, GONE = -1, -1
+_BATCHES = 4
+"""Of frames, that are taken at a time: what more there is waits until what is due has been sent."""
 _FULL = (11, 12, 105)
 """EAGAIN, ENOMEM, ENOBUFS: the frame was not taken."""
-_MAX_OUTPUTS = 8
 
 
 @compiled
@@ -68,17 +66,21 @@ def received_message(c: Any, word: int) -> int:
 
 
 @compiled
-def is_sent(c: Any, word: int) -> bool:
-    """Whether that identifier is one of those that only we send."""
+def is_watched(c: Any, word: int) -> bool:
+    """Whether frames with that identifier are for Python to judge."""
     found = 0
-    for m in range(c["sent_messages"]):
-        found |= c["sent"][m]["word"] == word
+    for m in range(c["watched_words"]):
+        found |= c["watched"][m] == word
     return found != 0
 
 
 @compiled
-def take_frame(c: Any, k: int, inbox: Any, time_ns: int) -> bool:
-    """Frame `k` of the batch, received at `time_ns`; False for one that is for Python to judge."""
+def take_frame(c: Any, k: int, leave: Any, inbox: Any, time_ns: int) -> bool:
+    """Frame `k` of the batch, received at `time_ns`; False for one that is for Python to judge.
+
+    One that is received goes to ``leave(c, number, data, first, inbox, time_ns)``: of which message, the packet, where
+    its data begin.
+    """
     data, first = c["socket"]["received"][k], c["stamp_bytes"]
     size = length_of(c["socket"], k) - first
     if size != _CLASSIC_BYTES and size != _FD_BYTES:
@@ -90,7 +92,7 @@ def take_frame(c: Any, k: int, inbox: Any, time_ns: int) -> bool:
         return False
     number = received_message(c, word & _IDENTIFIER)
     if number < 0:
-        if is_sent(c, word & _IDENTIFIER):
+        if is_watched(c, word & _IDENTIFIER):
             return False
         c["not_ours"] += 1
         c["frames_in"] += 1
@@ -100,25 +102,32 @@ def take_frame(c: Any, k: int, inbox: Any, time_ns: int) -> bool:
         return False
     c["frames_in"] += 1
     c["heard_ns"] = c["socket"]["now_ns"]
-    leave_samples(c, m, data, first + _HEADER_BYTES, inbox, time_ns)
+    leave(c, number, data, first + _HEADER_BYTES, inbox, time_ns)
     return True
 
 
 @compiled
-def leave_samples(c: Any, m: Any, data: Any, first: int, inbox: Any, time_ns: int) -> None:
-    """The signals of message `m` as samples, if the frame is a fresh one."""
-    length, missing, status = m["length"], 0, 0
+def leave_samples(c: Any, number: int, data: Any, first: int, inbox: Any, time_ns: int) -> None:
+    """A frame of the message of that number as samples, if it is a fresh one."""
+    m = c["received"][number]
+    missing, status = 0, 0
     if m["counted"] != 0:
-        count: Any = np.int64(code_bits(m["counter_field"], data, first, length) & np.uint64(0xFFFFFFFF))
+        count: Any = np.int64(code_bits(m["counter_field"], data, first, m["length"]) & np.uint64(0xFFFFFFFF))
         missing = missing_before(m["counter"], count)
-        if missing == STALE:
+        if missing == OLD:
             return
     if m["judged"] != 0:
         status = status_of(c, m, data, first)
+    put_samples(c, m, data, first, inbox, time_ns - m["latency_ns"], status, max(missing, 0))
+
+
+@compiled
+def put_samples(c: Any, m: Any, data: Any, first: int, inbox: Any, taken_ns: int, status: int, missing: int) -> None:
+    """The signals of message `m` as samples that were taken at `taken_ns`, with so many missing before them."""
     for j in range(m["fields"]):
         signal = inbox["signal"][m["input"] + j]
-        signal["value"] = value_of(c["field"][m["field"] + j], data, first, length, c["bits"])
-        signal["time_ns"], signal["status"] = time_ns - m["latency_ns"], status
+        signal["value"] = value_of(c["field"][m["field"] + j], data, first, m["length"], c["bits"])
+        signal["time_ns"], signal["status"] = taken_ns, status
         signal["sequence"] += 1 + missing
     inbox["received"] += m["fields"]
     inbox["lost"] += missing * m["fields"]
@@ -137,35 +146,57 @@ def status_of(c: Any, m: Any, data: Any, first: int) -> int:
 
 
 @compiled
+def is_pythons(c: Any) -> bool:
+    """Whether something is left that Python has to deal with before anything else."""
+    left: bool = c["left"] != 0 or c["receive_error"] != 0 or c["send_error"] != 0
+    return left
+
+
+@compiled
+def take_all(c: Any, leave: Any, inbox: Any, began_ns: int) -> int:
+    """Take what is there, some batches at most: when its newest frame came, `began_ns` for none, or GONE.
+
+    See ``take_frame`` for `leave`. Python has to judge where it is GONE, or ``is_pythons``.
+    """
+    if is_pythons(c):
+        return GONE
+    s, newest_ns = c["socket"], began_ns
+    for _ in range(_BATCHES):
+        count = receive(s)
+        if count < 0:
+            c["receive_error"] = -count
+            return GONE
+        for k in range(count):
+            newest_ns = min(stamp_of(s["received"][k]), s["now_ns"]) if c["stamp_bytes"] != 0 else received_ns(s, k)
+            if length_of(s, k) == 0:
+                return GONE  # the other end is, which Python finds too
+            c["odd"][k], c["odd_ns"][k] = 0, newest_ns
+            if not take_frame(c, k, leave, inbox, newest_ns):
+                c["odd"][k] = 1
+                c["left"] += 1
+        if count < BATCH or c["left"] != 0:
+            break
+    return newest_ns
+
+
+@compiled
 def take(c: Any, inbox: Any, began_ns: int) -> int:
-    """Take what is there, a batch at most; 0, or 1 where Python has to judge, or the devices are silent too long.
+    """Take what is there; 0, or 1 where Python has to judge, or the devices are silent too long.
 
     Silence is judged where a call began: what came while this process stood still is there with the first call after.
     """
-    if c["left"] != 0 or c["receive_error"] != 0 or c["send_error"] != 0:
+    heard_ns = c["heard_ns"]
+    if take_all(c, leave_samples, inbox, began_ns) == GONE or is_pythons(c):
         return 1
-    s, heard_ns = c["socket"], c["heard_ns"]
-    count = receive(s)
-    if count < 0:
-        c["receive_error"] = -count
-        return 1
-    for k in range(min(count, BATCH)):
-        time_ns = min(stamp_of(s["received"][k]), s["now_ns"]) if c["stamp_bytes"] != 0 else received_ns(s, k)
-        if length_of(s, k) == 0:
-            return 1  # the other end is gone, which Python finds too
-        c["odd"][k], c["odd_ns"][k] = 0, time_ns
-        if not take_frame(c, k, inbox, time_ns):
-            c["odd"][k] = 1
-            c["left"] += 1
     is_silent = c["silence_ns"] > 0 and began_ns - c["heard_ns"] > c["silence_ns"]
-    return 1 if c["left"] != 0 or (heard_ns == c["heard_ns"] and is_silent) else 0
+    return 1 if heard_ns == c["heard_ns"] and is_silent else 0
 
 
 @compiled
 def give(c: Any, values: Any, task: int) -> int:
     """Send the message of `task` with `values` of all outputs of the driver; 0, NOTHING_SENT, SENT_IN_DOUBT."""
     m, s = c["sent"][task], c["socket"]
-    if c["left"] != 0 or c["receive_error"] != 0 or c["send_error"] != 0:
+    if is_pythons(c):
         return NOTHING_SENT
     packet, before, length = s["sent"], c["stamp_bytes"], m["length"]
     for j in range(m["bytes"]):
@@ -191,20 +222,4 @@ def give(c: Any, values: Any, task: int) -> int:
     return SENT_IN_DOUBT
 
 
-_POINTERS = (
-    types.CPointer(numba.from_dtype(CONTEXT)),
-    types.CPointer(types.float64),
-    types.CPointer(numba.from_dtype(INBOX)),
-)
-
-
-@compiled.c_function(EXCHANGE_SIGNATURE.return_type(*_POINTERS, types.int64, types.int64))
-def receive_c(context: Any, values: Any, inbox: Any, began_ns: Any, task: Any) -> Any:  # noqa: ARG001
-    """C entry of ``take``."""
-    return take(numba.carray(context, 1)[0], numba.carray(inbox, 1)[0], began_ns)
-
-
-@compiled.c_function(EXCHANGE_SIGNATURE.return_type(*_POINTERS, types.int64, types.int64))
-def send_c(context: Any, values: Any, inbox: Any, now: Any, task: Any) -> Any:  # noqa: ARG001
-    """C entry of ``give``."""
-    return give(numba.carray(context, 1)[0], numba.carray(values, _MAX_OUTPUTS), task)
+ENTRIES = steady_entries(compiled, CONTEXT, take, give)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from micromanip.driver import Channel, ConfigError, Inbox, TransientError
+from micromanip.driver.wire import DeviceCounter
 
 from .bit_field import bit_field
 from .database import identity, whole_number
-from .frame_counter import FrameCounter
 from .options import Received
 from .plan import UnpackPlan
 
@@ -39,7 +39,7 @@ class ReceivedMessage:
         values = [one for one in message.signals if one not in own]
         if not values:
             raise ConfigError(f"{key}: {self.name} has no signals but its counter and status")
-        self.counter = FrameCounter(own[0].length) if options.counter else None
+        self.counter = DeviceCounter(own[0].length) if options.counter else None
         self.own = [bit_field(one, self.length) for one in own]
         """Its counter and its status, as far as it has them."""
         self.fields = [bit_field(one, self.length) for one in values]

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import BATCH, CODE, SOCKET, record
+from micromanip.driver.wire import BATCH, CODE, COUNTED, SOCKET, record
 
 MAX_MESSAGES, MAX_FIELDS, MAX_GOOD = 32, 192, 8
 """Of each direction; of both together; values of a status that mean good."""
+MAX_WATCHED = 64
 MAX_PACKET_BYTES = 72
 
 FIELD = record(("big", "i8"), ("byte", "i8"), ("bit", "i8"), ("bits", "i8"), *CODE)
 """A signal: its lowest bit is number `bit` of byte `byte`, counted from the end of the frame where it is `big`."""
-
-COUNTER = record(
-    ("modulus", "i8"),
-    ("known", "i8"),
-    ("last", "i8"),
-    ("past", "i8"),
-    ("in_order", "i8"),
-    ("lost", "i8"),
-    ("repeated", "i8"),
-    ("out_of_order", "i8"),
-    ("restarts", "i8"),
-)
-"""The counter of a message that is received, and what was counted by it; `past` is -1 where the last one was fresh."""
 
 RECEIVED = record(
     ("word", "i8"),
@@ -33,7 +21,7 @@ RECEIVED = record(
     ("fields", "i8"),
     ("counted", "i8"),
     ("counter_field", FIELD),
-    ("counter", COUNTER),
+    ("counter", COUNTED),
     ("judged", "i8"),
     ("status_field", FIELD),
     ("goods", "i8"),
@@ -56,15 +44,16 @@ SENT = record(
 )
 """A message that is sent: `packet` is it before anything is written into its data, a ``struct canfd_frame``."""
 
-CONTEXT = record(
+FRAMES = (
     ("received_messages", "i8"),
     ("received", RECEIVED, (MAX_MESSAGES,)),
     ("sent_messages", "i8"),
     ("sent", SENT, (MAX_MESSAGES,)),
     ("field", FIELD, (MAX_FIELDS,)),
+    ("watched", "i8", (MAX_WATCHED,)),
+    ("watched_words", "i8"),
     ("fd", "i8"),
     ("stamp_bytes", "i8"),
-    ("silence_ns", "i8"),
     ("heard_ns", "i8"),
     ("left", "i8"),
     ("odd", "i8", (BATCH,)),
@@ -77,6 +66,9 @@ CONTEXT = record(
     ("bits", "u8", (1,)),
     ("socket", SOCKET),
 )
-"""The driver as compiled code sees it. `stamp_bytes` come before each frame on the test bus: its time. `left` frames
-are marked in `odd` and wait, with their times, in the socket's record for Python, as do the numbers of the two errors.
-`silence_ns` is 0 where silence is no error."""
+"""What every driver of a CAN bus is in compiled code. Frames with an identifier that is `watched`, of `watched_words`,
+are Python's. `stamp_bytes` come before each frame on the test bus: its time. `left` frames are marked in `odd` and
+wait, with their times, in the socket's record for Python, as do the numbers of the two errors."""
+
+CONTEXT = record(*FRAMES, ("silence_ns", "i8"))
+"""`silence_ns` is 0 where silence is no error."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import can
 import numpy as np
@@ -14,38 +14,89 @@ from can.interfaces.socketcan.socketcan import build_can_frame
 from micromanip.driver.wire import FLOATING, MAX_BYTES, SIGNED, UNSIGNED, lend
 
 from .bit_field import BitField
+from .link import CanLink
 from .received_message import ReceivedMessage
-from .records import CONTEXT, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES
+from .records import CONTEXT, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES, MAX_WATCHED
 from .sent_message import SentMessage
 from .socketcan import EXTENDED, frame_of
 
 _EXACT_BITS, _LEAST_BYTES = 53, 16
 
 
+class Layout(Protocol):
+    """Signals in a frame."""
+
+    @property
+    def identity(self) -> tuple[int, bool]:
+        """Its identifier, and whether that has 29 bits."""
+
+    @property
+    def length(self) -> int:
+        """Bytes of its data."""
+
+    @property
+    def fields(self) -> Sequence[BitField]:
+        """Where its signals lie."""
+
+
+class Incoming(Layout, Protocol):
+    """A frame that is received."""
+
+    @property
+    def latency_ns(self) -> int:
+        """How old its values are when it comes."""
+
+    @property
+    def first(self) -> int:
+        """The input that is its first signal."""
+
+
+class Outgoing(Layout, Protocol):
+    """A frame that is sent."""
+
+    @property
+    def indices(self) -> Sequence[int]:
+        """The outputs that are its signals, one after the other."""
+
+    def empty(self) -> can.Message:
+        """It, before anything is written into it."""
+
+
 class Tables:
-    """The driver's record, and its socket while that is open."""
+    """A driver's record, and its socket while that is open."""
 
     def __init__(
-        self, received: Sequence[ReceivedMessage], sent: Sequence[SentMessage], fd: bool, silence_ns: int | None
+        self,
+        context: np.dtype[np.void],
+        received: Sequence[Incoming],
+        sent: Sequence[Outgoing],
+        fd: bool,
+        watched: Sequence[tuple[int, bool]],
     ) -> None:
-        """From now on the counters of the messages are kept in it."""
-        self.record = np.zeros(1, CONTEXT)
+        """The record is a `context` that has ``FRAMES``; frames that are `watched` go to Python."""
+        self.record = np.zeros(1, context)
         self._c = self.record[0]
         self._fields = 0
-        self._c["fd"], self._c["silence_ns"] = fd, silence_ns or 0
+        self._c["fd"], self._c["watched_words"] = fd, len(watched)
+        self._c["watched"][: len(watched)] = [_word(identity) for identity in watched]
         self._c["received_messages"], self._c["sent_messages"] = len(received), len(sent)
         for row, message in zip(self._c["received"], received, strict=False):
-            self._receive(row, message)
+            row["word"], row["length"] = _word(message.identity), message.length
+            row["latency_ns"], row["input"] = message.latency_ns, message.first
+            row["field"], row["fields"] = self._add(message.fields)
         for row, out in zip(self._c["sent"], sent, strict=False):
-            self._send(row, out)
+            packet = build_can_frame(out.empty())
+            row["word"], row["length"] = _word(out.identity), out.length
+            row["bytes"], row["packet"][: len(packet)] = len(packet), np.frombuffer(packet, np.uint8)
+            row["output"] = out.indices[0] if out.indices else 0
+            row["field"], row["fields"] = self._add(out.fields)
         self.let_go()
 
     @staticmethod
-    def have_room(received: Sequence[ReceivedMessage], sent: Sequence[SentMessage]) -> bool:
-        """Whether so many messages, with so many signals, fit."""
+    def have_room(received: Sequence[Incoming], sent: Sequence[Outgoing], watched: int) -> bool:
+        """Whether so many messages, with so many signals, and so many identifiers for Python fit."""
         fields = sum(len(one.fields) for one in received) + sum(len(one.fields) for one in sent)
-        goods = max((len(message.good or ()) for message in received), default=0)
-        return max(len(received), len(sent)) <= MAX_MESSAGES and fields <= MAX_FIELDS and goods <= MAX_GOOD
+        return max(len(received), len(sent)) <= MAX_MESSAGES and fields <= MAX_FIELDS and watched <= MAX_WATCHED
 
     def hold(self, descriptor: int, stamp_bytes: int, heard_ns: int) -> None:
         """Use a socket that Python goes on owning."""
@@ -77,6 +128,17 @@ class Tables:
         """What the compiled functions have counted: frames_in, frames_out, not_ours."""
         return int(self._c[name])
 
+    def taken(self, link: CanLink) -> list[tuple[can.Message, int]]:
+        """What they left, to begin a reception with. Raises what their system calls came to."""
+        if (problem := self.error("receive_error")) is not None:
+            raise link.sorted("receiving", problem)
+        return link.counted(self.left())
+
+    def complain(self, link: CanLink) -> None:
+        """Raise what their sending came to, to begin one with."""
+        if (problem := self.error("send_error")) is not None:
+            raise link.sorted("sending", problem)
+
     def left(self) -> list[tuple[can.Message, int]]:
         """Frames that they left, with the times of their reception."""
         if not self._c["left"]:
@@ -99,37 +161,48 @@ class Tables:
             if len(packet) >= _LEAST_BYTES:
                 yield frame_of(packet), int(self._c["odd_ns"][k])
 
-    def _receive(self, row: Any, message: ReceivedMessage) -> None:
-        identifier, extended = message.identity
-        row["word"], row["length"] = identifier | (EXTENDED if extended else 0), message.length
-        row["latency_ns"], row["input"] = message.latency_ns, message.first
-        row["field"], row["fields"] = self._add(message.fields)
-        if message.counter is not None:
-            row["counted"] = 1
-            _describe(row["counter_field"], message.own[0])
-            message.counter.move_to(row["counter"])
-        if message.good is not None:
-            row["judged"], row["goods"] = 1, len(message.good)
-            row["good"][: len(message.good)] = sorted(message.good)
-            _describe(row["status_field"], message.own[-1])
-
-    def _send(self, row: Any, message: SentMessage) -> None:
-        identifier, extended = message.identity
-        row["word"], row["length"] = identifier | (EXTENDED if extended else 0), message.length
-        packet = build_can_frame(message.empty())
-        row["bytes"], row["packet"][: len(packet)] = len(packet), np.frombuffer(packet, np.uint8)
-        row["output"] = message.indices[0]
-        row["field"], row["fields"] = self._add(message.fields)
-        if message.counter is not None:
-            row["counted"], row["mask"] = 1, (1 << min(message.counter.bits, _EXACT_BITS)) - 1
-            _describe(row["counter_field"], message.counter)
-        message.count_in(row)
-
     def _add(self, fields: Sequence[BitField]) -> tuple[int, int]:
         first, self._fields = self._fields, self._fields + len(fields)
         for row, field in zip(self._c["field"][first:], fields, strict=False):
             _describe(row, field)
         return first, len(fields)
+
+
+class MessageTables(Tables):
+    """Those of messages with counters and a status, of devices whose silence counts."""
+
+    def __init__(
+        self, received: Sequence[ReceivedMessage], sent: Sequence[SentMessage], fd: bool, silence_ns: int | None
+    ) -> None:
+        """From now on the counters of the messages are kept in it."""
+        super().__init__(CONTEXT, received, sent, fd, [message.identity for message in sent])
+        self._c["silence_ns"] = silence_ns or 0
+        for row, message in zip(self._c["received"], received, strict=False):
+            if message.counter is not None:
+                row["counted"] = 1
+                _describe(row["counter_field"], message.own[0])
+                message.counter.move_to(row["counter"])
+            if message.good is not None:
+                row["judged"], row["goods"] = 1, len(message.good)
+                row["good"][: len(message.good)] = sorted(message.good)
+                _describe(row["status_field"], message.own[-1])
+        for row, out in zip(self._c["sent"], sent, strict=False):
+            if out.counter is not None:
+                row["counted"], row["mask"] = 1, (1 << min(out.counter.bits, _EXACT_BITS)) - 1
+                _describe(row["counter_field"], out.counter)
+            out.count_in(row)
+
+    @classmethod
+    def hold_all(cls, received: Sequence[ReceivedMessage], sent: Sequence[SentMessage]) -> bool:
+        """Whether they fit."""
+        goods = max((len(message.good or ()) for message in received), default=0)
+        return cls.have_room(received, sent, len(sent)) and goods <= MAX_GOOD
+
+
+def _word(identity: tuple[int, bool]) -> int:
+    """Identifier and flag as the kernel has them."""
+    identifier, extended = identity
+    return identifier | (EXTENDED if extended else 0)
 
 
 def _describe(row: Any, field: BitField) -> None:

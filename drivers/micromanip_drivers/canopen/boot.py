@@ -16,6 +16,7 @@ import can
 from micromanip.driver import DeviceFault, IdentityMismatch, LinkError
 
 from ..canbus.link import CanLink
+from ..canbus.plan import UnpackPlan
 from .dictionary import number
 from .mapping import INVALID
 from .options import CanOpenOptions
@@ -73,7 +74,8 @@ def _outputs(sdo: Sdo, pdo: PdoPlan) -> dict[str, float]:
     for wire, mapped in zip(pdo.wires, pdo.carried, strict=True):
         variable = mapped.variable
         if variable.readable and (raw := sdo.read_if_told(variable.index, variable.subindex)) is not None:
-            found[wire.name] = wire.value((raw & wire.mask) << wire.shift)
+            data = ((raw & wire.mask) << wire.shift).to_bytes(8, "little")
+            found[wire.name] = UnpackPlan([wire]).values(data)[0]
     return found
 
 

@@ -12,26 +12,25 @@ here, and one with a watchdog makes them safe by itself.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-import can
-
-from micromanip.driver import Answer, BusDriver, BusError, Channel, Inbox, LinkError, Load, Task, TransientError
+from micromanip.driver import Answer, BusDriver, BusError, Channel, Inbox, LinkError, Load, Steady, Task, TransientError
 
 from ..canbus.link import CanLink
 from .boot import boot
 from .options import CanOpenOptions
+from .pdos import SentFrame
 from .plan import SYNC, PdoPlan, plan_nodes
 from .probe import probe
 from .receiving import Receiver
+from .tables import PdoTables
 from .timing import Timing
 from .watch import OPERATIONAL
 
 _HEARTBEAT = 0x700
 _OPEN_NS = 900_000_000
-
-Performed = Callable[[Sequence[float]], None]
+_COUNTED = ("frames_in", "frames_out", "pdos", "lost", "repeated")
 
 
 class CanOpen(BusDriver):
@@ -47,7 +46,9 @@ class CanOpen(BusDriver):
         self._link = CanLink(options, [(identifier, False) for identifier in self._receiver.identifiers])
         self._outputs: list[Channel] = []
         self._tasks: list[Task] = []
-        self._performed: list[Performed] = []
+        self._sent: list[SentFrame] = []
+        self._sync_ns = round(self._timing.duration_s(0) * 1e9)
+        self._tables: PdoTables | None = None
         self._found: dict[str, float] = {}
         """What the nodes had on their outputs when they were opened."""
         self._add_tasks()
@@ -107,70 +108,72 @@ class CanOpen(BusDriver):
         except BusError:
             self._link.close()
             raise
+        if self._tables is not None and (raw := self._link.raw_socket) is not None:
+            self._tables.hold(*raw, time.monotonic_ns())
+            self._tables.expect_heartbeats(self._receiver.overdue_ns)
 
     def read_outputs(self) -> Sequence[float | None]:
         return [self._found.get(channel.name) for channel in self._outputs]
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
-        self._performed[task](values)
+        if self._tables is not None:
+            self._tables.complain(self._link)
+        sent, sent_ns = self._sent[task], time.monotonic_ns()  # the time before: held up, values count as older
+        self._link.send(sent.frame(values))
+        if task == self._sync_task:
+            self._receiver.syncs.add(sent_ns + self._sync_ns)
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         began_ns = time.monotonic_ns()
-        self._receiver.take(self._link.receive(until_ns), began_ns, inbox)
+        left = self._tables.taken(self._link) if self._tables is not None else []
+        self._receiver.take(left or self._link.receive(until_ns), began_ns, inbox)
+        if self._tables is not None:
+            self._tables.expect_heartbeats(self._receiver.overdue_ns)
 
     def close(self) -> None:
+        if self._tables is not None:
+            self._tables.let_go()
         self._link.close()
 
+    def steady(self) -> Steady | None:
+        received, sent, watched = self._receiver.pdos, self._sent, self._receiver.watched
+        if not PdoTables.have_room(received, sent, len(watched)):
+            return None
+        from . import exchange  # compiled: loaded only where it is going to be called
+
+        tables = PdoTables(received, sent, watched, self._receiver.syncs, (self._sync_task, self._sync_ns))
+        self._tables = tables
+        return Steady(*exchange.ENTRIES.addresses, tables.record, lambda: tables.descriptor)
+
     def statistics(self) -> Mapping[str, int]:
-        return {**self._link.statistics(), **self._receiver.counters}
+        counts = {**self._link.statistics(), **self._receiver.counters}
+        if self._tables is not None:
+            counts |= {name: counts[name] + self._tables.counted(name) for name in _COUNTED}
+        return counts
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         return probe(self._options, seconds)
+
+    @property
+    def _sync_task(self) -> int:
+        """The task that sends it; -1 for none."""
+        return -1 if self._options.sync_hz is None else 0
 
     def _add_tasks(self) -> None:
         options = self._options
         if options.sync_hz is not None:
             self._tasks.append(Task("SYNC", options.sync_hz))
-            self._performed.append(self._sync())
+            self._sent.append(SentFrame(SYNC, b""))
         for pdo in (pdo for plan in self._nodes for pdo in plan.rpdos):
             self._add_rpdo(pdo)
         if options.heartbeat_period_ms is not None:
-            beat = _message(_HEARTBEAT + options.own_node_id, bytes((OPERATIONAL,)))
             self._tasks.append(Task("heartbeat", 1e3 / options.heartbeat_period_ms))
-            self._performed.append(lambda _: self._link.send(beat))
+            self._sent.append(SentFrame(_HEARTBEAT + options.own_node_id, bytes((OPERATIONAL,))))
 
     def _add_rpdo(self, pdo: PdoPlan) -> None:
-        first = len(self._outputs)
         latency_s = self._timing.output_latency_s(pdo)
+        sent = SentFrame(pdo.mapping.identifier, bytes(pdo.mapping.length), pdo.wires, len(self._outputs))
         for wire, safe in zip(pdo.wires, pdo.safe, strict=True):
             self._outputs.append(Channel(wire.name, pdo.options.rate_hz, latency_s, safe))
-        end = len(self._outputs)
-        self._tasks.append(Task(pdo.title, pdo.options.rate_hz, tuple(range(first, end))))
-        self._performed.append(self._rpdo(pdo, first, end))
-
-    def _sync(self) -> Performed:
-        message = _message(SYNC, b"")
-        on_bus_ns = round(self._timing.duration_s(0) * 1e9)
-
-        def perform(_: Sequence[float]) -> None:
-            sent_ns = time.monotonic_ns()  # before: where we are held up, values count as older than they are
-            self._link.send(message)
-            self._receiver.syncs.add(sent_ns + on_bus_ns)
-
-        return perform
-
-    def _rpdo(self, pdo: PdoPlan, first: int, end: int) -> Performed:
-        identifier, length = pdo.mapping.identifier, pdo.mapping.length
-        link, wires = self._link, pdo.wires
-
-        def perform(values: Sequence[float]) -> None:
-            frame = 0
-            for wire, value in zip(wires, values[first:end], strict=True):
-                frame |= wire.bits(value)
-            link.send(_message(identifier, frame.to_bytes(length, "little")))
-
-        return perform
-
-
-def _message(identifier: int, data: bytes) -> can.Message:
-    return can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+        self._tasks.append(Task(pdo.title, pdo.options.rate_hz, sent.indices))
+        self._sent.append(sent)

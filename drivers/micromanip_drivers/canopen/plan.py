@@ -10,12 +10,15 @@ from pathlib import Path
 
 from micromanip.driver import ConfigError, OutputRefused, did_you_mean
 
+from ..canbus.bit_field import BitField
+from ..canbus.plan import PackPlan
 from .dictionary import Dictionary, number
 from .mapping import Direction, Mapped, Mapping, mapping
 from .options import CanOpenOptions, InputSignal, NodeOptions, OutputSignal, Rpdo, Tpdo
-from .wire import Wire, wire
+from .wire import wire
 
 SYNC = 0x80
+_MOST_BYTES = 8
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class PdoPlan:
     node: str
     mapping: Mapping
     options: Tpdo | Rpdo
-    wires: tuple[Wire, ...]
+    wires: tuple[BitField, ...]
     safe: tuple[float, ...]
     """Of each wire of an RPDO: what it is kept at if it is not used."""
     carried: tuple[Mapped, ...]
@@ -115,7 +118,7 @@ def _pdo(node: str, dictionary: Dictionary, direction: Direction, pdo: int, opti
     if direction == "rpdo":
         for name, sent, value in zip(signals, wires, safe, strict=True):
             try:
-                sent.bits(value)
+                PackPlan([sent], _MOST_BYTES).data([value])
             except OutputRefused as problem:
                 raise ConfigError(f"{key}.signals.{name}.safe: {problem}") from problem
     return PdoPlan(node, laid, options, wires, safe, tuple(carried[name] for name in signals))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import can
 
 from micromanip.driver import Channel, Inbox, TransientError
 
 from .options import CanOpenOptions
+from .pdos import ReceivedPdo
 from .plan import SYNC, NodePlan, PdoPlan
-from .sampling import EventSampling, SyncSampling, SyncTimes
+from .sampling import Sampling, SyncTimes
 from .timing import Timing
 from .watch import Watch
 
@@ -24,28 +25,43 @@ class Receiver:
 
     def __init__(self, options: CanOpenOptions, nodes: Sequence[NodePlan], timing: Timing) -> None:
         self.channels: list[Channel] = []
+        self.pdos: list[ReceivedPdo] = []
         self.syncs = SyncTimes()
         self.watches = {plan.name: Watch(plan.name, plan.options.heartbeat_ms) for plan in nodes}
-        self.counters = dict.fromkeys(("pdos", "lost", "repeated", "short", "emergencies", "foreign_syncs"), 0)
-        self.identifiers = [SYNC, *(_SDO_ANSWER + plan.options.node_id for plan in nodes)]
-        """All that the driver wants to hear."""
+        self._counters = dict.fromkeys(("emergencies", "foreign_syncs"), 0)
         self._sync_hz = options.sync_hz
         self._timing = timing
-        self._samplings: list[SyncSampling | EventSampling] = []
         self._takers: dict[int, Taker] = {SYNC: self._foreign_sync}
         for plan in nodes:
             node_id, watch = plan.options.node_id, self.watches[plan.name]
             self._takers[_HEARTBEAT + node_id] = self._heartbeat(watch)
             self._takers[_EMERGENCY + node_id] = self._emergency(watch)
-            for pdo in plan.tpdos:
-                self._takers[pdo.mapping.identifier] = self._tpdo(pdo)
-        self.identifiers += [identifier for identifier in self._takers if identifier != SYNC]
+        self.watched = list(self._takers)
+        """Identifiers of what is no process data, and to be judged."""
+        for pdo in (pdo for plan in nodes for pdo in plan.tpdos):
+            latency_s = timing.input_latency_s(pdo)
+            self.pdos.append(ReceivedPdo(pdo, len(self.channels), latency_s, self._sampling(pdo)))
+            self.channels += self.pdos[-1].channels
+            self._takers[pdo.mapping.identifier] = self.pdos[-1].take
+        self.identifiers = [*self._takers, *(_SDO_ANSWER + plan.options.node_id for plan in nodes)]
+        """All that the driver wants to hear."""
+
+    @property
+    def overdue_ns(self) -> int:
+        """From then on the heartbeat of a node is missing."""
+        return min(watch.overdue_ns for watch in self.watches.values())
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What came."""
+        summed = {name: sum(pdo.counters[name] for pdo in self.pdos) for name in ("pdos", "lost", "repeated", "short")}
+        return {**summed, **self._counters}
 
     def clear(self) -> None:
         """Forget when PDOs came: the bus is opened anew."""
         self.syncs.clear()
-        for sampling in self._samplings:
-            sampling.clear()
+        for pdo in self.pdos:
+            pdo.sampling.clear()
 
     def take(self, frames: Sequence[tuple[can.Message, int]], began_ns: int, inbox: Inbox) -> None:
         """Sort `frames`, which were taken off the bus from `began_ns` on.
@@ -68,47 +84,23 @@ class Receiver:
         if broken is not None:
             raise broken
 
-    def _tpdo(self, pdo: PdoPlan) -> Taker:
-        first, length, title, wires = len(self.channels), pdo.mapping.length, pdo.title, pdo.wires
-        latency_s = self._timing.input_latency_s(pdo)
-        self.channels += [Channel(wire.name, pdo.options.rate_hz, latency_s) for wire in wires]
-        sampling = self._sampling(pdo)
-        self._samplings.append(sampling)
-        counters = self.counters
-
-        def take(data: bytes, time_ns: int, inbox: Inbox) -> None:
-            if len(data) < length:
-                counters["short"] += 1
-                raise TransientError(f"{title} came with {len(data)} bytes; its mapping has {length}")
-            counters["pdos"] += 1
-            taken = sampling.taken(time_ns, data)
-            if taken is None:
-                counters["repeated"] += 1
-                return
-            taken_ns, lost = taken
-            counters["lost"] += lost
-            frame = int.from_bytes(data, "little")
-            inbox.put_all(first, [wire.value(frame) for wire in wires], taken_ns, 0, lost)
-
-        return take
-
-    def _sampling(self, pdo: PdoPlan) -> SyncSampling | EventSampling:
+    def _sampling(self, pdo: PdoPlan) -> Sampling:
         frame_ns = round(self._timing.duration_s(pdo.mapping.length) * 1e9)
         latency_ns = round(pdo.options.latency_us * 1e3)
         every = pdo.mapping.transmission
         if self._sync_hz is None or not 1 <= every <= 240:  # 0 is answered at a SYNC of the node's choice
-            return EventSampling(frame_ns + latency_ns)
-        return SyncSampling(self.syncs, every, frame_ns, latency_ns, round(1e9 / self._sync_hz))
+            return Sampling(self.syncs, 0, frame_ns, latency_ns, 0)
+        return Sampling(self.syncs, every, frame_ns, latency_ns, round(1e9 / self._sync_hz))
 
     def _heartbeat(self, watch: Watch) -> Taker:
         return lambda data, time_ns, _: watch.heartbeat(data, time_ns)
 
     def _emergency(self, watch: Watch) -> Taker:
         def take(data: bytes, time_ns: int, inbox: Inbox) -> None:  # noqa: ARG001
-            self.counters["emergencies"] += 1
+            self._counters["emergencies"] += 1
             watch.emergency(data)
 
         return take
 
     def _foreign_sync(self, data: bytes, time_ns: int, inbox: Inbox) -> None:  # noqa: ARG002
-        self.counters["foreign_syncs"] += 1
+        self._counters["foreign_syncs"] += 1

@@ -1,79 +1,108 @@
-"""When the values of a PDO were taken, and whether any are missing."""
+"""When the values of a PDO were taken, and whether any are missing; one law for Python and compiled code."""
 
 from __future__ import annotations
 
-from collections import deque
+from typing import Any
 
-_REMEMBERED = 16
+import numpy as np
+
+from micromanip.driver.wire import move
+
+from .compiled import compiled
+from .records import REMEMBERED, SAMPLING, SYNCS
+
+REPEATED = -1
+"""What ``sampled`` says instead of what is missing where a PDO is no fresh sample."""
+
+
+@compiled
+def note_sync(s: Any, time_ns: int) -> None:
+    """One was on the bus at `time_ns`."""
+    s["count"] += 1
+    s["kept"] = min(s["kept"] + 1, REMEMBERED)
+    s["sent_ns"][s["count"] % REMEMBERED] = time_ns
+
+
+@compiled
+def first_sync(s: Any, after: int, from_ns: int, to_ns: int) -> int:
+    """Number of the first above `after` that was sent in that time; 0 without one."""
+    number: int = max(after, s["count"] - s["kept"]) + 1
+    while number <= s["count"]:
+        if from_ns <= s["sent_ns"][number % REMEMBERED] <= to_ns:
+            return number
+        number += 1
+    return 0
+
+
+@compiled
+def sampled(s: Any, p: Any, received_ns: int, data: Any) -> tuple[int, int]:
+    """When the values of a PDO were taken, and how many samples before them are missing, or REPEATED.
+
+    `data` are its bytes as one number (uint64). One that the node sends by its own clock was taken just before.
+
+    A synchronous one was taken at the SYNC that it answers, however long it then waited for the bus. SYNCs are answered
+    in their order, which matters when one was sent late and the next one is close behind. One that no PDO answered
+    within its time is a lost sample. The same PDO twice for one SYNC is a repetition, and no fresh sample; another one
+    for the same SYNC is not the answer to it, and dated by its reception.
+    """
+    began_ns = received_ns - p["frame_ns"]
+    repeated = p["came"] != 0 and data == p["last"]
+    p["came"], p["last"] = 1, data
+    if p["every"] == 0:
+        return began_ns - p["latency_ns"], 0
+    answered, earliest_ns = p["answered"], began_ns - p["lasting_ns"]
+    number = first_sync(s, answered, earliest_ns, began_ns)
+    if number == 0:
+        recent = first_sync(s, answered - 1, earliest_ns, began_ns) != 0
+        return began_ns - p["latency_ns"], REPEATED if repeated and recent else 0
+    missing = 0
+    if answered != 0:
+        missing = max(0, int(np.rint((number - answered) / p["every"])) - 1)
+    p["answered"] = number
+    return s["sent_ns"][number % REMEMBERED] - p["latency_ns"], missing
 
 
 class SyncTimes:
-    """When our last SYNCs went out."""
+    """When our last SYNCs went out, in a record that compiled code may go on with."""
 
     def __init__(self) -> None:
-        self._count = 0
-        self._sent: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
+        self.record = np.zeros(1, SYNCS)[0]
+
+    def move_to(self, record: Any) -> None:
+        """Keep them in this record from now on."""
+        self.record = move(self.record, record)
 
     def clear(self) -> None:
         """Forget them: the bus was opened anew."""
-        self._sent.clear()
+        self.record["kept"] = 0
 
     def add(self, time_ns: int) -> None:
         """One was on the bus at `time_ns`."""
-        self._count += 1
-        self._sent.append((self._count, time_ns))
-
-    def first(self, after: int, from_ns: int, to_ns: int) -> tuple[int, int] | None:
-        """Number and time of the first with a number above `after` that was sent in that time; None without one."""
-        for count, sent_ns in self._sent:
-            if count > after and from_ns <= sent_ns <= to_ns:
-                return count, sent_ns
-        return None
+        note_sync(self.record, time_ns)
 
 
-class EventSampling:
-    """Of a PDO that the node sends by its own clock: taken just before it was sent."""
-
-    def __init__(self, age_ns: int) -> None:
-        self._age_ns = age_ns
-
-    def clear(self) -> None:
-        """Nothing is remembered."""
-
-    def taken(self, received_ns: int, data: bytes) -> tuple[int, int]:  # noqa: ARG002
-        """When the values were taken, and how many samples before them are missing."""
-        return received_ns - self._age_ns, 0
-
-
-class SyncSampling:
-    """Of a synchronous PDO: taken at the SYNC that it answers, however long it then waited for the bus.
-
-    SYNCs are answered in their order, which matters when one was sent late and the next one is close behind. One that
-    no PDO answered within its time is a lost sample. The same PDO twice for one SYNC is a repetition, and no fresh
-    sample; another one for the same SYNC is not the answer to it, and dated by its reception.
-    """
+class Sampling:
+    """Of one PDO, in a record that compiled code may go on with."""
 
     def __init__(self, syncs: SyncTimes, every: int, frame_ns: int, latency_ns: int, lasting_ns: int) -> None:
-        """`every` n-th SYNC is answered within `lasting_ns` by a frame of `frame_ns`; values are `latency_ns` old."""
-        self._syncs, self._every = syncs, every
-        self._frame_ns, self._latency_ns, self._lasting_ns = frame_ns, latency_ns, lasting_ns
-        self._answered: int | None = None
-        self._last = b""
+        """Each `every` n-th SYNC is answered within `lasting_ns` by a frame of `frame_ns`, 0 for one that comes by
+        itself; values are `latency_ns` old.
+        """
+        self._syncs = syncs
+        self.record = np.zeros(1, SAMPLING)[0]
+        self.record["every"], self.record["frame_ns"] = every, frame_ns
+        self.record["latency_ns"], self.record["lasting_ns"] = latency_ns, lasting_ns
+
+    def move_to(self, record: Any) -> None:
+        """Keep it in this record from now on."""
+        self.record = move(self.record, record)
 
     def clear(self) -> None:
         """The bus was opened anew."""
-        self._answered = None
+        self.record["answered"] = 0
 
     def taken(self, received_ns: int, data: bytes) -> tuple[int, int] | None:
-        """When the values were taken, and how many samples before them are missing; None for a repetition."""
-        began_ns = received_ns - self._frame_ns
-        repeated, self._last = data == self._last, data
-        answered = 0 if self._answered is None else self._answered
-        sync = self._syncs.first(answered, began_ns - self._lasting_ns, began_ns)
-        if sync is None:
-            recent = self._syncs.first(answered - 1, began_ns - self._lasting_ns, began_ns) is not None
-            return None if repeated and recent else (began_ns - self._latency_ns, 0)
-        count, sent_ns = sync
-        lost = 0 if self._answered is None else max(0, round((count - self._answered) / self._every) - 1)
-        self._answered = count
-        return sent_ns - self._latency_ns, lost
+        """When its values were taken, and how many samples before them are missing; None for a repetition."""
+        number = np.uint64(int.from_bytes(data, "little"))
+        taken_ns, missing = sampled(self._syncs.record, self.record, received_ns, number)
+        return None if missing == REPEATED else (int(taken_ns), int(missing))

@@ -51,6 +51,11 @@ class Watch:
         """All nodes have started: from now on it has to stay OPERATIONAL."""
         self._running = True
 
+    @property
+    def overdue_ns(self) -> int:
+        """From then on its heartbeat is missing."""
+        return self._heard_ns + self._heartbeat_ms * 1_000_000
+
     def heartbeat(self, data: bytes, time_ns: int) -> None:
         """Its heartbeat, which may say that it restarted or left OPERATIONAL."""
         if not data:
@@ -82,7 +87,7 @@ class Watch:
             raise DeviceFault(f"node {self._name} reports {self._fault}")
         if self._left is not None:
             raise LinkError(f"node {self._name} {self._left}")
-        if now_ns - self._heard_ns > self._heartbeat_ms * 1_000_000:
+        if now_ns > self.overdue_ns:
             raise LinkError(f"node {self._name} gave no heartbeat for {self._heartbeat_ms} ms")
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from micromanip.driver import (
     Answer,
@@ -28,9 +26,7 @@ from .frame_reader import FrameReader, FrameSearch
 from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .port import Port
-
-if TYPE_CHECKING:
-    from .tables import Tables
+from .steady_line import SteadyLine
 
 _ASK_NS = 150_000_000
 """So long the device has to say who it is, before it is asked again."""
@@ -43,7 +39,6 @@ class BinaryFraming(Framing):
 
     def __init__(self, options: Binary, port: Port, line_time: LineTime, silence: Silence) -> None:
         self._options, self._port, self._silence = options, port, silence
-        self._tables: Tables | None = None
         frames = Frames(options)
         inputs: list[Channel] = []
         outputs: list[Channel] = []
@@ -69,7 +64,7 @@ class BinaryFraming(Framing):
         self._asking = self._identity.request if self._identity else b""
         self._identity_kind = options.identity.kind if options.identity else None
         self._is_owed, self._owed_until_ns = False, 0
-        self._unheard: set[int] = set()
+        self._line = SteadyLine(self._reader, port, silence)
         self._counters = dict.fromkeys(("frames", "not_ours", "missing_answers", "late_answers", "held_back"), 0)
 
     def begin(self, deadline_ns: int) -> None:
@@ -81,15 +76,13 @@ class BinaryFraming(Framing):
         self._reader.pardon()
         if self._by_itself:
             self._silence.heard(time.monotonic_ns(), more=True)
-        if self._tables is not None:
-            self._lend(self._tables)
+        self._line.lend()
 
     def end(self) -> None:
-        if self._tables is not None:
-            self._tables.forget()
+        self._line.forget()
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
-        with self._in_python("send_error", "writing"):
+        with self._line.in_python("send_error", "writing"):
             return self._perform(task, values, inbox)
 
     def _perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
@@ -100,7 +93,7 @@ class BinaryFraming(Framing):
             sent.was_sent()
             if not (sent.indices and self._by_itself):
                 return None
-            self._unheard.add(task)
+            self._line.unheard.add(task)
             return Outcome.SENT
         self._take(0, inbox)
         if self._is_held():
@@ -113,24 +106,20 @@ class BinaryFraming(Framing):
         return None
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
-        with self._in_python("receive_error", "reading"):
+        with self._line.in_python("receive_error", "reading"):
             newest_ns = self._take(until_ns, inbox)
             self._silence.check(newest_ns or time.monotonic_ns())
             self._reader.complain()
 
     def steady(self) -> Steady | None:
         says_who = {self._identity_kind} if self._asking else set()  # frames of that kind have no samples
-        if not self._port.is_plain or any(self._answers) or any(one.kind in says_who for one in self._messages):
+        if any(self._answers) or any(one.kind in says_who for one in self._messages):
             return None
-        from .tables import Tables  # not needed by who only describes the line
+        from .tables import Heading, Tables  # not needed by who only describes the line
 
-        try:
-            tables = self._tables = Tables(self._options, self._messages, self._sent, self._kinds, self._silence)
-        except ConfigError:  # more than there is room for, or a checksum that no table computes
-            return None
-        from . import exchange  # compiled: loaded only where it is going to be called
-
-        return Steady(exchange.receive_c.address, exchange.send_c.address, tables.record, lambda: tables.descriptor)
+        options = self._options
+        heading = Heading(bytes.fromhex(options.sync), self._kinds.header, options.kind, options.length, options.crc)
+        return self._line.begin(lambda: Tables(heading, self._messages, self._sent, self._silence))
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         self._forget()
@@ -145,37 +134,17 @@ class BinaryFraming(Framing):
         counters = [message.counter for message in self._messages if message.counter]
         return {
             **self._counters,
+            "frames": self._counters["frames"] + self._line.frames,
             **self._reader.counters,
             "lost": sum(counter.lost for counter in counters),
             "not_fresh": sum(counter.stale for counter in counters),
             "restarts": sum(counter.restarts for counter in counters),
         }
 
-    @contextmanager
-    def _in_python(self, error: str, doing: str) -> Iterator[None]:
-        """Go on from where the compiled functions are, with what one of them met in `doing`, and let them go on."""
-        if (tables := self._tables) is None:
-            yield
-            return
-        self._port.counters["bytes_in"] += tables.counted("bytes_in")
-        self._port.counters["bytes_out"] += tables.counted("bytes_out")
-        self._counters["frames"] += tables.counted("frames")
-        tables.take_back(self._reader, self._port, self._silence, self._unheard)
-        try:
-            if (problem := tables.error(error)) is not None:
-                raise self._port.gone(doing, problem) from problem
-            yield
-        finally:
-            self._lend(tables)
-
-    def _lend(self, tables: Tables) -> None:
-        tables.lend(self._reader, self._port, self._silence, self._unheard)
-
     def _forget(self) -> None:
         self.end()
         self._reader.forget()
         self._is_owed = False
-        self._unheard.clear()
         for message in self._messages:
             if message.counter:
                 message.counter.forget()
@@ -219,9 +188,9 @@ class BinaryFraming(Framing):
 
     def _confirm(self, inbox: Inbox) -> None:
         """A device that acknowledges nothing has what was sent, as far as anybody can tell, while it is heard."""
-        for task in self._unheard:
+        for task in self._line.unheard:
             inbox.confirm(task)
-        self._unheard.clear()
+        self._line.unheard.clear()
 
     def _await(self, sent: SentFrame, answer: ReceivedFrame, inbox: Inbox) -> None:
         """Take the answer to what was sent just now. Raises TransientError where it is missing."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.driver import Channel, ConfigError, Inbox
 from micromanip.driver.wire import FramePlan, GroupPlan
@@ -89,20 +90,20 @@ class ReceivedFrame:
         latency_s = self.seconds if options.latency_us is None else options.latency_us * 1e-6
         self._latency_ns = round(latency_s * 1e9)
         self.channels = [Channel(label, options.rate_hz, latency_s) for label in options.fields]
-        self.first = first
+        self.first, self.samples = first, 1
         self._values = [InputNumber(field) for field in options.fields.values()]
         self._status = StatusWord(options.status) if options.status else None
         self.counter = PacketCounter(options.counter) if options.counter else None
         self._frames, self._options = frames, options
 
-    def plan(self) -> FramePlan:
+    def table(self) -> NDArray[np.void]:
         """Its frame for compiled code."""
         group = GroupPlan(self._options.fields, latency_ns=self._latency_ns)
-        return self._frames.plan(self.length, group, self._options.counter, self._options.status)
+        return self._frames.plan(self.length, group, self._options.counter, self._options.status).record()
 
     def take(self, frame: bytes, time_ns: int, inbox: Inbox) -> bool:
         """Put its samples into `inbox`; False if it is not a fresh one."""
-        lost = self.counter.lost_before(frame) if self.counter else 0
+        lost = self.counter.samples_before(frame) if self.counter else 0
         if lost is None:
             return False
         status = self.status(frame)
@@ -163,13 +164,11 @@ class SentFrame:
         """The last frame is on its way: count on."""
         self._counting["count"] += 1
 
-    def empty(self) -> bytes:
-        """The same without values, counter and checksum."""
-        return self._empty
-
-    def plan(self) -> FramePlan:
-        """Its frame for compiled code; bytes that nothing covers are 0 in it, and those of the header."""
-        return self._frames.plan(self.length, GroupPlan(self._options.fields), self._options.counter)
+    def table(self) -> NDArray[np.void]:
+        """Its frame for compiled code."""
+        frames = self._frames.plan(self.length, GroupPlan(self._options.fields), self._options.counter).record()
+        frames[0]["template"][: self.length] = np.frombuffer(self._empty, np.uint8)
+        return frames
 
     def count_in(self, record: Any) -> None:
         """Keep the counter in `record` from now on, where compiled code goes on with it."""

@@ -9,19 +9,25 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
-from numba import types
 
-from micromanip.driver import EXCHANGE_SIGNATURE, now_ns
+from micromanip.driver import now_ns
 from micromanip.driver.byte_stream import ask, read_bytes, write_bytes
-from micromanip.driver.datagrams import GOOD, begin_frame, code_of, judged, leave_samples, put_value, seal
-from micromanip.driver.steady import INBOX, NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
-from micromanip.driver.wire import MAX_OUTPUTS
+from micromanip.driver.datagrams import (
+    GOOD,
+    OLD,
+    begin_frame,
+    code_of,
+    judged,
+    leave_samples,
+    missing_before,
+    put_value,
+    seal,
+)
+from micromanip.driver.steady import NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED, steady_entries
 
 from .compiled import compiled
 from .frame_reader import STALE_NS
-from .packet_counter import STALE, missing_before
 from .records import CONTEXT, MAX_CHUNKS, READ_BYTES
 
 _MORE, _ODD = -1, -2
@@ -75,15 +81,20 @@ def message_at(c: Any, at: int) -> int:
 def take_message(c: Any, number: int, inbox: Any, time_ns: int) -> None:
     """The frame that was looked at last, of message `number`, as samples, if it is a fresh one."""
     m = c["received"][number]
-    f, missing = m["frame"], 0
+    f, samples, missing = m["frame"], m["samples"], 0
     if f["counter"]["present"] != 0:
-        count: Any = np.int64(code_of(f["counter"], c["frame"]) & np.uint64(m["counter"]["mask"]))
-        missing = missing_before(m["counter"], count, 1)
-        if missing == STALE:
+        count: Any = np.int64(code_of(f["counter"], c["frame"]) & np.uint64(0xFFFFFFFF))
+        by_sample = m["by_sample"] != 0
+        missing = missing_before(c["received"][m["counted"]]["counter"], count, samples if by_sample else 1)
+        if missing == OLD:
             return
-        m["counter"]["lost"] += missing
-    leave_samples(c["samples"], f, c["frame"], inbox["signal"][m["input"] :], missing, time_ns)
-    inbox["received"] += f["numbers"]
+        missing = max(missing, 0)
+        if not by_sample:
+            c["more_lost"] += missing * (samples - 1)
+            missing *= samples
+    # the newest wins, as in the loop's image: those before it are counted
+    leave_samples(c["samples"], f, c["frame"], inbox["signal"][m["input"] :], missing + samples - 1, time_ns)
+    inbox["received"] += samples * f["numbers"]
     inbox["lost"] += missing * f["numbers"]
     c["frames"] += 1
     c["heard_ns"] = time_ns
@@ -130,7 +141,7 @@ def is_pythons(c: Any) -> bool:
 
 
 @compiled
-def take(c: Any, inbox: Any) -> int:
+def take(c: Any, inbox: Any, began_ns: int) -> int:  # noqa: ARG001
     """Take what is there, a reading at most; 0, or 1 where Python has to judge, or the device is silent too long."""
     if is_pythons(c):
         return 1
@@ -186,20 +197,4 @@ def give(c: Any, values: Any, task: int) -> int:
     return UNCONFIRMED
 
 
-_POINTERS = (
-    types.CPointer(numba.from_dtype(CONTEXT)),
-    types.CPointer(types.float64),
-    types.CPointer(numba.from_dtype(INBOX)),
-)
-
-
-@compiled.c_function(EXCHANGE_SIGNATURE.return_type(*_POINTERS, types.int64, types.int64))
-def receive_c(context: Any, values: Any, inbox: Any, began_ns: Any, task: Any) -> Any:  # noqa: ARG001
-    """C entry of ``take``."""
-    return take(numba.carray(context, 1)[0], numba.carray(inbox, 1)[0])
-
-
-@compiled.c_function(EXCHANGE_SIGNATURE.return_type(*_POINTERS, types.int64, types.int64))
-def send_c(context: Any, values: Any, inbox: Any, now: Any, task: Any) -> Any:  # noqa: ARG001
-    """C entry of ``give``."""
-    return give(numba.carray(context, 1)[0], numba.carray(values, MAX_OUTPUTS), task)
+ENTRIES = steady_entries(compiled, CONTEXT, take, give)

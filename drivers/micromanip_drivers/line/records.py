@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import FRAME, MAX_BYTES, NUMBER, SAMPLES, record
+from micromanip.driver.wire import COUNTED, FRAME, MAX_BYTES, NUMBER, SAMPLES, record
 
 MAX_MESSAGES = 16
 """Of each direction."""
@@ -11,22 +11,17 @@ READ_BYTES = 4096
 """What one reading takes at most."""
 _BUFFER_BYTES = MAX_BYTES + READ_BYTES
 
-COUNTER = record(
-    ("mask", "i8"),
-    ("known", "i8"),
-    ("next", "i8"),
-    ("past", "i8"),
-    ("next_of_past", "i8"),
-    ("in_order", "i8"),
-    ("lost", "i8"),
-    ("stale", "i8"),
-    ("restarts", "i8"),
+RECEIVED = record(
+    ("frame", FRAME),
+    ("kind", "u8"),
+    ("input", "i8"),
+    ("counter", COUNTED),
+    ("counted", "i8"),
+    ("samples", "i8"),
+    ("by_sample", "i8"),
 )
-"""The counter of a message (``packet_counter.py``): `next` is what is to come, `past` is 1 after one that was not
-fresh, `next_of_past` what would follow that."""
-
-RECEIVED = record(("frame", FRAME), ("kind", "u8"), ("input", "i8"), ("counter", COUNTER))
-"""A message that is received; its inputs from `input` on."""
+"""A message that is received; its inputs from `input` on. It has so many `samples` of each, the frame shows the
+last. It is counted by the counter of the message `counted`: by 1 a frame, or by its samples where `by_sample` is 1."""
 
 SENT = record(("frame", FRAME), ("output", "i8"), ("count", "i8"), ("unheard", "i8"))
 """A message that is sent; its outputs from `output` on, the count of its next frame. `unheard` is 1 after it was sent,
@@ -62,6 +57,7 @@ CONTEXT = record(
     ("bytes_in", "i8"),
     ("bytes_out", "i8"),
     ("frames", "i8"),
+    ("more_lost", "i8"),
     ("samples", SAMPLES),
     ("waiting", "i4", (1,)),
     ("timespec", "i8", (2,)),

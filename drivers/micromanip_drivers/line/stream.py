@@ -15,6 +15,7 @@ from micromanip.driver import (
     Inbox,
     LinkError,
     Load,
+    Steady,
     Task,
     TransientError,
 )
@@ -28,7 +29,9 @@ from .line_time import LineTime, Traffic
 from .number import InputNumber, NumberCodec, mismatches
 from .packet_counter import PacketCounter
 from .port import Port
+from .steady_line import SteadyLine
 from .stream_options import Blocks, Stream
+from .stream_packet import StreamPacket
 
 NOT_FINITE = -1
 """Status of a sample that is no number."""
@@ -55,7 +58,9 @@ class StreamFraming(Framing):
         self._identity = {name: (NumberCodec(known), known.value) for name, known in options.identity.items()}
         self._stamp = NumberCodec(options.time) if options.time else None
         self._clock = self._device_clock()
-        self._reader = FrameReader(port, FrameSearch(bytes.fromhex(options.magic), self._length, options.crc))
+        self._magic = bytes.fromhex(options.magic)
+        self._reader = FrameReader(port, FrameSearch(self._magic, self._length, options.crc))
+        self._line = SteadyLine(self._reader, port, silence)
         self._period_ns = 1e9 / options.rate_hz
         packet_s = line_time.seconds(self._most)
         latency_s = packet_s if options.latency_us is None else options.latency_us * 1e-6
@@ -75,6 +80,7 @@ class StreamFraming(Framing):
                 if not (found := mismatches(self._identity, packet)):
                     self._silence.heard(time_ns, more=True)
                     self._reader.pardon()
+                    self._line.lend()
                     return
                 strange += 1
                 if strange >= _STRANGE:
@@ -85,7 +91,26 @@ class StreamFraming(Framing):
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
         raise AssertionError("a stream has no tasks")
 
+    def end(self) -> None:
+        self._line.forget()
+
+    def steady(self) -> Steady | None:
+        options = self._options
+        if options.time is not None:  # its clock is followed in Python
+            return None
+        from .tables import Heading, Tables  # not needed by who only describes the line
+
+        blocks = options.blocks if isinstance(options.blocks, Blocks) else None
+        counts = range(1, options.most_blocks + 1) if blocks else [options.most_blocks]
+        packets = [StreamPacket(options, count, self._latency_ns, self._counter) for count in counts]
+        heading = Heading(self._magic, options.header_bytes, blocks, None, options.crc)
+        return self._line.begin(lambda: Tables(heading, packets, (), self._silence))
+
     def receive(self, inbox: Inbox, until_ns: int) -> None:
+        with self._line.in_python("receive_error", "reading"):
+            self._receive(inbox, until_ns)
+
+    def _receive(self, inbox: Inbox, until_ns: int) -> None:
         packets = self._reader.frames(until_ns)
         stranger = False
         for packet, time_ns in packets:
@@ -120,15 +145,16 @@ class StreamFraming(Framing):
     @property
     def counters(self) -> Mapping[str, int]:
         return {
-            "packets": self._packets,
+            "packets": self._packets + self._line.frames,
             **self._reader.counters,
-            "lost": self._counter.lost if self._counter else 0,
+            "lost": self._counter.lost + self._line.more_lost if self._counter else 0,
             "not_fresh": self._counter.stale if self._counter else 0,
             "restarts": self._counter.restarts if self._counter else 0,
             "clock_steps": self._clock.steps if self._clock else 0,
         }
 
     def _forget(self) -> None:
+        self.end()
         self._reader.forget()
         if self._counter:
             self._counter.forget()
@@ -151,7 +177,7 @@ class StreamFraming(Framing):
         """Put the samples of a packet into `inbox`; False if it is not a fresh one."""
         options = self._options
         count = (len(packet) - options.header_bytes - self._crc_size) // options.block_bytes
-        lost = self._counter.lost_before(packet, count) if self._counter else 0
+        lost = self._counter.samples_before(packet, count) if self._counter else 0
         if lost is None:
             return False
         self._packets += 1

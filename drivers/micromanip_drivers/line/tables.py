@@ -4,55 +4,97 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.driver import ConfigError
 from micromanip.driver.wire import MAX_BYTES, fill_number
 
-from .binary_messages import FrameKinds, ReceivedFrame, SentFrame
-from .binary_options import Binary
+from .binary_messages import SentFrame
+from .frame_options import Crc, Length, Number
 from .frame_reader import Chunk, FrameReader
 from .framing import Silence
+from .packet_counter import PacketCounter
 from .port import Port
 from .records import CONTEXT, MAX_CHUNKS, MAX_MESSAGES, MAX_SYNC_BYTES
+
+
+@dataclass(frozen=True)
+class Heading:
+    """How frames begin, by which number they are told apart, and how they end."""
+
+    sync: bytes
+    header_bytes: int
+    kind: Number | None
+    length: Length | None
+    crc: Crc | None
+
+
+class Incoming(Protocol):
+    """A kind of frame that is received."""
+
+    @property
+    def kind(self) -> int | None:
+        """The number by which it is told; None where there is one kind only."""
+
+    @property
+    def length(self) -> int:
+        """Its bytes."""
+
+    @property
+    def first(self) -> int:
+        """The input that is its first number."""
+
+    @property
+    def samples(self) -> int:
+        """So many samples of each input."""
+
+    @property
+    def counter(self) -> PacketCounter | None:
+        """What counts it, alone or with others."""
+
+    def table(self) -> NDArray[np.void]:
+        """An array of one FRAME."""
 
 
 class Tables:
     """The driver's record. What Python has of the line goes over by ``lend`` and comes back by ``take_back``."""
 
     def __init__(
-        self,
-        options: Binary,
-        received: Sequence[ReceivedFrame],
-        sent: Sequence[SentFrame],
-        kinds: FrameKinds,
-        silence: Silence,
+        self, heading: Heading, received: Sequence[Incoming], sent: Sequence[SentFrame], silence: Silence
     ) -> None:
         """From now on the counters of the messages are kept in it. Raises ConfigError for what it has no room for."""
         self.record = np.zeros(1, CONTEXT)
         self._c = c = self.record[0]
-        sync = bytes.fromhex(options.sync)
+        sync, crc = heading.sync, heading.crc
         if max(len(received), len(sent)) > MAX_MESSAGES or len(sync) > MAX_SYNC_BYTES:
             raise ConfigError("more messages, or sync bytes, than compiled code has room for")
-        covered = options.crc.first + options.crc.size if options.crc else 0
+        covered = crc.first + crc.size if crc else 0
         if min([one.length for one in received] + [one.length for one in sent]) < covered:
             raise ConfigError("a checksum that covers nothing")
-        plans = [one.plan().record()[0] for one in received], [one.plan().record()[0] for one in sent]
+        tables = [one.table()[0] for one in received], [one.table()[0] for one in sent]
         c["sync"][: len(sync)], c["sync_bytes"] = np.frombuffer(sync, np.uint8), len(sync)
-        c["header_bytes"], c["longest"] = kinds.header, max((message.length for message in received), default=0)
-        fill_number(c["kind"], options.kind)
-        fill_number(c["length"], options.length)
-        c["plus"] = options.length.plus if options.length else 0
+        c["header_bytes"] = heading.header_bytes
+        c["longest"] = max((message.length for message in received), default=0)
+        fill_number(c["kind"], heading.kind)
+        fill_number(c["length"], heading.length)
+        c["plus"] = heading.length.plus if heading.length else 0
         c["silence_ns"] = silence.limit_ns if received else 0
         c["received_messages"], c["sent_messages"] = len(received), len(sent)
-        for row, message, plan in zip(c["received"], received, plans[0], strict=False):
-            row["frame"], row["kind"], row["input"] = plan, message.kind or 0, message.first
+        counted: dict[PacketCounter, int] = {}
+        for k, (row, message, table) in enumerate(zip(c["received"], received, tables[0], strict=False)):
+            row["frame"], row["kind"], row["input"] = table, message.kind or 0, message.first
+            row["samples"] = message.samples
             if message.counter is not None:
-                message.counter.move_to(row["counter"])
-        for row, out, plan in zip(c["sent"], sent, plans[1], strict=False):
-            plan["template"][: out.length] = np.frombuffer(out.empty(), np.uint8)
-            row["frame"], row["output"] = plan, out.first
+                if message.counter not in counted:
+                    counted[message.counter] = k
+                    message.counter.move_to(row["counter"])
+                row["counted"], row["by_sample"] = counted[message.counter], message.counter.by_sample
+        for row, out, table in zip(c["sent"], sent, tables[1], strict=False):
+            row["frame"], row["output"] = table, out.first
             out.count_in(row)
         self._sent_messages = len(sent)
         self.forget()
@@ -77,7 +119,7 @@ class Tables:
         return OSError(number, os.strerror(number))
 
     def counted(self, name: str) -> int:
-        """What the compiled functions have counted since the last call: bytes_in, bytes_out, frames."""
+        """What the compiled functions have counted since the last call: bytes_in, bytes_out, frames, more_lost."""
         count, self._c[name] = int(self._c[name]), 0
         return count
 

@@ -6,8 +6,9 @@ import math
 import time
 from collections.abc import Sequence
 
-from micromanip.bus.driver import BusDriver, Inbox
+from micromanip.bus.driver import BusDriver
 from micromanip.bus.errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.inbox import Inbox
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.output_writer import OutputWriter
 from micromanip.bus.safe_state import LAST_SWITCH, VOLTAGE, SafeOutput, SafeState

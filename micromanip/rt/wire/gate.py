@@ -17,8 +17,7 @@ from typing import Any
 from micromanip.rt.bus_image import DOWN, TAKEN
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import record
-
-MAX_OUTPUTS = 8
+from micromanip.rt.records import MAX_OUTPUTS
 
 FOLLOWING, QUIET, RESTING = range(3)
 

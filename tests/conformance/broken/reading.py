@@ -5,8 +5,8 @@ import time
 import zlib
 
 from conformance.example import UdpStage, wire
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import LinkError, TransientError
+from micromanip.bus.inbox import Inbox
 
 from . import broken
 

@@ -17,8 +17,8 @@ from micromanip_drivers.canbus.options import Received, Sent
 from micromanip_drivers.canbus.received_message import ReceivedMessage
 from micromanip_drivers.canbus.sent_message import SentMessage
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import OutputRefused
+from micromanip.bus.inbox import Inbox
 from micromanip.errors import ConfigError
 from micromanip.rt.records import MAX_OUTPUTS
 from micromanip.rt.steady.records import NOTHING_SENT, SENT_IN_DOUBT
@@ -137,7 +137,7 @@ def test_counter_and_status_are_judged_the_same(frames):
                 assert at.receive() == 0
         assert len(theirs) == len(ours) + int(at.inbox[0]["received"])
         assert theirs.lost == ours.lost + int(at.inbox[0]["lost"])
-        for name in ("lost", "repeated", "out_of_order", "restarts"):
+        for name in ("lost", "doubled", "late", "restarts"):
             assert shared.counter.counted(name) == reference.counter.counted(name)
 
 

@@ -10,8 +10,8 @@ import pytest
 from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 from pydantic import ValidationError
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import DeviceFault, OutputRefused, TransientError
+from micromanip.bus.inbox import Inbox
 from micromanip.errors import ConfigError
 
 FOLDER = Path(__file__).parents[3] / "config"

@@ -8,8 +8,8 @@ import cantools
 import pytest
 from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import LinkError, TransientError
+from micromanip.bus.inbox import Inbox
 from micromanip.testbus.faults import Babble, BusOff, ErrorPassive
 
 from .hub_in_thread import BITRATE, DATA_BITRATE, bench

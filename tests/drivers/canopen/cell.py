@@ -9,8 +9,8 @@ from pathlib import Path
 
 from micromanip_drivers.canopen.driver import CanOpen
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import TransientError
+from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import CanOpenNode
 
 from ..canbus.hub_in_thread import bench

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError
+from micromanip.bus.inbox import Inbox
 
 from .cell import AMPLIFIER, SENSOR, cell, run
 

@@ -7,6 +7,7 @@ import canopen
 import pytest
 import yaml
 from canopen.objectdictionary import import_od
+from micromanip_drivers.canbus.plan import PackPlan, UnpackPlan
 from micromanip_drivers.canopen import options as module
 from micromanip_drivers.canopen.driver import CanOpen
 from pydantic import ValidationError
@@ -76,9 +77,10 @@ def test_layout_is_the_librarys():
         theirs[number].read(from_od=True)
         for raw, wire, variable in zip((-(1 << 23), 1234567), ours[number - 1].wires, theirs[number], strict=True):
             variable.raw = raw
-            frame = int.from_bytes(theirs[number].data, "little")
-            assert wire.value(frame) == pytest.approx(raw * 1e-4, abs=1e-9)
-            assert frame >> wire.shift & wire.mask == wire.bits(raw * 1e-4) >> wire.shift
+            data = bytes(theirs[number].data)
+            assert UnpackPlan([wire]).values(data) == pytest.approx([raw * 1e-4], abs=1e-9)
+            written = int.from_bytes(PackPlan([wire], len(data)).data([raw * 1e-4]), "little")
+            assert int.from_bytes(data, "little") >> wire.shift & wire.mask == written >> wire.shift
         assert ours[number - 1].mapping.length == len(theirs[number].data)
 
 

@@ -14,6 +14,7 @@ from micromanip.emulation.can.canopen_node import CanOpenNode
 from ..canbus.device_on_hub import BusPeer, Gate, channel_name, cut, strange, unit
 from ..canbus.hub_in_thread import bench
 from ..changed_options import DELETE
+from ..compiled_turns import CompiledTurns
 from .cell import AMPLIFIER, AXES, CONFIG, EDS, SENSOR, options
 
 pytestmark = pytest.mark.realtime  # the contract judges time-outs, silence and load
@@ -111,6 +112,19 @@ class TestCanOpen(BusDriverContract):
 
     def partial(self):
         return cut((wire for golden in self.golden_inputs for wire in golden.wire), range(6))
+
+
+class CompiledCanOpen(CompiledTurns, CanOpen):
+    """The driver by its compiled functions, as far as they go."""
+
+
+@pytest.mark.compiled_only
+class TestCompiledCanOpen(TestCanOpen):
+    """The same of the compiled functions."""
+
+    driver = CompiledCanOpen
+    test_killed_in_mid_write = None  # each of its processes loads a compiler
+    test_opened_100_times_leaves_nothing_behind = None  # as in Python, which opens
 
 
 class TestBusThatDies(LinkChecks):

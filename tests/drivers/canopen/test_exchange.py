@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import OPERATIONAL, PRE_OPERATIONAL
 
 from .cell import AMPLIFIER, AXES, EDS, SENSOR, cell, run, wait_for

@@ -5,8 +5,8 @@ import contextlib
 import canopen
 import pytest
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import LinkError
+from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import OPERATIONAL
 from micromanip.testbus.client import HubBus
 

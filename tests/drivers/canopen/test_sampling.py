@@ -1,6 +1,6 @@
 """Times of synchronous samples, by numbers: SYNC each 1000 us, frames of 115 us."""
 
-from micromanip_drivers.canopen.sampling import EventSampling, SyncSampling, SyncTimes
+from micromanip_drivers.canopen.sampling import Sampling, SyncTimes
 
 US = 1_000
 PERIOD, FRAME, LATENCY = 1000 * US, 115 * US, 40 * US
@@ -8,7 +8,7 @@ PERIOD, FRAME, LATENCY = 1000 * US, 115 * US, 40 * US
 
 def sampling(every=1):
     syncs = SyncTimes()
-    return syncs, SyncSampling(syncs, every, FRAME, LATENCY, PERIOD)
+    return syncs, Sampling(syncs, every, FRAME, LATENCY, PERIOD)
 
 
 def test_taken_at_the_sync_however_long_it_waited():
@@ -80,4 +80,4 @@ def test_reopened():
 
 
 def test_by_its_own_clock():
-    assert EventSampling(FRAME + LATENCY).taken(500 * US, b"") == (345 * US, 0)
+    assert Sampling(SyncTimes(), 0, FRAME, LATENCY, 0).taken(500 * US, b"") == (345 * US, 0)

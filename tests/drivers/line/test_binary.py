@@ -13,8 +13,9 @@ from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
 
-from micromanip.bus.driver import Inbox, Outcome
+from micromanip.bus.driver import Outcome
 from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
+from micromanip.bus.inbox import Inbox
 
 from .again import raised
 from .board import FRAMING, Board, frame

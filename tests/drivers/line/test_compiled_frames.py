@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from micromanip_drivers.line import frame_reader
 from micromanip_drivers.line.binary_options import Binary
 
-from micromanip.bus.driver import Inbox, Outcome
+from micromanip.bus.driver import Outcome
 from micromanip.bus.errors import LinkError, OutputRefused
+from micromanip.bus.inbox import Inbox
 from micromanip.rt.steady.records import NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
 
 from .board import FRAMING, frame

@@ -5,6 +5,7 @@ from micromanip_drivers.line.driver import Line
 
 from micromanip.conformance import BusDriverContract, Golden
 
+from .compiled_line import CompiledLine
 from .sensors import SENSOR, CapacitiveSensor, LaserTracker
 from .wires import TcpWire, UdpWire
 
@@ -36,6 +37,16 @@ class TestSensorOverTcp(BusDriverContract):
 
     def peer(self):
         return CapacitiveSensor(TcpWire())
+
+
+@pytest.mark.compiled_only
+class TestCompiledSensorOverTcp(TestSensorOverTcp):
+    """The same of the compiled functions."""
+
+    driver = CompiledLine
+    test_killed_in_mid_write = None  # each of its processes loads a compiler
+    test_opened_100_times_leaves_nothing_behind = None  # as in Python, which opens
+    test_stopped_and_continued = None  # test_conformance_binary.py has it
 
 
 class TestTrackerOverUdp(BusDriverContract):

@@ -10,8 +10,8 @@ from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.inbox import Inbox
 
 from .again import raised
 from .gcs_controller import IDN

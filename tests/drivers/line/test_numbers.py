@@ -114,7 +114,7 @@ def test_status(options, word, status):
 
 
 def counted(counter, *counts, samples=1):
-    return [counter.lost_before(bytes((count & 0xFF,)), samples) for count in counts]
+    return [counter.samples_before(bytes((count & 0xFF,)), samples) for count in counts]
 
 
 def byte_counter(by_sample=False):

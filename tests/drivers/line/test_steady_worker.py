@@ -42,7 +42,7 @@ class Running(RunningWorker):
 
     @property
     def record_of_compiled(self):
-        return self.driver._framing._tables._c
+        return self.driver._framing._line._tables._c
 
     @property
     def compiled_frames(self):

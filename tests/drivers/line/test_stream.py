@@ -17,8 +17,8 @@ from micromanip_drivers.line.port_options import TcpPort
 from micromanip_drivers.line.stream import StreamFraming
 from micromanip_drivers.line.stream_options import Stream
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
+from micromanip.bus.inbox import Inbox
 
 from .again import raised
 from .scripted_port import ScriptedPort

@@ -4,7 +4,7 @@ import time
 
 from micromanip_drivers.modbus.driver import Modbus
 
-from micromanip.bus.driver import Inbox
+from micromanip.bus.inbox import Inbox
 from micromanip.emulation.modbus.frames import RtuFrames, TcpFrames
 
 from ..line.scripted_port import ScriptedPort

@@ -12,8 +12,8 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import LinkError
+from micromanip.bus.inbox import Inbox
 
 from ..line.wires import free_port, socket
 from .played import keys_of, played, until

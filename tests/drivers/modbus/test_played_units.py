@@ -6,8 +6,8 @@ import time
 import pytest
 from micromanip_drivers.modbus.driver import Modbus
 
-from micromanip.bus.driver import Inbox
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
+from micromanip.bus.inbox import Inbox
 
 from .played import keys_of, played, until
 

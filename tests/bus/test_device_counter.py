@@ -3,11 +3,12 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from micromanip_drivers.canbus.frame_counter import FrameCounter
+
+from micromanip.bus.device_counter import DeviceCounter
 
 
 def followed(counts, bits=8):
-    counter = FrameCounter(bits)
+    counter = DeviceCounter(bits)
     return counter, [counter.lost_before(count) for count in counts]
 
 
@@ -24,13 +25,13 @@ def test_what_is_missing_is_counted_across_the_wrap(bits, first, steps):
 def test_a_count_that_stands_still_is_not_fresh():
     counter, lost = followed([5, 5, 5, 6])
     assert lost == [0, None, None, 0]
-    assert counter.counted("repeated") == 2
+    assert counter.counted("doubled") == 2
 
 
 def test_a_frame_that_was_overtaken_is_not_fresh_and_changes_nothing():
     counter, lost = followed([250, 251, 253, 252, 254, 255, 0])
     assert lost == [0, 0, 1, None, 0, 0, 0]
-    assert counter.counted("out_of_order") == 1
+    assert counter.counted("late") == 1
 
 
 @pytest.mark.parametrize("bits", [8, 16])

@@ -1,0 +1,253 @@
+"""Compiled functions and Python say the same of every PDO, bit for bit; what else comes is Python's."""
+
+import contextlib
+import math
+import random
+import socket
+import struct
+import time
+from types import SimpleNamespace
+
+import can
+import numpy as np
+import pytest
+from can.interfaces.socketcan.socketcan import build_can_frame
+from canopen.objectdictionary import datatypes
+from hypothesis import example, given
+from hypothesis import strategies as st
+from micromanip_drivers.canopen import exchange
+from micromanip_drivers.canopen.mapping import Mapped
+from micromanip_drivers.canopen.pdos import ReceivedPdo, SentFrame
+from micromanip_drivers.canopen.plan import SYNC
+from micromanip_drivers.canopen.sampling import Sampling, SyncTimes
+from micromanip_drivers.canopen.tables import PdoTables
+from micromanip_drivers.canopen.wire import wire
+
+from micromanip.bus.driver import Steady
+from micromanip.bus.errors import OutputRefused
+from micromanip.bus.inbox import Inbox
+from micromanip.rt.records import MAX_OUTPUTS
+from micromanip.rt.steady.records import INBOX, NOTHING_SENT
+
+from ..compiled_turns import call_receive, call_send
+
+pytestmark = pytest.mark.compiled_only
+
+TPDO, HEARTBEAT = 0x185, 0x705
+PERIOD, FRAME, LATENCY, SYNC_NS = 1_000_000, 115_000, 40_000, 47_000
+TYPES = {
+    datatypes.BOOLEAN: 1,
+    datatypes.INTEGER8: 8,
+    datatypes.UNSIGNED8: 8,
+    datatypes.INTEGER16: 16,
+    datatypes.INTEGER24: 24,
+    datatypes.UNSIGNED24: 24,
+    datatypes.INTEGER32: 32,
+    datatypes.REAL32: 32,
+    datatypes.UNSIGNED40: 40,
+    datatypes.REAL64: 64,
+    datatypes.INTEGER64: 64,
+    datatypes.UNSIGNED64: 64,
+}
+
+
+def layout(seed):
+    """Signals of random types one after the other, some bits of no interest between them."""
+    draw, fields, bit = random.Random(seed), [], 0
+    while len(fields) < MAX_OUTPUTS:
+        bit += draw.choice((0, 0, 0, 1, 8)) if fields else 0
+        kind, bits = draw.choice(list(TYPES.items()))
+        if bit + bits > 64:
+            break
+        limits = draw.choice(((None, None), (0, 1)))
+        variable = SimpleNamespace(data_type=kind, min=limits[0], max=limits[1])
+        scaling = SimpleNamespace(scale=draw.choice((1.0, 1e-4, -0.5)), offset=draw.choice((0.0, -22.0)))
+        fields.append(wire(f"v{len(fields)}", Mapped(variable, bit, bits), scaling))
+        bit += bits
+    return fields, draw
+
+
+def received(fields, every=0):
+    """The PDO, and the SYNCs that it may answer."""
+    syncs, length = SyncTimes(), max((field.shift + field.bits + 7) // 8 for field in fields)
+    pdo = SimpleNamespace(
+        mapping=SimpleNamespace(identifier=TPDO, length=length),
+        options=SimpleNamespace(rate_hz=100.0),
+        wires=fields,
+        title="tpdo 1 of node sensor",
+    )
+    return ReceivedPdo(pdo, 0, 0.0, Sampling(syncs, every, FRAME, LATENCY, PERIOD)), syncs
+
+
+class At:
+    """The compiled functions at one end of a pair of sockets, with frames that say when they came."""
+
+    def __init__(self, ends, pdo=None, syncs=None, sent=()):
+        self.near, self.far = ends
+        pdos = [] if pdo is None else [pdo]
+        task = next((i for i, one in enumerate(sent) if one.identity[0] == SYNC), -1)
+        self.tables = PdoTables(pdos, sent, [HEARTBEAT, SYNC], syncs or SyncTimes(), (task, SYNC_NS))
+        self.tables.hold(self.near.fileno(), 8, time.monotonic_ns())
+        self.tables.expect_heartbeats(2**62)
+        self.inbox = np.zeros(1, INBOX)
+        self.functions = Steady(*exchange.ENTRIES.addresses, self.tables.record, self.near.fileno)
+
+    def arrives(self, data, time_ns=0, identifier=TPDO):
+        message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+        self.far.send(struct.pack("<q", time_ns) + build_can_frame(message))
+
+    def receive(self, began_ns=0):
+        return call_receive(self.functions, self.inbox, began_ns)
+
+    def send(self, values=(), task=0):
+        return call_send(self.functions, values, task)
+
+    def heard(self):
+        """What was sent; None for nothing."""
+        try:
+            return self.far.recv(256)[8:]
+        except BlockingIOError:
+            return None
+
+    @property
+    def signal(self):
+        return self.inbox[0]["signal"]
+
+
+@contextlib.contextmanager
+def compiled(*what, **more):
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with near, far:
+        near.setblocking(False)
+        far.setblocking(False)
+        yield At((near, far), *what, **more)
+
+
+def bits(values):
+    """IEEE 754 patterns; a number that is none is one pattern, whatever the processor makes of its payload."""
+    return [b"nan" if math.isnan(value) else struct.pack("<d", value) for value in values]
+
+
+@given(st.integers(0, 2**32))
+def test_any_pdo_is_unpacked_the_same(seed):
+    fields, draw = layout(seed)
+    ours, _ = received(fields)
+    with compiled(ours) as at:
+        for _ in range(5):
+            data = draw.choice((draw.randbytes(8), bytes(8), b"\xff" * 8))[: ours.length]
+            data += draw.choice((b"", b"", bytes(8 - ours.length)))  # longer than its mapping: taken all the same
+            inbox = Inbox()
+            ours.take(data, 0, inbox)
+            at.arrives(data)
+            assert at.receive() == 0
+            assert bits(at.signal["value"][: len(fields)]) == bits([sample.value for sample in inbox])
+
+
+@given(st.integers(0, 2**32))
+def test_any_values_are_packed_the_same_or_refused_the_same(seed):
+    fields, draw = layout(seed)
+    ours = SentFrame(0x206, bytes(8), fields, 0)
+    with compiled(sent=[ours]) as at:
+        for _ in range(6):
+            values = [drawn_value(draw, field) for field in fields]
+            try:
+                expected = build_can_frame(ours.frame(values))
+            except OutputRefused:
+                assert at.send(values) == NOTHING_SENT
+                assert at.heard() is None
+                continue
+            assert at.send(values) == 0
+            assert at.heard() == expected
+
+
+def drawn_value(draw, field):
+    """Within the range, at its ends, between two codes, and what is not to be sent."""
+    if draw.random() < 0.05:
+        return draw.choice([math.nan, math.inf, -math.inf, field.range[0] - abs(field.scale), 1e300])
+    if field.floating:
+        return draw.choice([0.0, -0.0, *field.range, draw.gauss(0, 1), draw.gauss(0, 1e-6), draw.uniform(-6e4, 6e4)])
+    code = draw.choice([field.low, field.high, draw.randint(int(field.low), int(field.high))])
+    return (code + draw.choice([0.0, 0.5, -0.5, 0.25])) * field.scale + field.offset
+
+
+LOST = [(1, "s"), (200, "a"), (800, "s"), (1000, "s"), (1000, "s"), (200, "b")]
+"""Two SYNCs without an answer."""
+
+
+@example(1, LOST)
+@given(
+    st.integers(0, 3),
+    st.lists(st.tuples(st.integers(1, 1500), st.sampled_from("saab")), max_size=40),
+)
+def test_a_pdo_is_dated_and_counted_the_same_whoever_takes_it(every, events):
+    """By turns in compiled code and in Python, and beside it in Python alone."""
+    fields, _ = layout(1)
+    (reference, syncs), (shared, shared_syncs) = received(fields, every), received(fields, every)
+    at_ns = 0
+    with compiled(shared, shared_syncs) as at:
+        for number, (later_us, what) in enumerate(events):
+            at_ns += later_us * 1_000
+            if what == "s":
+                syncs.add(at_ns)
+                shared_syncs.add(at_ns)
+                continue
+            data, alone, ours = what.encode() * reference.length, Inbox(), Inbox()
+            reference.take(data, at_ns, alone)
+            if number % 3 == 0:
+                shared.take(data, at_ns, ours)
+                assert list(ours) == list(alone)
+                continue
+            before = int(at.signal[0]["sequence"])
+            at.arrives(data, at_ns)
+            assert at.receive() == 0
+            sample = next(iter(alone), None)
+            assert int(at.signal[0]["sequence"]) - before == (1 + sample.lost if sample else 0)
+            assert sample is None or int(at.signal[0]["time_ns"]) == sample.time_ns
+        for name in ("pdos", "lost", "repeated"):
+            assert shared.counters[name] + at.tables.counted(name) == reference.counters[name]
+
+
+def test_a_sync_that_compiled_code_sent_dates_the_answer():
+    fields, _ = layout(1)
+    pdo, syncs = received(fields, every=1)
+    with compiled(pdo, syncs, sent=[SentFrame(SYNC, b"")]) as at:
+        before_ns = time.monotonic_ns()
+        assert at.send() == 0
+        after_ns = time.monotonic_ns()
+        assert at.heard() == build_can_frame(can.Message(arbitration_id=SYNC, is_extended_id=False))
+        while time.monotonic_ns() < after_ns + SYNC_NS + FRAME:  # a frame has a length
+            pass
+        at.arrives(bytes(pdo.length), time.monotonic_ns())
+        assert at.receive() == 0
+        taken_ns = int(at.signal[0]["time_ns"])
+        assert before_ns <= taken_ns - SYNC_NS + LATENCY <= after_ns
+
+
+def test_heartbeats_are_pythons_and_hold_up_no_sample():
+    fields, _ = layout(1)
+    pdo, syncs = received(fields)
+    with compiled(pdo, syncs) as at:
+        at.arrives(b"\x05", identifier=HEARTBEAT)
+        at.arrives(bytes(pdo.length))
+        at.arrives(bytes(pdo.length - 1))  # too short
+        at.arrives(b"\x05", identifier=0x733)  # nobody's
+        assert at.receive() == 1
+        assert int(at.signal[0]["sequence"]) == 1, "the PDO behind the heartbeat"
+        assert at.receive() == 1, "Python first"
+        assert [(m.arbitration_id, len(m.data)) for m, _ in at.tables.left()] == [
+            (HEARTBEAT, 1),
+            (TPDO, pdo.length - 1),
+        ]
+        assert at.receive() == 0
+
+
+def test_a_missing_heartbeat_is_pythons_by_the_time_of_the_frames():
+    fields, _ = layout(1)
+    pdo, syncs = received(fields)
+    with compiled(pdo, syncs) as at:
+        at.tables.expect_heartbeats(10_000)
+        assert [at.receive(began_ns) for began_ns in (10_000, 10_001)] == [0, 1]
+        at.arrives(bytes(pdo.length), 9_000)
+        assert at.receive(20_000) == 0, "what came before it was missing is taken first"
+        at.arrives(bytes(pdo.length), 10_001)
+        assert at.receive(20_000) == 1

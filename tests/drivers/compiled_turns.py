@@ -1,0 +1,62 @@
+"""A bus driver whose compiled functions do all that they can, and Python what these leave, as in a worker."""
+
+import ctypes
+import select
+import time
+
+import numpy as np
+
+from micromanip.bus.driver import Outcome
+from micromanip.rt.steady.records import INBOX, UNCONFIRMED
+
+_FUNCTION = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
+)
+
+
+def call_receive(functions, inbox, began_ns=0):
+    """Take what is there into `inbox`, an array (1,) of INBOX, as the worker's loop does; what the function says."""
+    return _FUNCTION(functions.receive)(functions.context.ctypes.data, 0, inbox.ctypes.data, began_ns, 0)
+
+
+def call_send(functions, values, task=0):
+    """Send `values` by one task; what the function says."""
+    values = np.array(values, float)
+    return _FUNCTION(functions.send)(functions.context.ctypes.data, values.ctypes.data, 0, time.monotonic_ns(), task)
+
+
+class CompiledTurns:
+    """Goes before the driver among the bases of a class."""
+
+    def __init__(self, options, folder):
+        super().__init__(options, folder)
+        self.functions, self.samples = self.steady(), np.zeros(1, INBOX)
+        assert self.functions is not None
+
+    def perform(self, task, values, inbox):
+        if self.functions.fileno() < 0:
+            return super().perform(task, values, inbox)
+        code = call_send(self.functions, values, task)
+        if code == 0:
+            return None
+        return Outcome.SENT if code == UNCONFIRMED else super().perform(task, [float(v) for v in values], inbox)
+
+    def receive(self, inbox, until_ns):
+        if self.functions.fileno() < 0:
+            super().receive(inbox, until_ns)
+            return
+        began_ns = time.monotonic_ns()
+        select.select([self.functions.fileno()], [], [], max(0, until_ns - began_ns) * 1e-9)
+        samples = self.samples[0]
+        before, lost = samples["signal"]["sequence"].copy(), int(samples["lost"])
+        samples["confirmed"] = 0
+        code = call_receive(self.functions, self.samples, began_ns)
+        ahead = samples["signal"]["sequence"] - before
+        missing = (int(samples["lost"]) - lost) // max(1, np.count_nonzero(ahead))  # all of one message
+        for i in np.flatnonzero(ahead):
+            signal = samples["signal"][i]
+            inbox.put(int(i), float(signal["value"]), int(signal["time_ns"]), int(signal["status"]), missing)
+        for task in np.flatnonzero(samples["confirmed"]):
+            inbox.confirm(int(task))
+        if code != 0:
+            super().receive(inbox, time.monotonic_ns())

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from micromanip.cli.main import main
 from micromanip.design.hysteresis import fit, structure_of
 from micromanip.design.hysteresis.centring import about_zero, span
+from tests.further import further
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 SWEPT_LATE_S = 0.2  # the record has not been over its range when the burn-in ends

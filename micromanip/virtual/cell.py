@@ -60,13 +60,16 @@ class VirtualCell:
         for i in range(parameters[0]["axes"]):
             self.state[0]["axis"][i]["voltage_V"] = parameters[0]["axis"][i]["limiter"]["park_V"]
 
-    def run(self, seconds: float, every: int = 1, command: int = NO_COMMAND, periods: int = 1) -> Rows:
-        """Telemetry rows (one in `every` cycles) of the next `seconds`; `command` is given first.
+    def run(
+        self, seconds: float, every: int = 1, command: int = NO_COMMAND, periods: int = 1, rows: Rows | None = None
+    ) -> Rows:
+        """Telemetry rows (one in `every` cycles) of the next `seconds`, in `rows` if given; `command` is given first.
 
         The first cycle comes `periods` after the one before: more than one is a stall of the machine.
         """
         cycles = round(seconds * 1e9 / int(self.parameters[0]["period_ns"]))
-        rows = np.zeros(cycles // every, ROW)
+        if rows is None:
+            rows = np.zeros(cycles // every, ROW)
         run_virtual(
             self.parameters,
             self.state,
@@ -83,17 +86,17 @@ class VirtualCell:
         )
         return rows
 
-    def arm(self) -> Rows:
-        """Let the sensors come up, arm, and wait until every axis tracks; the rows of that time.
+    def arm(self, every: int = 1) -> Rows:
+        """Let the sensors come up, arm, and wait until every axis tracks; that time's rows, one in `every` cycles.
 
         Raises CheckFailed where a fault, or a sensor, prevents it.
         """
         period_s = int(self.parameters[0]["period_ns"]) * 1e-9
-        before = self.run(self._sensors_s)
+        before = self.run(self._sensors_s, every)
         arming = planned_cycles(self.parameters[0], self.state[0])
-        rows = self.run(arming * period_s, command=ARM)
+        rows = self.run(arming * period_s, every, ARM)
         if self.state[0]["state"] != TRACKING:
-            rows = np.concatenate([rows, self.run(period_s)])
+            rows = np.concatenate([rows, self.run(period_s, every)])
         if self.state[0]["state"] != TRACKING:
             reason = next((fault.seen for fault in self.faults()), "arming was refused")
             raise CheckFailed(f"the simulated cell did not come to TRACKING: {reason}")

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from micromanip.errors import CheckFailed
+from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import Prepared
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.model import Configuration
@@ -42,19 +43,20 @@ class VirtualExperiment:
     ) -> Rows:
         """The rows of `seconds` after tracking has begun, each sample at its own time."""
         cell = self.cell(configuration, samples)
+        period_s = configuration.loop.period_ns * 1e-9
+        cycles, part = round(seconds / period_s), max(1, round(1.0 / period_s) // every) * every
         try:
-            cell.arm()
+            cell.arm(every=part)  # nobody reads them: a row is as long as what it takes to compute a cycle
         except CheckFailed:
             self.require_no_fault(cell)
             raise
-        period_s = configuration.loop.period_ns * 1e-9
-        cycles, part = round(seconds / period_s), max(1, round(1.0 / period_s) // every) * every
-        rows = []
+        rows = np.zeros(cycles // every, ROW)
         for begin in range(0, max(cycles, 1), part):
             self._say(f"second {begin // part + 1} of {-(-cycles // part)}")
-            rows.append(cell.run(min(part, cycles - begin) * period_s, every))
+            part_s = min(part, cycles - begin) * period_s
+            cell.run(part_s, every, rows=rows[begin // every : (begin + part) // every])
         self.require_no_fault(cell)
-        return at_own_time(np.concatenate(rows), configuration, self._wiring)
+        return at_own_time(rows, configuration, self._wiring)
 
     def require_no_fault(self, cell: VirtualCell) -> None:
         """Raise CheckFailed where `cell` has a fault latched."""

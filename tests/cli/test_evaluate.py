@@ -24,6 +24,13 @@ KEYS = {
 }
 
 
+@pytest.fixture
+def few_sines(monkeypatch):
+    """Those of the figures: what is asserted here is the same of each."""
+    monkeypatch.setattr(paper, "FREQUENCIES_HZ", (5.0, 10.0))
+    monkeypatch.setattr(paper, "FAST_HZ", ())
+
+
 def evaluated(*options):
     result = CliRunner().invoke(cli, ["evaluate", CONFIG, "--json", *options], catch_exceptions=False)
     assert result.exit_code == 0
@@ -81,15 +88,16 @@ def test_what_is_undone_brings_the_position_to_the_reference(report):
             assert row["true_rms_percent"] <= {50.0: 0.16, 100.0: 0.25, 150.0: 0.35}[row["frequency_hz"]]
 
 
-def test_the_same_seed_gives_the_same_numbers_and_another_one_does_not(report):
-    assert evaluated("--no-figures")["rows"] == report["rows"]
+def test_the_same_seed_gives_the_same_numbers_and_another_one_does_not(report, few_sines):
+    played = [row for row in report["rows"] if row["frequency_hz"] in paper.FREQUENCIES_HZ]
+    assert evaluated("--no-figures")["rows"] == played
     other = evaluated("--no-figures", "--seed", "7", "--axis", "x")["rows"]
-    assert [row["axis"] for row in other] == ["x"] * 12
-    same = [row for row in report["rows"] if row["axis"] == "x"]
+    assert [row["axis"] for row in other] == ["x"] * 8
+    same = [row for row in played if row["axis"] == "x"]
     assert all(a["std_error_um"] != b["std_error_um"] for a, b in zip(other, same, strict=True))
 
 
-def test_figures_are_written_as_png_and_svg(tmp_path):
+def test_figures_are_written_as_png_and_svg(tmp_path, few_sines):
     report = evaluated("--axis", "y", "--out", str(tmp_path / "figures"))
     files = [Path(name) for name in report["figures"]]
     assert {file.suffix for file in files} == {".png", ".svg"}

@@ -92,6 +92,7 @@ def test_evaluate_sets_older_figures_aside(tmp_path, monkeypatch):
 
     monkeypatch.setattr(figures, "draw_all", draw_one)
     monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
+    monkeypatch.setattr(paper, "FAST_HZ", ())
     assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0
     first = files_in(tmp_path)
     assert all("/" not in name for name in first)

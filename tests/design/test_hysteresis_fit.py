@@ -161,3 +161,6 @@ def test_real_recordings(real, kind, fitted_percent, held_out_percent):
     assert result.rms_std_percent < 0.1 * result.rms_percent
     tried = {each.name for each in result.tried}
     assert ({"pi-affine", "pi-tanh", "rate", "pi-free", "pi-tanh+creep", "network"} <= tried) == (kind == "best")
+    if kind == "best":
+        percent = {each.name: each.fitted_percent for each in result.tried}
+        assert percent["network"] <= 1.1 * percent["pi-tanh"]

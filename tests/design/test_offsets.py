@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 from micromanip.cli.main import main
 from micromanip.design.hysteresis import fit, structure_of
 from micromanip.design.hysteresis.centring import about_zero, span
+from tests.further import further
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 SWEPT_LATE_S = 0.2  # the record has not been over its range when the burn-in ends
+FURTHER = further(("pi-affine", "model_1hz"), ("rate", "test_amplitudes"))
 OFFSETS = [(0.0, 1000.0), (-37.3, 0.0), (0.01, -12.3456), (250.0, 0.7)]
 
 
@@ -55,8 +57,7 @@ def moved(file, columns, du, dy):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["model_1hz", "test_amplitudes"])
-@pytest.mark.parametrize("kind", ["pi-affine", "rate"])
+@pytest.mark.parametrize(("kind", "name"), [("pi-affine", "test_amplitudes"), ("rate", "model_1hz"), *FURTHER])
 def test_hysteresis_figures(name, kind, tmp_path, capsys):
     own, other = (table(f"yan9a_piezo/{each}.csv") for each in (name, "model_1hz"))
     found = []
@@ -69,7 +70,7 @@ def test_hysteresis_figures(name, kind, tmp_path, capsys):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["daisy/robot_arm.dat", "daisy/dryer.dat", "yan9a_piezo/model_1hz.csv"])
+@pytest.mark.parametrize("name", ["daisy/robot_arm.dat", "daisy/dryer.dat", *further("yan9a_piezo/model_1hz.csv")])
 def test_linear_figures(name, tmp_path, capsys):
     columns = table(name)
     count = columns.shape[1]

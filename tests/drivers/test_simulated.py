@@ -200,9 +200,13 @@ def test_gain_and_compliance():
     assert mechanics.rest(Plant()) == pytest.approx(static[:, 0])
 
 
-def test_discretisation_is_exact_for_held_inputs():
-    a, b = mechanics.discrete(Plant(), 0.5e-4)
-    expected_a, expected_b, *_ = signal.cont2discrete((A, B, np.eye(5), np.zeros((5, 2))), 0.5e-4)
+@pytest.mark.parametrize("step_s", [0.5e-4, 2.5e-3])
+@pytest.mark.parametrize("second_mode", [None, {}])
+def test_discretisation_is_exact_for_held_inputs(step_s, second_mode):
+    plant = Plant(second_mode=second_mode)
+    a, b = mechanics.discrete(plant, step_s)
+    A, B = mechanics.continuous(plant)
+    expected_a, expected_b, *_ = signal.cont2discrete((A, B, np.eye(len(A)), np.zeros((len(A), 2))), step_s)
     assert a == pytest.approx(expected_a, rel=1e-9, abs=1e-12)
     assert b == pytest.approx(expected_b, rel=1e-9, abs=1e-15)
 

@@ -38,25 +38,17 @@ def test_who_reads_the_ring_needs_numpy_only(module):
 
 
 def test_a_host_that_prepares_a_run_has_none():
+    """Nor scipy, which would be a quarter of its start."""
     program = """
 from pathlib import Path
 from micromanip.host.controller import Controller
 from micromanip.settings.check import prepare
+import micromanip.host.daemon
+assert prepare(Path("config/serial.yaml")).configuration.axes["x"].outer is not None
 controller = Controller(prepare(Path("config/simulated.yaml")), Path("unused"))
 assert controller.make_safe() == {"cell": 0}
 """
-    assert loaded(program, COMPILER) == []
-
-
-def test_a_host_of_a_real_cell_needs_no_scipy():
-    """Which would be a quarter of its start; the simulated plant is made with it."""
-    program = """
-from pathlib import Path
-import micromanip.host.daemon
-from micromanip.settings.check import prepare
-assert prepare(Path("config/serial.yaml")).configuration.axes["x"].outer is not None
-"""
-    assert loaded(program, ("scipy",)) == []
+    assert loaded(program, (*COMPILER, "scipy")) == []
 
 
 def test_the_loop_loads_no_linear_algebra():

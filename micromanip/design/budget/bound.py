@@ -25,13 +25,18 @@ _MOST = 1500
 """Samples that are looked at."""
 
 
-def autocovariance(hertz: Array, power: Array, coherence_s: float, lags_s: Array) -> Array:
-    """The function r at `lags_s` (n,) of sines of `hertz` (k,) and `power` (k,), um^2."""
+def autocovariance(hertz: Array, power: Array, coherence_s: float, step_s: float, count: int, after_s: Array) -> Array:
+    """The function r (count, m), um^2, of sines of `hertz` (k,) and `power` (k,), at lags from `after_s` (m,) on.
+
+    The phase at a lag is that of its block of lags and that within it: few are computed, the rest is a product.
+    """
     some = power > 1e-12 * power.max(initial=0.0)
-    found = np.zeros(len(lags_s))
-    for frequency, each in zip(hertz[some], power[some], strict=True):
-        found += each * np.cos(2.0 * np.pi * frequency * lags_s)
-    return np.asarray(found * np.exp(-0.5 * (lags_s / coherence_s) ** 2))
+    omega = 2.0 * np.pi * hertz[some]
+    block = int(np.ceil(np.sqrt(count)))
+    within, blocks = (np.exp(1j * np.outer(each * step_s * np.arange(block), omega)) for each in (1, block))
+    found = [((blocks * (power[some] * np.exp(1j * omega * after))) @ within.T).real.ravel() for after in after_s]
+    lags_s = step_s * np.arange(count)[:, None] + after_s
+    return np.asarray(np.array(found).T[:count] * np.exp(-0.5 * (lags_s / coherence_s) ** 2))
 
 
 def prediction_variance(
@@ -39,9 +44,8 @@ def prediction_variance(
 ) -> float:
     """Mean over `ahead_s` (m,) of the variance (um^2) that is left of a prediction so far beyond the newest sample."""
     count = int(min(_MOST, max(2.0, _MEMORY * coherence_s / step_s)))
-    back = np.asarray(step_s * np.arange(count))
-    row = autocovariance(hertz, power, coherence_s, back)
+    found = autocovariance(hertz, power, coherence_s, step_s, count, np.append(0.0, ahead_s))
+    row, asked = found[:, 0], found[:, 1:]
     row[0] += noise_variance
-    asked = np.array([autocovariance(hertz, power, coherence_s, back + float(ahead)) for ahead in ahead_s]).T
     known = np.sum(asked * solve_toeplitz(row, asked), axis=0)
     return float(max(np.mean(float(np.sum(power)) - known), 0.0))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
 from micromanip.control.predictor import reference_transition, shown, tracker_gain
-from micromanip.design.budget.bound import autocovariance, prediction_variance
+from micromanip.design.budget.bound import prediction_variance
 from micromanip.design.budget.causes import Grid, followed_line, shared_out, tracker_noise
 from micromanip.design.budget.followed import smoothed
 from micromanip.design.budget.loop import AxisLaws
@@ -128,11 +128,14 @@ def test_images_hold_each_frequency_once(laws):
 
 
 def test_the_bound_is_the_conditional_variance_of_a_gaussian_process():
-    hertz, power = np.array([3.0]), np.array([200.0])
+    def r(lags_s):
+        cosines = 180.0 * np.cos(6.0 * np.pi * lags_s) + 20.0 * np.cos(22.0 * np.pi * lags_s)
+        return cosines * np.exp(-0.5 * (lags_s / 0.2) ** 2)
+
+    hertz, power = np.array([3.0, 7.0, 11.0]), np.array([180.0, 0.0, 20.0])
     found = prediction_variance(hertz, power, 0.2, 0.25, 1e-2, np.array([0.02]))
     times = -1e-2 * np.arange(60)
-    K = autocovariance(hertz, power, 0.2, np.abs(times[:, None] - times).ravel()).reshape(60, 60)
-    k = autocovariance(hertz, power, 0.2, 0.02 - times)
+    K, k = r(times[:, None] - times), r(0.02 - times)
     assert found == pytest.approx(200.0 - k @ np.linalg.solve(K + 0.25 * np.eye(60), k), rel=1e-6)
 
 

@@ -28,6 +28,7 @@ def test_daisy(name, percent):
     assert result.fit_percent[0] >= percent
 
 
+@pytest.mark.thorough  # three inputs and outputs: test_fit.py; real recordings: the other tests here
 @pytest.mark.long
 def test_fine_steering_mirror():
     """Three inputs and outputs, order 28: as good as the published optimised linear model (4.54 / 7.02 / 5.35 %)."""

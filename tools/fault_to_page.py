@@ -3,8 +3,8 @@
 A controller at 10 kHz, a gateway and a headless Chromium with the cell page, a process each as for people. The loop is
 stopped for a moment (SIGSTOP): the first cycle after that latches X-102, and its row says when it was. The page notes
 when the message with that cycle came, when its text stood in the document, and when the next frame was drawn. All
-times are CLOCK_MONOTONIC, of which a page's clock differs by a constant; that is measured before each fault, to half of the
-fastest of some questions. Ends with 1 where a fault is not read within 200 ms.
+times are CLOCK_MONOTONIC, of which a page's clock differs by a constant; that is measured before each fault, to half of
+the fastest of some questions. Ends with 1 where a fault is not read within 200 ms.
 """
 
 import json
@@ -136,10 +136,8 @@ def told(found):
         "of these in the page": found[:, 2] - found[:, 0],
     }
     for what, ms in steps.items():
-        least, *shares, most = np.percentile(ms, (0, 50, 90, 95, 100))
-        print(
-            f"{what:20} least {least:6.1f}, p50 {shares[0]:6.1f}, p90 {shares[1]:6.1f}, p95 {shares[2]:6.1f}, most {most:6.1f}"
-        )
+        figures = zip(("least", "p50", "p90", "p95", "most"), np.percentile(ms, (0, 50, 90, 95, 100)), strict=True)
+        print(f"{what:20} " + ", ".join(f"{name} {figure:6.1f}" for name, figure in figures))
     late = int((found[:, 1] > LIMIT_MS).sum())
     print(f"{late} of {len(found)} later than {LIMIT_MS:g} ms")
     return 1 if late else 0

@@ -1,4 +1,4 @@
-"""What a trend says of now and of the last day, for ``micromanip status``: of a controller that runs, and of one that ran."""
+"""What a trend says of now and of the last day, for ``micromanip status``, also where no controller runs any more."""
 
 from __future__ import annotations
 

@@ -62,8 +62,10 @@ class Session:
                 await self._wake.wait()
                 self._wake.clear()
                 begin = time.monotonic()
-                if await self._say_next():
+                said = await self._say_next()
+                if said is not None:
                     self._wake.set()
+                if isinstance(said, bytes):
                     rest_s = _FRAME_S - (time.monotonic() - begin)
                     with contextlib.suppress(TimeoutError):
                         await asyncio.wait_for(self._has_status.wait(), max(0.0, rest_s))
@@ -118,23 +120,23 @@ class Session:
                 self._wanted.add("frame")
         self._wake.set()
 
-    async def _say_next(self) -> bool:
-        """Send one message, if there is one and the browser can take it; whether there was."""
+    async def _say_next(self) -> str | bytes | None:
+        """Send one message, if there is one and the browser can take it; what it was."""
         if not self._is_greeted or self._source is not self._cell.source:
             self._is_greeted, self._source, self._trigger = True, self._cell.source, None
-            await self._send(json.dumps(self._hello()))
-            return True
+            hello = json.dumps(self._hello())
+            await self._send(hello)
+            return hello
         if self._on_the_way >= _ON_THE_WAY + ("status" in self._wanted):
-            return False
+            return None
         message = await self._next()
-        if message is None:
-            return False
-        self._on_the_way += 1
-        await self._send(message)
-        return True
+        if message is not None:
+            self._on_the_way += 1
+            await self._send(message)
+        return message
 
     async def _next(self) -> str | bytes | None:
-        """What is to be said next: a status that is new, else traces. It is new four times a second: none starves."""
+        """What is to be said next: a status that is new, else traces; there is no pause between the two."""
         if "status" not in self._wanted:
             return await self._traces()
         self._wanted.discard("status")

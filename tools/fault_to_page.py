@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from micromanip.bus.rights import go_before_ordinary_work
 from micromanip.client import Client
 
 from .chromium import PROGRAM, chromium
@@ -27,6 +28,8 @@ from .running_gateway import RunningGateway
 FAULTS = 40
 LIMIT_MS = 200.0
 STOPPED_S = 0.08
+PRECEDENCE = -15
+"""The nice value that gateway and browser have where that is allowed: of interest is the way, not who else is busy here."""
 _CONFIGURATION = calm(*WAITING) + "\nfaults: {deadline: {in_a_row: 400, reaction: hold}}\n"
 _QUESTIONS = 30
 _OVERTAKEN = 20_000
@@ -102,6 +105,8 @@ def main(faults):
     if PROGRAM is None:
         print("chromium is not installed")
         return 1
+    goes_before = go_before_ordinary_work(PRECEDENCE)
+    print("gateway and browser " + (f"with nice {PRECEDENCE}" if goes_before else "as ordinary work"), flush=True)
     with tempfile.TemporaryDirectory() as name, chromium(Path(name) / "chromium") as page:
         cell = Running(Path(name), _CONFIGURATION)
         gateway = None

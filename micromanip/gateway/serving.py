@@ -14,12 +14,8 @@ from urllib.parse import urlsplit
 
 import uvicorn
 
-from micromanip.bus.rights import leave_cpu
 from micromanip.errors import ConfigError, UsageError, system_error
 from micromanip.extras import required
-from micromanip.settings.load import validate_section
-from micromanip.settings.schema.model import Loop
-from micromanip.settings.text.source import Source
 
 from .addresses import is_local, listening, parsed_address, shown
 from .app import Gateway
@@ -73,7 +69,6 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     host, port = parsed_address(options.listen, "--listen")
     origins = _origins(options, host)
     tokens, is_new = of_file(options.tokens)
-    leave_cpu(_loop_cpu(options.config))
     in_use = InUse(say)
     called = _check_certificate(options, host, in_use, say)
     cell = Cell(options.control)
@@ -162,14 +157,6 @@ def _digest(config: Path) -> str:
         raise ConfigError(f"{config}: not a text of UTF-8: {problem}") from problem
     except OSError as problem:
         raise system_error(problem, config) from problem
-
-
-def _loop_cpu(config: Path) -> int | None:
-    """The CPU that the configuration gives to the loop; None where it gives none, or is none that can be read."""
-    with contextlib.suppress(ConfigError):
-        source = Source.read(config)
-        return validate_section(source, ("loop",), Loop, source.data.get("loop", {})).cpu
-    return None
 
 
 def _origins(options: Options, host: str) -> Origins:

@@ -4,10 +4,11 @@ import stat
 
 import pytest
 
+from micromanip.cli import gateway as command
 from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied, UsageError
-from micromanip.gateway import serving
 from micromanip.gateway.serving import Options, serve
 from micromanip.gateway.tokens import of_file
+from tests.cli.command import code_of
 
 GOOD = "screen observe " + "s" * 24
 
@@ -85,9 +86,8 @@ def test_what_can_t_be_served_is_told_at_once(tmp_path, given, error, said):
 )
 def test_it_leaves_the_loop_s_cpu_to_the_loop(tmp_path, monkeypatch, loop, cpu):
     left = []
-    monkeypatch.setattr(serving, "leave_cpu", left.append)
+    monkeypatch.setattr(command, "leave_cpu", left.append)
     (tmp_path / "cell.yaml").write_text(f"schema_version: 2\n{loop}\n")
-    elsewhere = {"listen": "192.0.2.1:8090", "behind_proxy": "https://cell.example"}
-    with pytest.raises(DeviceUnavailable):
-        serve(Options(tmp_path / "cell.yaml", tmp_path / "no.sock", tokens=tmp_path / "tokens", **elsewhere), print)
+    elsewhere = ("--listen", "192.0.2.1:8090", "--behind-proxy", "https://cell.example")
+    assert code_of("gateway", tmp_path / "cell.yaml", "--tokens", tmp_path / "tokens", *elsewhere) == 69
     assert left == [cpu]

@@ -29,7 +29,7 @@ FAULTS = 40
 LIMIT_MS = 200.0
 STOPPED_S = 0.08
 PRECEDENCE = -15
-"""The nice value that gateway and browser have where that is allowed: of interest is the way, not who else is busy here."""
+"""Nice value of gateway and browser, where that is allowed: of interest is the way, not who else is busy here."""
 _CONFIGURATION = calm(*WAITING) + "\nfaults: {deadline: {in_a_row: 400, reaction: hold}}\n"
 _QUESTIONS = 30
 _OVERTAKEN = 20_000

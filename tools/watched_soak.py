@@ -129,10 +129,11 @@ class Watchers:
         with Client(self._socket) as client:
             value = client.value("axes.x.inner.Ti_ms")
             for _, share in zip(self._seconds(), itertools.cycle((1.01, 1.0)), strict=False):
-                client.set({"axes.x.inner.Ti_ms": round(value * share, 6)})
-                self.sets += 1
                 if (status := client.status())["state"] == "FAULT":
                     self._arm_again(client, status)
+                elif status["state"] == "TRACKING":
+                    client.set({"axes.x.inner.Ti_ms": round(value * share, 6)})
+                    self.sets += 1
 
     def _arm_again(self, client: Client, status: Status) -> None:
         """A machine that stalls for too long trips the cell: it is told at the end, and the cell armed again."""

@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help accuracy run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
+.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -109,6 +109,9 @@ soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at rando
 
 soak-watched: $(READY) ## ten minutes recorded in full, with scopes, metrics, OPC UA and a set each second; the loop beside without
 	$(BIN)/python -m tools.watched_soak
+
+fault-to-page: $(READY) ## how long after its cycle a fault is read in a browser, forty times
+	$(BIN)/python -m tools.fault_to_page
 
 soak-recording: $(READY) ## a recorder killed a hundred times, its file read each time; 5 million values a second recorded
 	$(BIN)/pytest -n0 --kills 100 tests/host/test_mcap_recording.py

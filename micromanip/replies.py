@@ -278,12 +278,25 @@ class Link(TypedDict):
     cpu_s: float
 
 
+class TrendKept(TypedDict):
+    """Where a trend is kept, the beginning of its newest row (UTC) and for how long that row has been over.
+
+    Both are None before the first row of this run; `message` says why nothing is kept any more, else it is None.
+    """
+
+    folder: str
+    newest: str | None
+    age_s: float | None
+    message: str | None
+
+
 class Status(TypedDict):
     """Report of a run so far, as ``run --json`` ends with.
 
     `axes` is what each axis does now; `path_error_um` are figures since tracking began; `faults` are those that are
     latched, for people, `fault_reports` the same as data, the one that ends the run last;
-    `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded.
+    `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded, `trend` where none is
+    kept.
     """
 
     state: str
@@ -304,6 +317,7 @@ class Status(TypedDict):
     trips: list[Trip]
     links: dict[str, Link]
     recording: Recorded | None
+    trend: TrendKept | None
 
 
 class Telemetry(TypedDict):

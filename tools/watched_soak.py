@@ -27,14 +27,19 @@ from asyncua import Client as UaClient
 from asyncua import ua
 from websockets.sync.client import connect
 
+from micromanip.bus.rights import leave_cpu
 from micromanip.client import Client
+from micromanip.errors import DeviceUnavailable
 from micromanip.gateway.frames import parsed
 from micromanip.recordings import open_telemetry
-from tools.running_controller import MICROMANIP
+from micromanip.replies import Status
+from micromanip.settings.check import prepare
+from tools.running_controller import MICROMANIP, reset, until
 
 CONFIG = Path(__file__).parents[1] / "config" / "simulated.yaml"
 WATCHED_S, STOPPED_S, SETTLING_S = 25.0, 5.0, 2.0
 NODES, BROWSERS = 200, 3
+_STALL_CYCLES, _STALLED = 4000, 0.1
 FIELDS = ["x.setpoint_um", "x.strain_um", "x.voltage_V", "y.path_error_um", "z.path_error_um", "lateness_ns"]
 _HOST, _OPCUA = "127.0.0.1:18190", "127.0.0.1:18191"
 
@@ -46,6 +51,7 @@ class Watchers:
         self.frames, self.problems = [0] * BROWSERS, []
         self.fetched = self.changed = self.sets = 0
         self._folder, self._token, self._socket = folder, token, socket
+        self.trips: list[str] = []
         self._over, self.awake = threading.Event(), threading.Event()
         work = [
             *([self._browse, k] for k in range(BROWSERS)),
@@ -123,8 +129,17 @@ class Watchers:
         with Client(self._socket) as client:
             value = client.value("axes.x.inner.Ti_ms")
             for _, share in zip(self._seconds(), itertools.cycle((1.01, 1.0)), strict=False):
-                client.set({"axes.x.inner.Ti_ms": round(value * share, 6)})
-                self.sets += 1
+                if (status := client.status())["state"] == "FAULT":
+                    self._arm_again(client, status)
+                elif status["state"] == "TRACKING":
+                    client.set({"axes.x.inner.Ti_ms": round(value * share, 6)})
+                    self.sets += 1
+
+    def _arm_again(self, client: Client, status: Status) -> None:
+        """A machine that stalls for too long trips the cell: it is told at the end, and the cell armed again."""
+        self.trips += [f"{fault['seen']}, cycle {fault['cycle']}" for fault in status["fault_reports"]]
+        reset(client)
+        client.arm()
 
     def _subscribe(self) -> None:
         asyncio.run(self._subscribed())
@@ -157,6 +172,15 @@ def resources(process: int) -> tuple[int, int]:
     return int(resident), len(list(Path(f"/proc/{process}/fd").iterdir()))
 
 
+def tracks(socket: Path) -> bool:
+    """Whether a controller answers on `socket`, and tracks."""
+    try:
+        with Client(socket) as client:
+            return client.status()["state"] == "TRACKING"
+    except DeviceUnavailable:
+        return False
+
+
 def main(minutes: float) -> int:
     """0 where there is no gap, no loss and no growth."""
     with tempfile.TemporaryDirectory() as name:
@@ -176,11 +200,13 @@ def main(minutes: float) -> int:
         ]
         gateway += ["--tokens", str(folder / "tokens"), "--opcua-folder", str(folder / "opcua")]
         seconds = minutes * 60
-        controller = subprocess.Popen([*run, "--duration", str(seconds + 40)], stdout=subprocess.PIPE, text=True)
+        controller = subprocess.Popen([*run, "--duration", str(seconds + 100)], stdout=subprocess.PIPE, text=True)
         beside = subprocess.Popen(gateway)
         stopped: list[tuple[int, int]] = []
         try:
-            time.sleep(15)
+            leave_cpu(prepare(CONFIG).configuration.loop.cpu)  # who watches sits elsewhere
+            until(lambda: tracks(socket), "it tracks")
+            until(lambda: (folder / "tokens").exists(), "the gateway serves")
             token = next(
                 line.split()[2]
                 for line in (folder / "tokens").read_text().splitlines()
@@ -208,6 +234,7 @@ def main(minutes: float) -> int:
             watchers.end()
         finally:
             beside.terminate()
+            controller.terminate()
             report = json.loads(controller.communicate()[0])
             beside.wait()
         return judged(report, file, begun_ns, stopped, watchers, before or after, after)
@@ -246,6 +273,13 @@ def judged(
             problems.append(f"{name}: descriptors grow from {files} to {files_at_end}")
     if min(watchers.frames) == 0 or watchers.fetched == 0 or watchers.changed < NODES or watchers.sets == 0:
         problems.append("somebody saw nothing")
+    for trip in watchers.trips:
+        at = int(trip.rpartition(" ")[2])
+        before = (columns["cycle"] > at - _STALL_CYCLES) & (columns["cycle"] <= at)
+        missed = 1.0 - int(before.sum()) / _STALL_CYCLES
+        print(f"TRIP: {trip}; {100 * missed:.0f} % of the {_STALL_CYCLES} cycles before were missed")
+        if missed < _STALLED:
+            problems.append(f"a trip that no stall of the machine explains: {trip}")
     for problem in problems:
         print(f"PROBLEM: {problem}")
     return 1 if problems else 0

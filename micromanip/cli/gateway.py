@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from micromanip.bus.rights import leave_cpu
+from micromanip.errors import ConfigError
 from micromanip.extras import required
 
 from .options import StrictCommand, config_argument, socket_option
@@ -115,4 +118,17 @@ def command(
         _in_state_directory(),
         runs,
     )
+    leave_cpu(_loop_cpu(config))
     serve(options, lambda line: click.echo(line, err=True))
+
+
+def _loop_cpu(config: Path) -> int | None:
+    """The CPU that the configuration gives to the loop; None where it gives none, or is none that can be read."""
+    from micromanip.settings.load import validate_section
+    from micromanip.settings.schema.model import Loop
+    from micromanip.settings.text.source import Source
+
+    with contextlib.suppress(ConfigError):
+        source = Source.read(config)
+        return validate_section(source, ("loop",), Loop, source.data.get("loop", {})).cpu
+    return None

@@ -38,7 +38,8 @@ table.words th { text-align: left; }
 table.words td:first-child { overflow-wrap: normal; }
 table.words td:last-child { min-width: 14rem; }
 .wide { overflow-x: auto; } svg { max-width: 100%; height: auto; }
-@media (max-width: 40rem) { .wide > svg { max-width: none; width: 40rem; } }
+@media (max-width: 40rem) { .wide > svg { max-width: none; width: 40rem; }
+  .wide table:not(.words) td { white-space: nowrap; } table.words td:last-child { min-width: 22rem; } }
 pre { overflow-x: auto; font-size: .8rem; }
 """
 _PAGE = """<!doctype html>

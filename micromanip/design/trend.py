@@ -9,15 +9,28 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.errors import system_error
 from micromanip.faults import KINDS
 from micromanip.recordings.table import Array
-from micromanip.recordings.trend import COUNTED, FAULT, STATE, STEP_S, TIME, Trend, matching
+from micromanip.recordings.trend import (
+    COUNTED,
+    FAULT,
+    MINUTE,
+    STATE,
+    STEP_S,
+    TIME,
+    Trend,
+    day_file,
+    matching,
+    read_trend,
+)
 from micromanip.rt.states import STATE_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _HOURLY_DAYS = 2
+_ERROR = "error_um"
 _CELLS, _BARS = 48, "▁▂▃▄▅▆▇█"
 _DIGITS = 6
 """Significant ones, as many as the files have."""
@@ -25,7 +38,7 @@ _DIGITS = 6
 
 def usual_fields(trend: Trend) -> list[str]:
     """Of each axis the rms of its error and the least headroom; the greatest lateness; deadlines missed."""
-    errors = [name for name in matching(list(trend.columns), "error_um") if name.endswith("_rms")]
+    errors = [name for name in matching(list(trend.columns), _ERROR) if name.endswith("_rms")]
     headroom = [name for name in matching(list(trend.columns), "headroom_V") if name.endswith("_min")]
     return [*errors, *headroom, "lateness_us_max", "overruns"]
 
@@ -88,8 +101,45 @@ def _course(trend: Trend, name: str, parts: list[slice]) -> Course:
 
 def whole(trend: Trend) -> dict[str, Any]:
     """All rows in one line of `summarised`: the rms of each axis' error, and the faults."""
-    errors = [name for name in matching(list(trend.columns), "error_um") if name.endswith("_rms")]
+    errors = [name for name in matching(list(trend.columns), _ERROR) if name.endswith("_rms")]
     return _summary(trend, errors, str(trend.time[0]), slice(None))
+
+
+class LastDay(NamedTuple):
+    """The newest 24 h of a trend: when they end (UTC), the state and the fault (a code, or None) of the last minute.
+
+    `minutes` are rows, `error_um` is the median of their rms by axis; None where it was not known.
+    """
+
+    ends: str
+    state: str
+    fault: str | None
+    minutes: int
+    error_um: dict[str, float | None]
+
+
+def last_day(folder: Path) -> LastDay:
+    """Of the trend in `folder`. Raises CheckFailed where there is none, or it can't be read."""
+    days = sorted({found.day for path in _listed(folder) if (found := day_file(path)) and found.every == MINUTE})
+    trend = read_trend(folder, MINUTE, np.datetime64(days[-2:][0]) if days else None, fields=[_ERROR])
+    end = trend.time[-1] + np.timedelta64(STEP_S[MINUTE], "s")
+    of_day = trend.time >= end - np.timedelta64(1, "D")
+    errors: dict[str, float | None] = {}
+    for name in (name for name in matching(list(trend.columns), _ERROR) if name.endswith("_rms")):
+        values = trend.columns[name][of_day]
+        known = values[np.isfinite(values)]
+        errors[name.removeprefix(f"{_ERROR}_").removesuffix("_rms")] = float(np.median(known)) if len(known) else None
+    fault = int(trend.columns[FAULT][-1])
+    state = str(_one(STATE, trend.columns[STATE][-1:], trend.columns["seconds"][-1:]))
+    code = None if fault <= 0 else KINDS[fault].code if fault in KINDS else str(fault)
+    return LastDay(str(end), state, code, int(of_day.sum()), errors)
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError as problem:
+        raise system_error(problem, folder) from problem
 
 
 def write_csv(trend: Trend, fields: list[str], to: Path) -> None:

@@ -31,6 +31,8 @@ from .history import History
 
 _LOOK_S = 0.25
 _TAIL_S = 0.025
+_SILENT_S = 0.1
+"""A ring without a new row for so long: the loop may have died, which only the host can say, so it is asked at once."""
 _AGAIN_S = 0.5
 _MOST_ROWS, _MOST_READS = 4096, 16
 _SPARE_ROWS = 1 << 15
@@ -120,16 +122,22 @@ class Cell:
         return await asyncio.get_running_loop().run_in_executor(self._threads, work)
 
     async def _tail(self) -> None:
+        """Read the ring; ask for the status where state or fault have changed, or no row comes any more."""
+        heard_s = 0.0
         while True:
             if self.source is not None:
                 for _ in range(_MOST_READS):
                     before, rows = self.source.latest, self.source.read()
                     if rows is None:
                         break
+                    heard_s = time.monotonic()
                     self._tell(rows)
                     if before is None or any(before[name] != rows[-1][name] for name in ("state", "fault")):
                         self._wake.set()
                     await asyncio.sleep(0)
+                if self.status is not None and time.monotonic() - heard_s > _SILENT_S:
+                    heard_s = time.monotonic()
+                    self._wake.set()
             await asyncio.sleep(_TAIL_S)
 
     async def _look(self) -> None:

@@ -1,7 +1,7 @@
 """One browser on the live connection: what it wants to see, and how much it can take.
 
-It says what it has drawn; at most two messages are on their way to it. One that is slow or frozen is sent nothing
-meanwhile, and then what is newest: there is no queue. Messages of the browser are JSON, with a `type`:
+It says what it has drawn; at most two messages are on their way to it, and a status. One that is slow or frozen is sent
+nothing meanwhile, and then what is newest: there is no queue. Messages of the browser are JSON, with a `type`:
 
 `hello` (first: token, page), `view` (fields, span_s, points; last: cycle, null follows), `trigger` (or null), `arm` the
 trigger again, `spectrum`, `xy`, `drawn`. What comes back: `hello`, `status`, `problem` as JSON, `frame`, `spectrum`,
@@ -11,6 +11,7 @@ trigger again, `spectrum`, `xy`, `drawn`. What comes back: `hello`, `status`, `p
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import time
 from collections.abc import Awaitable, Callable
@@ -26,7 +27,9 @@ from .views import View, frame_of, number, spectrum_of, xy_of
 
 MESSAGE_BYTES = 16_384
 _ON_THE_WAY = 2
+"""Traces; a status may be one more, so that a fault does not wait until a trace is drawn."""
 _FRAME_S = 0.05
+"""From one trace to the next at least; a status waits for nothing."""
 _LEAST_PATIENCE_S = 0.5
 
 Send = Callable[[str | bytes], Awaitable[None]]
@@ -47,8 +50,8 @@ class Session:
         self._on_the_way = 0
         self._number = 0
         self._shown: int | None = None
-        self._is_greeted = self._told_status = False
-        self._wake = asyncio.Event()
+        self._is_greeted = False
+        self._wake, self._has_status = asyncio.Event(), asyncio.Event()
         self._wake.set()
 
     async def run(self) -> None:
@@ -59,9 +62,13 @@ class Session:
                 await self._wake.wait()
                 self._wake.clear()
                 begin = time.monotonic()
-                if await self._say_next():
+                said = await self._say_next()
+                if said is not None:
                     self._wake.set()
-                    await asyncio.sleep(max(0.0, _FRAME_S - (time.monotonic() - begin)))
+                if isinstance(said, bytes):
+                    rest_s = _FRAME_S - (time.monotonic() - begin)
+                    with contextlib.suppress(TimeoutError):
+                        await asyncio.wait_for(self._has_status.wait(), max(0.0, rest_s))
         finally:
             self._cell.listeners.discard(self._heard)
 
@@ -105,6 +112,7 @@ class Session:
     def _heard(self, rows: Rows | None) -> None:
         if rows is None:
             self._wanted.add("status")
+            self._has_status.set()
         elif self._source is self._cell.source and self._source is not None:
             if self._trigger is not None:
                 self._trigger.add(rows)
@@ -112,30 +120,28 @@ class Session:
                 self._wanted.add("frame")
         self._wake.set()
 
-    async def _say_next(self) -> bool:
-        """Send one message, if there is one and the browser can take it; whether there was."""
+    async def _say_next(self) -> str | bytes | None:
+        """Send one message, if there is one and the browser can take it; what it was."""
         if not self._is_greeted or self._source is not self._cell.source:
             self._is_greeted, self._source, self._trigger = True, self._cell.source, None
-            await self._send(json.dumps(self._hello()))
-            return True
-        if self._on_the_way >= _ON_THE_WAY:
-            return False
+            hello = json.dumps(self._hello())
+            await self._send(hello)
+            return hello
+        if self._on_the_way >= _ON_THE_WAY + ("status" in self._wanted):
+            return None
         message = await self._next()
-        if message is None:
-            return False
-        self._on_the_way += 1
-        await self._send(message)
-        return True
+        if message is not None:
+            self._on_the_way += 1
+            await self._send(message)
+        return message
 
     async def _next(self) -> str | bytes | None:
-        """What is to be said next; status and traces take turns, so that neither starves."""
-        told_status, self._told_status = self._told_status, False
-        message = None if "status" in self._wanted and not told_status else await self._traces()
-        if message is None and "status" in self._wanted:
-            self._wanted.discard("status")
-            self._told_status = True
-            message = json.dumps(self._status())
-        return message
+        """What is to be said next: a status that is new, else traces; there is no pause between the two."""
+        if "status" not in self._wanted:
+            return await self._traces()
+        self._wanted.discard("status")
+        self._has_status.clear()
+        return json.dumps(self._status())
 
     async def _traces(self) -> str | bytes | None:
         if self._source is None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.replies import AxisValues, Durations, Link, PathError, Recorded, SignalFigures, Status
+from micromanip.replies import AxisValues, Durations, Link, PathError, Recorded, SignalFigures, Status, TrendKept
 from micromanip.rt import mailbox as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
@@ -46,6 +46,10 @@ class Gathered:
         quantities = self._axes.add(rows)
         if self._trend is not None:
             self._trend.add(rows, quantities)
+
+    def trend(self) -> TrendKept | None:
+        """How far the trend is; None where none is kept."""
+        return None if self._trend is None else self._trend.report()
 
     def axes(self) -> dict[str, AxisValues]:
         """What each axis does now."""
@@ -159,6 +163,7 @@ def report(
         "trips": list(trips),
         "links": dict(links or {}),
         "recording": recording,
+        "trend": gathered.trend(),
     }
 
 

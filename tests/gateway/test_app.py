@@ -293,6 +293,31 @@ def test_there_is_an_end_of_connections():
     asyncio.run(play())
 
 
+def test_a_fault_does_not_wait_until_traces_are_drawn(app, played):
+    view = {"type": "view", "fields": ["x.strain_um"], "span_s": 1.0, "points": 100, "last": None}
+
+    async def play():
+        browser = await greeted(app, played, view)
+        for first in (0, 100):  # two traces that it does not say are drawn
+            played.play(rows(np.arange(first, first + 100)))
+            played.read()
+            await browser.heard(lambda m, newest=first + 99: frame(m) and parsed(m)[0]["newest"] == newest)
+        played.play(rows(np.arange(200, 300)))
+        played.read()
+        played.cell.status = status("FAULT", [FAULT])
+        played.cell._tell(None)
+        await browser.heard(lambda m: kind("status")(m) and m["status"]["state"] == "FAULT")
+        before = len(browser.told)
+        played.cell._tell(None)
+        await asyncio.sleep(0.2)
+        assert len(browser.told) == before, "it is not overwhelmed either"
+        browser.say({"type": "drawn"})
+        await browser.heard(kind("status"))
+        await browser.leave()
+
+    asyncio.run(play())
+
+
 def test_a_fault_and_a_lost_controller_are_told(app, played):
     async def play():
         browser = await greeted(app, played)

@@ -4,12 +4,10 @@ import json
 import mmap
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
 import urllib.error
-import urllib.request
 from contextlib import suppress
 
 import pytest
@@ -17,7 +15,8 @@ from websockets.sync.client import connect
 
 from micromanip.client import Client
 from micromanip.gateway.frames import parsed
-from tools.running_controller import MICROMANIP, WAITING, Running, calm, until
+from tools.running_controller import WAITING, Running, calm, until
+from tools.running_gateway import RunningGateway
 
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("loop")]
 OPEN_TO_WRITE = "import os, sys; os.close(os.open(f'/proc/self/fd/{sys.argv[1]}', os.O_RDWR))"
@@ -34,52 +33,9 @@ def cell(tmp_path_factory):
     running.release()
 
 
-class Beside:
-    """The command, and what a client needs of it."""
-
-    def __init__(self, cell):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.host = f"127.0.0.1:{free.getsockname()[1]}"
-        self.tokens = cell.folder / "tokens"
-        self.log = (cell.folder / "gateway.log").open("w+")
-        command = [str(MICROMANIP), "gateway", str(cell.config), "--socket", str(cell.socket), "--listen", self.host]
-        self.process = subprocess.Popen([*command, "--tokens", str(self.tokens)], stderr=self.log, cwd=cell.folder)
-        until(self._listens, lambda: (cell.folder / "gateway.log").read_text())
-        lines = [line.split() for line in self.tokens.read_text().splitlines() if not line.startswith("#")]
-        self.secret = {scope: secret for _, scope, secret in lines}
-
-    def _listens(self):
-        assert self.process.poll() is None
-        try:
-            self.get("/")
-        except OSError:
-            return False
-        return True
-
-    def get(self, path, scope=None, body=None):
-        request = urllib.request.Request(
-            f"http://{self.host}{path}", None if body is None else json.dumps(body).encode()
-        )
-        request.add_header("content-type", "application/json")
-        if scope is not None:
-            request.add_header("authorization", f"Bearer {self.secret[scope]}")
-        with urllib.request.urlopen(request, timeout=30) as answer:
-            return answer.read().decode()
-
-    def state(self):
-        told = json.loads(self.get("/api/status", "observe"))
-        return told["status"] and told["status"]["state"]
-
-    def close(self):
-        self.process.terminate()
-        assert self.process.wait(20) in (0, -signal.SIGTERM, -signal.SIGKILL)
-        self.log.close()
-
-
 @pytest.fixture(scope="module")
 def gateway(cell):
-    made = Beside(cell)
+    made = RunningGateway(cell)
     yield made
     made.close()
 

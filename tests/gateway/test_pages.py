@@ -20,9 +20,9 @@ from micromanip.rt import states
 from tests.catalogue.test_runs import report
 from tests.cli.played import FAULT
 from tests.design.test_run_figures import recording
+from tools.chromium import PROGRAM, chromium
 
 from .answering import Answering
-from .chromium import PROGRAM, chromium
 from .rings import Played, rows, status
 from .served import follow, served
 from .test_filed import FAULT_CYCLE, written

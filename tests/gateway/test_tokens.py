@@ -4,9 +4,11 @@ import stat
 
 import pytest
 
+from micromanip.cli import gateway as command
 from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied, UsageError
 from micromanip.gateway.serving import Options, serve
 from micromanip.gateway.tokens import of_file
+from tests.cli.command import code_of
 
 GOOD = "screen observe " + "s" * 24
 
@@ -76,3 +78,16 @@ def test_what_can_t_be_served_is_told_at_once(tmp_path, given, error, said):
     plain = {"config": tmp_path / "cell.yaml", "control": tmp_path / "no.sock", "listen": "127.0.0.1:0"}
     with pytest.raises(error, match=said):
         serve(Options(**(plain | {"tokens": tmp_path / "tokens"} | given | paths)), print)
+
+
+@pytest.mark.parametrize(
+    ("loop", "cpu"),
+    [("loop: {cpu: 3, limits: hardware}", 3), ("loop: {limits: hardware}", None), ("loop: {cpu: x}", None)],
+)
+def test_it_leaves_the_loop_s_cpu_to_the_loop(tmp_path, monkeypatch, loop, cpu):
+    left = []
+    monkeypatch.setattr(command, "leave_cpu", left.append)
+    (tmp_path / "cell.yaml").write_text(f"schema_version: 2\n{loop}\n")
+    elsewhere = ("--listen", "192.0.2.1:8090", "--behind-proxy", "https://cell.example")
+    assert code_of("gateway", tmp_path / "cell.yaml", "--tokens", tmp_path / "tokens", *elsewhere) == 69
+    assert left == [cpu]

@@ -320,7 +320,12 @@ def test_a_running_cell_keeps_a_trend_until_the_disk_is_full(run):
     cell.go_on(20_000)
     assert cell.state == "TRACKING"
     with Client(cell.socket) as client:
-        assert client.status()["axes"]["x"]["voltage_V"]["latest"] is not None
+        told = client.status()
+    assert told["axes"]["x"]["voltage_V"]["latest"] is not None
+    assert told["trend"]["folder"] == str(folder)
+    assert np.datetime64(told["trend"]["newest"]) >= trend.time[-1]
+    assert told["trend"]["age_s"] >= 0.0
+    assert "make room there" in told["trend"]["message"]
     assert cell.end() == 0
     assert cell.said.count("no trend is kept any more") == 1
     assert f"{os.strerror(errno.EFBIG)}; make room there" in cell.said

@@ -26,7 +26,7 @@ const panels = new Panels(by("plots"), { zoomed: () => {}, wheel: () => {}, whol
 const fields = () => ["setpoint_um", "strain_um", "reference_um", "stage_um", "voltage_V"].map((name, i) => {
   const found = cell.controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
   const isOfStage = ["reference_um", "stage_um"].includes(name);
-  return { ...found, unit: isOfStage ? "um, stage" : found.unit, colour: `--trace-${(i % 2) + 1}` };
+  return { ...found, unit: isOfStage ? "µm, stage" : found.unit, colour: `--trace-${(i % 2) + 1}` };
 });
 const period = () => cell.controller.period_ns * 1e-9;
 

@@ -6,14 +6,17 @@ import asyncio
 import contextlib
 import queue
 import threading
+import time
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from micromanip.errors import system_error
 from micromanip.host.state_directory import state_directory
 from micromanip.host.windows import Array
-from micromanip.recordings.trend import MINUTE, SECOND
+from micromanip.recordings.trend import MINUTE, SECOND, STEP_S
+from micromanip.replies import TrendKept
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.trend import Trend
 
@@ -38,6 +41,8 @@ class TrendKeeper:
         self._lines: queue.Queue[tuple[str, str, str] | None] = queue.Queue(_WAITING_LINES)
         self._problem: OSError | None = None
         self._is_told = False
+        self._newest = ""
+        """When the newest row began that is in a file."""
         self._writer: threading.Thread | None = None
 
     def add(self, rows: Any, quantities: Array) -> None:
@@ -46,6 +51,19 @@ class TrendKeeper:
             self._summing.add(rows, quantities)
         else:
             self._tell()
+
+    def report(self) -> TrendKept:
+        """How far it is."""
+        age_s = None
+        if self._newest:
+            age_s = time.time() - STEP_S[SECOND] - datetime.fromisoformat(f"{self._newest}+00:00").timestamp()
+        message = None if self._problem is None else str(system_error(self._problem, self._folder))
+        return {
+            "folder": str(self._folder),
+            "newest": self._newest or None,
+            "age_s": None if age_s is None else round(max(0.0, age_s), 1),
+            "message": message,
+        }
 
     async def end(self) -> None:
         """Write what there is, unless the disk hangs."""
@@ -76,6 +94,9 @@ class TrendKeeper:
             with contextlib.closing(files):
                 while (line := self._lines.get()) is not None:
                     files.append(*line)
+                    every, _, text = line
+                    if every == SECOND:
+                        self._newest = text.partition(",")[0]
         except OSError as problem:
             self._problem = problem
 

@@ -93,6 +93,11 @@ class Task:
     observers: dict[Filter, tuple[Array, float]] = field(default_factory=dict)
     """The same with every regulator: gain, and the innovation's variance."""
 
+    @property
+    def at_once(self) -> bool:
+        """Whether a sample of every cycle is seen in it; behind a bus a closed loop is measured over fewer lines."""
+        return self.sample_cycles == 1 and self.late_cycles == 0
+
     def regulator(self, weight: float) -> tuple[Outer, OuterGains, StepAnswer]:
         """With any filter: the regulator is the same with all."""
         outer = Outer(

@@ -15,8 +15,9 @@ from ..loops import Margins
 from ..step import StepAnswer
 from .pairs import Candidate, Task, highest_Hz
 
-_INPUTS_UM = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-_MOST_INPUT_UM = 1.001 * _INPUTS_UM[-1]
+_INPUTS_UM, _AT_ONCE_UM = (1e-4, 1e-3, 1e-2, 1e-1), (1.0,)
+"""Noise of the set-point; the last only where the closed loop is measured as far up as such a filter asks for much."""
+_MOST_INPUT_UM = 1.001 * _AT_ONCE_UM[-1]
 _FINER, _WORTH = (10.0**0.25, 10.0**0.125), 0.995
 """Steps between those of the grid, and what is left of the cost where one is worth its while."""
 _WAYS = tuple(
@@ -47,7 +48,7 @@ class Search:
     def look(self, regulators: list[tuple[Outer, OuterGains, StepAnswer]]) -> None:
         """Each regulator's filters, by halves: where one is too fast, so are those beyond it."""
         for outer, gains, step in regulators:
-            for input_um in _INPUTS_UM:
+            for input_um in _INPUTS_UM + (_AT_ONCE_UM if self._task.at_once else ()):
                 chain = list(self._task.chain(outer, gains, input_um))
                 while chain:
                     least = np.inf if self.best is None else self.best[0]
@@ -59,7 +60,12 @@ class Search:
                         chain = chain[:k]
 
     def refine(self, excess: Callable[[StepAnswer], float]) -> None:
-        """Walk downhill from the best pair of the grid, in steps between its own; then widen the oscillator."""
+        """Walk downhill from the best pair of the grid, in steps between its own; then widen the oscillator.
+
+        Behind a bus it stays at the grid.
+        """
+        if not self._task.at_once:
+            return
         for size in _FINER:
             before = None
             while self.best is not before:

@@ -57,7 +57,7 @@ REPORT, TUNED, PREVIOUS, REJECTED = "report.html", "tuned.yaml", "previous.yaml"
 )  # fmt: skip
 @click.option(
     "--tooth-frequency", "tooth_Hz", type=Quantity("Hertz", least=1.0), metavar="HZ",
-    help="Teeth that pass in a second, which the outer loop cancels  [default: as the axis has it, or as seen at rest]",
+    help="Teeth that pass in a second, which the outer loop cancels  [default: as the axis has it, or as it is seen]",
 )  # fmt: skip
 @click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Of the excitations.")
 @click.option("--operator", help="Who stands behind it, for the report  [default: the one logged in]")

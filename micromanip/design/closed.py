@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.control.system import System
 from micromanip.settings.schema.model import Configuration
+from micromanip.settings.wiring.timing import AT_ONCE
 
 from .experiment import EXCITED, Experiment, alone, path_bandwidth, resting, with_reference
 from .response import Measured, Multisine, measure, multisine
@@ -16,8 +17,10 @@ Array = NDArray[np.float64]
 
 _LOW_HZ, _SHARE, _WIDEST_HZ = 12.0, 0.4, 4000.0
 _STRAIN_UM = ((150.0, 0.5), (600.0, 0.35), (_WIDEST_HZ, 0.25))
-_STAGE_UM = ((150.0, 0.7), (600.0, 1.2), (1500.0, 0.5), (_WIDEST_HZ, 0.2))
-"""Of the set-point, as the stage was identified."""
+_STAGE_UM = ((150.0, 0.35), (600.0, 0.6), (1500.0, 0.8), (2500.0, 0.6), (_WIDEST_HZ, 0.2))
+"""Of the set-point: most where the stage hardly follows it, and a fast filter still asks for much."""
+_STAGE_LATE_UM = ((150.0, 0.7), (600.0, 1.2), (1500.0, 0.5), (_WIDEST_HZ, 0.2))
+"""The same behind a bus, as the stage was identified: its lines end where the plain one only begins to play more."""
 _SLEW_SHARE, _LEAD_S = 0.6, 1.0
 
 
@@ -32,7 +35,8 @@ def measure_outer_loop(configuration: Configuration, experiment: Experiment, axi
     outer, index = configuration.axes[axis].outer, list(configuration.axes).index(axis)
     if outer is None:
         raise ValueError(f"axis {axis} has no outer loop")
-    wave, samples = _excitation(configuration, experiment, axis, _STAGE_UM, seed)
+    rms = _STAGE_UM if experiment.path(configuration, axis) == AT_ONCE else _STAGE_LATE_UM
+    wave, samples = _excitation(configuration, experiment, axis, rms, seed)
     gains = outer_gains(outer, None, configuration.loop.period_ns * 1e-9)
     controllable = len(outer.model.A) + outer.model.delay_cycles
     # the stage's reference is relative to the working point

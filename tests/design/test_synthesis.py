@@ -10,6 +10,7 @@ from micromanip.design.loops import System, delay, model_system, stage_loop, str
 from micromanip.design.paper import ANCHOR_PID
 from micromanip.design.step import STEP_UM, course
 from micromanip.design.synthesis import tune_outer, tune_pid
+from micromanip.design.synthesis.search import Search
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import LinearModel
 
@@ -83,6 +84,27 @@ def test_the_outer_loop_has_its_margins():
     assert again.gain_dB == pytest.approx(design.margins.gain_dB)
     assert np.abs(gains.closed_loop_poles).max() < 1.0
     assert len({entry[0] for entry in design.tried}) > 2  # regulators as well as filters were tried
+
+
+def test_between_the_points_of_the_grid_there_is_better_and_a_faster_oscillator_is_free(monkeypatch):
+    """Judged by what a walk of the set-point leaves of the stage, from the closed loop's own equations."""
+    model = swinging(120.0, 0.01, late=4)
+    refined = tune_outer(model, T, 0.012)
+    monkeypatch.setattr(Search, "refine", lambda *_: None)
+    coarse = tune_outer(model, T, 0.012)
+    omega = 2 * np.pi * np.arange(1.0, 5000.0)
+    plant = model_system(model, T)
+
+    def left(design):
+        loop = stage_loop(outer_gains(design.outer, None, T), plant).response(omega)
+        return float(np.sqrt(np.sum(np.abs(plant.response(omega) / (1.0 + loop)) ** 2 / omega**2)))
+
+    assert left(refined) < 0.97 * left(coarse)
+    assert refined.margins.gain_dB >= 6.0
+    assert refined.margins.phase_deg >= 35.0
+    shares = [design.outer.oscillation_um / design.outer.disturbance_um for design in (coarse, refined)]
+    assert shares[0] == pytest.approx(0.01, rel=1e-3)
+    assert shares[1] > shares[0]
 
 
 def test_the_step_is_designed_for():

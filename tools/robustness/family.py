@@ -89,7 +89,8 @@ def with_plant(prepared: Prepared, axis: str, plant: Plant, seed: int) -> Prepar
     options: Any = wiring.options[name]
     drawn = options.model_copy(update={"variation": options.variation | {axis: plant}, "seed": seed})
     driver = type(wiring.drivers[name])(drawn, configuration.loop.period_ns)
-    return replace(prepared, wiring=replace(wiring, drivers=wiring.drivers | {name: driver}))
+    told = wiring.options | {name: drawn}
+    return replace(prepared, wiring=replace(wiring, drivers=wiring.drivers | {name: driver}, options=told))
 
 
 def reach_um(prepared: Prepared, axis: str) -> float:

@@ -1,6 +1,8 @@
 """What acts on the cell while nobody moves it: the tracker's rate and noise, and the line that a turning tool leaves.
 
-Recorded in open loop at the park voltages, before anything is closed; best while the spindle cuts air.
+Recorded in open loop at the park voltages, before anything is closed; best while the spindle cuts air. At its park
+voltage a stage may stand at the end of its sensor's range, which shows no line: then an axis looks for it once more
+where it works, its strain loop closed by then.
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ from scipy.signal import welch
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
-from ..experiment import EXCITED, Experiment, parked, with_axes, with_reference
+from ..experiment import EXCITED, Experiment, alone, parked, resting, with_axes, with_reference
 from ..tuning import white_noise
 
 Array = NDArray[np.float64]
 
-REST_S = 10.0
+REST_S, AT_WORK_S = 10.0, 8.0
 _LEAST = 300
 _WINDOW_S, _JOINTS_WINDOW_S = 1.0, 2.5
 _TOOTH_HZ, _BESIDE_HZ, _HUM_HZ = (70.0, 1000.0), (2.0, 12.0), (50.0, 60.0, 100.0, 120.0)
@@ -64,11 +66,9 @@ def look_at_rest(configuration: Configuration, experiment: Experiment) -> AtRest
     tooth_Hz, tooth_um, clearest = None, 0.0, _STANDS_OUT
     tracker_Hz, joints_Hz, heard, seen = None, None, _JOINTS_STAND_OUT, {}
     for i, name in enumerate(configuration.axes):
-        stage, stage_Hz = _samples(rows[len(rows) // 2 :, i], "stage_um", _STAGE_FRESH, rate_hz)
-        if len(stage) >= _LEAST:
-            found, size_um, ratio = strongest_line(stage, stage_Hz, _TOOTH_HZ)
-            if ratio > clearest:
-                tooth_Hz, tooth_um, clearest = found, size_um, ratio
+        found, size_um, ratio = _tooth_line(rows[:, i], rate_hz)
+        if ratio > clearest:
+            tooth_Hz, tooth_um, clearest = found, size_um, ratio
         deviation, deviation_Hz = _samples(rows[:, i], "deviation_um", _DEVIATION_FRESH, rate_hz)
         if len(deviation) >= _LEAST:
             tracker_Hz = float(f"{deviation_Hz:.3g}")
@@ -78,6 +78,24 @@ def look_at_rest(configuration: Configuration, experiment: Experiment) -> AtRest
                 joints_Hz, heard = found, ratio
     noise_um = max((white_noise(deviation) for deviation in seen.values()), default=0.0)
     return AtRest(tracker_Hz, noise_um, joints_Hz, tooth_Hz, tooth_um, seen)
+
+
+def tooth_at_work(configuration: Configuration, experiment: Experiment, axis: str) -> tuple[float, float] | None:
+    """Frequency (Hz) and amplitude (um) of the tooth's line while `axis` is held where it works; None: there is none.
+
+    Its strain loop is closed, the outer one is not, and the others are parked.
+    """
+    rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
+    held = with_reference(alone(configuration, axis, "strain"), EXCITED)
+    rows = experiment(held, AT_WORK_S, resting(configuration, axis, round(AT_WORK_S * rate_hz)))["axis"][:, index]
+    found, size_um, ratio = _tooth_line(rows, rate_hz)
+    return (found, size_um) if ratio > _STANDS_OUT else None
+
+
+def _tooth_line(rows: NDArray[Any], rate_hz: float) -> tuple[float, float, float]:
+    """Frequency (Hz) and amplitude (um) of the strongest line of the stage, and how far it stands out."""
+    stage, stage_Hz = _samples(rows[len(rows) // 2 :], "stage_um", _STAGE_FRESH, rate_hz)
+    return strongest_line(stage, stage_Hz, _TOOTH_HZ) if len(stage) >= _LEAST else (0.0, 0.0, 0.0)
 
 
 def _samples(rows: NDArray[Any], column: str, fresh: int, rate_hz: float) -> tuple[Array, float]:

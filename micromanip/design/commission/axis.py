@@ -33,6 +33,7 @@ from ..response import Wanted, identify
 from ..sensitivity import Sensitivity, judge_loop
 from ..synthesis import OuterDesign, PidDesign, Undone, tune_outer, tune_pid, undo
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
+from .at_rest import tooth_at_work
 from .borne import DRAWN, Borne
 from .partial import Steps
 from .polarity import Polarity, check_polarity
@@ -59,7 +60,7 @@ class Knobs:
     tooth_Hz: float | None = None
     """Tooth-passing frequency that the outer loop cancels; None leaves it to the axis' own section `outer`."""
     tooth_seen_Hz: float | None = None
-    """The one that was seen at rest, for an axis without that section; None: nothing is cancelled."""
+    """The one that was seen, for an axis without that section; None: nothing is cancelled, unless it sees one."""
 
 
 @dataclass(frozen=True)
@@ -87,19 +88,36 @@ class Commissioned:
     """What the feedforward of mode strain undoes; None where the configuration does not say how late the gauge is."""
     learned: tuple[str, ...] = ()
     """What was measured, found wanting and done again, in sentences."""
+    tooth_Hz: float | None = None
+    """Tooth-passing frequency that was seen while the axis stood where it works; None: not looked for, or none."""
 
 
 def commission_axis(
-    configuration: Configuration, experiment: Experiment, axis: str, say: Say, knobs: Knobs | None = None, seed: int = 1
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    say: Say,
+    knobs: Knobs | None = None,
+    seed: int = 1,
+    running: Experiment | None = None,
 ) -> Commissioned:
-    """All steps for one axis; raises Stopped, with what was found by then, where one of them says no."""
+    """All steps for one axis; raises Stopped, with what was found by then, where one of them says no.
+
+    In `running` the process goes on: a tooth that nobody has told or seen is looked for in it.
+    """
     steps = Steps(axis, say)
     with steps.kept():
-        return _commission(configuration, experiment, axis, steps, knobs or Knobs(), seed)
+        return _commission(configuration, experiment, axis, steps, knobs or Knobs(), seed, running)
 
 
 def _commission(
-    configuration: Configuration, experiment: Experiment, axis: str, steps: Steps, knobs: Knobs, seed: int
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    steps: Steps,
+    knobs: Knobs,
+    seed: int,
+    running: Experiment | None,
 ) -> Commissioned:
     settings, say = configuration.axes[axis], steps.begin
     configuration = with_axis(configuration, axis, actuator=None)  # that of another tuning
@@ -157,6 +175,16 @@ def _commission(
         f"{pid.inner.filter_ms:g} ms; {pid.limited_by}",
         strain_loop=strain_closed.sentence,
     )
+    tooth = None
+    if running is not None and settings.outer is None and _tooth_Hz(knobs, settings) is None:
+        say("tooth where it works")
+        try:
+            tooth = tooth_at_work(tuned, running, axis)
+        except CheckFailed as problem:  # of the process alone: without it the axis can still be tuned
+            learned.append(f"with the process, where it works: {problem}")
+        if tooth is not None:
+            knobs = replace(knobs, tooth_seen_Hz=tooth[0])
+            steps.learn(tooth_where_it_works=f"{tooth[1]:.2f} um at {tooth[0]:g} Hz")
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
     stage, outer, outer_loop = _close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
@@ -172,7 +200,7 @@ def _commission(
     tuned = with_axis(tuned, axis, actuator=kept)
     return Commissioned(
         axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_closed,
-        stage, outer, outer_loop, validation, undone, tuple(learned),
+        stage, outer, outer_loop, validation, undone, tuple(learned), None if tooth is None else tooth[0],
     )  # fmt: skip
 
 

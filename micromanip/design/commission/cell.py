@@ -22,8 +22,8 @@ from .tracking import follow
 _SHARES = (
     ("sensors at rest", 0.1), ("polarity and scale", 0.1), ("major loop", 0.5), ("answer to a step", 0.1),
     ("excitation", 2.3), ("hysteresis models", 4.3), ("actuator", 2.5), ("strain PID", 4.8),
-    ("sensitivity of the strain loop", 1.2), ("stage dynamics", 2.8), ("outer loop", 12.7),
-    ("sensitivity of the outer loop", 1.4), ("validation", 0.8),
+    ("sensitivity of the strain loop", 1.2), ("tooth where it works", 0.8), ("stage dynamics", 2.8),
+    ("outer loop", 16.0), ("sensitivity of the outer loop", 1.4), ("validation", 0.8),
 )  # fmt: skip
 _AFTERWARDS = (("acceptance", 3.0), ("analysis", 2.9))
 """Steps of an axis, and those of each when all are tuned, with the seconds that they took of one simulated axis."""
@@ -88,18 +88,21 @@ def commission_cell(
     is tried as it will run: `written` gives what a file of a configuration holds, `budgeted` what its error is made of.
     """
     watched, stopped, rest = Watched(experiment), None, None
-    if running is not None:
+    acting = None if running is None else Watched(running)
+    knobs = knobs or Knobs()
+    if acting is not None:
         say("the cell at rest")
-        rest = _at_rest(configuration, Watched(running))
-        knobs = replace(knobs or Knobs(), tooth_seen_Hz=rest.tooth_Hz)
+        rest = _at_rest(configuration, acting)
+        knobs = replace(knobs, tooth_seen_Hz=rest.tooth_Hz)
     found: list[Commissioned] = []
     for name in axes:
         try:
-            found.append(commission_axis(configuration, watched, name, partial(_say, say, name), knobs, seed))
+            found.append(commission_axis(configuration, watched, name, partial(_say, say, name), knobs, seed, acting))
         except Stopped as problem:
             stopped = problem
             break
         configuration = found[-1].configuration
+        knobs = replace(knobs, tooth_seen_Hz=knobs.tooth_seen_Hz or found[-1].tooth_Hz)
     stories, analyses, names = [], [], list(configuration.axes)
     for each in found:
         say(_of(each.axis, "acceptance"))

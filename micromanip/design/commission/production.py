@@ -158,8 +158,8 @@ def _tooth(configuration: Configuration, rest: AtRest) -> str:
     cancelled = sorted({axis.outer.oscillation_Hz or 0.0 for axis in configuration.axes.values() if axis.outer})
     if cancelled == [0.0]:
         return (
-            "No tooth frequency is cancelled: none was given (--tooth-frequency), and the stage shows no line at rest; "
-            "with the spindle cutting air it may."
+            "No tooth frequency is cancelled: none was given (--tooth-frequency), and the stage shows no line, neither "
+            "parked nor where it works; with the spindle cutting air it may."
         )
     seen = f", at rest {rest.tooth_um:.2f} um at {rest.tooth_Hz:g} Hz were seen" if rest.tooth_Hz else ""
     return f"Cancelled is the tooth's frequency, {' and '.join(f'{hertz:g}' for hertz in cancelled)} Hz{seen}."

@@ -1,10 +1,17 @@
 """Lines told from noise, hum and resonances; the reference that is made of what the tracker said at rest."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from micromanip.design.commission.at_rest import AtRest, strongest_line
+from micromanip.design.commission.at_rest import AtRest, look_at_rest, strongest_line, tooth_at_work
+from micromanip.settings.check import prepare
+from micromanip.virtual.experiment import VirtualExperiment
+
+FACTORY = Path(__file__).parents[3] / "config" / "factory.yaml"
 
 RATE_HZ, BAND_HZ = 10_000.0, (70.0, 1000.0)
 T_S = np.arange(50_000) / RATE_HZ
@@ -37,3 +44,23 @@ def test_what_was_not_seen_keeps_its_default():
     unseen = AtRest(None, 0.0, None, None).reference()
     assert (unseen.sample_rate_Hz, unseen.oscillation_Hz) == (1000.0, 8.0)
     assert unseen.noise_um > 0.0
+
+
+@pytest.mark.long
+def test_a_tooth_is_found_where_the_axis_works_when_its_parked_stage_is_out_of_the_sensors_range():
+    """Parked, this stage rests 300 um from where it works: a sensor that reads +-150 um shows the tooth there only."""
+    prepared = prepare(FACTORY)
+    driver = prepared.wiring.drivers["cell"]
+
+    def cell(tooth_N):
+        plant = driver.options.plant.model_copy(update={"stage_range_um": 150.0})
+        force = driver.options.force.model_copy(update={"tooth_N": tooth_N, "tooth_Hz": 237.0})
+        options = driver.options.model_copy(update={"plant": plant, "variation": {}, "force": force})
+        drivers = prepared.wiring.drivers | {"cell": type(driver)(options, prepared.configuration.loop.period_ns)}
+        return VirtualExperiment(replace(prepared, wiring=replace(prepared.wiring, drivers=drivers)), process=True)
+
+    assert look_at_rest(prepared.configuration, cell(40.0)).tooth_Hz is None
+    hertz, um = tooth_at_work(prepared.configuration, cell(40.0), "y")
+    assert hertz == pytest.approx(237.0, abs=0.1)
+    assert um > 0.5
+    assert tooth_at_work(prepared.configuration, cell(0.0), "y") is None

@@ -22,6 +22,7 @@ from micromanip.settings.schema.reference import Jog, Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
 
+from .coupling import fill_decoupling
 from .hysteresis import fill_hysteresis, sweep_um
 from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .reference import fill_reference
@@ -74,6 +75,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
+        fill_decoupling(p["axis"][i]["decoupling"], configuration, name)
         fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
         _fill_timing(p["axis"][i], name, configuration, wiring)
         if axis.outer is not None:

@@ -144,9 +144,8 @@ class SimulatedCell(CyclicDriver):
             tuple(zip((p["deviation_omega"] / (2.0 * np.pi)).tolist(), p["deviation_um"].tolist(), strict=True))
             for p in cell
         ]
-        moved = tuple(
-            (hertz, float(cell[i]["coupling"][j]) * um) for j in range(count) if j != i for hertz, um in lines[j]
-        )
+        shares = cell[i]["coupling"] + cell[i]["pushed_N_per_um"] * mechanics.compliance(plant)
+        moved = tuple((hertz, float(shares[j]) * um) for j in range(count) if j != i for hertz, um in lines[j])
         return SimulatedAxis(
             plant=linear_plant(plant, period_s, creep=False),
             crept=linear_plant(plant, period_s, creep=True),

@@ -120,7 +120,7 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     a["strain_age_ns"] = _max_age_ns(configuration.signals.get(f"strain_{name}"))
     a["stage_age_ns"] = _max_age_ns(configuration.signals.get(f"stage_{name}"))
     frame = configuration.frame
-    followed = (f"deviation_{name}",) if frame is None else frame.signals
+    followed = (f"deviation_{name}",) if frame is None else frame.sources
     a["reference_age_ns"] = min(_max_age_ns(configuration.signals.get(each)) for each in followed)
     for role in ("strain", "stage"):
         signal = configuration.signals.get(f"{role}_{name}")
@@ -135,10 +135,10 @@ def _fill_frame(f: Any, configuration: Configuration, wiring: Wiring) -> None:
     frame = configuration.frame
     if frame is None:
         return
-    rows, columns = np.shape(frame.matrix)
-    f["sources"], f["source"][:columns] = columns, [wiring.signal(name) for name in frame.signals]
+    rows, columns = np.shape(frame.whole_matrix)
+    f["sources"], f["source"][:columns] = columns, [wiring.signal(name) for name in frame.sources]
     f["derived"], f["first"] = rows, wiring.signal(f"deviation_{next(iter(configuration.axes))}")
-    f["matrix"][:rows, :columns] = frame.matrix
+    f["matrix"][:rows, :columns] = frame.whole_matrix
     f["offset"][:rows] = frame.offset_um or 0.0
 
 

@@ -32,7 +32,6 @@ def with_coupling(axis="x", *, outer=True, **section):
     [
         ({"share": {"w": 0.01}}, "axes.x.coupling.share.w: there is no axis w; the axes are x, y, z"),
         ({"share": {"x": 0.01}}, "axes.x.coupling.share.x: an axis moves wholly with itself"),
-        ({"share": {}}, "axes.x.coupling.share"),
         ({"share": {"y": 0.6}}, "axes.x.coupling.share.y: expected a number from -0.5 to 0.5"),
         ({"share": {"y": 0.3, "z": -0.3}}, "share: 0.6 of the others' motion, at most 0.5 are bearable"),
         ({"share": {"y": 0.01}, "decouple": "yes"}, "axes.x.coupling.decouple"),

@@ -136,7 +136,7 @@ def test_a_target_at_the_tool_sees_what_the_far_one_computes(tmp_path):
         (
             {},
             {"signals": ["tracker_a", "tracker_b", "tracker_x"]},
-            "reference.frame.lever.signals: the section signals has",
+            "frame.lever.signals: the section signals has",
         ),
         ({}, {"signals": ["tracker_a", "tracker_b"]}, "reference.frame.lever.signals"),
     ],

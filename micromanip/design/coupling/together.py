@@ -88,7 +88,7 @@ def judge_together(frequency_Hz: Array, share: Complex, deviation: Array, loops:
 def disk_margin(frequency_Hz: Array, loop: Complex) -> Disk:
     """Symmetric disk margin of `loop` (k, n, n), negative feedback, for each loop's own complex factor."""
     own = np.eye(loop.shape[1])
-    sizes = structured(np.linalg.inv(own + loop) - 0.5 * own)
+    sizes = structured(np.asarray(np.linalg.inv(own + loop) - 0.5 * own, dtype=np.complex128))
     worst = int(np.argmax(sizes))
     alpha = min(1.0 / float(sizes[worst]), 2.0)
     gain_dB = 20.0 * np.log10((2.0 + alpha) / (2.0 - alpha)) if alpha < 2.0 else np.inf

@@ -17,7 +17,7 @@ class Coupling(Settings):
     """Motion of this stage that comes of the others, as `commission` measures it with the strain loops closed."""
 
     share: dict[str, Share] = Field(
-        min_length=1, description="By the name of the other axis: um of this stage per um of that one, at rest."
+        default={}, description="By the name of the other axis: um of this stage per um of that one, at rest."
     )
     decouple: Flag = Field(
         default=False,

@@ -63,6 +63,27 @@ class Coupled:
         )
         return Criterion(axis, "outer loops together: stable", one.stable, value, "interaction below 1, or no turn")
 
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row for each pair: who sees, who moves, at rest, at most, the gauge, and the relative gain at rest."""
+        found, gains = self.coupling, relative_gain(self.coupling.rest).real
+        rows: list[tuple[str, ...]] = []
+        for i, axis in enumerate(found.axes):
+            for j, other in enumerate(found.axes):
+                if j == i:
+                    continue
+                most = int(np.argmax(found.sure_size[i, j]))
+                at_most = f"{100 * np.abs(found.share[i, j, most]):.1f} % at {found.frequency_Hz[most]:.0f} Hz"
+                sure = found.sure_size[i, j, most] > 0.0
+                rows.append((
+                    axis,
+                    other,
+                    _percent(found.rest[i, j], found.rest_deviation[i, j]) + ("" if found.sure[i, j] else ", not sure"),
+                    at_most if sure else "not sure",
+                    _percent(found.gauge[i, j], found.gauge_deviation[i, j]),
+                    f"{gains[i, j]:+.4f}",
+                ))  # fmt: skip
+        return rows
+
     def document(self) -> dict[str, Any]:
         """As in JSON."""
         found, one = self.coupling, self.together
@@ -155,21 +176,12 @@ def with_coupling(story: Evidence, coupled: Coupled) -> Evidence:
 
 def _section(axis: str, coupled: Coupled) -> Section:
     found, i = coupled.coupling, coupled.coupling.axes.index(axis)
-    rows, curves = [], []
+    curves = []
     for j, other in enumerate(found.axes):
-        if j == i:
-            continue
-        size = np.abs(found.share[i, j])
-        most = int(np.argmax(found.sure_size[i, j]))
-        sure = "" if found.sure[i, j] else ", not sure"
-        rows.append((
-            other,
-            _percent(found.rest[i, j], found.rest_deviation[i, j]) + sure,
-            f"{100 * size[most]:.1f} % at {found.frequency_Hz[most]:.0f} Hz",
-            _percent(found.gauge[i, j], found.gauge_deviation[i, j]),
-        ))  # fmt: skip
-        curves.append(Curve(f"of {other}", found.frequency_Hz, size))
-        curves.append(Curve(f"of {other}, deviation", found.frequency_Hz, found.deviation[i, j], faint=True))
+        if j != i:
+            curves.append(Curve(f"of {other}", found.frequency_Hz, np.abs(found.share[i, j])))
+            curves.append(Curve(f"of {other}, deviation", found.frequency_Hz, found.deviation[i, j], faint=True))
+    rows = [row[1:] for row in coupled.rows() if row[0] == axis]
     gains = relative_gain(found.share)[i, i]
     far = int(np.argmax(np.abs(gains - 1.0)))
     figures = {
@@ -183,7 +195,7 @@ def _section(axis: str, coupled: Coupled) -> Section:
             "path error of ignoring it": f"{cost.ignored:.3f} um rms",
             "decoupling would leave": f"{cost.decoupled:.3f} um rms, and {cost.unsure:.3f} um that is not sure",
         }
-    heads = ("Moves", "This stage, at rest", "at most, over frequency", "This gauge, at rest")
+    heads = ("Moves", "This stage, at rest", "at most, over frequency", "This gauge, at rest", "Relative gain at rest")
     text = "Each axis was moved with all strain loops closed, and every sensor looked at. " + " ".join(coupled.decided)
     plot = Plot(
         f"What stage {axis} sees of the others",

@@ -26,13 +26,15 @@ Complex = NDArray[np.complex128]
 
 AT_REST_HZ = 5.0
 """Up to here a stage answers as at rest."""
-_RMS_UM = ((5.0, 1.5), (30.0, 1.0), (150.0, 0.5), (300.0, 0.3))
+_RMS_UM = ((5.0, 1.5), (30.0, 1.0), (150.0, 0.7), (300.0, 1.0))
 """Upper frequency and rms of each part of the set-point's excitation; above, the outer loops have no gain left."""
 _LOW_HZ, _LEAD_S, _SLEW_SHARE = 0.3, 1.0, 0.7
 _LEAST = 1e-6
 """Standard deviation below which none is believed."""
 _SURE = 3.0
 """Standard deviations beyond which a share is one."""
+_SURE_OF_MANY = 5.0
+"""The same where hundreds of lines are looked at: one of them is always far out."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Coupling:
     def sure_size(self) -> Array:
         """|C| (n, n, k) where it is beyond its uncertainty, else 0."""
         size = np.abs(self.share)
-        return np.asarray(np.where(size > _SURE * self.deviation, size, 0.0))
+        return np.asarray(np.where(size > _SURE_OF_MANY * self.deviation, size, 0.0))
 
     @property
     def largest(self) -> tuple[float, float, str, str]:

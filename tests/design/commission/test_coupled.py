@@ -107,3 +107,10 @@ def test_the_report_and_the_json_say_it():
     assert section.tables[0].rows[1][1].endswith("not sure")
     assert found.criterion("x").passed
     assert not replace(found, together=replace(found.together, interaction=2.0, turns=1)).criterion("x").passed
+
+
+def test_a_coupling_that_is_not_found_again_leaves_the_file():
+    file = with_tuning(CONFIG.read_text(encoding="utf-8"), coupled().noted(TUNED).axes)
+    assert file.count("coupling:") == 3
+    assert "coupling:" not in with_tuning(file, TUNED.axes)
+    assert with_tuning(file, coupled().noted(TUNED).axes) == file

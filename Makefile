@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean
+.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean check-coupling
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -81,6 +81,9 @@ accuracy: $(READY) ## what the cell reaches beside paper and bound, on drawn pla
 
 check-preview: $(READY) ## previews of 60 drawn paths beside the same paths played in virtual time
 	$(BIN)/python -m tools.check_preview
+
+check-coupling: $(READY) ## path errors with coupling ignored, decoupled and not there, beside what is predicted of it
+	$(BIN)/python -m tools.check_coupling
 
 check-learning: $(READY) ## five identical parts, learned from one to the next, on 10 cells with drawn plants
 	$(BIN)/python -m tools.check_learning

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,10 @@ from micromanip.errors import CheckFailed, UsageError
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
 from .progress import steps
 from .results import Pictures, provenance
+
+if TYPE_CHECKING:
+    from micromanip.design.commission.coupled import Coupled
+    from micromanip.settings.check import Prepared
 
 
 @click.command(
@@ -102,12 +106,19 @@ def command(
                 pictures.draw(partial(draw_analysis, analysis, about=about))
         written = pictures.put()
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
+    coupled = _coupled(prepared, seed) if only == "all" else None
+    if coupled is not None:
+        judged += [coupled.criterion(name) for name in names]
     failed = [criterion for criterion in judged if not criterion.passed]
     if as_json:
         files = [str(file) for file in written]
-        print_json({"passed": not failed, "axes": [report(analysis) for analysis in analyses], "figures": files})
+        coupling = None if coupled is None else coupled.document()
+        axes = [report(analysis) for analysis in analyses]
+        print_json({"passed": not failed, "axes": axes, "coupling": coupling, "figures": files})
     else:
         print_criteria(judged, "Analysis")
+        if coupled is not None:
+            _print_coupling(coupled)
         for analysis in analyses:
             for line in notes(analysis):
                 click.echo(f"axis {analysis.axis}: {line}")
@@ -120,6 +131,35 @@ def command(
             f"{len(failed)} of {len(judged)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
             f"(wanted: {worst.limit})"
         )
+
+
+def _coupled(prepared: Prepared, seed: int) -> Coupled | None:
+    """The coupling of a simulated cell's axes, measured in virtual time; None of any other, or one that is untuned."""
+    from micromanip.design.commission.coupled import look_at_coupling
+    from micromanip.virtual.experiment import VirtualExperiment
+
+    axes = prepared.configuration.axes.values()
+    if not prepared.wiring.virtual or len(axes) < 2 or any(axis.outer is None for axis in axes):
+        return None
+    return look_at_coupling(prepared.configuration, VirtualExperiment(prepared), seed)
+
+
+def _print_coupling(coupled: Coupled) -> None:
+    """A line per pair of axes."""
+    from .tables import Figures, out_console
+
+    table = Figures(
+        "axis",
+        "sees of",
+        "at rest",
+        "at most, over frequency",
+        "gauge",
+        "relative gain",
+        title="Coupling of the stages",
+    )
+    for row in coupled.rows():
+        table.add_row(*row)
+    out_console().print(table)
 
 
 def print_criteria(judged: list[Any], title: str) -> None:

@@ -289,6 +289,7 @@ def _document(
         "report": str(folder / REPORT),
         "run": str(run),
         "production": _production(found),
+        "coupling": None if found.coupled is None else found.coupled.document(),
         "axes": {
             story.axis: {
                 "passed": story.passed,
@@ -356,10 +357,11 @@ def _how_it_runs(found: CommissionedCell) -> list[str]:
     production = found.production
     if production is None:
         return []
+    said = [] if found.coupled is None else list(found.coupled.decided)
     if production.obstacle is not None:
         return [f"it does not track yet: {production.obstacle}"]
     errors = ", ".join(f"{name} {seen.rms:.2f}" for name, seen in production.seen.items())
-    lines = [*production.decided, f"it tracks, tried as it will run: path error {errors} um rms"]
+    lines = [*production.decided, *said, f"it tracks, tried as it will run: path error {errors} um rms"]
     if production.budgets:
         most = ", ".join(
             f"{name} {each.causes[0].name} {each.causes[0].rms_um:.2f}" for name, each in production.budgets.items()

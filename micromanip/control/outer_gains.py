@@ -249,6 +249,13 @@ def _angle(gains: OuterGains) -> float:
     return math.acos(min(1.0, float(gains.A[-2, -2])))
 
 
+def steady_lag(outer: OuterSettings) -> float:
+    """Cycles by which the stage answers a slow set-point later: ``-G'(1) / G(1)`` of ``G = z^-d C (zI - A)^-1 B``."""
+    a, b, c = (np.array(m, dtype=float) for m in (outer.model.A, outer.model.B, outer.model.C))
+    once = np.linalg.solve(np.eye(len(a)) - a, b)
+    return float(outer.model.delay_cycles + c @ np.linalg.solve(np.eye(len(a)) - a, once) / (c @ once))
+
+
 def dc_gain(outer: OuterSettings | None) -> float:
     """Steady stage position (um) per um of set-point; 1 without an outer loop, infinite for a model that integrates."""
     if outer is None:

@@ -75,7 +75,7 @@ def axis_cycle(
         finite = finite and is_finite(p, s)
         s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], True)
         unwind(p["pid"], s["pid"], s["request_V"] - s["voltage_V"])
-        remember(s["estimator"], s["setpoint_um"] - p["centre_um"])
+        remember(s["estimator"], s["setpoint_um"] - p["centre_um"] - s["decoupling"]["added_um"])
     else:
         measure_errors(p, s, cycle)
         if phase == FROZEN:
@@ -120,7 +120,8 @@ def estimate(p: Record, s: Record, cycle: int) -> None:
         return
     if s["estimator"]["running"] == 0:
         if s["stage"]["fresh"]:
-            start_estimator(p["outer"], s["estimator"], cycle, s["setpoint_um"] - p["centre_um"], s["stage"]["value"])
+            u = s["setpoint_um"] - p["centre_um"] - s["decoupling"]["added_um"]
+            start_estimator(p["outer"], s["estimator"], cycle, u, s["stage"]["value"])
         return
     missed = min(_MOST_MISSED, cycle - s["estimator"]["cycle"] - 1.0)
     s["missed"] = _FORGOTTEN * s["missed"] + missed * missed
@@ -163,7 +164,7 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
         w[i] *= fraction * s["authority"]
     w[1] += s["move"]["speed_um"] * p["cycles_per_ns"] * 1e9
     w[2] += s["move"]["acceleration_um"] * (p["cycles_per_ns"] * 1e9) ** 2
-    u = p["centre_um"] + outer_setpoint(p["outer"], s["estimator"]["x"], w)
+    u = p["centre_um"] + outer_setpoint(p["outer"], s["estimator"]["x"], w) + s["decoupling"]["added_um"]
     if s["closed"] == 0 or s["missed"] > _OVERLOADED:
         s["blend_um"] = s["setpoint_um"] - u
         s["closed"] = 1

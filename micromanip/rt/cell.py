@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from micromanip.rt.laws.decoupling import EASED, answer, ease_share, forget
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.laws.sensor import is_missing, is_on
 
@@ -90,6 +91,29 @@ def decay_hold(p: Record, s: Record) -> None:
 
 
 @compiled
+def decouple(p: Record, s: Record, phase: int) -> None:
+    """What the next set-point of each axis owes to the references of the others, as they were followed in this cycle.
+
+    A frozen axis stays where it is, and so does what the others owe to it.
+    """
+    for i in range(p["axes"]):
+        law, a = p["axis"][i]["decoupling"], s["axis"][i]
+        own = a["decoupling"]
+        if law["active"] == 0 and own["active"] == 0:
+            continue
+        if phase_of_axis(s, a, phase) != CLOSED or a["estimator"]["running"] == 0:
+            forget(own)
+            continue
+        own["active"], own["added_um"] = 0, 0.0
+        for j in range(p["axes"]):
+            other = s["axis"][j]
+            ease_share(law, own, j, EASED * p["axis"][i]["authority_step"])
+            if phase_of_axis(s, other, phase) == CLOSED:
+                answer(law, own, j, other["reference"]["w"])
+            own["added_um"] += own["part_um"][j]
+
+
+@compiled
 def cell_cycle(
     p: Record, s: Record, signals: Any, outputs: Any, samples: Any, command: int, now_ns: int, periods: int
 ) -> bool:
@@ -126,6 +150,7 @@ def cell_cycle(
             score(a, error, uncompensated)
         if s["state"] == TRACKING and axis["mode"] != VOLTAGE:
             mean_squares(p, axis, a)
+    decouple(p, s, phase)
     keep_checks(p, s)
     switch(p, s, outputs)
     return accepted

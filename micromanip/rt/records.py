@@ -10,6 +10,7 @@ from .arming import CHECK_PARAMETERS, CHECK_STATE
 from .faults import EVENT, EVENTS
 from .figures import FIGURES
 from .laws.coordinate_transform import FRAME, MAX_FRAME
+from .laws.decoupling import DECOUPLING_PARAMETERS, DECOUPLING_STATE
 from .laws.estimator import ESTIMATOR_STATE, INPUT_HISTORY
 from .laws.excitation import EXCITATION_PARAMETERS, EXCITATION_STATE
 from .laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
@@ -73,6 +74,7 @@ AXIS_PARAMETERS = record(
     ("limiter", LIMITER_PARAMETERS),
     ("excitation", EXCITATION_PARAMETERS),
     ("learned", LEARNED_PARAMETERS),
+    ("decoupling", DECOUPLING_PARAMETERS),
     ("move", MOVE_PARAMETERS),
     ("watch", WATCH_PARAMETERS),
     ("strain_check", CHECK_PARAMETERS),
@@ -94,6 +96,7 @@ AXIS_STATE = record(
     ("reference", REFERENCE_STATE),
     ("excitation", EXCITATION_STATE),
     ("learned", LEARNED_STATE),
+    ("decoupling", DECOUPLING_STATE),
     ("move", MOVE_STATE),
     ("setpoints", "f8", (INPUT_HISTORY,)),
     ("references", "f8", (INPUT_HISTORY,)),

@@ -136,11 +136,12 @@ def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, sample
         if axis["mode"] == VOLTAGE:
             continue
         b["strain"], b["stage"], b["reference"] = a["strain"], a["stage"], a["reference"]
+        b["decoupling"] = a["decoupling"]
         b["strain_cycles"] += 1
         b["voltage_V"] = a["voltage_V"]
         axis_cycle(axis, b, s["cycle"], now_ns, t_s, samples, CLOSED, 1.0)
         unwind(axis["pid"], b["pid"], b["voltage_V"] - a["voltage_V"])
-        remember(b["estimator"], a["setpoint_um"] - axis["centre_um"])
+        remember(b["estimator"], a["setpoint_um"] - axis["centre_um"] - a["decoupling"]["added_um"])
         figures, step = b["figures"], candidate["figures_step"]
         added_V = a["voltage_V"] - b["hysteresis"]["output_V"]
         figures["innovation"] += step * (b["estimator"]["innovation_um"] ** 2 - figures["innovation"])

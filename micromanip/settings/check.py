@@ -25,6 +25,7 @@ from micromanip.settings.wiring.simulated import simulated_findings
 from micromanip.settings.wiring.simulation import build_plant
 
 from .actuators import actuator_findings
+from .couplings import coupling_findings
 from .feedback import feedback_findings
 from .load import validate_document
 from .names import name_findings
@@ -89,6 +90,7 @@ def validate(source: Source) -> Configuration:
             *_reach(configuration),
             *_machine(configuration),
             *actuator_findings(configuration),
+            *coupling_findings(configuration),
         ],
     )
     return configuration

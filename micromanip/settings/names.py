@@ -62,7 +62,7 @@ def name_findings(configuration: Configuration) -> Iterator[Finding]:
 def _frame(configuration: Configuration) -> Iterator[Finding]:
     """A frame whose signals or axes are not those of the configuration; coordinates that nobody uses."""
     frame = configuration.frame
-    used = () if frame is None else frame.signals
+    used = () if frame is None else frame.sources
     for name in configuration.signals:
         if name.startswith(PREFIX) and name not in used:
             yield ("signals", name), "no frame uses it; name it in reference.frame.signals"
@@ -70,7 +70,8 @@ def _frame(configuration: Configuration) -> Iterator[Finding]:
         return
     for name in used:
         if name not in configuration.signals:
-            yield ("reference", "frame", "signals"), f"the section signals has no {name}"
+            section = ("signals",) if name in frame.signals else ("lever", "signals")
+            yield ("reference", "frame", *section), f"the section signals has no {name}"
     if len(frame.matrix) != len(configuration.axes):
         yield (
             ("reference", "frame", "matrix"),

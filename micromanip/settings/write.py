@@ -98,6 +98,9 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
             _put_models(section, axis)
             if axis.actuator is not None:
                 section["actuator"] = _plain(axis.actuator.model_dump(exclude_none=True))
+            section.pop("coupling", None)
+            if axis.coupling is not None:
+                section["coupling"] = _plain(axis.coupling.model_dump())
             if axis.commissioned is not None:
                 section["commissioned"] = _plain(axis.commissioned.model_dump())
 

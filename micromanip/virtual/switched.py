@@ -107,5 +107,5 @@ def switched(options: Any, off: Collection[str]) -> Any:
     change["plant"] = quiet(options.plant)
     change["variation"] = {name: quiet(plant) for name, plant in options.variation.items()}
     if COUPLING in off:
-        change["coupling"] = 0.0
+        change |= {"coupling": 0.0, "couplings": None, "flexure_coupling": 0.0}
     return options.model_copy(update=change)

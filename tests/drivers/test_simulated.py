@@ -362,6 +362,61 @@ def test_axes_are_coupled():
     assert ratios == pytest.approx([0.010, 0.015], abs=5e-4)
 
 
+def moved(volts, options):
+    """How far (um) each stage of three goes when x is driven to `volts`, at the end of 0.8 s."""
+    bench = Bench({**quiet(), "axes": ["x", "y", "z"], **options})
+    for _ in range(500):
+        bench.exchange(0.0, 0.0, 0.0)
+    still = [float(bench.signal("true_stage", axis)["value"]) for axis in "xyz"]
+    for k in range(8000):
+        bench.exchange(min(volts, 0.02 * k), 0.0, 0.0)
+    return np.array([float(bench.signal("true_stage", axis)["value"]) for axis in "xyz"]) - still
+
+
+def test_couplings_are_a_matrix_of_their_own():
+    rows = [[1.0, 0.02, 0.0], [-0.03, 1.0, 0.0], [0.04, 0.01, 1.0]]
+    went = moved(60.0, {"couplings": rows, "coupling": 0.1})
+    assert went / went[0] == pytest.approx([1.0, -0.03, 0.04], abs=1e-9)
+
+
+def test_the_flexure_pushes_the_other_axes_by_their_share():
+    """At rest by the share; x itself is pushed back by the product of both ways only."""
+    went = moved(60.0, {"coupling": 0.0, "flexure_coupling": 0.03})
+    alone = moved(60.0, {"coupling": 0.0})
+    assert alone[1:] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert went[1] / went[0] == pytest.approx(0.02, rel=0.05), "y sees 2/3 of x, the axis after its next"
+    assert went[2] / went[0] == pytest.approx(0.03, rel=0.05)
+    assert went[0] / alone[0] == pytest.approx(1.0, abs=0.005)
+
+
+def test_what_the_flexure_pushes_swings_with_its_own_mode():
+    """y is heavier and swings longer than x: after a step of x it is the mode of y that is left."""
+    heavy = {**QUIET_PLANT, "stage_kg": 24.0, "damping": 0.005}
+    bench = Bench({**quiet(), "axes": ["x", "y"], "flexure_coupling": 0.03, "variation": {"y": heavy}})
+    rows = []
+    for _ in range(10_000):
+        bench.exchange(60.0, 0.0)
+        rows.append(float(bench.signal("true_stage", "y")["value"]))
+    late = np.array(rows[2000:])
+    lines = np.abs(np.fft.rfft((late - late.mean()) * np.hanning(len(late)), 80_000))
+    a, _ = mechanics.continuous(Plant(**heavy))
+    own_Hz = np.abs(np.linalg.eigvals(a).imag) / (2 * np.pi)
+    assert np.argmax(lines) / 8.0 == pytest.approx(own_Hz[own_Hz > 1.0].min(), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("rows", "says"),
+    [
+        ([[1.0, 0.0], [0.0, 1.0]], "couplings: a row and a column per axis, 3 of each"),
+        ([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0]], "axis y sees 1 of its own motion, not 2"),
+        ([[1.0, 0.3, -0.3], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "axis x sees more than 0.5 of the others' motion"),
+    ],
+)
+def test_what_are_no_couplings(rows, says):
+    with pytest.raises(ConfigError, match=says):
+        Bench({**quiet(), "axes": ["x", "y", "z"], "couplings": rows})
+
+
 def test_thermal_drift():
     """0.5 um a kelvin, 2 K, 600 s."""
     bench = Bench(quiet(plant={**QUIET_PLANT, "ambient_step_K": 2.0}))

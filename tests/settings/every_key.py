@@ -78,6 +78,7 @@ def _framed():
     document = _simulated()
     document["signals"]["tracker_a"] = document["signals"].pop("deviation_x") | {"channel": "deviation_x"}
     document["reference"]["frame"] = _FRAME
+    document["axes"]["x"]["coupling"] = {"decouple": True}
     swinging = [{"frequency_Hz": 7.8, "um_per_s": 2.0, "decay_per_s": 0.1}]
     document["reference"]["axes"] = {"x": {"oscillations": swinging, "jerk_um_per_s3": 300.0, "noise_um": 0.4}}
     return document
@@ -111,6 +112,7 @@ def _with_lines():
         "faults": [{"channel": "strain_x", "kind": "offset", "value": 1.0, "at_s": 1.0, "for_s": 2.0}],
         "variation": {"x": {"damping": 0.05}},
         "tracker": {"coordinates": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]},
+        "couplings": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     }
     for line in ("enable", "interlock", "retracted", "amplifier_ok_x", "temperature_ok_x"):
         document["signals"][line] = {"driver": "cell"}

@@ -11,7 +11,7 @@ from .compiled import compiled
 from .discharge import DISCHARGE_STEP_NS, DISCHARGE_STEPS, begin_discharge, discharge_to, end_discharge
 from .faults import disturb, exchange_error, remember
 from .lines import advance_lines, cut_share, follow_enable, latch_switches, powered, read_lines, worked_periods
-from .plant import drive, machining_force, move, quantised
+from .plant import drive, machining_force, move, push, quantised
 from .preisach import preisach_step, reset_memory
 from .records import CONTEXT, CREEP_OPERATORS, MECHANICAL_STATES, SUBSTEPS
 from .sensors import read
@@ -32,6 +32,7 @@ def rest(c: Any) -> None:
             s["creep_um"][k] = p["creep_gain"] * pure
         for k in range(MECHANICAL_STATES):
             s["x"][k] = p["rest"][k] * pure
+        s["rested_um"] = s["x"][2]
         s["latched_V"] = s["amplifier_V"] = 0.0
 
 
@@ -46,9 +47,17 @@ def advance(c: Any) -> None:
         p, s = c["p"][i], c["s"][i]
         s["force_N"] = share * machining_force(p, s, t_s)
         s["drift_um"] += p["drift_step"] * (p["drift_um"] - s["drift_um"])
+        if c["pushes"] == 0:
+            for _ in range(SUBSTEPS):
+                move(p, s["x"], drive(p, s, on), s["force_N"])
+                move(p, s["free_x"], 0.0, s["force_N"])
+    if c["pushes"] != 0:
         for _ in range(SUBSTEPS):
-            move(p, s["x"], drive(p, s, on), s["force_N"])
-            move(p, s["free_x"], 0.0, s["force_N"])
+            push(c)
+            for i in range(c["axes"]):
+                p, s = c["p"][i], c["s"][i]
+                move(p, s["x"], drive(p, s, on), s["force_N"] + s["pushed_N"])
+                move(p, s["free_x"], 0.0, s["force_N"])
 
 
 @compiled

@@ -33,6 +33,17 @@ from .records import (
 )
 
 _JOINT_SPREAD = (1.0, 0.97, 1.03)
+_MOST_COUPLED = 0.5
+
+
+def _round(share: float, i: int, count: int) -> NDArray[np.float64]:
+    """What axis `i` of `count` sees of each: `share` of the next one, and 2/3 of it of the one after; 0 of its own."""
+    shares = np.zeros(count)
+    if count > 1:
+        shares[(i + 1) % count] = share
+    if count > 2:
+        shares[(i + 2) % count] = share * 2.0 / 3.0
+    return shares
 
 
 class SimulatedCell(CyclicDriver):
@@ -54,6 +65,7 @@ class SimulatedCell(CyclicDriver):
         rows = options.tracker.coordinates
         if rows is not None and [len(row) for row in rows] != [len(options.axes)] * len(options.axes):
             raise ConfigError(f"tracker.coordinates: a row and a column per axis, {len(options.axes)} of each")
+        self._check_couplings()
         for k, fault in enumerate(options.faults):
             if fault.channel not in (*self.inputs, EXCHANGE):
                 raise ConfigError(f"faults[{k}].channel: {self._unknown(fault.channel)}")
@@ -106,6 +118,7 @@ class SimulatedCell(CyclicDriver):
             self._fill_plant(c["p"][i], plant)
             self._fill_cell(c["p"][i], i)
             c["s"][i]["random"] = seeds[2 * i : 2 * i + 2]
+        c["pushes"] = int(np.any(c["p"]["pushed_N_per_um"]))
         self._fill_lines(c)
         self._fill_bus(c["bus"])
         if self._path["rows"] > 0:  # else its pages stay untouched
@@ -131,9 +144,8 @@ class SimulatedCell(CyclicDriver):
             tuple(zip((p["deviation_omega"] / (2.0 * np.pi)).tolist(), p["deviation_um"].tolist(), strict=True))
             for p in cell
         ]
-        moved = tuple(
-            (hertz, float(cell[i]["coupling"][j]) * um) for j in range(count) if j != i for hertz, um in lines[j]
-        )
+        shares = cell[i]["coupling"] + cell[i]["pushed_N_per_um"] * mechanics.compliance(plant)
+        moved = tuple((hertz, float(shares[j]) * um) for j in range(count) if j != i for hertz, um in lines[j])
         return SimulatedAxis(
             plant=linear_plant(plant, period_s, creep=False),
             crept=linear_plant(plant, period_s, creep=True),
@@ -179,6 +191,21 @@ class SimulatedCell(CyclicDriver):
             line["heartbeat_periods"] = self._periods(lines.heartbeat_ms * 1e-3)
         step_s = self.period_ns * 1e-9 / SUBSTEPS
         c["p"]["bleed_step"] = -np.expm1(-step_s / (lines.amplifier_bleed_ms * 1e-3))
+
+    def _check_couplings(self) -> None:
+        rows, count = self.options.couplings, len(self.options.axes)
+        if rows is None:
+            return
+        if [len(row) for row in rows] != [count] * count:
+            raise ConfigError(f"couplings: a row and a column per axis, {count} of each")
+        for i, row in enumerate(rows):
+            if row[i] != 1.0:
+                raise ConfigError(f"couplings: axis {self.options.axes[i]} sees 1 of its own motion, not {row[i]:g}")
+            if sum(abs(share) for share in row) - 1.0 > _MOST_COUPLED:
+                raise ConfigError(
+                    f"couplings: axis {self.options.axes[i]} sees more than {_MOST_COUPLED:g} of the others' motion: "
+                    "that is no stage whose axes are controlled one by one"
+                )
 
     def _check_bus(self) -> None:
         if self.options.bus is None:
@@ -269,8 +296,11 @@ class SimulatedCell(CyclicDriver):
         p["tracker_noise_um"] = tracker.noise_um
         count = len(self.options.axes)
         p["tracker_row"][:count] = np.eye(count)[i] if tracker.coordinates is None else tracker.coordinates[i]
-        p["coupling"][i] = 1.0
-        if count > 1:
-            p["coupling"][(i + 1) % count] += self.options.coupling
-        if count > 2:
-            p["coupling"][(i + 2) % count] += self.options.coupling * 2.0 / 3.0
+        if self.options.couplings is None:
+            p["coupling"][:count] = _round(self.options.coupling, i, count)
+            p["coupling"][i] = 1.0
+        else:
+            p["coupling"][:count] = self.options.couplings[i]
+        plant = self.options.variation.get(self.options.axes[i], self.options.plant)
+        shares = _round(self.options.flexure_coupling, i, count)
+        p["pushed_N_per_um"][:count] = shares / mechanics.compliance(plant)

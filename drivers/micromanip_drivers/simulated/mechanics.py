@@ -79,6 +79,12 @@ def _exponential(exponent: Matrix) -> Matrix:
     return np.eye(len(exponent)) + change
 
 
+def compliance(plant: Plant) -> float:
+    """How far (um) the stage moves for a force of 1 N on it, at rest, the stack neither driven nor held."""
+    a, b = continuous(plant)
+    return float(np.linalg.solve(a, -b[:, 1])[2])
+
+
 def rest(plant: Plant) -> Matrix:
     """State at rest for a free displacement of 1 um and no force."""
     a, b = continuous(plant)

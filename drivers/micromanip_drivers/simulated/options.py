@@ -224,3 +224,13 @@ class Options(_Options):
     coupling: Annotated[float, Field(ge=0, le=0.1)] = Field(
         default=0.015, description="Share of each axis' motion that the next axis sees; the one after sees 2/3 of it."
     )
+    couplings: tuple[tuple[Real, ...], ...] | None = Field(
+        default=None,
+        description="What each axis (row) sees of the motion of each (column), um per um, 1 on the diagonal, in place "
+        "of the option coupling; null: that.",
+    )
+    flexure_coupling: Annotated[float, Field(ge=-0.1, le=0.1)] = Field(
+        default=0.0,
+        description="Parasitic motion through the flexure: each stage pushes on the next so that it moves by this "
+        "share at rest, and 2/3 of it on the one after, and swings with the mode of the axis that is pushed.",
+    )

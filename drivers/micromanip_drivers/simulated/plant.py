@@ -10,7 +10,7 @@ from .compiled import compiled
 from .noise import normal
 from .played_path import played
 from .preisach import preisach_step
-from .records import CREEP_OPERATORS, DEVIATION_SINES, MECHANICAL_STATES
+from .records import CREEP_OPERATORS, DEVIATION_SINES, MECHANICAL_STATES, SUBSTEPS
 
 
 @compiled
@@ -52,6 +52,21 @@ def move(p: Any, x: Any, free_um: float, force_N: float) -> None:
             + p["b"][i, 0] * free_um
             + p["b"][i, 1] * force_N
         )
+
+
+@compiled
+def push(c: Any) -> None:
+    """Force (N) of the flexure on each stage in the sub-step to come, by how far the others are from where they rested.
+
+    A force is held over a sub-step: that of its middle, where the others are by then at their present speed.
+    """
+    middle_s = 0.5e-9 * c["period_ns"] / SUBSTEPS
+    for i in range(c["axes"]):
+        force_N = 0.0
+        for j in range(c["axes"]):
+            x = c["s"][j]["x"]
+            force_N += c["p"][i]["pushed_N_per_um"][j] * (x[2] + middle_s * x[3] - c["s"][j]["rested_um"])
+        c["s"][i]["pushed_N"] = force_N
 
 
 @compiled

@@ -113,6 +113,7 @@ AXIS_PARAMETERS = _record(
     ("tracker_noise_um", "f8"),
     ("tracker_row", "f8", (MAX_AXES,)),
     ("coupling", "f8", (MAX_AXES,)),
+    ("pushed_N_per_um", "f8", (MAX_AXES,)),
 )
 AXIS_STATE = _record(
     ("memory", MEMORY),
@@ -125,6 +126,8 @@ AXIS_STATE = _record(
     ("x", "f8", (MECHANICAL_STATES,)),
     ("free_x", "f8", (MECHANICAL_STATES,)),
     ("force_N", "f8"),
+    ("pushed_N", "f8"),
+    ("rested_um", "f8"),
     ("engaged", "f8"),
     ("coloured_N", "f8"),
     ("drift_um", "f8"),
@@ -195,6 +198,7 @@ CONTEXT = _record(
     ("periods", "i8"),
     ("opened", "i8"),
     ("safe", "i8"),
+    ("pushes", "i8"),
     ("timespec", "i8", (2,)),
     ("lines", LINES),
     ("bus", BUS),

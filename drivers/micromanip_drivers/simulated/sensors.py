@@ -56,7 +56,7 @@ def read(c: Any, inputs: Any, now_ns: int) -> None:
                     tracked += p["tracker_row"][j] * deviation(c, j, taken_s)
             put(inputs[first + 2], tracked, now_ns - passed_ns - p["tracker_latency_ns"])
         row = p["stage_acceleration"]
-        acceleration = row[MECHANICAL_STATES + 1] * s["force_N"] + p["acceleration_noise"] * normal(s)
+        acceleration = row[MECHANICAL_STATES + 1] * (s["force_N"] + s["pushed_N"]) + p["acceleration_noise"] * normal(s)
         for k in range(MECHANICAL_STATES):
             acceleration += row[k] * s["x"][k]
         put(inputs[first + 3], acceleration, now_ns)

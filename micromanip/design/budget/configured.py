@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from micromanip.bus.simulated_axis import SimulatedAxis
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
+from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.wiring.timing import AT_ONCE, cycles_between, feedback_path, signal_timing
 from micromanip.virtual.switched import NOISE, Played, play_without
@@ -91,7 +92,22 @@ def cell_of(prepared: Prepared, axis: str) -> Cell:
     tracking = Tracking(laws.tracker, cycles_between(configuration, timing), timing.latency_s, laws.period_s)
     driver = wiring.drivers[configuration.outputs[f"voltage_{axis}"].driver]
     simulated = getattr(driver, "simulated_axis", None)  # a driver of a bus has none
-    return Cell(laws, tracking, None if simulated is None else simulated(axis))
+    return Cell(laws, tracking, None if simulated is None else _decoupled(configuration, simulated, axis))
+
+
+def _decoupled(configuration: Configuration, simulated: Callable[[str], SimulatedAxis], axis: str) -> SimulatedAxis:
+    """The simulated `axis` with what its decoupling leaves of the others' motion; they stand in their order."""
+    known, section = simulated(axis), configuration.axes[axis].coupling
+    if section is None or not section.decouple:
+        return known
+    taken = [
+        section.share.get(other, 0.0) * um
+        for other in configuration.axes
+        if other != axis
+        for _, um in simulated(other).deviation
+    ]
+    left = tuple((hertz, seen - um) for (hertz, seen), um in zip(known.neighbours, taken, strict=True))
+    return replace(known, neighbours=left)
 
 
 def budget_of(

@@ -13,6 +13,7 @@ from ..analysis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment
 from .at_rest import AtRest, look_at_rest
 from .axis import DRAWN, Commissioned, Knobs, Watched, commission_axis
+from .coupled import Coupled, decoupled, look_at_coupling, with_coupling
 from .evidence import Evidence
 from .partial import Stopped
 from .production import Budgeted, Production, in_production, tried
@@ -27,13 +28,16 @@ _SHARES = (
 )  # fmt: skip
 _AFTERWARDS = (("acceptance", 3.0), ("analysis", 2.9))
 """Steps of an axis, and those of each when all are tuned, with the seconds that they took of one simulated axis."""
+_COUPLING = "coupling of the axes"
+"""The step of all axes together."""
 
 
 def planned(axes: Sequence[str]) -> list[tuple[str, float]]:
     """What `commission_cell` says of these axes, in order, and how the time is shared out; some steps may not come."""
     tuned = [(_of(axis, name), share) for axis in axes for name, share in _SHARES]
     judged = [(_of(axis, name), share) for axis in axes for name, share in _AFTERWARDS]
-    return [("the cell at rest", 1.4), *tuned, *judged, ("as it will run", 8.0), ("report", 1.0)]
+    together = [(_COUPLING, 2.5)] if len(axes) > 1 else []
+    return [("the cell at rest", 1.4), *tuned, *together, *judged, ("as it will run", 8.0), ("report", 1.0)]
 
 
 def _of(axis: str, what: str) -> str:
@@ -64,6 +68,8 @@ class CommissionedCell:
     rest: AtRest | None = None
     production: Production | None = None
     """How it goes to production; None where that was not asked for, or an axis was stopped."""
+    coupled: Coupled | None = None
+    """What the axes see of each other; None where not all of the cell, or only one, were commissioned."""
 
     @property
     def passed(self) -> bool:
@@ -103,14 +109,20 @@ def commission_cell(
             break
         configuration = found[-1].configuration
         knobs = replace(knobs, tooth_seen_Hz=knobs.tooth_seen_Hz or found[-1].tooth_Hz)
-    stories, analyses, names = [], [], list(configuration.axes)
+    stories, analyses, names, coupled = [], [], list(configuration.axes), None
+    if stopped is None and len(found) == len(names) > 1:
+        say(_COUPLING)
+        coupled = look_at_coupling(configuration, watched, seed)
+        configuration = coupled.noted(configuration)
     for each in found:
         say(_of(each.axis, "acceptance"))
         runs = follow(configuration, watched, each.axis)
         say(_of(each.axis, "analysis"))
         analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1, actuator=each.actuator)
         analyses.append(analysis)
-        stories.append(evidence(each, analysis, runs, names.index(each.axis)))
+        story = evidence(each, analysis, runs, names.index(each.axis))
+        judged = () if coupled is None else (coupled.criterion(each.axis),)
+        stories.append(replace(story, criteria=(*story.criteria, *judged)))
     production = None
     if stopped is not None:
         stories.append(stopped.evidence)
@@ -119,10 +131,17 @@ def commission_cell(
         production = in_production(configuration, rest, missed)
         if production.tracks:
             say("as it will run")
-            production = tried(production, written, running, budgeted)
+            trial = partial(tried, written=written, experiment=running, budgeted=budgeted)
+            production = trial(production)
+            if coupled is not None:
+                production, coupled = decoupled(production, coupled, trial)
             configuration = production.configuration
         stories = [_with_production(story, production, rest) for story in stories]
-    return CommissionedCell(configuration, tuple(found), tuple(analyses), tuple(stories), stopped, rest, production)
+    if coupled is not None:
+        stories = [with_coupling(story, coupled) for story in stories]
+    return CommissionedCell(
+        configuration, tuple(found), tuple(analyses), tuple(stories), stopped, rest, production, coupled
+    )
 
 
 def _at_rest(configuration: Configuration, experiment: Experiment) -> AtRest:

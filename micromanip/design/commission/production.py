@@ -32,6 +32,7 @@ Budgeted = Callable[[Configuration, NDArray[Any]], list[AxisBudget]]
 
 TRACKED_S = 9.0
 _FADED_IN_S = 1.0
+MOVED_HZ = 1000.0
 _SHARE, _NOISES = 0.05, 2.0
 """Of the uncompensated error, and of the tracker's noise: the path error that is asked for by default."""
 
@@ -63,6 +64,8 @@ class Production:
     known: bool = True
     budgets: dict[str, AxisBudget] = field(default_factory=dict)
     unbudgeted: str | None = None
+    moved_um: Array | None = field(default=None, repr=False, compare=False)
+    """Stage positions (n, axes) of the trial, at ``MOVED_HZ``; None where there was none."""
 
     @property
     def tracks(self) -> bool:
@@ -197,7 +200,8 @@ def tried(
         t_s = np.arange(len(error)) / every
         seen[name] = PathErrorSeen(_rms(moved), _rms(error), float(np.abs(error).max()), t_s, error)
     known = all(f"path_error_{name}" in configuration.signals for name in configuration.axes)
-    production = replace(production, configuration=configuration, seen=seen, known=known)
+    moved_um = np.asarray(settled["stage_um"][:: max(1, round(every / MOVED_HZ)), : len(seen)], dtype=float)
+    production = replace(production, configuration=configuration, seen=seen, known=known, moved_um=moved_um)
     if budgeted is None:
         return production
     try:

@@ -24,6 +24,7 @@ from micromanip.settings.schema.reference import Jog, Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
 
+from .coupling import fill_decoupling
 from .hysteresis import fill_hysteresis, sweep_um
 from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .reference import fill_reference
@@ -76,6 +77,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
+        fill_decoupling(p["axis"][i]["decoupling"], configuration, name)
         fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
         _fill_timing(p["axis"][i], name, configuration, wiring)
         if axis.outer is not None:
@@ -120,7 +122,7 @@ def _fill_wiring(a: Any, name: str, configuration: Configuration, wiring: Wiring
     a["strain_age_ns"] = _max_age_ns(configuration.signals.get(f"strain_{name}"))
     a["stage_age_ns"] = _max_age_ns(configuration.signals.get(f"stage_{name}"))
     frame = configuration.frame
-    followed = (f"deviation_{name}",) if frame is None else frame.signals
+    followed = (f"deviation_{name}",) if frame is None else frame.sources
     a["reference_age_ns"] = min(_max_age_ns(configuration.signals.get(each)) for each in followed)
     for role in ("strain", "stage"):
         signal = configuration.signals.get(f"{role}_{name}")
@@ -135,10 +137,10 @@ def _fill_frame(f: Any, configuration: Configuration, wiring: Wiring) -> None:
     frame = configuration.frame
     if frame is None:
         return
-    rows, columns = np.shape(frame.matrix)
-    f["sources"], f["source"][:columns] = columns, [wiring.signal(name) for name in frame.signals]
+    rows, columns = np.shape(frame.whole_matrix)
+    f["sources"], f["source"][:columns] = columns, [wiring.signal(name) for name in frame.sources]
     f["derived"], f["first"] = rows, wiring.signal(f"deviation_{next(iter(configuration.axes))}")
-    f["matrix"][:rows, :columns] = frame.matrix
+    f["matrix"][:rows, :columns] = frame.whole_matrix
     f["offset"][:rows] = frame.offset_um or 0.0
 
 

@@ -23,6 +23,7 @@ from micromanip.rt.laws.estimator import MAX_STATES
 from .accept import Accept
 from .actuator import Actuator
 from .base import Settings
+from .coupling import Coupling
 from .faults import AxisFaults
 from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
 from .key import AtRest, LargerIsWeaker, Live, NewStart
@@ -134,6 +135,9 @@ class Axis(Settings):
         default=None, description="Linear dynamics that the feedforward undoes beside the hysteresis; null: none."
     )
     outer: Live[Outer | None] = Field(default=None, description="Needed for mode stage.")
+    coupling: Live[Coupling | None] = Field(
+        default=None, description="What this stage sees of the other axes' motion; null: not measured."
+    )
     authority_percent: Live[Percent] = Field(
         default=100.0, description="Share of the reference signal that is followed."
     )
@@ -159,13 +163,15 @@ class Axis(Settings):
     def tuning(self) -> dict[str, Any]:
         """What a commissioning report is about: all but the note of it, what it must reach, limits and authority.
 
-        No notch is no key, nor is no actuator: the hash of a report from before there were any stays what it was.
+        No notch is no key, nor is no actuator or coupling: the hash of a report from before there were any stays what
+        it was.
         """
         tuning = self.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent", "accept"})
         if self.inner.notch is None:
             del tuning["inner"]["notch"]
-        if self.actuator is None:
-            del tuning["actuator"]
+        for name in ("actuator", "coupling"):
+            if tuning[name] is None:
+                del tuning[name]
         return tuning
 
     @model_validator(mode="after")

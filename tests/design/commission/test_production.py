@@ -95,7 +95,9 @@ def load_text(tmp_path, text):
 
 
 def rows(left, moved):
-    made = np.zeros(20_000, [("axis", [("path_error_um", "f8"), ("uncompensated_um", "f8")], (3,))])
+    made = np.zeros(
+        20_000, [("axis", [(f"{each}_um", "f8") for each in ("path_error", "uncompensated", "stage")], (3,))]
+    )
     made["axis"]["path_error_um"], made["axis"]["uncompensated_um"] = left, moved
     made["axis"]["path_error_um"][:10_000] = 50.0  # the correction is faded in
     return made

@@ -31,7 +31,7 @@ from ..loops import over_path, stage_loop, strain_loop
 from ..record import Record, judge_record
 from ..response import Wanted, identify
 from ..sensitivity import Sensitivity, judge_loop
-from ..synthesis import OuterDesign, PidDesign, Undone, tune_outer, tune_pid, undo
+from ..synthesis import OuterDesign, PidDesign, Reach, Undone, tune_outer, tune_pid, undo
 from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis, with_response
 from .at_rest import tooth_at_work
 from .borne import DRAWN, Borne
@@ -283,6 +283,7 @@ def _close_outer(
             stage.noise_um if knobs.noise_um is None else knobs.noise_um,
             unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
             bears=Borne(stage.linear, strain, actuator, period_s, settings.accept),
+            reach=_reach(settings, period_s),
             gain_dB=settings.accept.gain_margin_dB,
             phase_deg=settings.accept.phase_margin_deg,
             overshoot=0.01 * settings.accept.overshoot_percent,
@@ -308,6 +309,12 @@ def _close_outer(
     raise CheckFailed(
         f"axis {axis}: the tuning is withdrawn, the outer loop is not what was predicted: {'; '.join(learned)}"
     )
+
+
+def _reach(settings: Axis, period_s: float) -> Reach:
+    low, high = settings.setpoint.range_um
+    nearer = min(settings.centre_um - low, high - settings.centre_um)
+    return Reach(settings.setpoint.slew_um_per_ms * 1e3 * period_s, nearer)
 
 
 def _tooth_Hz(knobs: Knobs, settings: Axis) -> float | None:

@@ -3,5 +3,6 @@
 from .actuator import Undone, undo
 from .outer import OuterDesign, tune_outer
 from .pid import PidDesign, tune_pid
+from .saturation import Reach
 
-__all__ = ["OuterDesign", "PidDesign", "Undone", "tune_outer", "tune_pid", "undo"]
+__all__ = ["OuterDesign", "PidDesign", "Reach", "Undone", "tune_outer", "tune_pid", "undo"]

@@ -23,7 +23,8 @@ from micromanip.settings.schema.axis import LinearModel, Outer
 
 from ..loops import Margins, model_system
 from ..step import StepAnswer
-from .pairs import FRAGILE, HOPELESS, ROBUST, UNKNOWN, Task, highest_Hz
+from .pairs import FRAGILE, HOPELESS, ROBUST, SLEWED, UNKNOWN, Task, highest_Hz
+from .saturation import Reach
 from .search import Search
 
 Array = NDArray[np.float64]
@@ -62,6 +63,7 @@ def tune_outer(
     *,
     unsure: Callable[[Array], Array] | None = None,
     bears: Callable[[Outer, OuterGains], bool] = _any,
+    reach: Reach | None = None,
     gain_dB: float = GAIN_DB,
     phase_deg: float = PHASE_DEG,
     overshoot: float = OVERSHOOT,
@@ -77,15 +79,16 @@ def tune_outer(
     `late_cycles` after it was taken. The stage's step is to stay below `overshoot` (a share of it) and settle within
     `settling_s`, with a reserve; where no loop does, the one that comes nearest is taken, and said. `unsure` gives the
     uncertainty of the model's response at angular frequencies as a share of it: wherever the plant is within, Ms stays
-    below 3. `bears` is asked whether a design that has its margins also bears what else it must. Raises CheckFailed
-    where the margins are not to be had, with what is.
+    below 3. Within `reach` a large swing of the mode dies out, where samples are seen at once. `bears` is asked whether
+    a design that has its margins also bears what else it must. Raises CheckFailed where
+    the margins are not to be had, with what is.
     """
     plant = model_system(model, period_s)
     sampled = sample_cycles * period_s
     omega = grid(sampled, np.power(plant.poles, sample_cycles))
     response = np.abs(plant.response(omega)) ** 2
     task = Task(
-        model, period_s, noise_um, oscillation_Hz, sample_cycles, late_cycles, unsure, bears, gain_dB, phase_deg,
+        model, period_s, noise_um, oscillation_Hz, sample_cycles, late_cycles, unsure, bears, reach, gain_dB, phase_deg,
         omega, plant, response,
     )  # fmt: skip
 
@@ -128,6 +131,7 @@ def _limited(step: StepAnswer, good: bool, obstacles: list[str]) -> str:
     helps = {
         UNKNOWN: "a response measured with less noise",
         FRAGILE: "more damping of the flexure's mode, less delay",
+        SLEWED: "a faster set-point (setpoint.slew_um_per_ms, where the amplifier gives it), more damping of the mode",
     }
     return f"{most} limits it: {helps.get(most, 'less delay, or a stiffer flexure,')} would allow more"
 

@@ -15,6 +15,7 @@ from micromanip.settings.schema.axis import LinearModel, Outer
 
 from ..loops import Margins, System
 from ..step import StepAnswer, predicted_step
+from .saturation import Reach, comes_to_rest
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -29,6 +30,7 @@ _DISTURBANCE_UM = 0.03
 _BESIDE = 0.1
 ROBUST, HOPELESS, _STEP_S = 3.0, 4.0, 0.2
 UNKNOWN, FRAGILE = "Ms within what the measured response leaves open", "Ms over the plants drawn around the model"
+SLEWED = "a large swing, which the set-point's slew limit keeps alive,"
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ class Task:
     late_cycles: int
     unsure: Callable[[Array], Array] | None
     bears: Callable[[Outer, OuterGains], bool]
+    reach: Reach | None
     gain_dB: float
     phase_deg: float
     omega: Array
@@ -153,7 +156,14 @@ class Task:
             return "the phase margin"
         if self.unsure is not None and _robust(candidate.loop, self.unsure) > ROBUST:
             return UNKNOWN
+        if not self._comes_to_rest(candidate.gains):
+            return SLEWED
         return None if self.bears(candidate.outer, candidate.gains) else FRAGILE
+
+    def _comes_to_rest(self, gains: OuterGains) -> bool:
+        if self.reach is None or not self.at_once:
+            return True
+        return comes_to_rest(gains, len(self.model.A), self.reach, self.period_s)
 
 
 def _robust(loop: System, unsure: Callable[[Array], Array]) -> float:

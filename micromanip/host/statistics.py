@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.replies import AxisValues, Durations, Link, PathError, Recorded, SignalFigures, Status
+from micromanip.replies import AxisValues, Durations, LearningStatus, Link, PathError, Recorded, SignalFigures, Status
 from micromanip.rt import mailbox as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
@@ -136,6 +136,7 @@ def report(
     trips: Sequence[Any] = (),
     links: Mapping[str, Link] | None = None,
     recording: Recorded | None = None,
+    learning: LearningStatus | None = None,
 ) -> Status:
     """The whole report of a run, up to now; `trips` are those that have a black box, `links` the buses."""
     gathered.gather()
@@ -159,6 +160,7 @@ def report(
         "trips": list(trips),
         "links": dict(links or {}),
         "recording": recording,
+        "learning": learning,
     }
 
 

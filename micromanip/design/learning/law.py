@@ -66,18 +66,20 @@ class Way(Protocol):
 class Update:
     """What became of a part: the memory after it, and how its error in band compares with that of the part before.
 
-    `interval_um` is where the rms of the error in band lies in 95 of 100 cases.
+    `interval_um` is where the rms of the error in band lies in 95 of 100 cases; `without_um` is what it would have been
+    without the correction.
     """
 
     memory: Memory
     verdict: str
     forgotten: bool
     error_um: float
+    without_um: float
     interval_um: tuple[float, float]
 
 
-def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) -> Update:
-    """The memory after `part` (of `what`, told in its story).
+def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str, played_from_s: float = 0.0) -> Update:
+    """The memory after `part` (of `what`, told in its story), in which a correction was played from `played_from_s` on.
 
     Raises CheckFailed where no update may be applied, and where the part is not of this memory: learned from before,
     or with another correction played.
@@ -90,7 +92,10 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) ->
         )
     if any(told["part"] == part.name for told in memory.story):
         raise CheckFailed(f"{what}: axis {memory.axis} has learned from this part already")
-    played = _was_played(memory.now.correction_um, part.played_um, memory.axis, what)
+    played = _was_played(
+        *(each[round(played_from_s * part.rate_hz) :] for each in (memory.now.correction_um, part.played_um)),
+        memory.axis, what,
+    )  # fmt: skip
     inside = filtered(part.error_um, part.rate_hz, partial(_low, way))
     blocks = np.array([np.mean(block**2) for block in np.array_split(inside, BLOCKS)])
     verdict = compared(memory.blocks_um2, blocks) if played else UNPLAYED
@@ -107,7 +112,8 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) ->
         memory, now=now, before=before, blocks_um2=blocks if played else memory.blocks_um2,
         generation=memory.generation + 1, story=(*memory.story, told)[-_TOLD:],
     )  # fmt: skip
-    return Update(kept, verdict, forgotten, error_um, interval_um)
+    without_um = float(np.sqrt(np.mean(filtered(_alone(part, way), part.rate_hz, partial(_low, way)) ** 2)))
+    return Update(kept, verdict, forgotten, error_um, without_um, interval_um)
 
 
 def _was_played(correction_um: Array, played_um: Array, axis: str, what: str) -> bool:
@@ -143,12 +149,17 @@ def contraction(way: Way, bands: Bands, share: Array) -> float:
     return float(np.max(gain * way.off(hertz), initial=0.0))
 
 
+def _alone(part: Part, way: Way) -> Array:
+    """The error (n,) that would have been there without what was played."""
+    return part.error_um + answered(part.played_um, part.rate_hz, way.response)
+
+
 def _low(way: Way, hertz: Array) -> Array:
     return low_pass(hertz, _CORNER * way.highest_Hz)
 
 
 def _learned(now: Learned, part: Part, way: Way, bands: Bands, limit_um: float, axis: str) -> Learned:
-    alone = part.error_um + answered(part.played_um, part.rate_hz, way.response)
+    alone = _alone(part, way)
     parts = min(now.parts + 1, _MOST_PARTS)
     mean = now.mean_um + (alone - now.mean_um) / parts
     # Welford's update of the variance, line by line

@@ -283,8 +283,8 @@ class Status(TypedDict):
 
     `axes` is what each axis does now; `path_error_um` are figures since tracking began; `faults` are those that are
     latched, for people, `fault_reports` the same as data, the one that ends the run last;
-    `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded, `learning` where nothing
-    is learned.
+    `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded,
+    `learning` where nothing is learned.
     """
 
     state: str

@@ -256,9 +256,8 @@ class Daemon:
     def _report(self) -> Report:
         links = {**self._workers.report(), **self._controller.wires()}
         learning = None if self._learning is None else self._learning.status()
-        return report(
-            self._controller, self._gathered, self._boxes.report(), links, self._recordings.report(), learning
-        )
+        recording = self._recordings.report()
+        return report(self._controller, self._gathered, self._boxes.report(), links, recording, learning)
 
     def _learner(self) -> LearningKeeper | None:
         """Who learns from part to part, where the configuration says so."""

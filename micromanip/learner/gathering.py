@@ -29,7 +29,7 @@ KEPT = record(
 
 @dataclass(frozen=True)
 class MadePart:
-    """The `number`-th part of this run, told to have begun in `begun`; its `rows` (n,) of KEPT track from the first on."""
+    """The `number`-th part of this run, told to have begun in `begun`; its `rows` (n,) of KEPT begin tracking."""
 
     number: int
     begun: int

@@ -41,7 +41,7 @@ def state(part_begun):
 
 
 def course(p, values, cycles, s=None, allowed=None, path=0.0, reference=0.0):
-    """Position, velocity and acceleration (n, 3) that are added in `cycles` to `reference`, beside a memory's `path`."""
+    """Position, velocity and acceleration (n, 3) that are added in `cycles` to `reference`, beside a `path`."""
     cycles = np.asarray(cycles)
     samples = np.zeros((2 * len(values), MAX_AXES))
     samples[: len(values), COLUMN], samples[len(values) :, COLUMN] = values, path

@@ -92,10 +92,8 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str, pl
         )
     if any(told["part"] == part.name for told in memory.story):
         raise CheckFailed(f"{what}: axis {memory.axis} has learned from this part already")
-    played = _was_played(
-        *(each[round(played_from_s * part.rate_hz) :] for each in (memory.now.correction_um, part.played_um)),
-        memory.axis, what,
-    )  # fmt: skip
+    later = slice(round(played_from_s * part.rate_hz), None)
+    played = _was_played(memory.now.correction_um[later], part.played_um[later], memory.axis, what)
     inside = filtered(part.error_um, part.rate_hz, partial(_low, way))
     blocks = np.array([np.mean(block**2) for block in np.array_split(inside, BLOCKS)])
     verdict = compared(memory.blocks_um2, blocks) if played else UNPLAYED

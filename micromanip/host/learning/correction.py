@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Memories:
-    """Rows (2 n, MAX_AXES) of a part, with the tuning and the generation of each axis that has a memory, by its name."""
+    """Rows (2 n, MAX_AXES) of a part; tuning and generation of each axis that has a memory, by its name."""
 
     rows: Array
     tunings: Mapping[str, str] = field(default_factory=dict)
@@ -68,8 +68,9 @@ class Correction:
         self.number = 0
 
     def hold(self, memories: Memories) -> None:
-        """Play these from the next set of parameters on. Only while the loop reads none: it plays nothing, and the set in
-        force has no number.
+        """Play these from the next set of parameters on.
+
+        Only while the loop reads none: it plays nothing, and the set in force has no number.
         """
         self.memories, self._begun = memories, {}
         self._table[:] = memories.rows
@@ -86,7 +87,7 @@ class Correction:
         return self.number != 0 and own is not None and own == tuning_hash(configuration.axes[axis])
 
     def added(self, prepared: Prepared, parameters: Any, *, candidate: bool = False) -> Any:
-        """`parameters` of `prepared`, with what they may play; a candidate plays nothing, and ends nothing in a step."""
+        """`parameters` of `prepared`, with what they may play; a candidate plays nothing."""
         parameters = parameters.copy()
         loop_hz = float(prepared.configuration.loop.rate_hz)
         for i, name in enumerate(prepared.configuration.axes):

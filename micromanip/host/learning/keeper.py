@@ -27,6 +27,7 @@ from micromanip.settings.schema.learning import Learning
 
 from ..shared_memory import Segment
 from .correction import Correction, Memories, is_silent
+from .folder import memory_folder
 
 _LOOK_S = 0.02
 _RESTARTS, _WITHIN_S, _RESTART_S = 3, 600.0, 1.0
@@ -92,7 +93,13 @@ class LearningKeeper:
                 state=WHY[int(a["why"])], part=int(cell["part"]) or None, apart_um=round(float(a["apart_um"]), 3),
                 last=last or None,
             )  # fmt: skip
-        return LearningStatus(state=self._state, made=self._made, folder=self._learning.folder, axes=axes)
+        folder = memory_folder(self._learning, self._controller.prepared.source.path)
+        return LearningStatus(
+            state=self._state,
+            made=self._made,
+            folder=str(folder),
+            axes=axes,
+        )
 
     async def reset(self, axes: Sequence[str]) -> list[Change]:
         """Forget the memories of `axes`, all without any; what is played of any axis fades out. UsageError."""
@@ -127,7 +134,7 @@ class LearningKeeper:
             {
                 "configuration": source.text,
                 "path": str(source.path),
-                "folder": str(source.path.absolute().parent / self._learning.folder),
+                "folder": str(memory_folder(self._learning, source.path)),
                 "ring": self._controller.segments.ring.descriptor,
                 "rows": self._room.descriptor,
             }
@@ -169,7 +176,7 @@ class LearningKeeper:
             {name: each["generation"] for name, each in axes.items()},
         )  # fmt: skip
         problem = found.problem(self._controller.prepared.configuration)
-        if hashlib.sha256(copied).hexdigest() != said["sha256"]:
+        if hashlib.sha256(copied.tobytes()).hexdigest() != said["sha256"]:
             problem = "it is not what the learning process wrote"
         if problem is not None:
             self._say(f"WARNING: the correction that was learned is not played: {problem}")

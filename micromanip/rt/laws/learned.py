@@ -7,9 +7,9 @@ it goes through the same law, and the same limits of set-point and voltage, as t
 further than ``tolerance_um`` from the remembered path, looked at in every cycle. A part that was broken off is not
 resumed.
 
-Where the beginning of a part is known to the cycle, ``search_cycles`` is 0. Else the host finds it by the path, tells it
-as ``begun_cycle``, and nothing is played before it has: it is believed of the part that began within ``search_cycles``
-of it.
+Where the beginning of a part is known to the cycle, ``search_cycles`` is 0. Else the host finds it by the path and
+tells it as ``begun_cycle``; nothing is played before it has: it is believed of the part that began within
+``search_cycles`` of it.
 """
 
 from __future__ import annotations

@@ -268,7 +268,8 @@ class Configuration(Settings):
         description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis> or, with reference.frame, "
         "tracker_<name>; true_strain_<axis>, "
         "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them. Digital, 1 is good: "
-        "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut). part: 0, or the number of the part that is being made.",
+        "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut). "
+        "part: 0, or the number of the part that is being made.",
     )
     outputs: NewStart[dict[str, Output]] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
     switches: NewStart[Switches] = Switches()

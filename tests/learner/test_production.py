@@ -53,9 +53,16 @@ def steps(rows, without):
     ]
 
 
-def uncorrected(learned, tmp_path, seed, **others):
-    """The same part where nothing has been learned."""
-    return Production(tmp_path, text(SECONDS)).part(seed, learns=False, **others)[0]
+@pytest.fixture(scope="module")
+def unlearned(tmp_path_factory):
+    """The same cell, where nothing has been learned."""
+    return Production(tmp_path_factory.mktemp("unlearned"), text(SECONDS))
+
+
+@pytest.fixture(scope="module")
+def uncorrected(unlearned):
+    """A part without correction, of seed 8."""
+    return unlearned.part(8, learns=False, meanwhile=lambda cell: [cell.run(0.2)])[0]
 
 
 def test_what_repeats_falls_and_the_path_says_when_a_part_began(learned):
@@ -70,18 +77,18 @@ def test_what_repeats_falls_and_the_path_says_when_a_part_began(learned):
     assert all(update.memory.generation == 3 for update in found.values())
 
 
-def test_without_a_memory_it_is_the_same_loop_bit_for_bit(learned, tmp_path):
-    """But for the bits that say that a part is made."""
-    rows = uncorrected(learned, tmp_path, 5)
+def test_without_a_memory_it_is_the_same_loop_bit_for_bit(uncorrected, tmp_path):
+    """As with the parameters and samples of a configuration that knows of no learning."""
     off = Production(tmp_path, text(SECONDS))
     off.correction.added = lambda _, parameters: parameters
     off.table = np.zeros((1, 3))
-    assert off.part(5, learns=False)[0].tobytes() == rows.tobytes()
+    rows = off.part(8, learns=False, meanwhile=lambda cell: [cell.run(0.2)])[0]
+    assert rows.tobytes() == uncorrected.tobytes()
 
 
-def test_it_begins_and_ends_without_a_step(learned, tmp_path):
-    rows = learned.part(7, learns=False)[0]
-    um, volts = steps(rows, uncorrected(learned, tmp_path, 7))
+def test_it_begins_and_ends_without_a_step(learned, uncorrected):
+    rows = learned.part(8, learns=False, meanwhile=lambda cell: [cell.run(0.2)])[0]
+    um, volts = steps(rows, uncorrected)
     assert plays(rows).any()
     assert um.max() < SOFT_UM
     assert volts.max() < SOFT_V
@@ -104,7 +111,7 @@ def test_it_begins_and_ends_without_a_step(learned, tmp_path):
         ),
     ],
 )  # fmt: skip
-def test_what_ends_it_in_mid_part_makes_no_step_and_nothing_is_learned(learned, tmp_path, why, faults, act):
+def test_what_ends_it_in_mid_part_makes_no_step(learned, unlearned, uncorrected, why, faults, act):
     """A jump of the tracker moves the set-point by itself: what the correction adds to that is what counts."""
 
     def meanwhile(cell):
@@ -116,7 +123,9 @@ def test_what_ends_it_in_mid_part_makes_no_step_and_nothing_is_learned(learned, 
     assert whys(cell)[1] == why
     assert not plays(rows)[-LOOP_HZ:, 1].any()
     assert cell.state[0]["state"] == TRACKING
-    without = uncorrected(learned, tmp_path, 8, faults=faults, meanwhile=lambda cell: [cell.run(0.2)])
+    without = uncorrected
+    if faults:
+        without = unlearned.part(8, learns=False, faults=faults, meanwhile=lambda cell: [cell.run(0.2)])[0]
     um, volts = steps(rows, without)
     assert um.max() < SOFT_UM
     assert volts.max() < SOFT_V

@@ -21,7 +21,7 @@ from micromanip.host.child import Child
 from micromanip.host.controller import Controller
 from micromanip.replies import AxisLearning, Change, LearningStatus
 from micromanip.rt import mailbox as w
-from micromanip.rt.laws.learned import BROKEN_OFF, IDLE, PART_ENDED, PATH_LEFT, PLAYS
+from micromanip.rt.laws.learned import BROKEN_OFF, PART_ENDED, PATH_LEFT
 from micromanip.rt.states import TRACKING
 from micromanip.settings.schema.learning import Learning
 
@@ -64,6 +64,8 @@ class LearningKeeper:
         self._parts: dict[str, dict[str, Any]] = {}
         self._made = 0
         self._ended: dict[str, int] = {}
+        self._told: dict[str, int] = {}
+        """By the axis: the number of the part whose correction ended early last, and the cycle in which it began."""
         self._tasks: list[asyncio.Task[None]] = []
 
     def start(self) -> None:
@@ -204,22 +206,21 @@ class LearningKeeper:
     async def _follow(self) -> None:
         """As long as it runs: tell what ended a correction early, and put memories in force while no part is made."""
         axes = list(self._controller.prepared.configuration.axes)
-        before = [IDLE] * len(axes)
         while True:
             await asyncio.sleep(_LOOK_S)
             cell = self._controller.status["state"][0]
             learned = cell["axis"]["learned"][: len(axes)]
-            now = [int(why) for why in learned["why"]]
-            await self._tell_ends(axes, before, now, learned)
-            before = now
+            await self._tell_ends(axes, learned)
             with contextlib.suppress(CheckFailed):  # somebody else changes something: the next time
                 await self._put_in_force(cell, learned)
 
-    async def _tell_ends(self, axes: Sequence[str], before: Sequence[int], now: Sequence[int], learned: Any) -> None:
+    async def _tell_ends(self, axes: Sequence[str], learned: Any) -> None:
         number = int(self._controller.status["state"][0]["parts"])
         for kind in (PATH_LEFT, BROKEN_OFF, PART_ENDED):
-            ended = [i for i, why in enumerate(now) if why == kind and before[i] in (PLAYS, IDLE)]
-            ended = [i for i in ended if self._ended.get(axes[i]) != number]
+            ended = [
+                i for i, name in enumerate(axes)
+                if learned["why"][i] == kind and self._told.get(name) != int(learned["part"][i])
+            ]  # fmt: skip
             if not ended:
                 continue
             names = ", ".join(axes[i] for i in ended)
@@ -231,7 +232,7 @@ class LearningKeeper:
                 PART_ENDED: "the part ended before its time",
             }[kind]
             for i in ended:
-                self._ended[axes[i]] = number
+                self._ended[axes[i]], self._told[axes[i]] = number, int(learned["part"][i])
             text = f"part {number}: the learned correction of axis {names} has faded out: {why}"
             self._say(text)
             await self._note([Change(key=f"learning.{axes[i]}", old="plays", new=text) for i in ended])

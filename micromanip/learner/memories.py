@@ -119,7 +119,8 @@ class Memories:
         made: Part = run.part(tracker, at_s, seconds)
         if memory is None:
             memory = begun(self._configuration, name, made, at_s)
-        return updated(memory, made, way, self._learning.limit_um, run.what, self._played_from_s(name, part, at_s))
+        from_s = self._played_from_s(name, part, at_s)
+        return updated(memory, made, way, self._learning.limit_um, run.what, from_s, own=True)
 
     def _played_from_s(self, name: str, part: MadePart, at_s: float) -> float:
         """When in the part the correction was first played; 0 where it was not."""

@@ -66,9 +66,6 @@ class Learning:
     def follow(self) -> None:
         """Take what has come since the last time; learn from a part that is whole."""
         self._take()
-        for part in self._gathering.recognisable():
-            if self._memories.search_s:
-                tell(part=part.number, begun=self._memories.recognised(part))
         for part in self._gathering.whole():
             self._learn(part)
         self._stage()
@@ -87,9 +84,13 @@ class Learning:
         self._room_is_free = True
 
     def _take(self) -> None:
+        """Also between the axes that learn: the next part does not wait for that."""
         while len(rows := self._reader.read()):
             for unfinished in self._gathering.add(rows):
                 tell(part=self._gathering.parts, unfinished=unfinished)
+        for part in self._gathering.recognisable():
+            if self._memories.search_s:
+                tell(part=part.number, begun=self._memories.recognised(part))
 
     def _learn(self, part: MadePart) -> None:
         told, refused = {}, {}

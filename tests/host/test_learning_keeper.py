@@ -106,13 +106,14 @@ def look(keeper, loop):
 
 
 def test_a_memory_is_handed_over_while_no_part_is_made_and_the_next_one_once_nothing_fades(kept, loop):
-    loop.status["state"][0]["part"] = 4
+    loop.status["state"][0]["part"], loop.status["state"][0]["cycle"] = 4, 100
     hear(kept, loop, shown(kept, loop, 0.25))
     look(kept, loop)
     assert not loop.numbers.any(), "a part is being made"
-    loop.status["state"][0]["part"] = 0
+    loop.status["state"][0]["cycle"] = 2.3 * 10_000  # nobody says that it has ended
     look(kept, loop)
     assert loop.numbers.tolist() == [1, 1, 1]
+    loop.status["state"][0]["part"] = 0
     assert (loop.rows == 0.25).all()
     loop.axes["level"][1], loop.axes["why"][:] = 0.5, FINISHED
     hear(kept, loop, shown(kept, loop, 0.5, 2))

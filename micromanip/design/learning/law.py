@@ -78,8 +78,12 @@ class Update:
     interval_um: tuple[float, float]
 
 
-def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str, played_from_s: float = 0.0) -> Update:
+def updated(
+    memory: Memory, part: Part, way: Way, limit_um: float, what: str, played_from_s: float = 0.0, *, own: bool = False
+) -> Update:
     """The memory after `part` (of `what`, told in its story), in which a correction was played from `played_from_s` on.
+
+    `own`: it is known to be of this memory, of an older state perhaps; then the part counts, and is compared with none.
 
     Raises CheckFailed where no update may be applied, and where the part is not of this memory: learned from before,
     or with another correction played.
@@ -93,7 +97,7 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str, pl
     if any(told["part"] == part.name for told in memory.story):
         raise CheckFailed(f"{what}: axis {memory.axis} has learned from this part already")
     later = slice(round(played_from_s * part.rate_hz), None)
-    played = _was_played(memory.now.correction_um[later], part.played_um[later], memory.axis, what)
+    played = _was_played(memory.now.correction_um[later], part.played_um[later], memory.axis, what, own)
     inside = filtered(part.error_um, part.rate_hz, partial(_low, way))
     blocks = np.array([np.mean(block**2) for block in np.array_split(inside, BLOCKS)])
     verdict = compared(memory.blocks_um2, blocks) if played else UNPLAYED
@@ -114,13 +118,13 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str, pl
     return Update(kept, verdict, forgotten, error_um, without_um, interval_um)
 
 
-def _was_played(correction_um: Array, played_um: Array, axis: str, what: str) -> bool:
+def _was_played(correction_um: Array, played_um: Array, axis: str, what: str, own: bool) -> bool:
     """Whether the memory's correction was; True where it has none."""
     size, found = (float(np.sqrt(np.mean(each**2))) for each in (correction_um, played_um))
     apart = float(np.sqrt(np.mean((played_um - correction_um) ** 2)))
     if apart <= max(_NOTHING_UM, _AS_PLAYED * size):
         return True
-    if found <= _NOTHING_UM:
+    if own or found <= _NOTHING_UM:
         return False
     raise CheckFailed(
         f"{what}: a correction of {found:.3g} um rms was played to axis {axis}, {apart:.3g} um from the memory's: it "

@@ -153,6 +153,7 @@ class LearningKeeper:
             self._say(f"WARNING: nothing is learned: {said['hopeless']}")
         elif "ready" in said:
             self._state = "learning"
+            self._say("READY to learn from part to part")
         elif "staged" in said:
             self._next = self._taken(said)
             self._child.tell({"taken": said["staged"]})
@@ -240,7 +241,7 @@ class LearningKeeper:
     async def _put_in_force(self, cell: Any, learned: Any) -> None:
         """Hand a new memory over; after another tuning was put in force, the present one again."""
         correction, in_force = self._correction, self._controller.buffers.in_force
-        if in_force is None or (self._controller.words[w.STATE] == TRACKING and cell["part"] != 0):
+        if in_force is None or self._is_made(cell):
             return
         playing = in_force["axis"]["learned"]["number"][: len(learned)]
         configuration = self._controller.prepared.configuration
@@ -252,6 +253,13 @@ class LearningKeeper:
             await self._put(correction.withdraw)
         elif is_silent(learned):
             await self._put(self._hold_next)
+
+    def _is_made(self, cell: Any) -> bool:
+        """Whether a part is being made; one that nobody ends is over once it has had its time."""
+        loop_hz = self._controller.prepared.configuration.loop.rate_hz
+        over = round((self._learning.seconds + self._learning.search_s) * loop_hz)
+        tracks = bool(self._controller.words[w.STATE] == TRACKING)
+        return tracks and bool(cell["part"] != 0 and cell["cycle"] - cell["part_begun"] < over)
 
     def _hold_next(self) -> None:
         assert self._next is not None

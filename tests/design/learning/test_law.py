@@ -133,6 +133,13 @@ def test_a_part_without_its_correction_counts_and_is_compared_with_none():
     assert (found.verdict, found.forgotten) == (UNPLAYED, False)
     assert found.memory.now.parts == 4
     assert np.array_equal(found.memory.blocks_um2, memory.blocks_um2)
+    half = 0.5 * memory.now.correction_um
+    older = part(LINE - half + noise(8), half)
+    with pytest.raises(CheckFailed, match="or of an older state of this one"):
+        updated(memory, older, way, LIMIT_UM, "older")
+    found = updated(memory, older, way, LIMIT_UM, "older", own=True)
+    assert found.verdict == UNPLAYED
+    assert found.memory.now.mean_um == pytest.approx(memory.now.mean_um, abs=0.3)
 
 
 def test_what_is_not_of_this_memory_is_refused():

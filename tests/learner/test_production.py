@@ -163,18 +163,36 @@ def test_a_hold_in_mid_part_fades_it_out_and_it_is_not_resumed(learned):
     assert not found
 
 
-def test_a_line_says_to_the_cycle_when_a_part_begins_and_when_it_is_broken_off(learned, tmp_path):
-    """The line of the simulated cell that can be led by a fault of its own stands for the machine's word."""
+def wired(seconds):
+    """With a machine that says when a part is made: by the line that a scheduled fault can lead."""
     changes = (
         ("    force: {start_s: 2.0,", "    lines: {}\n    force: {start_s: 2.0,"),
-        (
-            "  # what only a simulation knows",
-            "  part: {driver: cell, channel: retracted}\n  # what only a simulation knows",
-        ),
+        ("  true_strain_x:", "  part: {driver: cell, channel: retracted}\n  true_strain_x:"),
     )
-    made = Production(tmp_path, text(SECONDS, *changes) + "switches: {amplifier_enable: {driver: cell}}\n")
+    return text(seconds, *changes) + "switches: {amplifier_enable: {driver: cell}}\n"
+
+
+def running(seconds):
+    return {"channel": "retracted", "kind": "value", "value": 17.0, "at_s": BEGIN_S, "for_s": seconds}
+
+
+@pytest.mark.thorough  # whole parts, and five of them, where two of three seconds show the same
+def test_by_the_fifth_part_hardly_anything_repeats(tmp_path):
+    made = Production(tmp_path, wired(8.0))
+    runs = [running(8.5)]
+    before_um = made.repeats_um(faults=runs)
+    for seed in range(1, 6):
+        made.part(seed, faults=runs)
+    after_um = made.repeats_um(faults=runs)
+    assert max(after_um.values()) < 0.05
+    assert after_um["y"] < 0.25 * before_um["y"]
+    assert after_um["z"] < 0.25 * before_um["z"]
+
+
+def test_a_line_says_to_the_cycle_when_a_part_begins_and_when_it_is_broken_off(learned, tmp_path):
+    made = Production(tmp_path, wired(SECONDS))
     assert made.memories.search_s == 0.0
-    runs = {"channel": "retracted", "kind": "value", "value": 17.0, "at_s": BEGIN_S, "for_s": SECONDS + 0.5}
+    runs = running(SECONDS + 0.5)
     for seed in (1, 2):
         _, said, found, cell = made.part(seed, faults=[runs])
         assert not said

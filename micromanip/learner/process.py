@@ -77,6 +77,7 @@ class Learning:
             self._memories.forget(axes)
         except MicromanipError as problem:
             tell(warning=str(problem))
+        tell(forgotten=axes)
         self._new = True
 
     def taken(self) -> None:
@@ -146,6 +147,8 @@ def main() -> int:
     except MicromanipError as problem:
         tell(hopeless=str(problem))
         return 1
+    if orders["forget"]:
+        learning.forget(orders["forget"])
     learning.read()
     while not told.ended:
         for news in told.within(_LOOK_S):

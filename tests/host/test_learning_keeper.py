@@ -195,6 +195,9 @@ def test_reset_takes_it_away_and_forgets(kept, loop):
     assert [(each["key"], each["old"], each["new"]) for each in changes] == [("learning.y", 1, None)]
     assert not loop.numbers.any()
     assert (loop.rows == 0.1).all()
+    assert kept._forget == {"y"}, "a process that has died meanwhile is told when it is started again"
+    hear(kept, loop, {"forgotten": ["y"]})
+    assert not kept._forget
 
 
 def test_what_ends_early_is_told_once_for_all_axes_and_its_refusal_is_only_noted(kept, loop):

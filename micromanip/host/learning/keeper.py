@@ -63,6 +63,7 @@ class LearningKeeper:
         self._state = "starting"
         self._parts: dict[str, dict[str, Any]] = {}
         self._made = 0
+        self._forget: set[str] = set()
         self._ended: dict[str, int] = {}
         self._told: dict[str, int] = {}
         """By the axis: the number of the part whose correction ended early last, and the cycle in which it began."""
@@ -112,6 +113,7 @@ class LearningKeeper:
         wanted, before = list(axes) or known, self._correction.memories.generations
         self._next = None
         await self._put(self._correction.withdraw)
+        self._forget |= set(wanted)  # until it has: it may have died
         self._child.tell({"forget": wanted})
         return [Change(key=f"learning.{name}", old=before.get(name), new=None) for name in wanted]
 
@@ -139,6 +141,7 @@ class LearningKeeper:
                 "folder": str(memory_folder(self._learning, source.path)),
                 "ring": self._controller.segments.ring.descriptor,
                 "rows": self._room.descriptor,
+                "forget": sorted(self._forget),
             }
         )
         async for said in self._child.answers():
@@ -151,6 +154,8 @@ class LearningKeeper:
         elif "hopeless" in said:
             self._state = "off"
             self._say(f"WARNING: nothing is learned: {said['hopeless']}")
+        elif "forgotten" in said:
+            self._forget -= set(said["forgotten"])
         elif "ready" in said:
             self._state = "learning"
             self._say("READY to learn from part to part")

@@ -7,6 +7,7 @@ import pytest
 from learner.production import BEGIN_S, Production, text
 
 from micromanip.client import Client
+from micromanip.design.learning.transfer import DRAWS
 from micromanip.rt import mailbox as w
 from tools.running_controller import changed, until
 
@@ -30,7 +31,7 @@ PERIODIC = (
 
 def test_a_memory_is_recognised_played_and_learned_from_on_the_real_loop(run, tmp_path):
     made = changed(text(SECONDS, PERIODIC), *SHARED)
-    before = Production(tmp_path, made)
+    before = Production(tmp_path, made, DRAWS)
     for seed in (1, 2):
         before.part(seed)
     cell = run(changed(made, ("folder: learned", f"folder: {tmp_path / 'learned'}"))).reach("TRACKING")

@@ -37,13 +37,13 @@ def text(seconds, *changes, learning=""):
 class Production:
     """Of the configuration `text`, in `folder`; memories that lie there are taken over."""
 
-    def __init__(self, folder, text):
+    def __init__(self, folder, text, draws=4):
         self.file = folder / "cell.yaml"
         self.file.write_text(text)
         self.prepared = prepare(self.file)
         self.learning = self.prepared.configuration.learning
         self.axes = list(self.prepared.configuration.axes)
-        with patch.object(learner, "Transfer", partial(Transfer, draws=4)):
+        with patch.object(learner, "Transfer", partial(Transfer, draws=draws)):
             self.memories = Memories(self.prepared.configuration, self.learning, folder / "learned")
         self.said = list(self.memories.read())
         self.table = np.zeros_like(self.prepared.samples)

@@ -94,6 +94,11 @@ def updated(
             f"axis {memory.axis}: its model is known to {way.highest_Hz:.3g} Hz, a part of {memory.seconds:g} s tells "
             "frequencies apart that far at best: nothing can be learned"
         )
+    if memory.now.parts > 1 and len(memory.now.spread_um2) != bands.count:
+        raise CheckFailed(
+            f"axis {memory.axis}: its memory was made up to another frequency than the {way.highest_Hz:.3g} Hz to "
+            "which its model is known: learn anew, after `micromanip learn reset`"
+        )
     if any(told["part"] == part.name for told in memory.story):
         raise CheckFailed(f"{what}: axis {memory.axis} has learned from this part already")
     later = slice(round(played_from_s * part.rate_hz), None)

@@ -152,6 +152,10 @@ def test_what_is_not_of_this_memory_is_refused():
     narrow.highest_Hz = 1.0
     with pytest.raises(CheckFailed, match="known to 1 Hz, a part of 4 s tells"):
         updated(memory, part(noise(2)), narrow, LIMIT_UM, "coarse")
+    narrow.highest_Hz = 0.5 * way.highest_Hz
+    memory = updated(memory, part(noise(3)), way, LIMIT_UM, "second").memory
+    with pytest.raises(CheckFailed, match="its memory was made up to another frequency than the"):
+        updated(memory, part(noise(4)), narrow, LIMIT_UM, "another version")
 
 
 @given(st.integers(0, 2**32 - 1))

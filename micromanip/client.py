@@ -26,6 +26,7 @@ from .replies import (
     Differences,
     Injected,
     Jogged,
+    LearningStatus,
     Marked,
     Moved,
     Parameter,
@@ -178,6 +179,23 @@ class Client:
     def reset(self) -> None:
         """Clear a latched fault; nothing moves."""
         self.request("reset")
+
+    def part_begin(self) -> None:
+        """A part begins now."""
+        self.request("part_begin")
+
+    def part_end(self) -> None:
+        """The part that is being made has ended."""
+        self.request("part_end")
+
+    def learn_status(self) -> LearningStatus:
+        """What is learned from part to part, and played."""
+        status: LearningStatus = self.request("learn_status")
+        return status
+
+    def learn_reset(self, *axes: str) -> None:
+        """Forget what is learned of `axes`, all without any; what is played fades out."""
+        self.request("learn_reset", axes=axes)
 
     def get(self, *keys: str) -> list[Parameter]:
         """Running values of keys, of all below where one is a section; all values without keys."""

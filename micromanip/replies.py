@@ -296,7 +296,7 @@ class Status(TypedDict):
     `axes` is what each axis does now; `path_error_um` are figures since tracking began; `faults` are those that are
     latched, for people, `fault_reports` the same as data, the one that ends the run last;
     `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded, `trend` where none is
-    kept.
+    kept, `learning` where nothing is learned.
     """
 
     state: str
@@ -318,6 +318,32 @@ class Status(TypedDict):
     links: dict[str, Link]
     recording: Recorded | None
     trend: TrendKept | None
+    learning: LearningStatus | None
+
+
+class AxisLearning(TypedDict):
+    """Learning of an axis: the generation of its memory, None where it has none, and whether it may be played.
+
+    `state` is idle, plays, finished, path left, broken off, withdrawn or part ended; `part` the number of the part that
+    is being made; `apart_um` how far the reference was from the learned path when it was last looked at; `last` what
+    became of the last part that was learned from.
+    """
+
+    generation: int | None
+    may_play: bool
+    state: str
+    part: int | None
+    apart_um: float
+    last: dict[str, Any] | None
+
+
+class LearningStatus(TypedDict):
+    """Outcome of `learn_status`: `state` is starting, learning or off; `made` numbers the last whole part."""
+
+    state: str
+    made: int
+    folder: str
+    axes: dict[str, AxisLearning]
 
 
 class Telemetry(TypedDict):

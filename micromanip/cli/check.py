@@ -18,6 +18,8 @@ def command(config: Path, as_json: bool) -> None:
 
     Exit code 78 with one line FILE:LINE: KEY: what is wrong, for each problem.
     """
+    from micromanip.design.learning.usable import memory_warnings
+    from micromanip.host.learning.folder import memory_folder
     from micromanip.settings.check import prepare
     from micromanip.settings.commissioned import changes_since
     from micromanip.settings.feedback import feedback_warnings, strain_loops
@@ -29,6 +31,8 @@ def command(config: Path, as_json: bool) -> None:
     budget = measure(prepared) if wiring.virtual else None
     loop = configuration.loop
     warnings = [*prepared.source.notes, *changes_since(configuration.axes), *feedback_warnings(configuration, wiring)]
+    if configuration.learning is not None:
+        warnings += memory_warnings(configuration, memory_folder(configuration.learning, prepared.source.path))
     report: dict[str, Any] = {
         "ok": True,
         "warnings": warnings,

@@ -9,19 +9,33 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError, system_error
 
-from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json
+from .options import (
+    Quantity,
+    StrictCommand,
+    json_option,
+    prepare_and_warn,
+    print_answer,
+    print_json,
+    socket_option,
+)
 
 if TYPE_CHECKING:
     from micromanip.design.learning.law import Update
     from micromanip.design.learning.learner import Learner
     from micromanip.design.learning.memory import Learned, Memory
     from micromanip.design.learning.trial import AxisTrial
+    from micromanip.replies import LearningStatus
 
 memory_option = click.option(
     "--memory", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", required=True,
     help="Folder of the memories, a file for each axis.",
+)  # fmt: skip
+running_or_memory_option = click.option(
+    "--memory", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR",
+    help="Folder of the memories.  [default: those of the running controller]",
 )  # fmt: skip
 limit_option = click.option(
     "--limit", "limit_um", type=Quantity("Distance", least=0.01, most=50.0), default=5.0, show_default=True,
@@ -90,12 +104,17 @@ def update(
 
 
 @command.command("status", cls=StrictCommand, epilog="Example: micromanip learn status --memory out/learned")
-@memory_option
+@running_or_memory_option
+@socket_option
 @json_option
-def status(folder: Path, as_json: bool) -> None:
-    """What each axis has learned, from how many parts, at which frequencies."""
+def status(folder: Path | None, socket_path: Path, as_json: bool) -> None:
+    """What each axis has learned, from how many parts, at which frequencies; without --memory the running cell's."""
     from .tables import Figures, out_console
 
+    if folder is None:
+        with Client(socket_path) as client:
+            print_answer(client.learn_status(), _print_running, as_json)
+        return
     found = [_status(memory) for memory in _memories(folder)]
     if as_json:
         print_json({"memory": str(folder), "axes": found})
@@ -113,13 +132,22 @@ def status(folder: Path, as_json: bool) -> None:
 
 
 @command.command("reset", cls=StrictCommand, epilog="Example: micromanip learn reset --memory out/learned --axis x")
-@memory_option
+@running_or_memory_option
 @click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@socket_option
 @json_option
-def reset(folder: Path, only: str, as_json: bool) -> None:
-    """Forget: remove the memory of an axis, a damaged one too, or those of all; other files stay."""
+def reset(folder: Path | None, only: str, socket_path: Path, as_json: bool) -> None:
+    """Forget: remove the memory of an axis, a damaged one too, or those of all; other files stay.
+
+    Without --memory that of the running cell: what it plays fades out first.
+    """
     from micromanip.design.learning.memory import memory_file, remove_memory
 
+    if folder is None:
+        with Client(socket_path) as client:
+            client.learn_reset(*([] if only == "all" else [only]))
+        print_answer({"accepted": True}, lambda _: click.echo("forgotten; what was played has faded out"), as_json)
+        return
     if only == "all":
         files = [memory_file(folder, memory.axis) for memory in _memories(folder)]
     else:
@@ -213,6 +241,22 @@ def _memories(folder: Path) -> list[Memory]:
     if not folder.is_dir():
         raise CheckFailed(f"{folder}: no such folder")
     return [memory for file in sorted(folder.glob("*.npz")) if (memory := read_memory(file)) is not None]
+
+
+def _print_running(told: LearningStatus) -> None:
+    from .tables import Figures, out_console
+
+    click.echo(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
+    shown = Figures("axis", "memory", "now", "off the path, um", "last part, um", "without, um", "was", "learned, Hz")
+    for name, axis in told["axes"].items():
+        last = axis["last"] or {}
+        memory = "none" if axis["generation"] is None else f"state {axis['generation']}"
+        shown.add_row(
+            name, memory if axis["may_play"] or axis["generation"] is None else f"{memory}, not played", axis["state"],
+            f"{axis['apart_um']:.2f}", *(f"{last[key]:.3f}" if last else "" for key in ("error_um", "without_um")),
+            last.get("verdict", ""), _bands(last["learned_Hz"]) if last else "",
+        )  # fmt: skip
+    out_console().print(shown)
 
 
 def _learned(now: Learned) -> dict[str, Any]:

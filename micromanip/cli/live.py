@@ -16,7 +16,7 @@ from rich.text import Text
 
 from micromanip.faults import FaultReport
 from micromanip.host import journal
-from micromanip.replies import Link, Recorded, Status
+from micromanip.replies import LearningStatus, Link, Recorded, Status
 
 from .messages import Printer, error_console
 from .tables import Figures, out_console
@@ -139,10 +139,19 @@ def _figures(report: Status) -> list[RenderableType]:
         parts.append(links(report))
     if report["shadow"] != "none":
         parts.append(f"candidate tuning: {report['shadow']}; see `micromanip shadow`")
+    learning = report.get("learning")
+    if learning is not None:
+        parts.append(f"learning: {learned(learning)}; see `micromanip learn status`")
     recording = report.get("recording")  # a controller of an older version has not heard of it
     if recording is not None:
         parts.append(recorded(recording))
     return parts
+
+
+def learned(learning: LearningStatus) -> str:
+    """What is played of what was learned, in a few words."""
+    now = ", ".join(f"{name} {axis['state']}" for name, axis in learning["axes"].items())
+    return f"{learning['state']}, {learning['made']} parts made; {now}"
 
 
 def recorded(recording: Recorded) -> Text:

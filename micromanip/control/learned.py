@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,23 +15,48 @@ Array = NDArray[np.float64]
 
 FADE_S = 0.05
 """Soft for the stage's first mode, and short beside a part, which is not corrected in full meanwhile."""
+TOLERANCE_UM = 5.0
+"""Ten times what a usual tracker scatters about the same path."""
+RECOGNISED_S = 0.5
+"""So much of a path is looked at to find out where in it a part is."""
+_TOLD_S = 1.0
+"""What finding out, and telling the loop, may take beyond that."""
 
 
-def rows_to_play(corrections: Mapping[int, Array], rate_hz: float, loop_hz: float) -> Array:
-    """Corrections (n,) in um by number of the axis, `rate_hz` values a second, as rows (cycles, MAX_AXES)."""
+@dataclass(frozen=True)
+class Played:
+    """How a correction may be played: never more than `limit_um`, no further than `tolerance_um` from its path.
+
+    Parts begin to the cycle where `search_s` is 0; else the path says when, at most `search_s` from where it was told.
+    """
+
+    limit_um: float
+    tolerance_um: float = TOLERANCE_UM
+    search_s: float = 0.0
+
+
+def rows_to_play(values: Mapping[int, tuple[Array, Array]], rate_hz: float, loop_hz: float) -> Array:
+    """Corrections and paths (n,) in um by number of the axis, `rate_hz` values a second, as rows (2 k, MAX_AXES).
+
+    k rows of what is played in k cycles, then as many of the path that it belongs to.
+    """
     from scipy.interpolate import CubicSpline
 
-    values = max((len(correction) for correction in corrections.values()), default=1)
-    cycles = max(1, round(values * loop_hz / rate_hz))
-    rows = np.zeros((cycles, MAX_AXES))
-    for axis, correction in corrections.items():
-        at = np.minimum(np.arange(cycles) * (rate_hz / loop_hz), len(correction) - 1.0)
-        rows[:, axis] = CubicSpline(np.arange(len(correction)), correction)(at)
+    count = max((len(correction) for correction, _ in values.values()), default=1)
+    cycles = max(1, round(count * loop_hz / rate_hz))
+    rows = np.zeros((2 * cycles, MAX_AXES))
+    for axis, both in values.items():
+        for first, each in zip((0, cycles), both, strict=True):
+            at = np.minimum(np.arange(cycles) * (rate_hz / loop_hz), len(each) - 1.0)
+            rows[first : first + cycles, axis] = CubicSpline(np.arange(len(each)), each)(at)
     return rows
 
 
-def fill_learned(p: Any, number: int, axis: int, rows: int, limit_um: float, loop_hz: float) -> None:
-    """Let the axis' record `p` (of LEARNED_PARAMETERS) play `rows` rows, from the cycle that it is put in force in."""
-    p["number"], p["rows"], p["column"] = number, rows, axis
+def fill_learned(p: Any, number: int, axis: int, rows: int, played: Played, loop_hz: float) -> None:
+    """Let the axis' record `p` (of LEARNED_PARAMETERS) play half of `rows` rows; `number` 0: none any more."""
+    p["number"], p["rows"], p["column"] = number, rows // 2, axis
     p["fade_cycles"] = max(1, round(FADE_S * loop_hz))
-    p["limit_um"], p["cycles_per_s"] = limit_um, loop_hz
+    p["search_cycles"] = round(played.search_s * loop_hz)
+    late_s = played.search_s + RECOGNISED_S + _TOLD_S if played.search_s else 2.0 * FADE_S
+    p["latest_cycles"] = round(late_s * loop_hz)
+    p["limit_um"], p["tolerance_um"], p["cycles_per_s"] = played.limit_um, played.tolerance_um, loop_hz

@@ -16,7 +16,20 @@ from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, P
 from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.replies import Link
 from micromanip.rt import mailbox as w
-from micromanip.rt.states import ARM, COMMAND_NAMES, FAULT, PROMOTE, RESET, SHADOWING, STARTING, STATE_NAMES, STOP
+from micromanip.rt.states import (
+    ARM,
+    BEGIN_PART,
+    COMMAND_NAMES,
+    END_PART,
+    FAULT,
+    PROMOTE,
+    RESET,
+    SHADOWING,
+    STARTING,
+    STATE_NAMES,
+    STOP,
+    TRACKING,
+)
 from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
@@ -47,6 +60,8 @@ class Controller:
         self._prepared = prepared
         self.adopted: Callable[[Prepared], None] = lambda _: None
         """Hears of each configuration that comes into force."""
+        self.added: Callable[..., Any] = lambda _, parameters, **__: parameters
+        """What else is in each set of parameters of a configuration that is handed over: a learned correction."""
         self._socket_path = socket_path
         self._say: Callable[[str], None] = lambda _: None
         contexts = [driver.context() for driver in prepared.wiring.drivers.values()]
@@ -197,6 +212,10 @@ class Controller:
         cell = self.status["state"][0]
         if command == RESET and state == STATE_NAMES[FAULT] and (elsewhere := output_refusals(cell, state)):
             return elsewhere
+        if command in (BEGIN_PART, END_PART) and "part" in self.prepared.configuration.signals:
+            return ["the signal part says which part is being made"]
+        if command == END_PART and state == STATE_NAMES[TRACKING]:
+            return ["none is being made"]
         if command != ARM:
             return [f"the state is {state}", *map(str, self.faults()[-1:])]
         axes = self.prepared.configuration.axes
@@ -216,13 +235,14 @@ class Controller:
 
     async def apply(self, prepared: Prepared) -> int:
         """Swap to `prepared` at a cycle boundary; its version. CheckFailed where the loop takes none."""
-        self.prepared, version = prepared, self.buffers.put_in_force(prepared.parameters)
+        version = self.buffers.put_in_force(self.added(prepared, prepared.parameters))
+        self.prepared = prepared
         await self._taken(version)
         return version
 
     async def inject(self, parameters: Any) -> None:
         """Swap to the `parameters` of the configuration in force but for an injection; errors as `apply`."""
-        await self._taken(self.buffers.put_in_force(parameters))
+        await self._taken(self.buffers.put_in_force(self.added(self.prepared, parameters)))
 
     async def _taken(self, version: int) -> None:
         await self._take("new parameters", lambda: ask(self.words, w.VERSION_ACTIVE) == version)
@@ -230,7 +250,7 @@ class Controller:
 
     async def offer(self, prepared: Prepared) -> int:
         """Let a candidate compute beside what is in force; its version. CheckFailed where the loop takes none."""
-        version = self.buffers.offer(prepared.parameters)
+        version = self.buffers.offer(self.added(prepared, prepared.parameters, candidate=True))
         shadow = self.status["shadow"][0]
         await self._take("candidate", lambda: self.words[w.SHADOW] == SHADOWING and shadow["version"] == version)
         return version

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from micromanip.bus.device_lock import DeviceLocks
@@ -37,6 +38,7 @@ from .control.server import ControlSocket
 from .control.socket_file import Access
 from .control.verbs import Verbs
 from .controller import Controller
+from .learning.keeper import LearningKeeper
 from .notify import ServiceManager
 from .realtime import NO_NICE, missing_rights
 from .state_directory import state_directory
@@ -100,6 +102,7 @@ class Daemon:
         self._verbs = Verbs(
             self._controller, self._trail, self._report, self._boxes.settle, self._in_force, say, self._recordings
         )
+        self._learning = self._learner()
         self._reloading: asyncio.Task[None] | None = None
         self._stop = asyncio.Event()
         self._service = ServiceManager()
@@ -148,6 +151,8 @@ class Daemon:
         stopped = asyncio.create_task(self._stop.wait())
         try:
             self._boxes.start()
+            if self._learning is not None:
+                self._learning.start()
             if self._options.record is not None:
                 await self._recordings.begin(self._options.record)
             over = lambda: ended.done() or stopped.done()  # noqa: E731
@@ -170,6 +175,8 @@ class Daemon:
             for task in (*helpers, stopped):
                 task.cancel()
             await self._end_recording()
+            if self._learning is not None:
+                await self._learning.end()
             if self._trend is not None:
                 await self._trend.end()
 
@@ -248,7 +255,19 @@ class Daemon:
 
     def _report(self) -> Report:
         links = {**self._workers.report(), **self._controller.wires()}
-        return report(self._controller, self._gathered, self._boxes.report(), links, self._recordings.report())
+        learning = None if self._learning is None else self._learning.status()
+        recording = self._recordings.report()
+        return report(self._controller, self._gathered, self._boxes.report(), links, recording, learning)
+
+    def _learner(self) -> LearningKeeper | None:
+        """Who learns from part to part, where the configuration says so."""
+        wanted = self._prepared.configuration.learning
+        if wanted is None:
+            return None
+        note = partial(self._trail.note, Peer("learning"), "learn")
+        keeper = LearningKeeper(self._controller, wanted, self._verbs.put_again, note, self._say)
+        self._verbs.learning = keeper
+        return keeper
 
     def _unrecorded(self) -> str:
         recording = self._recordings.report()

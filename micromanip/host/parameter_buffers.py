@@ -67,6 +67,17 @@ class ParameterBuffers:
             used.add(self._before)
         return used
 
+    @property
+    def in_force(self) -> Any | None:
+        """The set in force; None before the loop's first cycle."""
+        slot = self._in_force()
+        return None if slot is None else self._slots[slot]
+
+    @property
+    def is_unconfirmed(self) -> bool:
+        """Whether a set was handed over that the loop may still take."""
+        return bool(self._handed_over)
+
     def _in_force(self) -> int | None:
         """Slot of the set that the loop says is in force; None before its first cycle."""
         version = int(self._told[w.VERSION_ACTIVE])

@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.replies import AxisValues, Durations, Link, PathError, Recorded, SignalFigures, Status, TrendKept
+from micromanip.replies import (
+    AxisValues,
+    Durations,
+    LearningStatus,
+    Link,
+    PathError,
+    Recorded,
+    SignalFigures,
+    Status,
+    TrendKept,
+)
 from micromanip.rt import mailbox as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
@@ -140,6 +150,7 @@ def report(
     trips: Sequence[Any] = (),
     links: Mapping[str, Link] | None = None,
     recording: Recorded | None = None,
+    learning: LearningStatus | None = None,
 ) -> Status:
     """The whole report of a run, up to now; `trips` are those that have a black box, `links` the buses."""
     gathered.gather()
@@ -164,6 +175,7 @@ def report(
         "links": dict(links or {}),
         "recording": recording,
         "trend": gathered.trend(),
+        "learning": learning,
     }
 
 

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from micromanip.rt.states import (
     ARM,
     ARMING,
+    BEGIN_PART,
     DISARM,
+    END_PART,
     FAULT,
     HOLD,
     HOLDING,
@@ -27,6 +29,7 @@ from micromanip.rt.states import (
     STOP,
     TRACKING,
 )
+from micromanip.rt.telemetry import PART_RUNS, PART_TURN
 
 _ALWAYS = {
     (READY, ARMING): ARM,
@@ -45,13 +48,21 @@ _WITHOUT_A_NEW_FAULT = {
 }
 
 
-def commands_of(rows: NDArray[Any], state: int, fault: int) -> NDArray[np.int64]:
-    """The command (n,) of each of the `rows` (n,); `state` and `fault` are those before them."""
+def commands_of(rows: NDArray[Any], before: Any, wired: bool) -> NDArray[np.int64]:
+    """The command (n,) of each of the `rows` (n,); `before` is the cell's state before them.
+
+    `wired`: a signal says which part is made, not a command.
+    """
     commands = np.full(len(rows), NO_COMMAND, np.int64)
-    states, faults = np.append(state, rows["state"]), np.append(fault, rows["fault"])
+    states, faults = np.append(before["state"], rows["state"]), np.append(before["fault"], rows["fault"])
     for k in np.flatnonzero(np.diff(states)):
         change = (int(states[k]), int(states[k + 1]))
         commands[k] = _ALWAYS.get(change, NO_COMMAND)
         if faults[k + 1] in (NO_FAULT, faults[k]):
             commands[k] = _WITHOUT_A_NEW_FAULT.get(change, commands[k])
+    if not wired:
+        runs = np.append(before["part"] != 0, rows["lines"] & PART_RUNS != 0)
+        turn = np.append(before["parts"] % 2 != 0, rows["lines"] & PART_TURN != 0)
+        commands[runs[:-1] & ~runs[1:] & (states[1:] == TRACKING)] = END_PART
+        commands[turn[:-1] != turn[1:]] = BEGIN_PART
     return commands

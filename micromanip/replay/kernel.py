@@ -38,6 +38,8 @@ from micromanip.rt.telemetry import (
     MINUS_INFINITE,
     OUTPUTS_ARE_AWAY,
     OUTPUTS_ARE_TAKEN,
+    PART_RUNS,
+    PART_TURN,
     RETRACTED,
     ROW,
     SAME,
@@ -125,6 +127,16 @@ def _leave_line(line: Record, s: Record, signals: Any, on: bool, now_ns: int) ->
 
 
 @_compiled
+def _leave_part(p: Record, s: Record, signals: Any, lines: int, now_ns: int) -> None:
+    """The machine's word for the part: the same number until the row says that another one has begun."""
+    place = p["part"]["signal"]
+    _leave_line(p["part"], s["part_line"], signals, lines & PART_RUNS != 0, now_ns)
+    if place >= 0 and lines & PART_RUNS != 0:
+        turned = _bit(lines, PART_TURN) != s["parts"] % 2
+        signals[place]["value"] = float(s["part"] + (1 if turned else 0))
+
+
+@_compiled
 def _leave_value(place: int, signals: Any, value: float) -> None:
     if place >= 0:
         signals[place]["value"] = value
@@ -181,6 +193,7 @@ def _leave_cell(p: Record, s: Record, row: Record, signals: Any, now_ns: int) ->
     _leave_line(p["enable"], s["enable"], signals, lines & ENABLED != 0, now_ns)
     _leave_line(p["interlock"], s["interlock"], signals, lines & INTERLOCKED != 0, now_ns)
     _leave_line(p["retracted"], s["retracted"], signals, lines & RETRACTED != 0, now_ns)
+    _leave_part(p, s, signals, lines, now_ns)
     for i in range(p["axes"]):
         _leave_axis(p["axis"][i], s["axis"][i], row["axis"][i], signals, now_ns)
 

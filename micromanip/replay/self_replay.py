@@ -150,7 +150,7 @@ class Run:
         self._count(row, *found)
 
     def _tried(self, state: NDArray[Any], rows: NDArray[Any], swap: int) -> tuple[Unequal | None, NDArray[np.int64]]:
-        commands = commands_of(rows, int(state["state"][0]), int(state["fault"][0]))
+        commands = commands_of(rows, state[0], bool(self.sets[0]["part"]["signal"] >= 0))
         replayed = np.zeros(len(rows), ROW)
         samples = self.recorded.samples
         whole = swap, len(rows)

@@ -98,7 +98,7 @@ def take_window(telemetry: Telemetry, cut: tuple[float, float] | None = None, *,
     _require_stage(telemetry, parameters)
     rows = np.ascontiguousarray(np.concatenate(taken))
     start_s = (int(rows["cycle"][0]) - origin) * period_s
-    commands = commands_of(rows, int(state["state"][0]), int(state["fault"][0]))
+    commands = commands_of(rows, state[0], bool(parameters[0]["part"]["signal"] >= 0))
     return Window(
         str(file), telemetry.axes, telemetry.period_ns, telemetry.configuration, start_s,
         int(np.argmax(rows["cycle"] >= tracked)), rows, commands, state, run.signals, parameters, recorded.samples,

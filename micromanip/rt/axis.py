@@ -15,7 +15,7 @@ from typing import Any
 from micromanip.rt.laws.estimator import output, predict_to, remember, start_estimator, update
 from micromanip.rt.laws.excitation import excitation
 from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
-from micromanip.rt.laws.learned import add_learned
+from micromanip.rt.laws.learned import add_learned, forget_played
 from micromanip.rt.laws.limiter import limit
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.move import advance_move
@@ -62,7 +62,7 @@ def axis_cycle(
         if s["preview_s"] != p["preview_s"] or s["awaited_cycles"] != p["awaited_cycles"]:
             ease_times(p, s)
         track_reference(p, s, now_ns, t_s, samples)
-        if p["learned"]["rows"] > 0:
+        if 0 < 2 * p["learned"]["rows"] <= len(samples):
             follows = fraction == 1.0 and may_be_excited(s, phase, fraction)
             add_learned(p["learned"], s["learned"], s["reference"]["w"], samples, cycle, follows)
         added_um = 0.0
@@ -258,6 +258,7 @@ def start_axis(p: Record, s: Record) -> None:
     s["closed"] = 0
     s["frozen"] = 0
     s["estimator"]["running"] = 0
+    forget_played(s["learned"])
     s["strain_cycles"] = 1
     s["missed"] = 0.0
     s["hold_scale"] = 1.0

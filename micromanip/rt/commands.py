@@ -6,13 +6,16 @@ from .arming import plan_checks, refuse
 from .axis import start_axis
 from .faults import forget
 from .jit import compiled
+from .part import begin_part, end_part
 from .phases import CLOSED
 from .record import Record
 from .shadow import promote, withdraw
 from .states import (
     ARM,
     ARMING,
+    BEGIN_PART,
     DISARM,
+    END_PART,
     FAULT,
     HOLD,
     HOLDING,
@@ -71,6 +74,14 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
         return promote(p, s)
     elif command == WITHDRAW:
         return withdraw(s)
+    elif command == BEGIN_PART:
+        if state != TRACKING or p["part"]["signal"] >= 0:
+            return False
+        begin_part(s, s["parts"] + 1)
+    elif command == END_PART:
+        if s["part"] == 0 or p["part"]["signal"] >= 0:
+            return False
+        end_part(s)
     elif command == RESET:
         if state != FAULT or s["stopping"] != 0:
             return False

@@ -5,8 +5,8 @@ from __future__ import annotations
 OFF, STARTING, READY, ARMING, TRACKING, HOLDING, RAMPING, FAULT = range(8)
 STATE_NAMES = ("OFF", "STARTING", "READY", "ARMING", "TRACKING", "HOLDING", "RAMPING", "FAULT")
 
-NO_COMMAND, ARM, DISARM, STOP, RESET, HOLD, PROMOTE, WITHDRAW = range(8)
-COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset", "hold", "promote", "withdraw")
+NO_COMMAND, ARM, DISARM, STOP, RESET, HOLD, PROMOTE, WITHDRAW, BEGIN_PART, END_PART = range(10)
+COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset", "hold", "promote", "withdraw", "part begin", "part end")
 
 NO_SHADOW, SHADOWING, ON_TRIAL, CONFIRMED, TAKEN_BACK = range(5)
 SHADOW_NAMES = ("none", "shadowing", "on trial", "confirmed", "taken back")

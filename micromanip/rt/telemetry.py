@@ -19,14 +19,16 @@ STRAIN_FRESH, STAGE_FRESH, DEVIATION_FRESH = 1, 2, 4
 STRAIN_CAME, STAGE_CAME, DEVIATION_CAME = 8, 16, 32
 STRAIN_REPEATED, STAGE_REPEATED = 64, 128
 STRAIN_READING, STAGE_READING = 8, 11
-AMPLIFIER_OK, TEMPERATURE_OK = 1 << 14, 1 << 15
+AMPLIFIER_OK, TEMPERATURE_OK, LEARNED_PLAYS = 1 << 14, 1 << 15, 1 << 16
 """``fresh``: a good sample; one that came, usable or not; it read as the one before; where three bits begin that say
-what a sample that was not usable read; two lines of the amplifier."""
+what a sample that was not usable read; two lines of the amplifier; a learned correction is played."""
 NO_NUMBER, LOW_END, BELOW, SAME, ABOVE, HIGH_END, INFINITE, MINUS_INFINITE = range(8)
 """What it read: at or beyond an end of the range, or beside the last good sample."""
 ENABLED, INTERLOCKED, RETRACTED, AMPLIFIER_ON, FEED_HOLD = 1, 2, 4, 8, 16
 LINK_DOWN, OUTPUTS_ARE_TAKEN, OUTPUTS_ARE_AWAY, DRIVER_FAILED = 32, 64, 128, 256
-"""Bits of ``lines``; the last four say how the exchange with the drivers ended."""
+PART_RUNS, PART_TURN = 512, 1024
+"""Bits of ``lines``; the last four of them say how the exchange with the drivers ended. A part is being made; changes
+with each part."""
 
 AXIS_ROW = record(
     ("reference_um", "f8"),
@@ -112,6 +114,7 @@ def _fresh(p: Record, a: Record, now_ns: int) -> int:
     bits |= _came(a["stage"], p["stage_range_um"], now_ns, STAGE_CAME, STAGE_REPEATED, STAGE_READING)
     bits |= DEVIATION_CAME if a["deviation"]["arrived_ns"] == now_ns else 0
     bits |= AMPLIFIER_OK if is_on(p["amplifier_ok"], a["amplifier_ok"]) else 0
+    bits |= LEARNED_PLAYS if a["learned"]["level"] > 0.0 else 0
     return bits | (TEMPERATURE_OK if is_on(p["temperature_ok"], a["temperature_ok"]) else 0)
 
 
@@ -148,6 +151,8 @@ def _lines(p: Record, s: Record) -> int:
     lines |= FEED_HOLD if asks_feed_hold(s) else 0
     lines |= LINK_DOWN if s["link_down"] != 0 else 0
     lines |= OUTPUTS_ARE_TAKEN if s["outputs_taken"] != 0 else 0
+    lines |= PART_RUNS if s["part"] != 0 else 0
+    lines |= PART_TURN if s["parts"] % 2 != 0 else 0
     lines |= OUTPUTS_ARE_AWAY if s["outputs_away"] != 0 else 0
     return lines | (DRIVER_FAILED if s["raised"] & (1 << DRIVER_ERROR) != 0 else 0)
 

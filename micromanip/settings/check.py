@@ -89,6 +89,7 @@ def validate(source: Source) -> Configuration:
             *name_findings(configuration),
             *_reach(configuration),
             *_machine(configuration),
+            *_learning(configuration),
             *actuator_findings(configuration),
             *coupling_findings(configuration),
         ],
@@ -222,6 +223,21 @@ def _silence(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
             f"from one that is only late; give it {periods * period_ms:g} ms or more ({periods} periods"
             + (f", as faults.deadline.in_a_row is {in_a_row})" if in_a_row + 2 == periods else ")"),
         )
+
+
+def _learning(configuration: Configuration) -> Iterator[Finding]:
+    """Only what follows a tracker, with all its authority, learns."""
+    if configuration.learning is None:
+        return
+    source = configuration.reference.source
+    if not isinstance(configuration.reference, Tracker):
+        yield ("learning",), f"only what follows a tracker learns: reference.source is {source}, it must be signal"
+        return
+    for name, axis in configuration.axes.items():
+        if axis.mode != "stage":
+            yield ("axes", name, "mode"), f"with learning it must be stage, not {axis.mode}"
+        if axis.authority_percent != 100.0:
+            yield ("axes", name, "authority_percent"), f"with learning it must be 100, not {axis.authority_percent:g}"
 
 
 def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from design.learning.played import CONFIG, SECONDS, recording
 
 import micromanip.recordings
+from micromanip.cli import learn
 from micromanip.cli.learn import command
 from micromanip.design.learning import learner
 from micromanip.design.learning.parts import Cell
@@ -136,3 +137,37 @@ def test_parts_in_virtual_time_take_off_what_repeats():
         assert axis["uncompensated_um"] > 100.0 * last["whole_um"]
         assert last["over_floor"] < 1.05
         assert axis["parts"][-1]["learned_Hz"]
+
+
+def test_the_running_cell_is_asked_where_no_folder_is_named(monkeypatch):
+    asked_for = []
+
+    class Running:
+        def __init__(self, _):
+            pass
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def learn_status(self):
+            last = {"error_um": 0.41, "without_um": 0.52, "verdict": "better", "learned_Hz": [[7.0, 9.0]]}
+            axes = {
+                "x": {"generation": 4, "may_play": True, "state": "plays", "part": 5, "apart_um": 1.25, "last": last},
+                "y": {"generation": 2, "may_play": False, "state": "idle", "part": 5, "apart_um": 0.0, "last": None},
+            }
+            return {"state": "learning", "made": 4, "folder": "learned", "axes": axes}
+
+        def learn_reset(self, *axes):
+            asked_for.append(axes)
+
+    monkeypatch.setattr(learn, "Client", Running)
+    shown = asked("status").stdout
+    for part in ("learning, 4 parts made", "state 4", "plays", "0.520", "better", "7-9", "state 2, not played"):
+        assert part in shown
+    assert document("status")["axes"]["x"]["last"]["verdict"] == "better"
+    assert document("reset", "--axis", "y") == {"accepted": True}
+    assert "forgotten" in asked("reset").stdout
+    assert asked_for == [("y",), ()]

@@ -5,8 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.control.learned import fill_learned
-from micromanip.rt.laws.learned import LEARNED_PARAMETERS, LEARNED_STATE
+from micromanip.control.learned import FADE_S, Played, fill_learned
+from micromanip.rt.laws.learned import (
+    BROKEN_OFF,
+    FINISHED,
+    IDLE,
+    LEARNED_PARAMETERS,
+    LEARNED_STATE,
+    PART_ENDED,
+    PATH_LEFT,
+    PLAYS,
+    WITHDRAWN,
+)
 from micromanip.rt.laws.reference import REFERENCE_STATES
 from micromanip.rt.record import MAX_AXES
 
@@ -18,28 +28,36 @@ ROWS = 600
 COLUMN = 1
 
 
-def parameters(rows=ROWS, number=1, limit_um=5.0):
+def parameters(rows=ROWS, number=1, limit_um=5.0, tolerance_um=1.0, search_s=0.0):
     p = record(LEARNED_PARAMETERS)
-    fill_learned(p, number, COLUMN, rows, limit_um, LOOP_HZ)
+    fill_learned(p, number, COLUMN, 2 * rows, Played(limit_um, tolerance_um, search_s), LOOP_HZ)
     return p
 
 
-def course(p, values, cycles, s=None, allowed=None):
-    """Position, velocity and acceleration (n, 3) that are added in `cycles`."""
-    samples = np.zeros((len(values), MAX_AXES))
-    samples[:, COLUMN] = values
+def state(part_begun):
+    s = record(LEARNED_STATE)
+    s["part_begun"], s["part"] = part_begun, -1  # a loop's first cycle is 1
+    return s
+
+
+def course(p, values, cycles, s=None, allowed=None, path=0.0, reference=0.0):
+    """Position, velocity and acceleration (n, 3) that are added in `cycles` to `reference`, beside a `path`."""
+    cycles = np.asarray(cycles)
+    samples = np.zeros((2 * len(values), MAX_AXES))
+    samples[: len(values), COLUMN], samples[len(values) :, COLUMN] = values, path
     out = np.zeros((len(cycles), REFERENCE_STATES))
-    s = record(LEARNED_STATE) if s is None else s
-    learned_course(p, s, samples, np.asarray(cycles), np.ones(len(cycles), bool) if allowed is None else allowed, out)
+    out[:, 0] = reference
+    s = state(cycles[0]) if s is None else s
+    learned_course(p, s, samples, cycles, np.ones(len(cycles), bool) if allowed is None else allowed, out)
     assert not out[:, 3:].any()
-    return out[:, :3]
+    return out[:, :3] - np.array([1.0, 0.0, 0.0]) * np.broadcast_to(reference, len(cycles))[:, None]
 
 
 def wave(hertz=7.0):
     return np.sin(2 * np.pi * hertz * np.arange(ROWS) / LOOP_HZ)
 
 
-def test_rows_are_played_from_the_cycle_it_was_put_in_force_in_with_their_derivatives():
+def test_rows_are_played_from_the_first_cycle_of_the_part_on_with_their_derivatives():
     p = parameters()
     out, fade = course(p, wave(), 5000 + np.arange(ROWS)), int(p["fade_cycles"])
     inside = slice(fade, ROWS - 1)
@@ -76,13 +94,15 @@ def test_a_missed_cycle_shifts_nothing():
 def test_a_part_that_was_broken_off_fades_out_and_is_not_resumed_but_the_next_one_begins():
     allowed = np.ones(500, bool)
     allowed[300:302] = False
-    s = record(LEARNED_STATE)
+    s = state(0)
     out = course(parameters(), np.ones(ROWS), np.arange(500), s, allowed)
+    assert s["why"] == BROKEN_OFF
     fade = int(parameters()["fade_cycles"])
     assert out[299, 0] == 1.0
     assert np.abs(np.diff(out[:, 0])).max() < 2.0 / fade
     assert not out[300 + fade :].any()
-    after = course(parameters(number=2), np.ones(ROWS), np.arange(500, 700), s)
+    s["part_begun"] = 500
+    after = course(parameters(), np.ones(ROWS), np.arange(500, 700), s)
     assert after[-1, 0] == 1.0
 
 
@@ -92,11 +112,64 @@ def test_a_part_that_was_broken_off_fades_out_and_is_not_resumed_but_the_next_on
     st.lists(st.tuples(st.integers(1, 30), st.booleans()), min_size=1, max_size=80),
 )
 def test_whatever_the_memory_holds_the_limit_is_kept_and_it_comes_to_rest(values, limit_um, steps):
-    p, s = parameters(len(values), limit_um=limit_um), record(LEARNED_STATE)
+    p = parameters(len(values), limit_um=limit_um)
     cycles = np.cumsum([step for step, _ in steps])
+    s = state(cycles[0])
     out = course(p, np.array(values), cycles, s, np.array([allowed for _, allowed in steps]))
     assert np.abs(out[:, 0]).max() <= limit_um
     assert np.abs(out[:, 1]).max() <= limit_um * LOOP_HZ
     assert np.isfinite(out).all()
     last = cycles[-1] + len(values) + np.arange(1, 2 * int(p["fade_cycles"]))
     assert not course(p, np.array(values), last, s)[-1].any()
+
+
+LEFT = np.where(np.arange(ROWS) < 300, 0.4 * np.sin(np.arange(ROWS)), 1.5)
+
+
+@pytest.mark.parametrize(
+    ("why", "reference", "at_300"),
+    [
+        (PATH_LEFT, LEFT, {}),
+        (PATH_LEFT, np.where(LEFT > 1.0, np.nan, LEFT), {}),
+        (WITHDRAWN, 0.0, {"number": 0}),
+        (WITHDRAWN, 0.0, {"number": 2}),
+        (PART_ENDED, 0.0, {"part_begun": -1}),
+        (PART_ENDED, 0.0, {"part_begun": 300}),
+    ],
+)
+def test_what_ends_a_correction_in_mid_part_ends_it_softly_and_says_why(why, reference, at_300):
+    """Of the same form as its own end: no faster, and begun in the very cycle."""
+    p, s, fade = parameters(), state(0), round(FADE_S * LOOP_HZ)
+    both = np.broadcast_to(reference, ROWS)
+    before = course(p, np.ones(ROWS), np.arange(300), s, reference=both[:300])
+    assert s["why"] == PLAYS
+    for name, value in at_300.items():
+        (s if name in s.dtype.names and name != "number" else p)[name] = value
+    after = course(p, np.ones(ROWS), np.arange(300, 300 + fade + 2), s, reference=both[300 : 300 + fade + 2])
+    added = np.nan_to_num(np.concatenate([before, after])[:, 0], nan=0.0)
+    assert s["why"] == why or at_300.get("part_begun") == 300
+    assert np.abs(np.diff(np.concatenate([before[:, 0], after[np.isfinite(after[:, 0]), 0]]))).max() < 2.0 / fade
+    assert added[299] == 1.0
+    assert added[299 + fade] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_part_of_the_right_path_is_played_whole_and_ends_by_itself():
+    s, path = state(40), 100.0 * wave(0.5)
+    course(parameters(), np.ones(ROWS), 40 + np.arange(ROWS + 1), s, path=path, reference=np.append(path, 0.0) + 0.9)
+    assert s["why"] == FINISHED
+    assert s["apart_um"] == pytest.approx(0.9)
+
+
+def test_a_beginning_that_the_path_tells_is_believed_of_its_own_part_only_and_not_too_late():
+    p, values = parameters(search_s=0.05), 1.0 + wave()
+    s = state(1000)
+    assert not course(p, values, np.arange(1000, 1100), s).any(), "not known yet"
+    p["begun_cycle"] = 1030
+    played = course(p, values, np.arange(1100, 1400), s)[60:, 0]
+    assert played == pytest.approx(values[1160 - 1030 : 1400 - 1030], abs=1e-12)
+    s = state(5000)
+    assert not course(p, values, np.arange(5000, 5300), s).any(), "that was of another part"
+    assert s["why"] == IDLE
+    p["begun_cycle"] = 5010
+    late = 5000 + int(p["latest_cycles"]) + 1
+    assert not course(p, values, np.arange(late, late + 100), s).any()

@@ -68,7 +68,20 @@ BROKEN = {
         ("  strain_x: {driver: cell, max", "  strian_x: {driver: cell, channel: strain_x, max"),
         "strian_x: {",
         "signals.strian_x: no axis takes a signal of this name; did you mean strain_x? (names are <role>_<axis>, "
-        "enable, interlock, retracted)",
+        "enable, interlock, retracted, part)",
+    ),
+    "learning of what follows no tracker": (
+        (
+            TEXT[TEXT.index("  source: signal") : TEXT.index("\naxes:")],
+            "  source: hold\n  offset_um: 0\n\nlearning: {seconds: 3.0}\n",
+        ),
+        "learning: {",
+        "learning: only what follows a tracker learns: reference.source is hold, it must be signal",
+    ),
+    "learning of parts without end": (
+        ("\naxes:", "\nlearning: {seconds: 500.0}\n\naxes:"),
+        "learning: {",
+        "learning.seconds: expected a number from 2 to 120, not 500.0",
     ),
     "output that nobody has": (
         ("  voltage_z: {driver: cell,", "  voltage_w: {driver: cell, channel: voltage_z,"),

@@ -66,18 +66,24 @@ class Way(Protocol):
 class Update:
     """What became of a part: the memory after it, and how its error in band compares with that of the part before.
 
-    `interval_um` is where the rms of the error in band lies in 95 of 100 cases.
+    `interval_um` is where the rms of the error in band lies in 95 of 100 cases; `without_um` is what it would have been
+    without the correction.
     """
 
     memory: Memory
     verdict: str
     forgotten: bool
     error_um: float
+    without_um: float
     interval_um: tuple[float, float]
 
 
-def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) -> Update:
-    """The memory after `part` (of `what`, told in its story).
+def updated(
+    memory: Memory, part: Part, way: Way, limit_um: float, what: str, played_from_s: float = 0.0, *, own: bool = False
+) -> Update:
+    """The memory after `part` (of `what`, told in its story), in which a correction was played from `played_from_s` on.
+
+    `own`: it is known to be of this memory, of an older state perhaps; then the part counts, and is compared with none.
 
     Raises CheckFailed where no update may be applied, and where the part is not of this memory: learned from before,
     or with another correction played.
@@ -88,9 +94,15 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) ->
             f"axis {memory.axis}: its model is known to {way.highest_Hz:.3g} Hz, a part of {memory.seconds:g} s tells "
             "frequencies apart that far at best: nothing can be learned"
         )
+    if memory.now.parts > 1 and len(memory.now.spread_um2) != bands.count:
+        raise CheckFailed(
+            f"axis {memory.axis}: its memory was made up to another frequency than the {way.highest_Hz:.3g} Hz to "
+            "which its model is known: learn anew, after `micromanip learn reset`"
+        )
     if any(told["part"] == part.name for told in memory.story):
         raise CheckFailed(f"{what}: axis {memory.axis} has learned from this part already")
-    played = _was_played(memory.now.correction_um, part.played_um, memory.axis, what)
+    later = slice(round(played_from_s * part.rate_hz), None)
+    played = _was_played(memory.now.correction_um[later], part.played_um[later], memory.axis, what, own)
     inside = filtered(part.error_um, part.rate_hz, partial(_low, way))
     blocks = np.array([np.mean(block**2) for block in np.array_split(inside, BLOCKS)])
     verdict = compared(memory.blocks_um2, blocks) if played else UNPLAYED
@@ -107,16 +119,17 @@ def updated(memory: Memory, part: Part, way: Way, limit_um: float, what: str) ->
         memory, now=now, before=before, blocks_um2=blocks if played else memory.blocks_um2,
         generation=memory.generation + 1, story=(*memory.story, told)[-_TOLD:],
     )  # fmt: skip
-    return Update(kept, verdict, forgotten, error_um, interval_um)
+    without_um = float(np.sqrt(np.mean(filtered(_alone(part, way), part.rate_hz, partial(_low, way)) ** 2)))
+    return Update(kept, verdict, forgotten, error_um, without_um, interval_um)
 
 
-def _was_played(correction_um: Array, played_um: Array, axis: str, what: str) -> bool:
+def _was_played(correction_um: Array, played_um: Array, axis: str, what: str, own: bool) -> bool:
     """Whether the memory's correction was; True where it has none."""
     size, found = (float(np.sqrt(np.mean(each**2))) for each in (correction_um, played_um))
     apart = float(np.sqrt(np.mean((played_um - correction_um) ** 2)))
     if apart <= max(_NOTHING_UM, _AS_PLAYED * size):
         return True
-    if found <= _NOTHING_UM:
+    if own or found <= _NOTHING_UM:
         return False
     raise CheckFailed(
         f"{what}: a correction of {found:.3g} um rms was played to axis {axis}, {apart:.3g} um from the memory's: it "
@@ -143,12 +156,17 @@ def contraction(way: Way, bands: Bands, share: Array) -> float:
     return float(np.max(gain * way.off(hertz), initial=0.0))
 
 
+def _alone(part: Part, way: Way) -> Array:
+    """The error (n,) that would have been there without what was played."""
+    return part.error_um + answered(part.played_um, part.rate_hz, way.response)
+
+
 def _low(way: Way, hertz: Array) -> Array:
     return low_pass(hertz, _CORNER * way.highest_Hz)
 
 
 def _learned(now: Learned, part: Part, way: Way, bands: Bands, limit_um: float, axis: str) -> Learned:
-    alone = part.error_um + answered(part.played_um, part.rate_hz, way.response)
+    alone = _alone(part, way)
     parts = min(now.parts + 1, _MOST_PARTS)
     mean = now.mean_um + (alone - now.mean_um) / parts
     # Welford's update of the variance, line by line

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.learned import fill_learned, rows_to_play
+from micromanip.control.learned import Played, fill_learned, rows_to_play
+from micromanip.rt.states import BEGIN_PART
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
 from micromanip.virtual.switched import DRAWN, simulated_driver, switched
@@ -52,15 +53,19 @@ class Cell:
         experiment = VirtualExperiment(replace(prepared, wiring=wiring), process=True)
         axes, loop_hz = list(configuration.axes), float(configuration.loop.rate_hz)
         rate_hz = next((memory.rate_hz for memory in self.memories.values()), loop_hz)
-        played = rows_to_play({axes.index(name): c for name, c in corrections.items()}, rate_hz, loop_hz)
+        played = rows_to_play(
+            {axes.index(name): (each, self.memories[name].path_um) for name, each in corrections.items()},
+            rate_hz, loop_hz,
+        )  # fmt: skip
         cell = experiment.cell(configuration, played)
         passed_s = len(cell.arm()) / loop_hz
         begin_s = max(_AFTER_FORCE_S, options.force.start_s + _AFTER_FORCE_S - passed_s)
         before = cell.run(begin_s)
         for i, name in enumerate(axes):
             if name in corrections:
-                fill_learned(cell.parameters[0]["axis"][i]["learned"], 1, i, len(played), self._limit_um, loop_hz)
-        rows = np.concatenate([before, cell.run(self._seconds + _AFTER_FORCE_S)])
+                p = cell.parameters[0]["axis"][i]["learned"]
+                fill_learned(p, 1, i, len(played), Played(self._limit_um), loop_hz)
+        rows = np.concatenate([before, cell.run(self._seconds + _AFTER_FORCE_S, command=BEGIN_PART)])
         experiment.require_no_fault(cell)
         return rows, begin_s
 

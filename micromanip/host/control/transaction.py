@@ -151,6 +151,17 @@ class Tuning:
             self._moving.stop("as was asked for")
         return found
 
+    async def put_again(self, before: Callable[[], None]) -> None:
+        """Put what runs in force once more, as the controller adds to it after `before`; CheckFailed where it can't be.
+
+        `before` is called while nobody changes anything else, and no tuning may be taken back.
+        """
+        async with self._changing():
+            self._refuse_on_trial()
+            before()
+            async with self._controller.commanding():
+                await self._controller.inject(self._prepared.parameters)
+
     def let_rest(self) -> None:
         """End a move that is under way, gently."""
         self._moving.stop("hold was asked for")

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from micromanip.errors import MicromanipError
+from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.faults import FaultReport
 from micromanip.host.recording.recording import Extent
 from micromanip.host.recording.recordings import Recordings
@@ -19,6 +19,7 @@ from micromanip.replies import (
     Change,
     Injected,
     Jogged,
+    LearningStatus,
     Marked,
     Moved,
     Recorded,
@@ -30,12 +31,14 @@ from micromanip.replies import (
     Swap,
 )
 from micromanip.rt import states
+from micromanip.rt.record import MAX_AXES
 from micromanip.settings.injected import AMPLITUDE_UM
 from micromanip.settings.moved import Wanted
 from micromanip.settings.schema.base import Flag, Settings
 from micromanip.settings.text.source import Source
 
 from ..controller import Controller
+from ..learning.keeper import LearningKeeper
 from .audit import AuditTrail
 from .authority import Peer, Right
 from .candidate import Outcome
@@ -118,6 +121,12 @@ class Last(Settings):
     """Fields of `audit`."""
 
     last: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(default=20, description="How many entries.")
+
+
+class Forget(Settings):
+    """Fields of `learn_reset`."""
+
+    axes: tuple[str, ...] = Field(default=(), max_length=MAX_AXES, description="Of these axes; all without one.")
 
 
 class Offer(Settings):
@@ -216,6 +225,9 @@ class Verbs:
         self._controller, self._trail, self._status = controller, trail, status
         self._outcomes: deque[Outcome] = deque()
         self._tuning = Tuning(controller, tell, self._happened)
+        self.put_again = self._tuning.put_again
+        self.learning: LearningKeeper | None = None
+        """Where the configuration has it."""
 
     def table(self) -> dict[str, Verb]:
         """Every verb by its name."""
@@ -233,6 +245,9 @@ class Verbs:
             "disarm": self._commanded(states.DISARM),
             "hold": self._commanded(states.HOLD),
             "reset": self._commanded(states.RESET),
+            "part_begin": self._commanded(states.BEGIN_PART),
+            "part_end": self._commanded(states.END_PART),
+            "learn_reset": self._learn_reset,
         }
         stops = ("disarm", "hold")
         return {
@@ -242,6 +257,7 @@ class Verbs:
             "get": observing(self._get),
             "diff": observing(self._diff),
             "audit": observing(self._audit),
+            "learn_status": observing(self._learn_status),
             "shadow": Verb(self._shadow, _right_to_shadow),
             "sensitivity": operating(self._sensitivity),
             "move": operating(self._move),
@@ -292,6 +308,18 @@ class Verbs:
 
     async def _audit(self, request: Request) -> Audit:
         return await asyncio.to_thread(self._trail.last, request.read(Last).last)
+
+    async def _learn_status(self, request: Request) -> LearningStatus:
+        request.read(Nothing)
+        return self._keeper().status()
+
+    async def _learn_reset(self, request: Request) -> tuple[None, Sequence[Change]]:
+        return None, await self._keeper().reset(request.read(Forget).axes)
+
+    def _keeper(self) -> LearningKeeper:
+        if self.learning is None:
+            raise CheckFailed("nothing is learned: the configuration has no section learning")
+        return self.learning
 
     async def _set(self, request: Request) -> tuple[Swap, Sequence[Change]]:
         swap = await self._tuning.set(request.read(Set).changes)

@@ -1,9 +1,15 @@
 """A learned correction: what earlier identical parts left over, played on top of the reference while a part runs.
 
-The correction c (um) is a column of rows, one per cycle from the beginning of the part; position, speed and
-acceleration of it are added to the reference's state, so that it goes through the same law, and the same limits of
-set-point and voltage, as the reference itself. It never exceeds ``limit_um``. It begins with the part, ends after it
-and is broken off as minimum jerk; a part that was broken off is not resumed.
+The correction c (um) is a column of rows, one per cycle from the beginning of the part; behind them stands the path
+that it belongs to, in as many rows. Position, speed and acceleration of c are added to the reference's state, so that
+it goes through the same law, and the same limits of set-point and voltage, as the reference itself. It never exceeds
+``limit_um``. It begins with the part, ends after it and is broken off as minimum jerk: at once where the reference is
+further than ``tolerance_um`` from the remembered path, looked at in every cycle. A part that was broken off is not
+resumed.
+
+Where the beginning of a part is known to the cycle, ``search_cycles`` is 0. Else the host finds it by the path and
+tells it as ``begun_cycle``; nothing is played before it has: it is believed of the part that began within
+``search_cycles`` of it.
 """
 
 from __future__ import annotations
@@ -14,17 +20,38 @@ from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
 from .minimum_jerk import minimum_jerk
+from .reference import position
+
+IDLE, PLAYS, FINISHED, PATH_LEFT, BROKEN_OFF, WITHDRAWN, PART_ENDED = range(7)
+"""Where an axis' correction stands, or why it ended: with its part; the reference left the path; the axis did not track
+with all its sensors and its own gains; the memory was taken away; the part ended before its time."""
 
 LEARNED_PARAMETERS = record(
     ("number", "i8"),
     ("rows", "i8"),
     ("column", "i8"),
     ("fade_cycles", "i8"),
+    ("begun_cycle", "i8"),
+    ("search_cycles", "i8"),
+    ("latest_cycles", "i8"),
     ("limit_um", "f8"),
+    ("tolerance_um", "f8"),
     ("cycles_per_s", "f8"),
 )
-"""``rows`` 0 is none; ``number`` tells one part from the next: it begins with the cycle in which it changes."""
-LEARNED_STATE = record(("number", "i8"), ("begun_cycle", "i8"), ("over", "i8"), ("level", "f8"))
+"""``rows`` 0 is none. ``number`` tells one memory from the next; 0 plays nothing, and ends what is played softly. Later
+than ``latest_cycles`` after its part nothing begins."""
+LEARNED_STATE = record(
+    ("part_begun", "i8"),
+    ("number", "i8"),
+    ("part", "i8"),
+    ("begun_cycle", "i8"),
+    ("why", "i8"),
+    ("level", "f8"),
+    ("apart_um", "f8"),
+)
+"""``part_begun``: the cycle in which the part that runs began, -1 where none does, left here by the cell; ``part`` the
+last that a correction began with, ``begun_cycle`` its first row; ``apart_um`` how far the reference was from the path
+when it was last looked at."""
 
 
 @compiled
@@ -35,19 +62,42 @@ def _played(p: Record, samples: Any, k: int, level: float) -> float:
 
 
 @compiled
+def _begin(p: Record, s: Record, cycle: int) -> None:
+    """Begin with a part that has not been played to, once it is known where in it this cycle is."""
+    part = s["part_begun"]
+    begun = part if p["search_cycles"] == 0 else p["begun_cycle"]
+    if part < 0 or part == s["part"] or p["number"] == 0 or s["level"] > 0.0:
+        return
+    if abs(begun - part) <= p["search_cycles"] and cycle - part <= p["latest_cycles"]:
+        s["part"], s["begun_cycle"], s["number"], s["why"] = part, begun, p["number"], PLAYS
+
+
+@compiled
+def _judge(p: Record, s: Record, w: Any, samples: Any, k: int, allowed: bool) -> int:
+    """Whether the correction goes on in cycle `k` of its part, or why it ends."""
+    if p["number"] != s["number"]:
+        return WITHDRAWN
+    if k >= p["rows"]:
+        return FINISHED
+    if s["part_begun"] != s["part"]:
+        return PART_ENDED
+    if not allowed:
+        return BROKEN_OFF
+    s["apart_um"] = abs(position(w) - samples[p["rows"] + max(0, k), p["column"]])
+    return PLAYS if s["apart_um"] <= p["tolerance_um"] else PATH_LEFT
+
+
+@compiled
 def add_learned(p: Record, s: Record, w: Any, samples: Any, cycle: int, allowed: bool) -> None:
     """Add what is played in this cycle to the reference `w`: position, velocity and acceleration."""
-    if s["number"] != p["number"]:
-        s["number"], s["begun_cycle"], s["over"], s["level"] = p["number"], cycle, 0, 0.0
+    if s["why"] != PLAYS:
+        _begin(p, s, cycle)
     k = cycle - s["begun_cycle"]
-    if not allowed:
-        s["over"] = 1
-    step = 1.0 / p["fade_cycles"]
-    ends = s["over"] != 0 or k >= p["rows"]
-    level = s["level"]
-    s["level"] = max(0.0, level - step) if ends else min(1.0, level + step)
-    if ends and s["level"] == 0.0:
-        s["over"] = 1
+    if s["why"] == PLAYS:
+        s["why"] = _judge(p, s, w, samples, k, allowed)
+    step, level = 1.0 / p["fade_cycles"], s["level"]
+    s["level"] = min(1.0, level + step) if s["why"] == PLAYS else max(0.0, level - step)
+    if s["level"] == 0.0:
         return
     slope, rate = s["level"] - level, p["cycles_per_s"]
     before, after = _played(p, samples, k - 1, level), _played(p, samples, k + 1, s["level"] + slope)
@@ -55,3 +105,11 @@ def add_learned(p: Record, s: Record, w: Any, samples: Any, cycle: int, allowed:
     w[0] += now
     w[1] += 0.5 * rate * (after - before)
     w[2] += rate * rate * (after - 2.0 * now + before)
+
+
+@compiled
+def forget_played(s: Record) -> None:
+    """The axis is at rest: nothing is left of what was played."""
+    s["level"] = 0.0
+    if s["why"] == PLAYS:
+        s["why"] = BROKEN_OFF

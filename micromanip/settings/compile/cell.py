@@ -62,7 +62,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
     p["score_cycles"] = cycles(_SCORE_AFTER_S)
     fill_cell_limits(p, configuration.faults, loop.rate_hz)
     _fill_frame(p["frame"], configuration, wiring)
-    for name in ("enable", "interlock", "retracted"):
+    for name in ("enable", "interlock", "retracted", "part"):
         _fill_line(p[name], name, configuration, wiring)
     for name in ("amplifier_enable", "feed_hold", "heartbeat"):
         p[name] = wiring.switches.get(name, -1)

@@ -34,6 +34,7 @@ from .base import Flag, Settings
 from .faults import Faults
 from .frame import Frame
 from .key import AtRest, LargerIsWeaker, Live, NewStart, WiderIsWeaker
+from .learning import Learning
 from .reference import Reference, Tracker
 from .trend import Trend
 
@@ -267,7 +268,8 @@ class Configuration(Settings):
         description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis> or, with reference.frame, "
         "tracker_<name>; true_strain_<axis>, "
         "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them. Digital, 1 is good: "
-        "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut).",
+        "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut). "
+        "part: 0, or the number of the part that is being made.",
     )
     outputs: NewStart[dict[str, Output]] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
     switches: NewStart[Switches] = Switches()
@@ -280,6 +282,9 @@ class Configuration(Settings):
     control: NewStart[Control] = Control()
     trend: NewStart[Trend | None] = Field(
         default=None, description="Figures of each second and minute for months; {} for all defaults, null: none."
+    )
+    learning: NewStart[Learning | None] = Field(
+        default=None, description="Learn from part to part what of the path error repeats, and play it; null: neither."
     )
     arm_on_start: NewStart[Flag] = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
     simulation: NewStart[Simulation | None] = Field(

@@ -133,6 +133,13 @@ def test_a_part_without_its_correction_counts_and_is_compared_with_none():
     assert (found.verdict, found.forgotten) == (UNPLAYED, False)
     assert found.memory.now.parts == 4
     assert np.array_equal(found.memory.blocks_um2, memory.blocks_um2)
+    half = 0.5 * memory.now.correction_um
+    older = part(LINE - half + noise(8), half)
+    with pytest.raises(CheckFailed, match="or of an older state of this one"):
+        updated(memory, older, way, LIMIT_UM, "older")
+    found = updated(memory, older, way, LIMIT_UM, "older", own=True)
+    assert found.verdict == UNPLAYED
+    assert found.memory.now.mean_um == pytest.approx(memory.now.mean_um, abs=0.3)
 
 
 def test_what_is_not_of_this_memory_is_refused():
@@ -145,6 +152,10 @@ def test_what_is_not_of_this_memory_is_refused():
     narrow.highest_Hz = 1.0
     with pytest.raises(CheckFailed, match="known to 1 Hz, a part of 4 s tells"):
         updated(memory, part(noise(2)), narrow, LIMIT_UM, "coarse")
+    narrow.highest_Hz = 0.5 * way.highest_Hz
+    memory = updated(memory, part(noise(3)), way, LIMIT_UM, "second").memory
+    with pytest.raises(CheckFailed, match="its memory was made up to another frequency than the"):
+        updated(memory, part(noise(4)), narrow, LIMIT_UM, "another version")
 
 
 @given(st.integers(0, 2**32 - 1))

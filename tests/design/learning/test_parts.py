@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from micromanip.control.learned import fill_learned, rows_to_play
+from micromanip.control.learned import Played, fill_learned, rows_to_play
 from micromanip.design.learning.transfer import MOST_OFF, Transfer
 from micromanip.design.learning.zero_phase import answered
-from micromanip.rt.states import TRACKING
+from micromanip.rt.states import BEGIN_PART, TRACKING
 from micromanip.virtual.experiment import VirtualExperiment
 
 from .played import SECONDS
@@ -62,13 +62,13 @@ def test_a_memory_gone_wild_leads_no_set_point_and_no_voltage_out_of_its_limits(
     """Jumps of a hundred micrometres in every cycle, unlimited by the law itself."""
     configuration = prepared.configuration
     wild = np.random.default_rng(3).normal(scale=100.0, size=300)
-    rows = rows_to_play(dict.fromkeys(range(3), wild), LOOP_HZ, LOOP_HZ)
+    rows = rows_to_play(dict.fromkeys(range(3), (wild, wild)), LOOP_HZ, LOOP_HZ)
     cell = VirtualExperiment(prepared).cell(configuration, rows)
     cell.arm()
     before = cell.run(0.05)
     for i in range(3):
-        fill_learned(cell.parameters[0]["axis"][i]["learned"], 1, i, len(rows), 1e6, LOOP_HZ)
-    played = np.concatenate([before[-1:], cell.run(0.1)])
+        fill_learned(cell.parameters[0]["axis"][i]["learned"], 1, i, len(rows), Played(1e6, np.inf), LOOP_HZ)
+    played = np.concatenate([before[-1:], cell.run(0.1, command=BEGIN_PART)])
     assert played["state"][1] == TRACKING
     for i, (name, axis) in enumerate(configuration.axes.items()):
         output, one = configuration.outputs[f"voltage_{name}"], played["axis"][:, i]

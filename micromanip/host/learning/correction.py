@@ -1,0 +1,103 @@
+"""What the loop plays of the memories: rows in the shared samples, and a word of it in every set of parameters.
+
+The rows are written while nothing is played, and nothing can be: no set of parameters that the loop may come to names a
+memory then. They are announced by a set that does, which comes into force as any other. Whoever dies meanwhile leaves
+a set in force that plays nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.control.learned import Played, fill_learned
+from micromanip.rt.laws.learned import PLAYS
+from micromanip.settings.check import Prepared
+from micromanip.settings.commissioned import tuning_hash
+from micromanip.settings.schema.learning import Learning
+from micromanip.settings.schema.model import Configuration
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Memories:
+    """Rows (2 n, MAX_AXES) of a part; tuning and generation of each axis that has a memory, by its name."""
+
+    rows: Array
+    tunings: Mapping[str, str] = field(default_factory=dict)
+    generations: Mapping[str, int] = field(default_factory=dict)
+
+    def problem(self, configuration: Configuration) -> str | None:
+        """Why they can't be played; None where they can."""
+        learning = configuration.learning
+        assert learning is not None
+        wanted = 2 * round(learning.seconds * configuration.loop.rate_hz)
+        if len(self.rows) != wanted:
+            return f"a part has {len(self.rows) // 2} cycles in it, learning.seconds says {wanted // 2}"
+        for i, name in enumerate(configuration.axes):
+            if name not in self.generations:
+                continue
+            if not np.isfinite(self.rows[:, i]).all():
+                return f"axis {name}: not all of it are numbers"
+            peak_um = float(np.abs(self.rows[: wanted // 2, i]).max())
+            if peak_um > learning.limit_um:
+                return f"axis {name}: it goes to {peak_um:.3g} um, learning.limit_um is {learning.limit_um:g}"
+        return None
+
+
+class Correction:
+    """Adds to sets of parameters what of the present memories they may play."""
+
+    def __init__(self, prepared: Prepared, learning: Learning, table: Array) -> None:
+        """`table` are the shared samples; nothing is played yet."""
+        wired = "part" in prepared.configuration.signals
+        self._played = Played(learning.limit_um, learning.tolerance_um, 0.0 if wired else learning.search_s)
+        self._table, self._last = table, 0
+        self._begun: dict[str, int] = {}
+        self.number = 0
+        """Of what may be played; 0: nothing."""
+        self.memories = Memories(np.zeros_like(table))
+
+    def withdraw(self) -> None:
+        """Nothing may be played, by the next set of parameters."""
+        self.number = 0
+
+    def hold(self, memories: Memories) -> None:
+        """Play these from the next set of parameters on.
+
+        Only while the loop reads none: it plays nothing, and the set in force has no number.
+        """
+        self.memories, self._begun = memories, {}
+        self._table[:] = memories.rows
+        self._last += 1
+        self.number = self._last
+
+    def recognised(self, axis: str, cycle: int) -> None:
+        """The part that is made began in `cycle`, by the path of `axis`."""
+        self._begun[axis] = cycle
+
+    def may_play(self, configuration: Configuration, axis: str) -> bool:
+        """Whether there is a memory of `axis`, of the tuning that it has in `configuration`."""
+        own = self.memories.tunings.get(axis)
+        return self.number != 0 and own is not None and own == tuning_hash(configuration.axes[axis])
+
+    def added(self, prepared: Prepared, parameters: Any, *, candidate: bool = False) -> Any:
+        """`parameters` of `prepared`, with what they may play; a candidate plays nothing."""
+        parameters = parameters.copy()
+        loop_hz = float(prepared.configuration.loop.rate_hz)
+        for i, name in enumerate(prepared.configuration.axes):
+            p = parameters[0]["axis"][i]["learned"]
+            plays = not candidate and self.may_play(prepared.configuration, name)
+            fill_learned(p, self.number if plays else 0, i, len(self._table), self._played, loop_hz)
+            p["begun_cycle"] = self._begun.get(name, -1)
+        return parameters
+
+
+def is_silent(states: Any) -> bool:
+    """Whether no axis of `states` (of LEARNED_STATE) plays anything, or is just ending."""
+    return bool((states["level"] == 0.0).all() and (states["why"] != PLAYS).all())

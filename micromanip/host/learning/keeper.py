@@ -1,0 +1,272 @@
+"""The host's side of learning: the process that learns, what of it the loop may play, and what people are told.
+
+The process dies, or is killed: it is started again, and what is played goes on. Rows that it shows are taken if they
+are what it said they are, finite, within the limit and as long as a part; then they are put in force while no part is
+being made. Nothing of this is in a hurry, and nothing waits for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from micromanip.bus.backoff import RestartLimit
+from micromanip.errors import CheckFailed, UsageError
+from micromanip.host.child import Child
+from micromanip.host.controller import Controller
+from micromanip.replies import AxisLearning, Change, LearningStatus
+from micromanip.rt import mailbox as w
+from micromanip.rt.laws.learned import BROKEN_OFF, PART_ENDED, PATH_LEFT
+from micromanip.rt.states import TRACKING
+from micromanip.settings.schema.learning import Learning
+
+from ..shared_memory import Segment
+from .correction import Correction, Memories, is_silent
+from .folder import memory_folder
+
+_LOOK_S = 0.02
+_RESTARTS, _WITHIN_S, _RESTART_S = 3, 600.0, 1.0
+_END_S = 5.0
+
+WHY = ("idle", "plays", "finished", "path left", "broken off", "withdrawn", "part ended")
+"""The numbers of ``rt/laws/learned.py`` as words."""
+Say = Callable[[str], None]
+Note = Callable[[Sequence[Change]], Awaitable[None]]
+
+
+class LearningKeeper:
+    """Learning of one controller whose configuration has it."""
+
+    def __init__(
+        self, controller: Controller, learning: Learning, put: Callable[[Callable[[], None]], Awaitable[None]],
+        note: Note, say: Say,
+    ) -> None:  # fmt: skip
+        """`put` calls what it is given while nobody else changes anything, and puts what runs in force again.
+
+        `note` writes into the audit trail, `say` tells people.
+        """
+        self._controller, self._learning, self._put, self._note, self._say = controller, learning, put, note, say
+        self._room = Segment.create("micromanip-learned", controller.segments.samples.memory.size())
+        self._correction = Correction(controller.prepared, learning, controller.segments.sample_table())
+        controller.added = self._correction.added
+        self._child = Child(
+            "micromanip.learner.process", (controller.segments.ring.descriptor, self._room.descriptor),
+            restarts=RestartLimit(_RESTARTS, _WITHIN_S),
+        )  # fmt: skip
+        self._next: Memories | None = None
+        self._stopping = self._withdrawing = False
+        self._state = "starting"
+        self._parts: dict[str, dict[str, Any]] = {}
+        self._made = 0
+        self._forget: set[str] = set()
+        self._ended: dict[str, int] = {}
+        self._told: dict[str, int] = {}
+        """By the axis: the number of the part whose correction ended early last, and the cycle in which it began."""
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def start(self) -> None:
+        """Start the process, without waiting for it, and follow what the loop plays."""
+        self._tasks = [asyncio.create_task(self._keep_alive()), asyncio.create_task(self._follow())]
+
+    async def end(self) -> None:
+        """End the process, and let its memory go."""
+        self._stopping = True
+        self._child.end_orders()
+        if self._tasks:
+            await asyncio.wait({self._tasks[0]}, timeout=_END_S)
+        self._child.kill()
+        for task in self._tasks:
+            task.cancel()
+
+    def status(self) -> LearningStatus:
+        """What is learned and played now."""
+        configuration, cell = self._controller.prepared.configuration, self._controller.status["state"][0]
+        generations = self._correction.memories.generations
+        axes: dict[str, AxisLearning] = {}
+        for i, name in enumerate(configuration.axes):
+            a = cell["axis"][i]["learned"]
+            last = self._parts.get(name, {})
+            axes[name] = AxisLearning(
+                generation=generations.get(name), may_play=self._correction.may_play(configuration, name),
+                state=WHY[int(a["why"])], part=int(cell["part"]) or None, apart_um=round(float(a["apart_um"]), 3),
+                last=last or None,
+            )  # fmt: skip
+        folder = memory_folder(self._learning, self._controller.prepared.source.path)
+        return LearningStatus(
+            state=self._state,
+            made=self._made,
+            folder=str(folder),
+            axes=axes,
+        )
+
+    async def reset(self, axes: Sequence[str]) -> list[Change]:
+        """Forget the memories of `axes`, all without any; what is played of any axis fades out. UsageError."""
+        known = list(self._controller.prepared.configuration.axes)
+        for name in axes:
+            if name not in known:
+                raise UsageError(f"there is no axis {name}; the axes are {', '.join(known)}")
+        wanted, before = list(axes) or known, self._correction.memories.generations
+        self._next = None
+        await self._put(self._correction.withdraw)
+        self._forget |= set(wanted)  # until it has: it may have died
+        self._child.tell({"forget": wanted})
+        return [Change(key=f"learning.{name}", old=before.get(name), new=None) for name in wanted]
+
+    async def _keep_alive(self) -> None:
+        while True:
+            await self._hear_all()
+            if self._stopping or self._controller.words[w.FINISHED] or self._state == "off":
+                return
+            if not self._child.may_restart():
+                break
+            self._say("WARNING: the learning process died; it is started again, what is played stays")
+            await asyncio.sleep(_RESTART_S)
+            if self._stopping:
+                return
+        self._state = "off"
+        self._say("WARNING: the learning process died again; nothing is learned any more, what is played stays")
+
+    async def _hear_all(self) -> None:
+        """One process from its start to its end."""
+        source = self._controller.prepared.source
+        await self._child.start(
+            {
+                "configuration": source.text,
+                "path": str(source.path),
+                "folder": str(memory_folder(self._learning, source.path)),
+                "ring": self._controller.segments.ring.descriptor,
+                "rows": self._room.descriptor,
+                "forget": sorted(self._forget),
+            }
+        )
+        async for said in self._child.answers():
+            await self._hear(said)
+        await self._child.wait()
+
+    async def _hear(self, said: dict[str, Any]) -> None:
+        if "warning" in said:
+            self._say(f"WARNING: {said['warning']}")
+        elif "hopeless" in said:
+            self._state = "off"
+            self._say(f"WARNING: nothing is learned: {said['hopeless']}")
+        elif "forgotten" in said:
+            self._forget -= set(said["forgotten"])
+        elif "ready" in said:
+            self._state = "learning"
+            self._say("READY to learn from part to part")
+        elif "staged" in said:
+            self._next = self._taken(said)
+            self._child.tell({"taken": said["staged"]})
+        elif "begun" in said:
+            for name, cycle in said["begun"].items():
+                self._correction.recognised(name, int(cycle))
+            if said["begun"] and self._correction.number:
+                with contextlib.suppress(CheckFailed):  # another change is under way: this part goes without
+                    await self._put(lambda: None)
+        elif "unfinished" in said:
+            self._say(said["unfinished"])
+            await self._note([Change(key="learning", old=None, new=said["unfinished"])])
+        else:
+            await self._learned(said)
+
+    def _taken(self, said: dict[str, Any]) -> Memories | None:
+        """The rows that were shown, None where they can't be played."""
+        copied = self._room.bytes().copy()
+        rows = copied.view(np.float64).reshape(self._controller.segments.sample_table().shape)
+        axes = said["axes"]
+        found = Memories(
+            rows, {name: each["tuning"] for name, each in axes.items()},
+            {name: each["generation"] for name, each in axes.items()},
+        )  # fmt: skip
+        problem = found.problem(self._controller.prepared.configuration)
+        if hashlib.sha256(copied.tobytes()).hexdigest() != said["sha256"]:
+            problem = "it is not what the learning process wrote"
+        if problem is not None:
+            self._say(f"WARNING: the correction that was learned is not played: {problem}")
+            return None
+        return found
+
+    async def _learned(self, said: dict[str, Any]) -> None:
+        """What became of a whole part: into the trail; people hear of what was refused, where they do not know yet."""
+        self._made = number = int(said["part"])
+        changes = []
+        for name, told in said["learned"].items():
+            self._parts[name] = {"part": number, **told}
+            changes.append(Change(key=f"learning.{name}", old=told["generation"] - 1, new={"part": number, **told}))
+            if told["forgotten"]:
+                self._say(
+                    f"part {number}: axis {name} was worse than before, beyond doubt: back to what was played then"
+                )
+        for why in dict.fromkeys(said["refused"].values()):
+            names = [name for name, each in said["refused"].items() if each == why]
+            if any(self._ended.get(name) != number for name in names):
+                self._say(f"WARNING: {why}")
+            changes += [Change(key=f"learning.{name}", old=None, new=f"part {number} refused: {why}") for name in names]
+        await self._note(changes)
+
+    async def _follow(self) -> None:
+        """As long as it runs: tell what ended a correction early, and put memories in force while no part is made."""
+        axes = list(self._controller.prepared.configuration.axes)
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            cell = self._controller.status["state"][0]
+            learned = cell["axis"]["learned"][: len(axes)]
+            await self._tell_ends(axes, learned)
+            with contextlib.suppress(CheckFailed):  # somebody else changes something: the next time
+                await self._put_in_force(cell, learned)
+
+    async def _tell_ends(self, axes: Sequence[str], learned: Any) -> None:
+        number = int(self._controller.status["state"][0]["parts"])
+        for kind in (PATH_LEFT, BROKEN_OFF, PART_ENDED):
+            ended = [
+                i for i, name in enumerate(axes)
+                if learned["why"][i] == kind and self._told.get(name) != int(learned["part"][i])
+            ]  # fmt: skip
+            if not ended:
+                continue
+            names = ", ".join(axes[i] for i in ended)
+            why = {
+                PATH_LEFT: "the reference is "
+                f"{max(float(learned['apart_um'][i]) for i in ended):.3g} um from the path that was learned, "
+                f"{self._learning.tolerance_um:g} um may be",
+                BROKEN_OFF: "the axis does not track with all its sensors and its own gains",
+                PART_ENDED: "the part ended before its time",
+            }[kind]
+            for i in ended:
+                self._ended[axes[i]], self._told[axes[i]] = number, int(learned["part"][i])
+            text = f"part {number}: the learned correction of axis {names} has faded out: {why}"
+            self._say(text)
+            await self._note([Change(key=f"learning.{axes[i]}", old="plays", new=text) for i in ended])
+
+    async def _put_in_force(self, cell: Any, learned: Any) -> None:
+        """Hand a new memory over; after another tuning was put in force, the present one again."""
+        correction, in_force = self._correction, self._controller.buffers.in_force
+        if in_force is None or self._is_made(cell):
+            return
+        playing = in_force["axis"]["learned"]["number"][: len(learned)]
+        configuration = self._controller.prepared.configuration
+        should = [correction.number if correction.may_play(configuration, name) else 0 for name in configuration.axes]
+        if self._next is None:
+            if list(playing) != should:
+                await self._put(lambda: None)
+        elif playing.any() or self._controller.buffers.is_unconfirmed:
+            await self._put(correction.withdraw)
+        elif is_silent(learned):
+            await self._put(self._hold_next)
+
+    def _is_made(self, cell: Any) -> bool:
+        """Whether a part is being made; one that nobody ends is over once it has had its time."""
+        loop_hz = self._controller.prepared.configuration.loop.rate_hz
+        over = round((self._learning.seconds + self._learning.search_s) * loop_hz)
+        tracks = bool(self._controller.words[w.STATE] == TRACKING)
+        return tracks and bool(cell["part"] != 0 and cell["cycle"] - cell["part_begun"] < over)
+
+    def _hold_next(self) -> None:
+        assert self._next is not None
+        self._correction.hold(self._next)
+        self._next = None

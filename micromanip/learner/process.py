@@ -1,0 +1,164 @@
+"""The learning process: watches the parts of a running cell, and keeps what is learned of them.
+
+Started by the host as ``python -m micromanip.learner.process`` in a session of its own, below everything else in
+precedence. It maps the telemetry for reading, and writes two things: the memories' files, and the rows to be played,
+into a memory of its own that the host takes them from. Standard input brings the orders, then what to forget, which
+rows were taken, and that the tuning was changed; standard output tells, a JSON object a line, what became of each part.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from micromanip.control.learned import RECOGNISED_S
+from micromanip.design.learning.law import Update
+from micromanip.errors import MicromanipError
+from micromanip.host.recording.orders import Orders
+from micromanip.host.ring import RingReader
+from micromanip.host.shared_memory import RING, Segment
+from micromanip.settings.load import validate_document
+from micromanip.settings.text.source import Source
+
+from .gathering import Gathering, MadePart
+from .memories import Memories
+
+_LOOK_S = 0.05
+_NICE = 10
+
+
+def tell(**message: Any) -> None:
+    """A line for the host, which may be dead: what is learned stays in its files."""
+    with contextlib.suppress(OSError):
+        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
+
+
+class Learning:
+    """One configuration, until its tuning is changed."""
+
+    def __init__(self, orders: dict[str, Any], reader: RingReader) -> None:
+        """Raises CheckFailed where an axis can't learn."""
+        configuration = validate_document(Source.parse(Path(orders["path"]), orders["configuration"]))
+        learning = configuration.learning
+        assert learning is not None
+        self._reader = reader
+        self._memories = Memories(configuration, learning, Path(orders["folder"]))
+        period_s = configuration.loop.period_ns * 1e-9
+        self._gathering = Gathering(learning.seconds, self._memories.search_s, RECOGNISED_S, period_s)
+        self._room = np.frombuffer(Segment.attach(orders["rows"], writable=True).memory, np.float64)
+        self._room_is_free, self._staged, self._new = True, 0, True
+
+    def read(self) -> None:
+        """Take over the memories that there are."""
+        for problem in self._memories.read():
+            tell(warning=problem)
+        self._stage()
+        tell(ready=True)
+
+    def follow(self) -> None:
+        """Take what has come since the last time; learn from a part that is whole."""
+        self._take()
+        for part in self._gathering.whole():
+            self._learn(part)
+        self._stage()
+
+    def forget(self, axes: list[str]) -> None:
+        """Remove memories; what is being made is not learned from."""
+        self._gathering.drop()
+        try:
+            self._memories.forget(axes)
+        except MicromanipError as problem:
+            tell(warning=str(problem))
+        tell(forgotten=axes)
+        self._new = True
+
+    def taken(self) -> None:
+        """The host has taken the rows, or refused them."""
+        self._room_is_free = True
+
+    def _take(self) -> None:
+        """Also between the axes that learn: the next part does not wait for that."""
+        while len(rows := self._reader.read()):
+            for unfinished in self._gathering.add(rows):
+                tell(part=self._gathering.parts, unfinished=unfinished)
+        for part in self._gathering.recognisable():
+            if self._memories.search_s:
+                tell(part=part.number, begun=self._memories.recognised(part))
+
+    def _learn(self, part: MadePart) -> None:
+        told, refused = {}, {}
+        for name, found in self._memories.learn(part, self._take):
+            if isinstance(found, Update):
+                told[name] = _told(found)
+            else:
+                refused[name] = str(found)
+        self._new = self._new or bool(told)
+        tell(part=part.number, learned=told, refused=refused)
+
+    def _stage(self) -> None:
+        """Show the host what is to be played from now on, once it has taken what was shown before."""
+        if not (self._new and self._room_is_free):
+            return
+        self._new, self._room_is_free, self._staged = False, False, self._staged + 1
+        rows = self._memories.rows() if self._memories.known else np.zeros_like(self._room)
+        flat = np.zeros(len(self._room))
+        flat[: min(rows.size, len(flat))] = rows.ravel()[: len(flat)]
+        self._room[:] = flat
+        known = self._memories.known
+        tell(
+            staged=self._staged,
+            sha256=hashlib.sha256(flat.tobytes()).hexdigest(),
+            axes={name: {"tuning": each.tuning, "generation": each.generation} for name, each in known.items()},
+        )
+
+
+def _told(found: Update) -> dict[str, Any]:
+    """What the host, its status and the audit trail say of an update."""
+    now = found.memory.now
+    return {
+        "generation": found.memory.generation, "parts": now.parts, "verdict": found.verdict,
+        "forgotten": found.forgotten, "error_um": found.error_um, "without_um": found.without_um,
+        "correction_um": float(np.abs(now.correction_um).max()), "contraction": now.contraction,
+        "learned_Hz": [list(band) for band in now.learned_Hz],
+    }  # fmt: skip
+
+
+def main() -> int:
+    """Learn until standard input ends; 0, or 1 where this cell can't learn."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a service; the host ends this one
+        signal.signal(number, signal.SIG_IGN)
+    with contextlib.suppress(OSError):
+        os.nice(_NICE)
+    told = Orders(sys.stdin.fileno())
+    orders = told.next()
+    if orders is None:
+        return 0  # the host died as it started us
+    reader = RingReader(Segment.attach(orders["ring"], writable=False).record(RING))
+    try:
+        learning = Learning(orders, reader)
+    except MicromanipError as problem:
+        tell(hopeless=str(problem))
+        return 1
+    if orders["forget"]:
+        learning.forget(orders["forget"])
+    learning.read()
+    while not told.ended:
+        for news in told.within(_LOOK_S):
+            if "forget" in news:
+                learning.forget(news["forget"])
+            if "taken" in news:
+                learning.taken()
+        learning.follow()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,57 @@
+"""Which part is being made: what the machine says, or a command.
+
+The signal ``part`` is 0 while none is, and any other number while one is: a line that is 1 meanwhile, or a counter. A
+part begins in the cycle in which the number changes, and ends with it; a signal that is not usable counts as 0. Without
+that signal a part begins and ends by command, and ends where the cell does not track any more.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from micromanip.rt.laws.sensor import read_line
+
+from .jit import compiled
+from .record import Record
+from .states import TRACKING
+
+_MOST = 2**31 - 1
+
+
+@compiled
+def begin_part(s: Record, number: int) -> None:
+    """A part begins in this cycle."""
+    s["part"] = number
+    s["parts"] += 1
+    s["part_begun"] = s["cycle"]
+
+
+@compiled
+def end_part(s: Record) -> None:
+    """None is being made any more."""
+    s["part"], s["part_begun"] = 0, -1
+
+
+@compiled
+def said_part(line: Record) -> int:
+    """Number of the part that the signal says."""
+    if line["bad"] != 0:
+        return 0
+    return int(min(float(_MOST), max(0.0, line["value"])) + 0.5)
+
+
+@compiled
+def follow_part(p: Record, s: Record, signals: Any, now_ns: int) -> None:
+    """Take the machine's word for the part of this cycle; what a command has begun ends with the tracking."""
+    if p["part"]["signal"] < 0:
+        if s["part"] != 0 and s["state"] != TRACKING:
+            end_part(s)
+        return
+    read_line(p["part"], s["part_line"], signals, now_ns)
+    number = said_part(s["part_line"])
+    if number == s["part"]:
+        return
+    if number == 0:
+        end_part(s)
+    else:
+        begin_part(s, number)

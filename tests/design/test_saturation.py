@@ -1,0 +1,69 @@
+"""Loops that a slew limit keeps swinging: what the model says of them is what the whole simulated cell does."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.control.outer_gains import outer_gains
+from micromanip.design.experiment import with_axis
+from micromanip.design.synthesis.saturation import Reach, comes_to_rest
+from micromanip.rt.states import LIMIT_CYCLE, NO_FAULT
+from micromanip.settings.check import prepare
+from micromanip.settings.compile.cell import compile_cell
+from micromanip.virtual.cell import VirtualCell
+
+CELL = prepare(Path(__file__).parents[2] / "config" / "simulated.yaml")
+PERIOD_S = 1e-4
+AS_IT_IS, NERVOUS = (
+    {},
+    {
+        "control_weight": 0.4217,
+        "input_noise_um": 1.0,
+        "disturbance_um": 0.0555,
+        "oscillation_um": 0.001755,
+    },
+)
+"""The second has all its margins: Ms 1.86, 7.8 dB and 37 degrees on its own model."""
+
+
+def with_outer(knobs):
+    outer = CELL.configuration.axes["x"].outer.model_copy(update=knobs)
+    return with_axis(CELL.configuration, "x", outer=outer)
+
+
+def rests(knobs, slew_um=2.0, range_um=63.0):
+    outer = with_outer(knobs).axes["x"].outer
+    return comes_to_rest(outer_gains(outer, None, PERIOD_S), len(outer.model.A), Reach(slew_um, range_um), PERIOD_S)
+
+
+def test_a_calm_loop_comes_to_rest_and_a_nervous_one_does_not():
+    assert rests(AS_IT_IS)
+    assert not rests(NERVOUS)
+
+
+def test_a_set_point_that_may_go_fast_lets_both_come_to_rest():
+    assert rests(NERVOUS, slew_um=1e3)
+    assert rests(NERVOUS, range_um=1.0), "a small reach is a small swing"
+
+
+def test_a_model_that_does_not_swing_has_no_swing_to_lose():
+    gains = outer_gains(with_outer(AS_IT_IS).axes["x"].outer, None, PERIOD_S)
+    n = len(CELL.configuration.axes["x"].outer.model.A)
+    A = gains.A.copy()
+    A[:n, :n] = np.diag(np.linspace(0.5, 0.9, n))
+    assert comes_to_rest(replace(gains, A=A), n, Reach(2.0, 63.0), PERIOD_S)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("knobs", "fault"), [(AS_IT_IS, NO_FAULT), (NERVOUS, LIMIT_CYCLE)])
+def test_the_simulated_cell_does_the_same_after_a_stall(knobs, fault):
+    """It stands still for 2.5 ms eight times, with the tool in the cut: hysteresis, sensors and all."""
+    cell = VirtualCell(compile_cell(with_outer(knobs), CELL.wiring), CELL.wiring)
+    cell.arm()
+    cell.run(3.0)
+    for _ in range(8):
+        cell.run(0.1013)
+        cell.run(0.08, periods=26)
+    assert cell.state[0]["fault"] == fault

@@ -17,8 +17,6 @@ from micromanip.errors import CheckFailed, system_error
 
 from .describing import Entry, described, may_be_ours
 
-FILE = "catalogue.sqlite"
-"""Its name in the state directory."""
 _LAYOUT = 1
 _TABLES = """
 CREATE TABLE folders (path TEXT PRIMARY KEY);

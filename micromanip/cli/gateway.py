@@ -130,5 +130,6 @@ def _loop_cpu(config: Path) -> int | None:
 
     with contextlib.suppress(ConfigError):
         source = Source.read(config)
-        return validate_section(source, ("loop",), Loop, source.data.get("loop", {})).cpu
+        if isinstance(source.data, dict) and "loop" in source.data:
+            return validate_section(source, ("loop",), Loop, source.data["loop"]).cpu
     return None

@@ -44,16 +44,18 @@ def told_of_the_last() -> str | None:
 
 def _known() -> list[Path]:
     """Folders of trends: this user's, the service's, and that of the newest day in the catalogue."""
-    from micromanip.catalogue.store import FILE, Catalogue, Query
+    from micromanip.catalogue import FILE
     from micromanip.host.state_directory import state_directory
 
     own = state_directory()
     folders = [own / "trend", _OF_THE_SERVICE]
     with contextlib.suppress(MicromanipError, OSError):
         if (own / FILE).is_file():
+            from micromanip.catalogue.store import Catalogue, Query
+
             with Catalogue(own / FILE) as catalogue:
                 folders += [entry.path.parent for entry in catalogue.find(Query(kind="trend", most=1))]
-    return list(dict.fromkeys(folders))
+    return [folder for folder in dict.fromkeys(folders) if folder.is_dir()]
 
 
 def _last_day(folder: Path) -> LastDay | None:

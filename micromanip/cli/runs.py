@@ -59,7 +59,8 @@ def command(
     Looked through are the trips and recordings of a controller that was started here, and each FOLDER that was added.
     The catalogue keeps nothing but what is in the files: it may be removed, and is made again.
     """
-    from micromanip.catalogue.store import FILE, Catalogue, Query
+    from micromanip.catalogue import FILE
+    from micromanip.catalogue.store import Catalogue, Query
     from micromanip.design.trend import told
     from micromanip.faults import BY_NAME
     from micromanip.host.state_directory import state_directory

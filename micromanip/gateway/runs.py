@@ -15,8 +15,9 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
+from micromanip.catalogue import FILE
 from micromanip.catalogue.describing import Entry
-from micromanip.catalogue.store import FILE, SORTS, Catalogue, Query
+from micromanip.catalogue.store import SORTS, Catalogue, Query
 from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .views import number

@@ -164,6 +164,7 @@ def test_the_running_cell_is_asked_where_no_folder_is_named(monkeypatch):
             asked_for.append(axes)
 
     monkeypatch.setattr(learn, "Client", Running)
+    monkeypatch.setenv("COLUMNS", "120")
     shown = asked("status").stdout
     for part in ("learning, 4 parts made", "state 4", "plays", "0.520", "better", "7-9", "state 2, not played"):
         assert part in shown

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from recordings.damaged import damage
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
@@ -102,7 +103,10 @@ def test_faults_and_remarks_are_marked_at_their_cycle(source):
 
 def test_what_was_cut_off_is_shown_up_to_there_and_said(tmp_path):
     file = written(tmp_path / "run.mcap")
-    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    with file.open("rb") as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    assert len(chunks) > 1
+    file.write_bytes(file.read_bytes()[: chunks[-1].chunk_start_offset + chunks[-1].chunk_length // 2])
     found = opened(file)
     assert 0 < found.recording["rows"] < COUNT
     assert "this is what was in the file" in found.recording["problem"]

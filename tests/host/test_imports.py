@@ -1,5 +1,6 @@
 """What a process need not load it does not: only the loop has a compiler, and a command that asks starts quickly."""
 
+import os
 import subprocess
 import sys
 
@@ -9,11 +10,11 @@ COMPILER = ("numba", "llvmlite")
 HEAVY = (*COMPILER, "scipy", "matplotlib", "pydantic", "numpy")
 
 
-def loaded(program, names):
+def loaded(program, names, **environment):
     """Which of `names` a fresh Python has after `program`."""
     done = subprocess.run(
         [sys.executable, "-c", f"import sys\n{program}\nprint(*(n for n in {names!r} if n in sys.modules))"],
-        capture_output=True, text=True, timeout=300, check=True,
+        capture_output=True, text=True, timeout=300, check=True, env=os.environ | environment,
     )  # fmt: skip
     return done.stdout.splitlines()[-1].split()
 
@@ -77,7 +78,7 @@ assert 0.0 < state.values([0.0], 0, 2)[0] < 80.0
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["status", "--help"], ["status", "--socket", "/nowhere"]])
-def test_what_asks_starts_quickly(arguments):
+def test_what_asks_starts_quickly(tmp_path, arguments):
     program = f"""
 from micromanip.cli.main import main
 try:
@@ -85,4 +86,4 @@ try:
 except SystemExit:
     pass
 """
-    assert loaded(program, HEAVY) == []
+    assert loaded(program, HEAVY, STATE_DIRECTORY=str(tmp_path)) == []

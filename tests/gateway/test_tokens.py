@@ -86,6 +86,7 @@ def test_what_can_t_be_served_is_told_at_once(tmp_path, given, error, said):
 )
 def test_it_leaves_the_loop_s_cpu_to_the_loop(tmp_path, monkeypatch, loop, cpu):
     left = []
+    monkeypatch.setattr("os.umask", lambda _: 0)  # it would be that of the tests after this one, too
     monkeypatch.setattr(command, "leave_cpu", left.append)
     (tmp_path / "cell.yaml").write_text(f"schema_version: 2\n{loop}\n")
     elsewhere = ("--listen", "192.0.2.1:8090", "--behind-proxy", "https://cell.example")

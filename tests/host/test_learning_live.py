@@ -29,6 +29,7 @@ PERIODIC = (
 )
 
 
+@pytest.mark.thorough  # a minute of the real loop; in virtual time: test_law.py, test_learning_keeper.py
 def test_a_memory_is_recognised_played_and_learned_from_on_the_real_loop(run, tmp_path):
     made = changed(text(SECONDS, PERIODIC), *SHARED)
     before = Production(tmp_path, made, DRAWS)

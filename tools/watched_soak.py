@@ -13,6 +13,7 @@ import itertools
 import json
 import os
 import signal
+import socket as connection
 import subprocess
 import sys
 import tempfile
@@ -42,6 +43,17 @@ NODES, BROWSERS = 200, 3
 _STALL_CYCLES, _STALLED = 4000, 0.1
 FIELDS = ["x.setpoint_um", "x.strain_um", "x.voltage_V", "y.path_error_um", "z.path_error_um", "lateness_ns"]
 _HOST, _OPCUA = "127.0.0.1:18190", "127.0.0.1:18191"
+
+
+def serves() -> bool:
+    """Whether pages and OPC UA of the gateway can be reached; its tokens are there by then."""
+    for place in (_HOST, _OPCUA):
+        host, port = place.split(":")
+        try:
+            connection.create_connection((host, int(port)), 1.0).close()
+        except OSError:
+            return False
+    return True
 
 
 class Watchers:
@@ -206,7 +218,7 @@ def main(minutes: float) -> int:
         try:
             leave_cpu(prepare(CONFIG).configuration.loop.cpu)  # who watches sits elsewhere
             until(lambda: tracks(socket), "it tracks")
-            until(lambda: (folder / "tokens").exists(), "the gateway serves")
+            until(serves, "the gateway serves")
             token = next(
                 line.split()[2]
                 for line in (folder / "tokens").read_text().splitlines()

@@ -15,6 +15,14 @@ def cut(*places: int) -> Callable[[Any], None]:
     return lambda bench: [bench.device.order(inject="cut", behind=place, for_s=0.6) for place in places] and None
 
 
+_WITHOUT_POWER = Case(
+    "a terminal without power for 0.6 s",
+    inject("power", terminal="gauge"),
+    CUT_OFF,
+    200.0,
+    ("bring_ups",),
+    lasts_s=3.0,
+)
 _FRAMES = (
     Case("1 % of the frames lost", inject("drop", share=0.01), counted=("lost",)),
     Case("30 % of the frames doubled", inject("duplicate", share=0.3), counted=("doubled",)),
@@ -41,14 +49,7 @@ LINE = (
         ("not_operating", "bring_ups"),
         lasts_s=1.5,
     ),
-    Case(
-        "a terminal without power for 0.6 s",
-        inject("power", terminal="gauge"),
-        CUT_OFF,
-        200.0,
-        ("bring_ups",),
-        lasts_s=3.0,
-    ),
+    _WITHOUT_POWER,
     Case(
         "two terminals change places for 1.5 s",
         inject("order", terminal="gauge", for_s=1.5),
@@ -81,12 +82,5 @@ RING = (
     ),
     *_FRAMES,
     Case("cable cut at two places", cut(1, 2), CUT_OFF, 200.0, ("wrong_working_counter",)),
-    Case(
-        "a terminal without power for 0.6 s",
-        inject("power", terminal="gauge"),
-        CUT_OFF,
-        200.0,
-        ("bring_ups",),
-        lasts_s=3.0,
-    ),
+    _WITHOUT_POWER,
 )

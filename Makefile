@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat robustness counterfactual docs site tune clean check-coupling
+.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat fuzz-workers robustness counterfactual docs site tune clean check-coupling check-tooth
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -85,6 +85,9 @@ check-preview: $(READY) ## previews of 60 drawn paths beside the same paths play
 check-coupling: $(READY) ## path errors with coupling ignored, decoupled and not there, beside what is predicted of it
 	$(BIN)/python -m tools.check_coupling
 
+check-tooth: $(READY) ## path errors where the spindle turns at another speed than was said, fixed and followed, on drawn plants too
+	$(BIN)/python -m tools.check_tooth
+
 check-learning: $(READY) ## five identical parts, learned from one to the next, on 10 cells with drawn plants
 	$(BIN)/python -m tools.check_learning
 
@@ -100,6 +103,9 @@ fuzz-udp: $(READY)  ## ten million datagrams of garbage against the driver udp
 
 fuzz-ethercat: $(READY) ## a million frames, mails and ESI files of nobody against master, slaves and readers, with bounds checks
 	NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n0 --timeout=7200 tests/drivers/ethercat/test_garbage.py --garbage 1000000
+
+fuzz-workers: $(READY) ## a million frames and packets of nobody at the compiled halves of canopen and stream, with bounds checks
+	NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n0 --timeout=7200 tests/drivers/canopen/test_garbage.py tests/drivers/line/test_garbage.py --garbage 1000000
 
 soak-machine: $(READY) ## ten thousand steps of commands, faults, lines and swaps on the cell
 	$(BIN)/pytest -n0 --hypothesis-profile=soak tests/rt/test_cell_machine.py

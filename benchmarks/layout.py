@@ -12,12 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt import arming, faults, figures, limit_cycle, phases, record, records, states, telemetry, watch
+from micromanip.rt import arming, axis, faults, figures, limit_cycle, phases, record, records, states, telemetry, watch
 from micromanip.rt.laws import coordinate_transform, estimator, feedforward, lqg, pid, reference, sensor, shaping
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
-_REFERENCE = ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES")
+_SINGLE = (
+    (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
+    (axis, ("FORGOTTEN", "MOST_MISSED", "OVERLOADED")),
+)
 _LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
 _RECORDS = (*_LAWS, limit_cycle, watch, arming, faults, figures, records, telemetry)
 """What is part of another record comes before it."""
@@ -43,14 +46,14 @@ def write_header(folder: Path) -> Path:
     return file
 
 
-def _constants() -> dict[str, int]:
+def _constants() -> dict[str, float]:
     found = {
         name: value
         for module in _ENUMERATIONS
         for name, value in vars(module).items()
         if name.isupper() and isinstance(value, int)
     }
-    return found | {name: getattr(reference, name) for name in _REFERENCE}
+    return found | {name: getattr(module, name) for module, names in _SINGLE for name in names}
 
 
 def _structure(name: str, dtype: np.dtype[Any], known: dict[str, np.dtype[Any]]) -> Iterator[str]:

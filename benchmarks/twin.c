@@ -149,6 +149,11 @@ static double position(const double *w)
     return total;
 }
 
+static bool foreseen(const struct reference_parameters *p, const struct reference_state *s, double gap_s)
+{
+    return gap_s <= p->horizon_s || (s->silent <= p->horizon_cycles && gap_s <= STOOD_STILL * p->horizon_s);
+}
+
 static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns)
 {
     double gap_s = (double)(time_ns - s->time_ns) * 1e-9, innovation = NAN;
@@ -158,7 +163,7 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
     }
     if (s->time_ns != 0 && gap_s <= 0.0)
         return;
-    if (s->time_ns != 0 && gap_s <= p->horizon_s) {
+    if (s->time_ns != 0 && foreseen(p, s, gap_s)) {
         extrapolate(p, s->filtered, gap_s, s->w);
         innovation = value - position(s->w);
     }
@@ -179,7 +184,7 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
 static void tracker_reference(const struct reference_parameters *p, struct reference_state *s, int64_t now_ns)
 {
     double age_s = (double)(now_ns - s->time_ns) * 1e-9;
-    if (p->predict && s->time_ns > 0 && age_s <= p->horizon_s) {
+    if (p->predict && s->time_ns > 0 && foreseen(p, s, age_s)) {
         extrapolate(p, s->filtered, age_s, s->w);
         return;
     }
@@ -275,7 +280,7 @@ static double demand(const struct axis_parameters *p, struct axis_state *s)
     for (int i = 0; i < REFERENCE_STATES; i++)
         w[i] *= s->authority;
     double u = p->centre_um + dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
-    if (s->missed > 600.0)
+    if (s->missed > OVERLOADED)
         s->blend_um = s->setpoint_um - u;
     s->blend_um *= p->blend_decay;
     return u + s->blend_um;
@@ -312,8 +317,8 @@ static bool is_finite(const struct axis_parameters *p, const struct axis_state *
 
 static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns)
 {
-    double missed = least(16.0, (double)(cycle - s->estimator.cycle - 1));
-    s->missed = 0.98 * s->missed + missed * missed;
+    double missed = least(MOST_MISSED, (double)(cycle - s->estimator.cycle - 1));
+    s->missed = FORGOTTEN * s->missed + missed * missed;
     predict_to(&p->outer, &s->estimator, cycle);
     if (s->stage.fresh && s->watch.degraded == 0)
         update(&p->outer, &s->estimator, cycle - (int64_t)((double)s->stage.age_ns * p->cycles_per_ns + 0.5), s->stage.value);
@@ -499,6 +504,7 @@ static void write_axis(const struct axis_parameters *p, const struct axis_state 
     row->true_stage_um = signals[p->true_stage].value;
     row->path_error_um = signals[p->path_error].value;
     row->uncompensated_um = signals[p->uncompensated].value;
+    row->tooth_Hz = NAN;    /* what `require_covered` has let in follows no tooth */
     row->conditions = a->watch.raised;
     row->strain_age_ns = (int32_t)earlier(a->strain.age_ns, OLDEST_NS);
     row->stage_age_ns = (int32_t)earlier(a->stage.age_ns, OLDEST_NS);

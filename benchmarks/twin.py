@@ -51,6 +51,7 @@ def require_covered(parameters: Any) -> None:
             and a["feedback"]
             and a["pid"]["notch_share"] == 0.0
             and a["awaited_cycles"] == 0.0
+            and a["outer"]["tooth"] == 0
             and a["hysteresis"]["resonances"] == 0
             and a["hysteresis"]["lead"] == 0.0
             and a["reference"]["kind"] == reference.SIGNAL
@@ -63,5 +64,5 @@ def require_covered(parameters: Any) -> None:
         ):
             raise CheckFailed(
                 "the C twin covers only stage control after a tracker, with a tanh Prandtl-Ishlinskii model, and "
-                "neither a notch nor digital inputs and outputs"
+                "neither a notch, nor a tooth that is followed, nor digital inputs and outputs"
             )

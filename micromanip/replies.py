@@ -178,7 +178,7 @@ class AxisValues(TypedDict):
 
     `headroom_V` is what the voltage has left to the nearer end of its range. `error_of` says what the error is of:
     path, at the spindle (the simulation's truth, else by the stage's sensor); gauge, set-point less gauge; None in
-    open loop.
+    open loop. `tooth_Hz` is where the outer loop has found the tooth's frequency, None where it does not follow it.
     """
 
     position_um: Value
@@ -188,6 +188,7 @@ class AxisValues(TypedDict):
     headroom_V: Value
     error_um: Value
     error_of: str | None
+    tooth_Hz: float | None
 
 
 class SignalFigures(TypedDict):
@@ -324,9 +325,9 @@ class Status(TypedDict):
 class AxisLearning(TypedDict):
     """Learning of an axis: the generation of its memory, None where it has none, and whether it may be played.
 
-    `state` is idle, plays, finished, path left, broken off, withdrawn or part ended; `part` the number of the part that
-    is being made; `apart_um` how far the reference was from the learned path when it was last looked at; `last` what
-    became of the last part that was learned from.
+    `state` is idle, plays, finished, path left, broken off, withdrawn, part ended or other tool; `part` the number of
+    the part that is being made; `apart_um` how far the reference was from the learned path when it was last
+    looked at; `last` what became of the last part that was learned from.
     """
 
     generation: int | None
@@ -338,12 +339,17 @@ class AxisLearning(TypedDict):
 
 
 class LearningStatus(TypedDict):
-    """Outcome of `learn_status`: `state` is starting, learning or off; `made` numbers the last whole part."""
+    """Outcome of `learn_status`: `state` is starting, learning or off; `made` numbers the last whole part.
+
+    `tool` and `temperature_C` are those of now, None where none is told.
+    """
 
     state: str
     made: int
     folder: str
     axes: dict[str, AxisLearning]
+    tool: int | None
+    temperature_C: float | None
 
 
 class Telemetry(TypedDict):

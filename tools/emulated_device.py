@@ -12,11 +12,11 @@ from .running_controller import MICROMANIP, TAG, until
 class Device:
     """Plays what answers on the buses of a configuration."""
 
-    def __init__(self, config, tag, watchdog_ms):
+    def __init__(self, config, tag, watchdog_ms, prefix=()):
         self.folder = config.parent
         self._err = (self.folder / "device.err").open("wb")
         self.process = subprocess.Popen(
-            [str(MICROMANIP), "simulate-device", str(config), "--commands", "--watchdog", str(watchdog_ms)],
+            [*prefix, str(MICROMANIP), "simulate-device", str(config), "--commands", "--watchdog", str(watchdog_ms)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._err,

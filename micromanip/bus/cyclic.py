@@ -99,6 +99,11 @@ class CyclicDriver(ABC):
         return None if self.simulated else type(self).__name__
 
     @property
+    def devices(self) -> tuple[str, ...]:
+        """All that it owns: the device, and what else nobody may have beside it; each is locked."""
+        return () if self.device is None else (self.device,)
+
+    @property
     def real_because(self) -> str | None:
         """Why the device may be a real one, though the driver calls itself simulated; None as far as is seen."""
         return None if self.device is None else real_because(self.device)

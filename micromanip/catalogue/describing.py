@@ -76,6 +76,7 @@ def _recording(path: Path) -> Entry | None:
         return Entry(path, "recording", _changed(path), "", problem=str(problem))
     began = _utc(str(telemetry.marks[0]["time"]), path) if telemetry.marks else _changed(path)
     ended = "" if telemetry.end.get("complete") else str(telemetry.end.get("problem") or "not ended in order")
+    ended = "; ".join(filter(None, [ended, telemetry.damage()]))
     marks = [str(mark["text"]) for mark in telemetry.marks[1:]]
     try:
         seconds, faults, rms_um = _judged(telemetry)

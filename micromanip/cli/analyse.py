@@ -13,6 +13,7 @@ from micromanip.errors import CheckFailed, UsageError
 
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
 from .progress import steps
+from .prose import say
 from .results import Pictures, provenance
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def command(
     ):
         for name in shown:
 
-            def say(what: str, axis: str = name) -> None:
+            def progress(what: str, axis: str = name) -> None:
                 bar.say(f"axis {axis}: {what}")
 
             with cluster(address) if address else nullcontext():
@@ -95,13 +96,13 @@ def command(
                     seeds,
                     play=cells.get(name),
                     jobs=None if address else jobs,
-                    progress=say,
+                    progress=progress,
                 )
             analyses.append(analysis)
             if figures:
                 from micromanip.design.analysis_figures import draw_analysis
 
-                say("drawing")
+                progress("drawing")
                 about = provenance(prepared, name, seed)
                 pictures.draw(partial(draw_analysis, analysis, about=about))
         written = pictures.put()
@@ -121,9 +122,9 @@ def command(
             _print_coupling(coupled)
         for analysis in analyses:
             for line in notes(analysis):
-                click.echo(f"axis {analysis.axis}: {line}")
+                say(f"axis {analysis.axis}: {line}")
         if written:
-            click.echo(f"{len(written)} figures in {folder}/")
+            say(f"{len(written)} figures in {folder}/")
     pictures.require_written()
     if failed:
         worst = failed[0]

@@ -11,24 +11,25 @@ from micromanip.replies import Audit
 
 from .options import StrictCommand, asking
 from .parameters import brief
+from .prose import say
 
 
 def _show(audit: Audit) -> None:
     for entry in audit["entries"]:
         if entry["missing_before"]:
-            click.echo(f"({entry['missing_before']} entries are missing here: the trail could not be written)")
+            say(f"({entry['missing_before']} entries are missing here: the trail could not be written)")
         who = entry["user"] + (f" (pid {entry['pid']})" if entry["pid"] is not None else "")
         outcome = "" if entry["accepted"] else " REFUSED"
         if repeated := entry.get("repeated"):
             outcome += f" {repeated} more times, the last of them:"
-        click.echo(f"{entry['time']}  {who}  {entry['verb']}{outcome}")
+        say(f"{entry['time']}  {who}  {entry['verb']}{outcome}")
         for change in entry["changes"]:
             course = f"{brief(change['old'])} -> " if entry["accepted"] else ""
-            click.echo(f"    {change['key']}: {course}{brief(change['new'])}")
+            say(f"    {change['key']}: {course}{brief(change['new'])}")
         for line in (entry["reason"] or "").splitlines():
-            click.echo(f"    {line}")
+            say(f"    {line}")
     if audit["unwritten"]:
-        click.echo(f"{audit['unwritten']} entries of this run could not be written to {audit['file']}", err=True)
+        say(f"{audit['unwritten']} entries of this run could not be written to {audit['file']}", err=True)
 
 
 @click.command("audit", cls=StrictCommand, epilog="Example: micromanip audit --last 5")

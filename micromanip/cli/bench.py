@@ -15,6 +15,7 @@ from micromanip.errors import DeviceUnavailable
 
 from .options import Quantity, StrictCommand, json_option, print_answer
 from .progress import steps
+from .prose import say
 
 
 @click.command("bench", cls=StrictCommand, epilog="Example: micromanip bench --only cycle --only offline")
@@ -44,7 +45,7 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     root = source_tree()
     runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))
     with steps() as bar:
-        tell = bar.say if bar.console.is_terminal else partial(click.echo, err=True)
+        tell = bar.say if bar.console.is_terminal else partial(say, err=True)
         settings = plan.Plan(root / "config" / "paper.yaml", pairs, lateness_s, tell)
         document = runner.run(settings, only).document()
     print_answer(document, _table, as_json)

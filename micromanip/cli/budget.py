@@ -12,6 +12,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.design.budget.budget import AxisBudget
@@ -55,17 +56,17 @@ def command(
     with Pictures(folder) as pictures, Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("budget", total=None)
 
-        def say(what: str) -> None:
+        def step(what: str) -> None:
             bar.update(task, description=what)
 
         if file.suffix.lower() in _CONFIGURATIONS:
-            budgets, about = _of_configuration(file, only, seconds, seed, coherence_s, say)
+            budgets, about = _of_configuration(file, only, seconds, seed, coherence_s, step)
         else:
-            budgets, about = _of_recording(file, only, coherence_s, say)
+            budgets, about = _of_recording(file, only, coherence_s, step)
         if folder is not None:
             from micromanip.design.budget.picture import draw_budget
 
-            say("drawing")
+            step("drawing")
             for budget in budgets:
                 pictures.draw(partial(draw_budget, budget, about=about))
         written = pictures.put()
@@ -77,28 +78,28 @@ def command(
         for budget in budgets:
             _print(budget)
         for picture in written:
-            click.echo(f"wrote {picture}")
+            say(f"wrote {picture}")
     pictures.require_written()
 
 
 def _of_configuration(
-    file: Path, only: str, seconds: float, seed: int, coherence_s: float, say: Callable[[str], None]
+    file: Path, only: str, seconds: float, seed: int, coherence_s: float, step: Callable[[str], None]
 ) -> tuple[list[AxisBudget], str]:
     from micromanip.design.budget.configured import budget_of
 
     prepared = prepare_and_warn(file)
     axes = _chosen(list(prepared.configuration.axes), only, file)
-    return budget_of(prepared, axes, seconds, seed, coherence_s, say), f"{file}, seed {seed}"
+    return budget_of(prepared, axes, seconds, seed, coherence_s, step), f"{file}, seed {seed}"
 
 
 def _of_recording(
-    file: Path, only: str, coherence_s: float, say: Callable[[str], None]
+    file: Path, only: str, coherence_s: float, step: Callable[[str], None]
 ) -> tuple[list[AxisBudget], str]:
     from micromanip.design.budget.recorded import recorded_budget
     from micromanip.recordings import open_telemetry
 
     telemetry = open_telemetry(file)
-    return recorded_budget(telemetry, _chosen(telemetry.axes, only, file), coherence_s, say), str(file)
+    return recorded_budget(telemetry, _chosen(telemetry.axes, only, file), coherence_s, step), str(file)
 
 
 def _chosen(axes: list[str], only: str, file: Path) -> list[str]:
@@ -121,19 +122,19 @@ def _print(budget: AxisBudget) -> None:
     causes.add_row("whole", f"{budget.rms_um:.3f}", f"{budget.variance_um2:.5f}", "100.0 %", "")
     console.print(causes)
     if budget.measured_um is not None:
-        click.echo(f"in virtual time: {budget.measured_um:.3f} um rms")
+        say(f"in virtual time: {budget.measured_um:.3f} um rms")
     bound = found["bound"]
     if bound is not None:
-        click.echo(
+        say(
             f"no causal controller with these sensors leaves less than {bound['rms_um']:.3f} um, where phases are "
             f"known for {bound['coherence_s']:g} s"
         )
         ratio = "" if bound["ratio"] is None else f"; this one leaves {bound['ratio']:.1f} times that"
-        click.echo(f"of it the path's share {bound['path_um']:.3f} um, the force's {bound['force_um']:.3f} um{ratio}")
+        say(f"of it the path's share {bound['path_um']:.3f} um, the force's {bound['force_um']:.3f} um{ratio}")
     if budget.variants:
         variants = Figures("with", "um rms", title=f"Axis {budget.axis}: what it would be")
         for variant in budget.variants:
             variants.add_row(variant.what, f"{variant.rms_um:.3f}")
         console.print(variants)
     for line in (*budget.notes, *(f"not known: {each}" for each in budget.unknown)):
-        click.echo(line)
+        say(line)

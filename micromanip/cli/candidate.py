@@ -15,14 +15,15 @@ from micromanip.replies import Shadow
 
 from .options import StrictCommand, asking, json_option, print_answer, socket_option
 from .parameters import echo_changes
+from .prose import say
 
 
 def _echo_shadow(shadow: Shadow) -> None:
     """Standing, what it changes, and its figures so far."""
-    click.echo(_standing_line(shadow))
+    say(_standing_line(shadow))
     echo_changes(shadow["changed"])
     if shadow["reason"]:
-        click.echo(shadow["reason"])
+        say(shadow["reason"])
     table = _comparison(shadow) if shadow["comparison"] else _trial(shadow) if shadow["trial"] else None
     if table is not None:
         Console(highlight=False).print(table)
@@ -97,7 +98,7 @@ def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
     with Client(socket_path) as client:
         answer = client.promote()
         if wait:
-            click.echo(_standing_line(answer), err=True)
+            say(_standing_line(answer), err=True)
             answer = client.trial()
     print_answer(answer, _echo_shadow, as_json)
     if wait and answer["standing"] != "confirmed":

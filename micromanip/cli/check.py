@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from .options import StrictCommand, config_argument, json_option, print_answer, warn
+from .prose import say
 
 
 @click.command("check", cls=StrictCommand, epilog="Example: micromanip check config/simulated.yaml")
@@ -84,27 +85,23 @@ def command(config: Path, as_json: bool) -> None:
 
 
 def _print(report: dict[str, Any], config: Path) -> None:
-    click.echo(f"{config}: good")
-    click.echo(
-        f"  loop    {report['rate_hz']} Hz, period {report['period_us']:g} us, spins {report['spin_us']:g} us of it"
-    )
+    say(f"{config}: good")
+    say(f"  loop    {report['rate_hz']} Hz, period {report['period_us']:g} us, spins {report['spin_us']:g} us of it")
     if report["cycle_us"] is not None:
-        click.echo(
+        say(
             f"  cycle   {report['cycle_us']:.2f} us on this machine, simulated cell included: "
             f"{report['share_percent']:.1f} % of the period"
         )
     for name, axis in report["axes"].items():
         model = f"{axis['plays']} plays" if axis["plays"] else axis["hysteresis"]
-        click.echo(f"  axis {name}  mode {axis['mode']}, hysteresis {model}, {axis['states']} estimator states")
+        say(f"  axis {name}  mode {axis['mode']}, hysteresis {model}, {axis['states']} estimator states")
         if found := axis.get("strain_loop"):
-            click.echo(
+            say(
                 f"    strain loop about {found['crossover_Hz']:.0f} Hz, {found['phase_margin_deg']:.0f} deg, over "
                 f"{found['slowest_path']}: {found['slowest_path_ms']:.2g} ms"
             )
     for name, driver in report["drivers"].items():
         kind = "simulated" if driver["simulated"] else f"real; watchdog: {driver['watchdog'] or 'NONE'}"
-        click.echo(f"  driver {name}: {driver['driver']}, {kind}")
+        say(f"  driver {name}: {driver['driver']}, {kind}")
         for load in report["buses"].get(name, ()):
-            click.echo(
-                f"    {load['name']} {load['share_percent']:.0f} % of {load['limit_percent']:.0f} %: {load['detail']}"
-            )
+            say(f"    {load['name']} {load['share_percent']:.0f} % of {load['limit_percent']:.0f} %: {load['detail']}")

@@ -19,6 +19,7 @@ from micromanip.errors import CheckFailed, MicromanipError, UsageError, system_e
 
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .progress import steps
+from .prose import say
 from .results import keep, publish, results_folder, run_folder
 
 if TYPE_CHECKING:
@@ -140,12 +141,10 @@ def _require_stage_sensors(prepared: Prepared, chosen: list[str]) -> None:
 
 
 def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:
-    click.echo(
-        f"Driver {driver} moves a real stage. In open and in closed loop, one after the other, will move:", err=True
-    )
+    say(f"Driver {driver} moves a real stage. In open and in closed loop, one after the other, will move:", err=True)
     for name in chosen:
         low, high = prepared.configuration.outputs[f"voltage_{name}"].range_V
-        click.echo(f"  axis {name}: {low:g} to {high:g} V, for about two minutes", err=True)
+        say(f"  axis {name}: {low:g} to {high:g} V, for about two minutes", err=True)
     click.confirm("Is the spindle free and nobody near it?", abort=True, err=True)
 
 
@@ -343,14 +342,14 @@ def _print(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> 
         for criterion in met:
             out_console().print(Padding(Text(f"{criterion.name}: {criterion.value}"), (0, 0, 0, 2)))
     if found.passed:
-        click.echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
+        say(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
     else:
-        click.echo(f"{seconds:.0f} s; no tuning to run, report in {folder / REPORT}; nothing was applied")
-    click.echo(f"this run's files stay in {run}")
+        say(f"{seconds:.0f} s; no tuning to run, report in {folder / REPORT}; nothing was applied")
+    say(f"this run's files stay in {run}")
     if found.passed:
         for line in _how_it_runs(found):
-            click.echo(line)
-        click.echo(f"next: micromanip check {folder / TUNED}")
+            say(line)
+        say(f"next: micromanip check {folder / TUNED}")
 
 
 def _how_it_runs(found: CommissionedCell) -> list[str]:

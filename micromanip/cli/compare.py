@@ -8,21 +8,25 @@ from typing import Any
 import click
 
 from .options import StrictCommand, json_option, print_answer
+from .prose import say
 from .results import write_new_page
 
 
 @click.command(
-    "compare", cls=StrictCommand, epilog="Example: micromanip compare monday.mcap tuesday.mcap --out week.html"
+    "compare", cls=StrictCommand, epilog="Example: micromanip compare monday.mcap tuesday.mcap --to week.html"
 )
 @click.argument("first", type=click.Path(path_type=Path), metavar="A")
 @click.argument("second", type=click.Path(path_type=Path), metavar="B")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE.html", help="New file: both as one page of HTML.")
+@click.option(
+    "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
+    help="New file: both as one page of HTML.",
+)  # fmt: skip
 @json_option
-def command(first: Path, second: Path, out: Path | None, as_json: bool) -> None:
+def command(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     """Two recordings of ours: error, its spectrum, headroom, timing, and what differs in their configurations.
 
     Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
-    --out draws both side by side, judges every quantity, and says what each parameter that differs means.
+    --to draws both side by side, judges every quantity, and says what each parameter that differs means.
     """
     from micromanip.design.recorded_run import BANDS_Hz, RecordedRun
     from micromanip.design.run_comparison import judged
@@ -38,7 +42,7 @@ def command(first: Path, second: Path, out: Path | None, as_json: bool) -> None:
         runs = [RecordedRun(open_telemetry(file), bar.say) for file in (first, second)]
     for run in runs:
         if told := damage(run):
-            click.echo(f"warning: {run.telemetry.file}:{told}", err=True)
+            say(f"warning: {run.telemetry.file}:{told}", err=True)
     a, b = figures = [run_figures(run) for run in runs]
     changes = configuration_changes(*(run.telemetry.configuration for run in runs))
     found_differences = judged(runs, figures)
@@ -56,9 +60,9 @@ def command(first: Path, second: Path, out: Path | None, as_json: bool) -> None:
         "configuration": changes,
         "quantities": [each.document() for each in found_differences],
     }
-    if out is not None:
-        write_new_page(out, comparison_page(runs, figures, found_differences, changes), "--out")
-        document["report"] = str(out)
+    if to is not None:
+        write_new_page(to, comparison_page(runs, figures, found_differences, changes), "--to")
+        document["report"] = str(to)
     print_answer(document, _show, as_json)
 
 

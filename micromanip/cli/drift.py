@@ -12,6 +12,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.design.drift import Check, Judged
@@ -91,7 +92,7 @@ def command(
         for judged, check in zip(found, checks, strict=True):
             _print(judged, check)
         for file in files:
-            click.echo(f"wrote {file}")
+            say(f"wrote {file}")
     if problems:
         raise CheckFailed("; ".join(problems) + "; commission again: micromanip commission CONFIG --axis ...")
 
@@ -185,4 +186,4 @@ def _print(judged: Judged, check: Check) -> None:
         )  # fmt: skip
     out_console().print(shown)
     if check.figures["stage_gain_dB"] == check.figures["stage_gain_dB"]:
-        click.echo(f"outer loop: {check.figures['stage_gain_dB']:.1f} dB, {check.figures['stage_phase_deg']:.0f} deg")
+        say(f"outer loop: {check.figures['stage_gain_dB']:.1f} dB, {check.figures['stage_phase_deg']:.0f} deg")

@@ -10,6 +10,7 @@ import click
 from micromanip.errors import CheckFailed
 
 from .options import StrictCommand, json_option, print_json
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.bus.inspection import Inspected
@@ -38,11 +39,11 @@ def command(as_json: bool) -> None:
 
 def _print(found: list[Inspected]) -> None:
     if not found:
-        click.echo("no driver is installed: install the package of one into this environment (docs/drivers.md)")
+        say("no driver is installed: install the package of one into this environment (docs/drivers.md)")
     width = max((len(driver.name) for driver in found), default=0)
     for driver in found:
         verdict = "BROKEN" if driver.problems else "good"
-        click.echo(f"{driver.name:{width}}  {driver.kind or '?':6}  {verdict:6}  {driver.package} {driver.version}")
-        click.echo(f"{'':{width}}  {driver.entry_point}{f' in {driver.file}' if driver.file else ''}")
+        say(f"{driver.name:{width}}  {driver.kind or '?':6}  {verdict:6}  {driver.package} {driver.version}")
+        say(f"{'':{width}}  {driver.entry_point}{f' in {driver.file}' if driver.file else ''}")
         for problem in driver.problems:
-            click.echo(f"{'':{width}}  {problem}")
+            say(f"{'':{width}}  {problem}")

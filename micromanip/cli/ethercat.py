@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import StrictCommand, json_option, print_answer
+from .options import StrictCommand, StrictGroup, json_option, print_answer
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.bus.ethercat.esi import EsiDevice
@@ -27,7 +28,7 @@ class _Product(click.ParamType):  # type: ignore[type-arg]  # generic in newer v
         return code
 
 
-@click.group("ethercat", epilog="Example: micromanip ethercat esi config/ethercat/piezo-cell.xml")
+@click.group("ethercat", cls=StrictGroup, epilog="Example: micromanip ethercat esi config/ethercat/piezo-cell.xml")
 def command() -> None:
     """Files of EtherCAT terminals."""
 
@@ -90,7 +91,7 @@ def _show(devices: Sequence[EsiDevice]) -> None:
     (device,) = devices
     click.echo("\n".join(lines_of(*terminal_keys(device, set()))))
     for pdo, entry in not_mapped(device):
-        click.echo(
+        say(
             f"# PDO 0x{pdo.index:04x}: no field for 0x{entry.index:04x}:{entry.subindex:02x} {entry.name}, "
             f"{entry.bits} bits {entry.type}: values are whole bytes of a known type"
         )

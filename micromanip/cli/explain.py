@@ -10,6 +10,7 @@ import click
 from micromanip.errors import UsageError, system_error
 
 from .options import StrictCommand, json_option, print_json
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.host.trips.store import Box
@@ -43,9 +44,9 @@ def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | No
             print_json(found)
             return
         for entry in found:
-            click.echo(f"{entry['trip']}  {entry['seen']}")
+            say(f"{entry['trip']}  {entry['seen']}")
         if not found:
-            click.echo(f"no trips in {folder}")
+            say(f"no trips in {folder}")
         return
     if plot is not None and plot.suffix not in (".png", ".svg"):
         raise UsageError(f"--plot {plot}: the file must end with .png or .svg")
@@ -59,7 +60,7 @@ def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | No
         print_json(told)
         return
     for line in lines(told):
-        click.echo(line)
+        say(line)
 
 
 def _draw(box: Box, plot: Path) -> None:

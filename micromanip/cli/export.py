@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from .options import StrictCommand, json_option, print_answer
+from .prose import say
 from .recording_options import Cut
 
 
@@ -29,9 +30,12 @@ def command(file: Path, to: Path, cut: tuple[float, float] | None, signals: str 
     from micromanip.recordings.export import export
 
     chosen = [name.strip() for name in (signals or "").split(",") if name.strip() not in ("", "t_s")]
-    done = export(open_telemetry(file), to, cut, chosen)
+    telemetry = open_telemetry(file)
+    done = export(telemetry, to, cut, chosen)
+    if told := telemetry.damage():
+        say(f"warning: {file}: {told}", err=True)
     print_answer(
         {"file": str(done.file), "rows": done.rows, "columns": done.columns, "bytes": done.bytes},
-        lambda _: click.echo(f"{done.rows} cycles to {done.file}, {done.bytes / 1e6:.1f} MB"),
+        lambda _: say(f"{done.rows} cycles to {done.file}, {done.bytes / 1e6:.1f} MB"),
         as_json,
     )

@@ -12,6 +12,7 @@ from micromanip.errors import UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, print_json
 from .progress import steps
+from .prose import say
 from .recording_options import recording_options, tell
 from .results import Pictures, require_room
 
@@ -119,25 +120,23 @@ def _put_into(into: Path, axis: str, model: Any) -> None:
 
 
 def _print(report: dict[str, Any], notes: list[str], into: Path | None) -> None:
-    click.echo(
-        f"{report['model']}: rms {report['rms_percent']:.3f} %, maximum {report['max_percent']:.2f} % of the stroke"
-    )
+    say(f"{report['model']}: rms {report['rms_percent']:.3f} %, maximum {report['max_percent']:.2f} % of the stroke")
     if report["validation"]:
         figures = report["validation"]
-        click.echo(f"not fitted to: rms {figures['rms_percent']:.3f} %, maximum {figures['max_percent']:.2f} %")
+        say(f"not fitted to: rms {figures['rms_percent']:.3f} %, maximum {figures['max_percent']:.2f} %")
     for note in notes:
-        click.echo(f"note: {note}")
+        say(f"note: {note}")
     for candidate in report["candidates"]:
-        click.echo(
+        say(
             f"  tried {candidate['model']:16} {candidate['rms_percent']:.3f} % fitted, "
             f"{candidate['held_out_percent']:.3f} % on the part left out"
         )
     for name, value in report["parameters"].items():
-        click.echo(f"  {name}: {_shown(value)}")
+        say(f"  {name}: {_shown(value)}")
     if report["figures"]:
-        click.echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
+        say(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
     if into is not None:
-        click.echo(f"written into {into}")
+        say(f"written into {into}")
 
 
 def _shown(value: Any) -> str:

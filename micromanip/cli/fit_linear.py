@@ -12,6 +12,7 @@ from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, json_option, print_json
 from .progress import steps
+from .prose import say
 from .recording_options import recording_options, tell
 from .results import Pictures
 
@@ -99,23 +100,23 @@ def _names(columns: str, option: str) -> list[str]:
 
 def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
     delays = ", ".join(map(str, report["delay_samples"]))
-    click.echo(f"order {report['order']}, delay {delays} samples of {report['dt_s']:.6g} s")
+    say(f"order {report['order']}, delay {delays} samples of {report['dt_s']:.6g} s")
     parts = [(held_out, report)]
     if report["validation"] and held_out == "held out":
         parts.append(("not fitted to", report["validation"]))
     for where, figures in parts:
         for k, name in enumerate(outputs):
             fit, rms, strict = (figures[f"{key}_percent"][k] for key in ("fit", "rms_error", "strict_fit"))
-            click.echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
-            click.echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
+            say(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
+            say(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
     for note in report["notes"]:
-        click.echo(f"note: {note}")
+        say(f"note: {note}")
     for name, coherence in zip(outputs, report["coherence"], strict=True):
-        click.echo(f"coherence of {name}: {coherence:.3f} over all frequencies")
+        say(f"coherence of {name}: {coherence:.3f} over all frequencies")
     for pole, hertz, damping in zip(report["poles_z"], report["poles_Hz"], report["poles_damping"], strict=True):
         if pole[1] >= 0.0:
-            click.echo(f"  pole {pole[0]:.5f} {pole[1]:+.5f}j: {hertz:.4g} Hz, damping {damping:.4f}")
+            say(f"  pole {pole[0]:.5f} {pole[1]:+.5f}j: {hertz:.4g} Hz, damping {damping:.4f}")
     for order, error in report["tried"].items():
-        click.echo(f"  tried order {order}: {error:.3f} % on the part left out")
+        say(f"  tried order {order}: {error:.3f} % on the part left out")
     if report["figures"]:
-        click.echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
+        say(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")

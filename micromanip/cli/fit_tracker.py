@@ -12,6 +12,7 @@ from micromanip.errors import CheckFailed, ConfigError, UsageError
 
 from .options import Quantity, StrictCommand, json_option, print_json
 from .progress import steps
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.design.deviation.fit import Deviation
@@ -67,7 +68,7 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
     else:
         _print(axes)
         if into is not None:
-            click.echo(f"wrote reference.axes of {into}")
+            say(f"wrote reference.axes of {into}")
 
 
 def _shares(telemetry: Telemetry, axis: str, found: Deviation) -> dict[str, Any]:
@@ -77,7 +78,7 @@ def _shares(telemetry: Telemetry, axis: str, found: Deviation) -> dict[str, Any]
     from micromanip.settings.schema.reference import Tracker
     from micromanip.settings.text.source import Source
 
-    reference = validate_document(Source.parse(telemetry.file, telemetry.configuration)).reference
+    reference = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration())).reference
     if not isinstance(reference, Tracker):
         return {"before_um": None, "after_um": None, "reason": "what ran followed no tracker"}
     try:
@@ -135,11 +136,11 @@ def _print(axes: dict[str, dict[str, Any]]) -> None:
     for axis, each in axes.items():
         share = each["path_share_um"]
         if share["reason"] is None:
-            click.echo(
+            say(
                 f"axis {axis}: the tracker's noise, delay and prediction leave {share['after_um']:.3f} um rms of this "
                 f"path, {share['before_um']:.3f} um as it ran"
             )
         else:
-            click.echo(f"axis {axis}: what it would be is not told: {share['reason']}")
+            say(f"axis {axis}: what it would be is not told: {share['reason']}")
         for note in each["notes"]:
-            click.echo(f"axis {axis}: {note}")
+            say(f"axis {axis}: {note}")

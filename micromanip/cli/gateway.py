@@ -14,6 +14,7 @@ from micromanip.errors import ConfigError
 from micromanip.extras import required
 
 from .options import StrictCommand, config_argument, socket_option
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.gateway.sparkplug.options import Options as SparkplugOptions
@@ -119,7 +120,7 @@ def command(
         runs,
     )
     leave_cpu(_loop_cpu(config))
-    serve(options, lambda line: click.echo(line, err=True))
+    serve(options, lambda line: say(line, err=True))
 
 
 def _loop_cpu(config: Path) -> int | None:

@@ -10,6 +10,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
+from .prose import say
 from .results import keep, results_folder
 
 
@@ -94,7 +95,7 @@ def command(
                 rows = VirtualExperiment(prepared, say=bar.say)(variant(configuration), duration_s, samples)
         columns = recording(configuration, excitation, rows)
         if old := int(held(configuration, axis, rows).sum() if f"stage_{axis}" in configuration.signals else 0):
-            click.echo(
+            say(
                 f"warning: signals.stage_{axis} gave no usable sample for {old / configuration.loop.rate_hz:.2g} s of "
                 f"{duration_s:.2g} s: stage_um is nan there; `micromanip probe {config}` shows what it says",
                 err=True,
@@ -104,5 +105,5 @@ def command(
     if as_json:
         print_json({"file": str(file), "rows": len(columns["t_s"]), "columns": list(columns), "stroke_um": high - low})
     else:
-        click.echo(f"{file}: {len(columns['t_s'])} rows, {', '.join(columns)}; stroke {low:.1f} to {high:.1f} um")
-        click.echo(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")
+        say(f"{file}: {len(columns['t_s'])} rows, {', '.join(columns)}; stroke {low:.1f} to {high:.1f} um")
+        say(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")

@@ -11,6 +11,7 @@ import click
 from micromanip.errors import MicromanipError, UsageError
 
 from .options import StrictCommand, json_option, print_json, warn
+from .prose import say
 
 
 @click.command(
@@ -62,9 +63,9 @@ def command(
     if steps and not dry_run:
         if not yes:
             _ask()
-        plan.carry_out(steps, root, lambda line: click.echo(line, err=True))
+        plan.carry_out(steps, root, lambda line: say(line, err=True))
         if not as_json:
-            click.echo("removed" if uninstall else f"installed; `systemctl restart {layout.UNIT}` puts it in force")
+            say("removed" if uninstall else f"installed; `systemctl restart {layout.UNIT}` puts it in force")
     if as_json:
         print_json({"steps": described, "done": bool(steps) and not dry_run, "warnings": warnings})
 
@@ -77,8 +78,8 @@ def _ask() -> None:
 
 def _show(steps: list[dict[str, Any]]) -> None:
     if not steps:
-        click.echo("nothing to do: all is as it should be")
+        say("nothing to do: all is as it should be")
     for step in steps:
-        click.echo(step["step"])
+        say(step["step"])
         for line in step["diff"]:
-            click.echo(f"    {line}")
+            click.echo(f"    {line}")  # of a file: as it is

@@ -11,10 +11,11 @@ from micromanip.errors import UsageError
 from micromanip.replies import Jogged
 
 from .options import Quantity, StrictCommand, asking
+from .prose import say
 
 
 def _show(jogged: Jogged) -> None:
-    click.echo(f"axis {jogged['axis']} goes to {jogged['target_um']:g} um")
+    say(f"axis {jogged['axis']} goes to {jogged['target_um']:g} um")
 
 
 @click.command(

@@ -15,12 +15,14 @@ from micromanip.errors import CheckFailed, UsageError, system_error
 from .options import (
     Quantity,
     StrictCommand,
+    StrictGroup,
     json_option,
     prepare_and_warn,
     print_answer,
     print_json,
     socket_option,
 )
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.design.learning.law import Update
@@ -43,7 +45,7 @@ limit_option = click.option(
 )  # fmt: skip
 
 
-@click.group("learn", epilog="Example: micromanip learn try config/simulated.yaml")
+@click.group("learn", cls=StrictGroup, epilog="Example: micromanip learn try config/simulated.yaml")
 def command() -> None:
     """Learn from part to part what of the path error repeats, and a correction for it.
 
@@ -98,7 +100,7 @@ def update(
     finally:  # of what was learned before something is refused, too
         if not as_json:
             for each in told:
-                click.echo(_sentence(each))
+                say(_sentence(each))
     if as_json:
         print_json({"updates": told})
 
@@ -119,11 +121,14 @@ def status(folder: Path | None, socket_path: Path, as_json: bool) -> None:
     if as_json:
         print_json({"memory": str(folder), "axes": found})
         return
-    shown = Figures("axis", "parts", "state", "learned, Hz", "correction, um", "wrong is left", "last part, um", "was")
+    shown = Figures(
+        "axis", "tool", "parts", "state", "learned, Hz", "correction, um", "wrong is left", "last part, um", "was"
+    )
     for each in found:
         last = each["story"][-1] if each["story"] else None
         shown.add_row(
-            each["axis"], str(each["parts"]), str(each["generation"]), _bands(each["learned_Hz"]),
+            each["axis"], str(each["tool"] or ""), str(each["parts"]), str(each["generation"]),
+            _bands(each["learned_Hz"]),
             f"{each['correction_um']:.3f}", f"{100 * each['contraction']:.2g} %",
             "" if last is None else _interval(last["error_um"], (last["error_least_um"], last["error_most_um"])),
             "" if last is None else last["verdict"],
@@ -141,24 +146,26 @@ def reset(folder: Path | None, only: str, socket_path: Path, as_json: bool) -> N
 
     Without --memory that of the running cell: what it plays fades out first.
     """
-    from micromanip.design.learning.memory import memory_file, remove_memory
+    from micromanip.design.learning.memory import memory_file, memory_files, remove_memory
 
     if folder is None:
         with Client(socket_path) as client:
             client.learn_reset(*([] if only == "all" else [only]))
-        print_answer({"accepted": True}, lambda _: click.echo("forgotten; what was played has faded out"), as_json)
+        print_answer({"accepted": True}, lambda _: say("forgotten; what was played has faded out"), as_json)
         return
     if only == "all":
-        files = [memory_file(folder, memory.axis) for memory in _memories(folder)]
+        files = [
+            file for axis in sorted({each.axis for each in _memories(folder)}) for file in memory_files(folder, axis)
+        ]
     else:
-        files = [memory_file(folder, only)]
+        files = memory_files(folder, only) or [memory_file(folder, only)]
     for file in files:
         remove_memory(file)
     if as_json:
         print_json({"removed": [str(file) for file in files]})
     else:
         for file in files:
-            click.echo(f"removed {file}")
+            say(f"removed {file}")
 
 
 @command.command(
@@ -166,15 +173,16 @@ def reset(folder: Path | None, only: str, socket_path: Path, as_json: bool) -> N
 )
 @memory_option
 @click.option("--axis", required=True, help="The axis.")
+@click.option("--tool", type=Quantity("Count", most=65535), metavar="N", help="Of this tool.  [default: of none]")
 @click.option("--to", "file", type=click.Path(path_type=Path), required=True, metavar="FILE", help="CSV file.")
 @json_option
-def export(folder: Path, axis: str, file: Path, as_json: bool) -> None:
+def export(folder: Path, axis: str, tool: int | None, file: Path, as_json: bool) -> None:
     """Write path, error and correction of an axis as CSV: t_s, path_um, error_um, correction_um."""
     from micromanip.design.learning.memory import memory_file, read_memory
 
-    memory = read_memory(memory_file(folder, axis))
+    memory = read_memory(memory_file(folder, axis, tool or 0))
     if memory is None:
-        raise CheckFailed(f"{memory_file(folder, axis)}: no such memory")
+        raise CheckFailed(f"{memory_file(folder, axis, tool or 0)}: no such memory")
     if file.exists():
         raise UsageError(f"--to {file} is there already: nothing is replaced; name another file")
     now = memory.now
@@ -189,7 +197,7 @@ def export(folder: Path, axis: str, file: Path, as_json: bool) -> None:
     if as_json:
         print_json({"file": str(file), "rows": len(memory.path_um)})
     else:
-        click.echo(f"wrote {file}")
+        say(f"wrote {file}")
 
 
 @command.command("try", cls=StrictCommand, epilog="Example: micromanip learn try config/simulated.yaml --parts 5")
@@ -219,7 +227,7 @@ def try_(config: Path, parts: int, seconds: float, seed: int, limit_um: float, a
 
 
 def _learn_from(
-    file: Path, only: str, learner: Learner, begin_s: float | None, seconds: float | None, say: Callable[[str], None]
+    file: Path, only: str, learner: Learner, begin_s: float | None, seconds: float | None, step: Callable[[str], None]
 ) -> list[dict[str, Any]]:
     """Learn from one recording, and write what each axis knows then."""
     from micromanip.recordings import open_telemetry
@@ -227,7 +235,7 @@ def _learn_from(
     telemetry = open_telemetry(file)
     if only != "all" and only not in telemetry.axes:
         raise UsageError(f"there is no axis {only} in {file}; its axes are {', '.join(telemetry.axes)}")
-    found = learner.update(telemetry, telemetry.axes if only == "all" else [only], begin_s, seconds, say)
+    found = learner.update(telemetry, telemetry.axes if only == "all" else [only], begin_s, seconds, step)
     try:
         learner.write(found)
     except OSError as problem:
@@ -246,7 +254,7 @@ def _memories(folder: Path) -> list[Memory]:
 def _print_running(told: LearningStatus) -> None:
     from .tables import Figures, out_console
 
-    click.echo(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
+    say(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
     shown = Figures("axis", "memory", "now", "off the path, um", "last part, um", "without, um", "was", "learned, Hz")
     for name, axis in told["axes"].items():
         last = axis["last"] or {}
@@ -271,7 +279,8 @@ def _learned(now: Learned) -> dict[str, Any]:
 def _status(memory: Memory) -> dict[str, Any]:
     return {
         "axis": memory.axis, "cell": memory.cell, "tuning": memory.tuning, "path": memory.path,
-        "seconds": memory.seconds, "generation": memory.generation, **_learned(memory.now),
+        "tool": memory.tool, "temperature_C": memory.temperature_C, "seconds": memory.seconds,
+        "generation": memory.generation, **_learned(memory.now),
         "story": [dict(each) for each in memory.story],
     }  # fmt: skip
 
@@ -324,4 +333,4 @@ def _print(found: Sequence[AxisTrial]) -> None:
     out_console().print(repeats)
     for axis in found:
         verdicts = ", ".join(each.verdict for each in axis.parts)
-        click.echo(f"axis {axis.axis}: learned {_bands(axis.parts[-1].learned_Hz)} Hz; part by part: {verdicts}")
+        say(f"axis {axis.axis}: learned {_bands(axis.parts[-1].learned_Hz)} Hz; part by part: {verdicts}")

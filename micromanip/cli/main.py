@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import importlib
+import io
 import json
 import os
 import sys
@@ -15,7 +15,8 @@ import click
 
 from micromanip.errors import MicromanipError, system_error
 
-from .options import Told
+from .options import StrictGroup, Told
+from .prose import say
 
 # Our matrices are small: more threads gain nothing, and beside another busy process they spin it ten times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -89,7 +90,7 @@ _TOGETHER = {
 _USAGE = 64
 
 
-class LazyGroup(click.Group):
+class LazyGroup(StrictGroup):
     """Imports a command's module only when that command is used: `status` need not load a compiler."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -109,16 +110,6 @@ class LazyGroup(click.Group):
             with formatter.section(title):
                 formatter.write_dl([(f"{name:{width}}", does) for name, does in commands.items()])
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does; a name that is not there gets the nearest one that is."""
-        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            near = difflib.get_close_matches(args[0], COMMANDS, 1)
-            hint = f"did you mean {near[0]}?" if near else "`micromanip --help` lists them."
-            raise click.UsageError(f"There is no command {args[0]!r:.40}; {hint}", ctx)
-        return super().resolve_command(ctx, args)
-
 
 @click.group(
     cls=LazyGroup,
@@ -137,7 +128,7 @@ def main(arguments: list[str] | None = None) -> Any:
     try:
         cli.main(args=arguments, prog_name="micromanip", standalone_mode=False, obj=told)
     except click.ClickException as problem:
-        problem.show()
+        _show(problem)
         _end(_USAGE, problem.format_message(), told)
     except (click.Abort, KeyboardInterrupt):
         _end(130, "interrupted", told)
@@ -171,10 +162,17 @@ def _end(code: int, error: str, told: Told) -> NoReturn:
     sys.exit(code)
 
 
+def _show(problem: click.ClickException) -> None:
+    """What click says of wrong usage."""
+    shown = io.StringIO()
+    problem.show(file=shown)
+    _say(shown.getvalue().rstrip("\n"))
+
+
 def _say(message: str) -> None:
     """A line on standard error, if anybody still reads it."""
     with contextlib.suppress(OSError):
-        click.echo(message, err=True)
+        say(message, err=True)
 
 
 def _while_printing(problem: OSError) -> bool:

@@ -12,15 +12,21 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from micromanip.client import Client, default_socket
+from micromanip.errors import nearest
+
+from .prose import NarrowContext, say
 
 if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
 
 _Answer = TypeVar("_Answer")
+_WHOLE = 1000
 
 
 class StrictCommand(click.Command):
     """A command whose options are given once each: of two values nobody knows which was meant."""
+
+    context_class = NarrowContext
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """As click does, which would let the last one win."""
@@ -34,6 +40,28 @@ class StrictCommand(click.Command):
                 ):
                     raise click.UsageError(f"{'/'.join(option.opts)} is given more than once", ctx)
         return super().parse_args(ctx, args)
+
+
+class StrictGroup(click.Group):
+    """Commands of one name, each of them told in full."""
+
+    context_class = NarrowContext
+
+    def format_commands(self, _: click.Context, formatter: click.HelpFormatter) -> None:
+        """As click does, which ends what a command does with three dots."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, each.get_short_help_str(_WHOLE)) for name, each in self.commands.items()])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click does; a name that is not there gets the nearest one that is."""
+        known = self.list_commands(ctx)
+        if args and not args[0].startswith("-") and args[0] not in known:
+            near = nearest(args[0], known)
+            hint = f"did you mean {near}?" if near else f"`{ctx.command_path} --help` lists them."
+            raise click.UsageError(f"There is no command {args[0]!r:.40}; {hint}", ctx)
+        return super().resolve_command(ctx, args)
 
 
 class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
@@ -84,7 +112,7 @@ socket_option = click.option(
 def warn(warnings: Iterable[str]) -> None:
     """A line each on standard error."""
     for warning in warnings:
-        click.echo(f"WARNING: {warning}", err=True)
+        say(f"WARNING: {warning}", err=True)
 
 
 def prepare_and_warn(config: Path, seed: int | None = None) -> Prepared:

@@ -9,6 +9,7 @@ import click
 from micromanip.client import Client
 
 from .options import StrictCommand, asking
+from .prose import say
 
 
 def _order(name: str, send: Callable[[Client], object], taken: str, what: str) -> click.Command:
@@ -19,7 +20,7 @@ def _order(name: str, send: Callable[[Client], object], taken: str, what: str) -
         return {"accepted": True}
 
     @click.command(name, cls=StrictCommand, help=what, epilog=f"Example: micromanip {name}")
-    @asking(lambda _: click.echo(taken))
+    @asking(lambda _: say(taken))
     def command() -> Callable[[Client], dict[str, bool]]:
         return ask
 

@@ -12,6 +12,7 @@ from micromanip.client import Client
 from micromanip.replies import Change, Differences, Parameter, Saved, Swap
 
 from .options import StrictCommand, asking, warn
+from .prose import say
 
 _BRIEF = 60
 
@@ -32,12 +33,12 @@ def brief(value: Any) -> str:
 def echo_changes(changes: Iterable[Change]) -> None:
     """A line per change."""
     for change in changes:
-        click.echo(f"  {change['key']}: {brief(change['old'])} -> {brief(change['new'])}")
+        say(f"  {change['key']}: {brief(change['old'])} -> {brief(change['new'])}")
 
 
 def _echo_swap(swap: Swap) -> None:
     """What was taken over; warnings go to standard error."""
-    click.echo(f"parameter version {swap['version']}" if swap["changed"] else "nothing to change")
+    say(f"parameter version {swap['version']}" if swap["changed"] else "nothing to change")
     echo_changes(swap["changed"])
     warn(swap["warnings"])
 
@@ -45,19 +46,19 @@ def _echo_swap(swap: Swap) -> None:
 def _echo_values(parameters: list[Parameter]) -> None:
     width = max(len(parameter["change"]) for parameter in parameters)
     for parameter in parameters:
-        click.echo(f"{parameter['change']:{width}}  {parameter['key']}={_shown(parameter['value'])}")
+        say(f"{parameter['change']:{width}}  {parameter['key']}={_shown(parameter['value'])}")
 
 
 def _echo_differences(found: Differences) -> None:
-    click.echo(f"{found['file']}{': edited since it was loaded' if found['changed_on_disk'] else ''}")
+    say(f"{found['file']}{': edited since it was loaded' if found['changed_on_disk'] else ''}")
     for difference in found["differences"]:
-        click.echo(f"  {difference['key']}: file {brief(difference['file'])}, running {brief(difference['running'])}")
+        say(f"  {difference['key']}: file {brief(difference['file'])}, running {brief(difference['running'])}")
     if not found["differences"]:
-        click.echo("  says what runs")
+        say("  says what runs")
 
 
 def _echo_saved(saved: Saved) -> None:
-    click.echo(f"{saved['file']}: {'written' if saved['changed'] else 'says what runs already'}")
+    say(f"{saved['file']}: {'written' if saved['changed'] else 'says what runs already'}")
     echo_changes(saved["changed"])
 
 

@@ -11,6 +11,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError
 
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, warn
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.design.preview.preview import AxisPreview, Preview
@@ -83,7 +84,7 @@ def command(
         warn(found.notes)
         _print(found)
         for each in written:
-            click.echo(f"wrote {each}")
+            say(f"wrote {each}")
     pictures.require_written()
     if not found.fits:
         over = [stretch for axis in found.axes for stretch in axis.stretches]
@@ -116,9 +117,9 @@ def _print(found: Preview) -> None:
             )  # fmt: skip
         console.print(places)
         if len(over) > _MOST_SHOWN:
-            click.echo(f"and {len(over) - _MOST_SHOWN} more: --json has them all")
+            say(f"and {len(over) - _MOST_SHOWN} more: --json has them all")
     offset = found.document()["offset"]
-    click.echo(
+    say(
         f"offset for the robot, slower than {offset['corner_Hz']:g} Hz: at most {offset['peak_um']:.1f} um, "
         f"{offset['speed_um_per_s']:.1f} um/s; with it the path {'fits' if offset['fits'] else 'does not fit either'}"
     )

@@ -48,12 +48,14 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
         answer = _simulated(config, driver, seconds, refusal)
         if as_json:
             print_json(_found_document(driver, driver, seconds, {driver: answer}))
+        elif sys.stdout.isatty():
+            _print_simulated(answer)
         else:
             _plain({driver: answer})
         return
     if type(chosen).probe is BusDriver.probe:
         raise UsageError(f"driver {driver} has no probe: what answers on its bus can't be seen without moving it")
-    with DeviceLocks([_device(chosen)]):
+    with DeviceLocks(_devices(chosen)):
         answers: dict[str, Answer] = {}
         with contextlib.suppress(KeyboardInterrupt):
             _look(chosen, seconds, answers, live=not as_json and sys.stdout.isatty())
@@ -70,6 +72,14 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
 
 def _device(driver: BusDriver | CyclicDriver) -> str:
     return driver.device or type(driver).__name__
+
+
+def _devices(driver: BusDriver | CyclicDriver) -> tuple[str, ...]:
+    """All that nobody else may have meanwhile."""
+    from micromanip.bus.driver import BusDriver
+
+    owned = (driver.device,) if isinstance(driver, BusDriver) else driver.devices
+    return owned or (_device(driver),)
 
 
 def _simulated(config: Path, driver: str, seconds: float, refusal: UsageError) -> Answer:
@@ -89,7 +99,16 @@ def _simulated(config: Path, driver: str, seconds: float, refusal: UsageError) -
         name: float(each["value"]) if each["sequence"] and not each["status"] else f"{each['value']:.6g}, not good"
         for name, each in zip(names, found, strict=True)
     }
-    return Answer(driver, values, f"simulated, at rest, {seconds:g} s of virtual time")
+    return Answer(driver, values, f"um; simulated, at rest, {seconds:g} s of virtual time")
+
+
+def _print_simulated(answer: Answer) -> None:
+    from .tables import Figures, out_console
+
+    table = Figures("signal", "value, um", title=f"{answer.name}: {answer.note.removeprefix('um; ')}")
+    for name, value in answer.values.items():
+        table.add_row(name, _shown(value))
+    out_console().print(table)
 
 
 def _found_document(driver: str, device: str, seconds: float, answers: dict[str, Answer]) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+_NARROW = 70
+"""Below it what is done, its share and the time left stand alone, and the first goes on in the next line."""
 _COUNTED = re.compile(r"\b(\d+) of (\d+)\b")
 """As in "plant 7 of 200": the work says itself how far it is."""
 
@@ -52,16 +54,20 @@ def steps(plan: Sequence[tuple[str, float]] = ()) -> Iterator[Steps]:
     from rich.progress import (
         BarColumn,
         Progress,
+        ProgressColumn,
         TaskProgressColumn,
         TextColumn,
         TimeElapsedColumn,
         TimeRemainingColumn,
     )
+    from rich.table import Column
 
     console = Console(stderr=True)
-    columns = (
+    columns: tuple[ProgressColumn, ...] = (
         TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"),
         TimeRemainingColumn(),
     )  # fmt: skip
+    if console.width < _NARROW:
+        columns = (TextColumn("{task.description}", table_column=Column()), *columns[2:3], *columns[4:])
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         yield Steps(bar, plan)

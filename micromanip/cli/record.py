@@ -10,26 +10,27 @@ from micromanip.client import Client
 from micromanip.errors import UsageError
 from micromanip.replies import Marked, Recorded
 
-from .options import Quantity, StrictCommand, asking
+from .options import Quantity, StrictCommand, StrictGroup, asking
+from .prose import say
 
 
-@click.group("record", epilog='Example: micromanip record start; micromanip record mark "coolant on"')
+@click.group("record", cls=StrictGroup, epilog='Example: micromanip record start; micromanip record mark "coolant on"')
 def command() -> None:
     """Record the running controller, every cycle, to its folder of recordings."""
 
 
 def _began(recorded: Recorded) -> None:
     waits = f"; it waits for {' or '.join(recorded['waits_for'])}" if recorded["waits_for"] else ""
-    click.echo(f"recording to {recorded['file']}{waits}")
+    say(f"recording to {recorded['file']}{waits}")
 
 
 def _ended(recorded: Recorded) -> None:
     size = recorded["bytes"] / 1e6
-    click.echo(f"recorded {recorded['rows']} cycles to {recorded['file']}, {size:.1f} MB, {recorded['dropped']} lost")
+    say(f"recorded {recorded['rows']} cycles to {recorded['file']}, {size:.1f} MB, {recorded['dropped']} lost")
 
 
 def _marked(marked: Marked) -> None:
-    click.echo(f"marked cycle {marked['cycle']} in {marked['file']}")
+    say(f"marked cycle {marked['cycle']} in {marked['file']}")
 
 
 @command.command(

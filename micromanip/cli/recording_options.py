@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from .options import Quantity
+from .prose import say
 
 
 class Cut(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
@@ -48,6 +49,6 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def tell(records: Iterable[Any]) -> None:
     """What was taken of each record, in a line, and under it what is unusual: on standard error."""
     for record in records:
-        click.echo(f"read {record.told}", err=True)
+        say(f"read {record.told}", err=True)
         for note in record.notes:
-            click.echo(f"  note: {note}", err=True)
+            say(f"  note: {note}", err=True)

@@ -11,6 +11,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import StrictCommand, json_option, print_answer
+from .prose import say
 from .recording_options import Cut
 
 
@@ -48,8 +49,11 @@ def command(file: Path, config: Path | None, cut: tuple[float, float] | None, as
     from micromanip.replay import replay
     from micromanip.rt.jit import Compiler
 
-    Compiler.tell = staticmethod(lambda name: click.echo(f"compiling {name} (the first time only)", err=True))
-    found = replay(open_telemetry(file))
+    Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
+    telemetry = open_telemetry(file)
+    if told := telemetry.damage():
+        say(f"warning: {file}: {told}", err=True)
+    found = replay(telemetry)
     difference = found.difference
     document = {
         "file": str(file),
@@ -84,16 +88,16 @@ def _show(document: dict[str, Any]) -> None:
     met += [f"{document['swaps']} changes of parameters"] if document["swaps"] else []
     met += [f"{document['skipped']} missed cycles"] if document["skipped"] else []
     if difference is None:
-        click.echo(f"{counted}: every voltage equal, bit for bit" + (f" ({', '.join(met)})" if met else ""))
+        say(f"{counted}: every voltage equal, bit for bit" + (f" ({', '.join(met)})" if met else ""))
     else:
-        click.echo(f"{counted} equal; cycle {difference['cycle']}, {difference['t_s']:.4f} s, differs:")
+        say(f"{counted} equal; cycle {difference['cycle']}, {difference['t_s']:.4f} s, differs:")
         for value in difference["values"]:
             name = f"{value['name']}_{value['axis']}" if value["axis"] else value["name"]
-            click.echo(f"  {name}: recorded {value['recorded']!r}, replayed {value['replayed']!r}")
-        click.echo(f"probably: {difference['cause']}")
+            say(f"  {name}: recorded {value['recorded']!r}, replayed {value['replayed']!r}")
+        say(f"probably: {difference['cause']}")
     for gap in document["gaps"]:
-        click.echo(f"gap: {gap}")
+        say(f"gap: {gap}")
     if document["left_out"]:
-        click.echo(f"{document['left_out']} rows could not be replayed: no state of the loop is at hand before them")
+        say(f"{document['left_out']} rows could not be replayed: no state of the loop is at hand before them")
     if document["lacks"]:
-        click.echo(f"an older version recorded it; its rows do not say: {', '.join(document['lacks'])}")
+        say(f"an older version recorded it; its rows do not say: {', '.join(document['lacks'])}")

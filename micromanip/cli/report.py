@@ -7,12 +7,16 @@ from pathlib import Path
 import click
 
 from .options import StrictCommand, json_option, print_answer
+from .prose import say
 from .results import write_new_page
 
 
 @click.command("report", cls=StrictCommand, epilog="Example: micromanip report run.mcap --to run.html")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option("--to", type=click.Path(path_type=Path), help="New file.  [default: FILE with the ending .html]")
+@click.option(
+    "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
+    help="New file.  [default: FILE with the ending .html]",
+)  # fmt: skip
 @json_option
 def command(file: Path, to: Path | None, as_json: bool) -> None:
     """A recording of ours as one page: error, spectrum, voltage left, hysteresis loop, step response, timing, marks.
@@ -34,8 +38,8 @@ def command(file: Path, to: Path | None, as_json: bool) -> None:
         responses = {axis: run.axis[axis].steps.response() for axis in run.axes}
         page = run_report(run, figures, responses)
     if told := damage(run):
-        click.echo(f"warning:{told}", err=True)
+        say(f"warning:{told}", err=True)
     write_new_page(to, page, "--to")
     document = {"report": str(to), "run": figures.document()}
     document["step_response"] = {axis: found.document() for axis, found in responses.items()}
-    print_answer(document, lambda _: click.echo(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)
+    print_answer(document, lambda _: say(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)

@@ -10,6 +10,7 @@ import click
 from micromanip.errors import UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, print_answer
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.host.readiness.answer import Answer
@@ -49,7 +50,7 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
         if loop.cpu is None:
             raise UsageError("loop.cpu is null: there is no CPU to watch; name one in CONFIG, or give --no-run")
         if not any(finding.name == "loop's CPU" and finding.verdict == "bad" for finding in findings):
-            timed = measure(loop, loop.cpu, seconds, lambda line: click.echo(line, err=True))
+            timed = measure(loop, loop.cpu, seconds, lambda line: say(line, err=True))
     answer = Answer(described(machine, loop), findings, timed)
     if out is not None:
         try:

@@ -13,6 +13,7 @@ import click
 from micromanip.errors import UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, print_answer
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.catalogue.describing import Entry
@@ -85,7 +86,7 @@ def command(
         if add is not None:
             catalogue.add(add)
         folders = [own, *catalogue.folders()]
-        catalogue.refresh(folders, lambda path: click.echo(f"reading {path}", err=True))
+        catalogue.refresh(folders, lambda path: say(f"reading {path}", err=True))
         found = catalogue.find(Query(**wanted))
         document = {"folders": [str(folder) for folder in folders], "entries": catalogue.count(),
                     "found": [{**asdict(entry), "path": str(entry.path)} for entry in found]}  # fmt: skip

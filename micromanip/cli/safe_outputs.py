@@ -9,6 +9,7 @@ import click
 from micromanip.errors import DeviceUnavailable
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json, warn
+from .prose import say
 
 
 @click.command("safe-outputs", cls=StrictCommand, epilog="Example: micromanip safe-outputs /etc/micromanip/cell.yaml")
@@ -51,8 +52,8 @@ def command(config: Path, wait_s: float, from_file: bool, as_json: bool) -> None
             }
         )
     elif report.safe:
-        click.echo(f"outputs at their safe value: {', '.join(report.safe)}")
+        say(f"outputs at their safe value: {', '.join(report.safe)}")
     if not as_json:
-        click.echo(plan.said)
+        say(plan.said)
     if report.failed:
         raise DeviceUnavailable("\n".join(report.failed))

@@ -11,6 +11,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed
 
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
+from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.design.running import Running
@@ -117,10 +118,10 @@ def _print(found: Running, where: str, files: list[Path]) -> None:
     out_console().print(shown)
     low, high = found.loop.frequency_Hz[[0, -1]]
     least, most = found.confidence
-    click.echo(f"Ms {least:.2f} to {most:.2f} by its confidence, {low:.0f} to {high:.0f} Hz; {where}")
+    say(f"Ms {least:.2f} to {most:.2f} by its confidence, {low:.0f} to {high:.0f} Hz; {where}")
     if found.predicted is None:
-        click.echo("no prediction: the configuration holds no model of the actuator; `commission` finds one")
+        say("no prediction: the configuration holds no model of the actuator; `commission` finds one")
     elif found.agrees:
-        click.echo("measured and predicted agree")
+        say("measured and predicted agree")
     for file in files:
-        click.echo(f"wrote {file}")
+        say(f"wrote {file}")

@@ -13,6 +13,7 @@ from micromanip.client import Client
 from micromanip.errors import DeviceUnavailable, UsageError
 
 from .options import Quantity, StrictCommand, json_option, print_json, socket_option
+from .prose import say
 
 _REFRESH_S = 0.2
 
@@ -73,7 +74,7 @@ def _watch(client: Client, every_s: float) -> None:
     if not sys.stdout.isatty():
         while True:
             report = client.status()
-            click.echo(f"{report['state']:9}{one_line(report)}")
+            say(f"{report['state']:9}{one_line(report)}")
             time.sleep(every_s)
     with Live(watched(client.status()), refresh_per_second=5, screen=True) as view:
         while True:

@@ -14,6 +14,7 @@ import click
 from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, json_option, print_answer
+from .prose import say
 from .recording_options import Cut
 from .results import keep, require_room
 
@@ -79,7 +80,7 @@ def command(
     from micromanip.design.sweep.work import Work
     from micromanip.rt.jit import Compiler
 
-    Compiler.tell = staticmethod(lambda name: click.echo(f"compiling {name} (the first time only)", err=True))
+    Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
     if not varied and space_file is None:
         raise UsageError("nothing is varied: give --vary KEY=LOW:HIGH, or --space FILE.yaml")
     dimensions = () if space_file is None else read_dimensions(space_file)

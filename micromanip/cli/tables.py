@@ -7,8 +7,9 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.measure import Measurement
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -29,7 +30,7 @@ class Figures(Table):
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         widths = self._widths(console, options)
         if widths is None:
-            yield from self._stacked()
+            yield from self._stacked(options.max_width)
             return
         shown, self.columns = self.columns, [replace(c, width=w) for c, w in zip(self.columns, widths, strict=True)]
         try:
@@ -60,7 +61,7 @@ class Figures(Table):
             left -= more
         return least
 
-    def _stacked(self) -> Iterator[Text]:
+    def _stacked(self, width: int) -> Iterator[RenderableType]:
         if self.title:
             yield Text(str(self.title), style="italic")
         headers = [_text(column.header) for column in self.columns]
@@ -68,9 +69,26 @@ class Figures(Table):
             yield Text.assemble(headers[0], " " if headers[0] else "", _text(name), style="bold")
             for header, cell in zip(headers[1:], map(_text, cells), strict=True):
                 if cell:
-                    yield Text.assemble("  ", header, " " if header else "", cell)
+                    yield from _indented(header, cell, width)
         if self.caption:
             yield Text(str(self.caption), style="dim")
+
+
+def _indented(header: Text, cell: Text, width: int) -> Iterator[RenderableType]:
+    """A figure below the name of its row; one that has no room beside its header goes on below itself."""
+    line = Text.assemble("  ", header, " " if header else "", cell)
+    margin = len(line) - len(cell)
+    if len(line) <= width:
+        yield line
+    elif margin + max(map(len, cell.plain.split())) <= width:
+        beside = Table.grid()
+        beside.add_column(width=margin, no_wrap=True)
+        beside.add_column(width=width - margin)
+        beside.add_row(line[:margin], cell)
+        yield beside
+    else:
+        yield line[:margin]
+        yield Padding(cell, (0, 0, 0, 4))
 
 
 def _text(cell: object) -> Text:

@@ -6,9 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-import click
-
 from .options import prepare_and_warn, print_answer
+from .prose import say
 
 
 def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
@@ -21,7 +20,7 @@ def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_jso
     from micromanip.rt.jit import Compiler
     from micromanip.settings.commissioned import changes_since
 
-    Compiler.tell = staticmethod(lambda name: click.echo(f"compiling {name} (the first time only)", err=True))
+    Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
     telemetry = open_telemetry(file)
     _, recorded = recorded_configuration(telemetry)
     tuned = prepare_and_warn(config)

@@ -9,6 +9,7 @@ import click
 from micromanip.extras import required
 
 from .options import StrictCommand
+from .prose import say
 
 
 @click.command("view", cls=StrictCommand, epilog="Example: micromanip view out/run.mcap     or: micromanip view run.h5")
@@ -24,4 +25,4 @@ def command(file: Path, listen: str) -> None:
     """
     with required("view", "gateway"):
         from micromanip.gateway.viewing import view
-    view(file, listen, lambda line: click.echo(line, err=True))
+    view(file, listen, lambda line: say(line, err=True))

@@ -10,17 +10,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from .outer_gains import Matrix, OuterGains, OuterSettings, predicted_covariance, process_noise
+from .outer_gains import Matrix, OuterGains
+from .remembered import remembered
 
 
-def gap_gains(outer: OuterSettings, gains: OuterGains, gaps: int) -> Matrix:
+def gap_gains(gains: OuterGains, gaps: int) -> Matrix:
     """Gains (gaps, n) for a sample 1, 2, .. `gaps` cycles after the one before; that of the interval is `gains`'."""
-    A, C, own = gains.A, gains.C, gains.sample_cycles
-    P, variance = predicted_covariance(outer, A, C, gains.controllable)
-    noise, found = process_noise(outer, A, gains.controllable), np.empty((gaps, len(A)))
-    P = P - np.outer(P @ C, P @ C) / variance
+    of_the_filter = gains.A, gains.C, gains.noise, gains.covariance, gains.innovation_variance
+    found = _gap_gains(*of_the_filter, gaps).copy()
+    found[gains.sample_cycles - 1] = gains.observer
+    return found
+
+
+@remembered(16)
+def _gap_gains(A: Matrix, C: Matrix, noise: Matrix, predicted: Matrix, variance: float, gaps: int) -> Matrix:
+    sensor, found = variance - C @ predicted @ C, np.empty((gaps, len(A)))
+    P = predicted - np.outer(predicted @ C, predicted @ C) / variance
     for row in range(gaps):
         P = A @ P @ A.T + noise
-        found[row] = P @ C / (C @ P @ C + outer.sensor_noise_um**2)
-    found[own - 1] = gains.observer
+        found[row] = P @ C / (C @ P @ C + sensor)
     return found

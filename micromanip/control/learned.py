@@ -13,6 +13,8 @@ from micromanip.rt.record import MAX_AXES
 
 Array = NDArray[np.float64]
 
+ASIDE = ".before_fault"
+"""Ends the name of a memory's file that is kept, and not gone by any more."""
 FADE_S = 0.05
 """Soft for the stage's first mode, and short beside a part, which is not corrected in full meanwhile."""
 TOLERANCE_UM = 5.0

@@ -74,6 +74,10 @@ class OuterGains:
     reference: Matrix
     steady_u: Matrix
     steady_y: Matrix
+    noise: Matrix
+    """Covariance (n, n) of what enters the states in a cycle."""
+    covariance: Matrix
+    """Of the stationary filter's estimate (n, n), just before a sample."""
     innovation_variance: float
     """Variance (um^2) of the stationary filter's innovation."""
     controllable: int
@@ -117,7 +121,7 @@ def augment(outer: OuterSettings, period_s: float) -> tuple[Matrix, Matrix, Matr
 
 def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
     """Stationary Kalman gain (n,) for a sample every ``sample_cycles`` cycles, and the innovation's variance (um^2)."""
-    P, variance = predicted_covariance(outer, A, C, controllable)
+    P, variance = predicted_covariance(outer, A, C, process_noise(outer, A, controllable))
     return np.asarray((P @ C) / variance, dtype=np.float64), variance
 
 
@@ -133,9 +137,8 @@ def process_noise(outer: OuterSettings, A: Matrix, controllable: int) -> Matrix:
     return noise
 
 
-def predicted_covariance(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
+def predicted_covariance(outer: OuterSettings, A: Matrix, C: Matrix, noise: Matrix) -> tuple[Matrix, float]:
     """Stationary covariance (n, n) of the estimate just before a sample, and the innovation's variance (um^2)."""
-    noise = process_noise(outer, A, controllable)
     step, total = np.eye(len(A)), np.zeros_like(noise)
     for _ in range(outer.sample_cycles):
         total = A @ total @ A.T + noise
@@ -187,7 +190,8 @@ def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period
     A, B, C, controllable = augment(outer, period_s)
     S = reference_transition(reference.oscillations if reference else (), period_s)
     K, disturbance, following = regulate(A, B, C, controllable, outer.control_weight, S)
-    L, variance = observer_gain(outer, A, C, controllable)
+    noise = process_noise(outer, A, controllable)
+    P, variance = predicted_covariance(outer, A, C, noise)
     n = len(outer.model.A)
     b = np.array(outer.model.B, dtype=float)
     rest = np.linalg.solve(np.eye(n) - A[:n, :n], b)
@@ -196,7 +200,12 @@ def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period
     steady_u[n:controllable], steady_u[controllable] = 1.0, -1.0
     steady_y[:n], steady_y[controllable] = rest / dc_gain, 1.0 / dc_gain
     feedback = np.concatenate([K, -disturbance])
-    return OuterGains(A, B, C, L, feedback, following, steady_u, steady_y, variance, controllable, outer.sample_cycles)
+    return OuterGains(
+        *(A, B, C, P @ C / variance, feedback, following, steady_u, steady_y, noise, P),
+        innovation_variance=variance,
+        controllable=controllable,
+        sample_cycles=outer.sample_cycles,
+    )
 
 
 def process_innovation(

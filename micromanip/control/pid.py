@@ -18,7 +18,7 @@ import numpy as np
 
 from .system import Array, Complex, System
 
-_FASTEST = 0.45
+FASTEST_NOTCH = 0.45
 """Highest centre of a notch as a share of the rate: beyond, its upper half lies where no sample shows it."""
 
 
@@ -71,8 +71,8 @@ def pid_gains(pid: PidSettings, period_s: float) -> PidGains:
     notch = {}
     if pid.notch is not None:
         centre, angle = pid.notch.frequency_Hz, math.pi * pid.notch.frequency_Hz * period_s
-        if angle > _FASTEST * math.pi:
-            needed, given = centre / _FASTEST, 1.0 / period_s
+        if angle > FASTEST_NOTCH * math.pi:
+            needed, given = centre / FASTEST_NOTCH, 1.0 / period_s
             raise ValueError(f"a notch at {centre:g} Hz needs at least {needed:.0f} samples per second, not {given:g}")
         notch = {
             "notch_share": 0.01 * pid.notch.depth_percent,

@@ -52,16 +52,21 @@ def facts(run: RecordedRun, figures: RunFigures) -> str:
 
 
 def damage(run: RecordedRun) -> str:
-    """Which seconds are missing because the file is damaged there, and why; empty where all of it could be read."""
+    """Which seconds are missing because the file is damaged there, and why; what beside the rows is left out.
+
+    Empty where all of it could be read.
+    """
+    beside = f" {run.telemetry.damage()}" if run.telemetry.damaged else ""
     if not run.unread:
-        return ""
+        return beside
     told = [
         f"from {'the beginning' if each.first is None else f'{run.at_s(each.first):.3f} s'} "
         f"to {'the end' if each.last is None else f'{run.at_s(each.last + 1):.3f} s'}"
         for each in run.unread[:_MOST_TOLD]
     ]
     more = f" and {len(run.unread) - _MOST_TOLD} more times" if len(run.unread) > _MOST_TOLD else ""
-    return f" The file is damaged {', '.join(told)}{more}: that is missing in all figures ({run.unread[0].why})."
+    why = run.unread[0].why
+    return f" The file is damaged {', '.join(told)}{more}: that is missing in all figures ({why}).{beside}"
 
 
 def _summary(run: RecordedRun, figures: RunFigures) -> str:

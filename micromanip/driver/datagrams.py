@@ -24,7 +24,7 @@ from micromanip.rt.wire.giving import give
 from micromanip.rt.wire.numbers import find_code, value_of_code
 from micromanip.rt.wire.records import BATCH
 from micromanip.rt.wire.samples import leave_samples
-from micromanip.rt.wire.serving import NOT_OPEN, begin, end, rest, send_due, take
+from micromanip.rt.wire.serving import NOT_OPEN, begin, end, rest, send_due, send_outputs, take
 
 __all__ = [
     "BAD_STATUS",
@@ -62,6 +62,7 @@ __all__ = [
     "seal",
     "send",
     "send_due",
+    "send_outputs",
     "status_of",
     "steer",
     "take",

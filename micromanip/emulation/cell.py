@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from .amplifier import Amplifier, Arrived
+from .path_error import PathError
 from .plant import PlantInRealTime
 
 _AMPLIFIER_OK = "amplifier_ok"
-_EVERY_NS = 1_000_000
-_TRUTH = {"path_error": "", "uncompensated": "uncompensated_"}
 
 
 class EmulatedCell:
@@ -26,8 +25,7 @@ class EmulatedCell:
         self.faults = SignalFaults()
         self.wired_on: tuple[str, ...] = ()
         """Switches of the plant that nobody switches; on from the first command on, when work may begin."""
-        self._errors = PathError(plant.inputs)
-        self._errors_since_report = PathError(plant.inputs)
+        self.errors = PathError(plant.inputs)
 
     def has(self, signal: str) -> bool:
         """Whether `read` knows a signal."""
@@ -42,18 +40,18 @@ class EmulatedCell:
         """Let time pass in plant and amplifiers."""
         clock_ns = self.clock()
         self.plant.stalls.behind(clock_ns - now_ns)
-        for amplifier in self.amplifiers:
-            amplifier.tick(clock_ns, now_ns)
+        self.look_after(clock_ns, now_ns)
         if self.wired_on and any(amplifier.is_commanded for amplifier in self.amplifiers):
             for name in self.wired_on:
                 self.plant.write(name, 1.0)
             self.wired_on = ()
         self.plant.advance_to(now_ns)
-        if self._errors.due(now_ns):
-            for name in self._errors.names:
-                value = self.plant.value(name)
-                self._errors.add(name, value)
-                self._errors_since_report.add(name, value)
+        self.errors.note(self.plant.arrays[1], now_ns)
+
+    def look_after(self, clock_ns: int, plant_ns: int) -> None:
+        """Let the watchdogs of the amplifiers know the time."""
+        for amplifier in self.amplifiers:
+            amplifier.tick(clock_ns, plant_ns)
 
     def read(self, signal: str) -> float:
         """What its sensor says: NaN where that is spoiled; 0 for one that the plant doesn't have."""
@@ -69,7 +67,7 @@ class EmulatedCell:
     def report(self) -> dict[str, Any]:
         """Figures since the start."""
         return {
-            "path_error_um": self._errors.report(),
+            "path_error_um": self.errors.report(),
             "outputs": self._outputs(lambda amplifier: amplifier.arrived),
             "switches": self._outputs(lambda amplifier: amplifier.switches),
             "amplifier_trips": sum(amplifier.trips for amplifier in self.amplifiers),
@@ -81,10 +79,9 @@ class EmulatedCell:
         """Path error, outputs and the latest event since the last call, the rest since the start."""
         report = self.report()
         self.plant.stalls.latest_ms = 0.0
-        report["path_error_um"] = self._errors_since_report.report()
+        report["path_error_um"] = self.errors.report_since_last()
         report["outputs"] = self._outputs(Amplifier.take_report)
         report["switches"] = self._outputs(Amplifier.take_switches)
-        self._errors_since_report = PathError(self.plant.inputs)
         return report
 
     def _amplifier_ok(self, signal: str) -> float:
@@ -149,53 +146,3 @@ class SignalFaults:
             case "drift":
                 return value + fault.value * (now_ns - fault.since_ns) * 1e-9
         return math.nan
-
-
-@dataclass
-class Figures:
-    """Of one quantity over time."""
-
-    samples: int = 0
-    squares: float = 0.0
-    largest: float = 0.0
-
-    def add(self, value: float) -> None:
-        """One more sample."""
-        self.samples += 1
-        self.squares += value * value
-        self.largest = max(self.largest, abs(value))
-
-    @property
-    def rms(self) -> float | None:
-        """Root mean square; None without samples."""
-        return math.sqrt(self.squares / self.samples) if self.samples else None
-
-
-class PathError:
-    """Figures of ``path_error_<axis>`` and ``uncompensated_<axis>``, a sample a millisecond."""
-
-    def __init__(self, channels: dict[str, int]) -> None:
-        """`channels` are the plant's inputs; those that it doesn't have are left out."""
-        self.names = [name for name in channels if name.rsplit("_", 1)[0] in _TRUTH]
-        self._figures = {name: Figures() for name in self.names}
-        self._due_ns = 0
-
-    def due(self, now_ns: int) -> bool:
-        """Whether it is time for the next samples."""
-        if now_ns < self._due_ns:
-            return False
-        self._due_ns = now_ns + _EVERY_NS
-        return True
-
-    def add(self, name: str, value: float) -> None:
-        """A sample of one of `names`."""
-        self._figures[name].add(value)
-
-    def report(self) -> dict[str, Any]:
-        """By axis: rms, max, uncompensated_rms, uncompensated_max."""
-        axes: dict[str, Any] = {}
-        for name, figures in self._figures.items():
-            quantity, axis = name.rsplit("_", 1)
-            axes.setdefault(axis, {})[f"{_TRUTH[quantity]}rms"] = figures.rms
-            axes[axis][f"{_TRUTH[quantity]}max"] = figures.largest if figures.samples else None
-        return axes

@@ -18,6 +18,9 @@ from .cell import EmulatedCell
 _MISSED_PERIODS = 5
 """An amplifier that is commanded slowly has a watchdog to match: it forgives so many commands that don't come."""
 
+_WITHOUT_PLANT = ("amplifier_reset",)
+"""Switches that act on the device alone."""
+
 
 @dataclass(frozen=True)
 class Wires:
@@ -64,7 +67,7 @@ class Surroundings:
                 written[name] = ("switches", switch)
         outputs = {}
         for name, (section, entry) in written.items():
-            if entry.driver == driver:
+            if entry.driver == driver and name not in _WITHOUT_PLANT:
                 if name not in self.cell.plant.outputs:
                     raise self.source.error((section, name), _missing(name, self.cell.plant.outputs))
                 outputs[entry.channel or name] = name

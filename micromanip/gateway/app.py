@@ -104,7 +104,7 @@ class Gateway:
         scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
         token = self._tokens.find(secret.strip()) if scheme.lower() == "bearer" else None
         if token is None:
-            raise PermissionDenied("this takes a token: Authorization: Bearer TOKEN")
+            raise PermissionDenied(_without_token(secret, connection.url.query))
         if operates and not token.operates:
             raise PermissionDenied(f"{token.name} may only observe; this takes a token whose scope is operate")
         return token
@@ -268,3 +268,11 @@ def _page(name: str) -> Callable[[Request], Any]:
         return FileResponse(PAGES / name)
 
     return page
+
+
+def _without_token(secret: str, query: str) -> str:
+    """Why a request is turned away that has no token, a wrong one, or one in its address."""
+    takes = "this takes a token: Authorization: Bearer TOKEN"
+    if "token" in query.lower():
+        return f"{takes}. One in an address is not taken: addresses stand in logs; let it be replaced by a new one"
+    return "this token is not known here: the gateway read its file of tokens as it started" if secret else takes

@@ -135,7 +135,7 @@ def _opcua(listen: str, folder: Path, cell: Cell, in_use: InUse, say: Callable[[
     host, port = parsed_address(listen, "--opcua")
     with listening(host, port, "--opcua"):
         pass  # it is free: asyncua would end the gateway with a traceback
-    made = OpcUa(cell, host, port, folder, is_local=is_local(host))
+    made = OpcUa(cell, host, port, folder, say, is_local=is_local(host))
     if made.own.is_new:
         say(f"made a certificate for OPC UA in {folder}; put those of clients into operate/ or observe/ there")
     if made.own.warning is not None:

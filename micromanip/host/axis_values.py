@@ -62,6 +62,7 @@ class AxesValues:
                 headroom_V=headroom,
                 error_um=error,
                 error_of=_error_of(self._parameters[i]),
+                tooth_Hz=_found_Hz(i, latest),
             )
         return report
 
@@ -107,6 +108,12 @@ class AxesValues:
         elif reading["sequence"] != 0 and not low <= reading["value"] <= high:
             why += f"; it reads {reading['value']:.4g}, outside {low:g} to {high:g}"
         return f"stale: no usable sample of {signal} {why}"
+
+
+def _found_Hz(i: int, latest: Any | None) -> float | None:
+    """Frequency at which axis `i` has found the tooth; None where it does not look for it."""
+    hertz = np.nan if latest is None else float(latest["axis"]["tooth_Hz"][i])
+    return round(hertz, DIGITS) if np.isfinite(hertz) else None
 
 
 def _error_of(axis: Any) -> str | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from micromanip.rt.record import record
 from micromanip.rt.states import TRACKING
-from micromanip.rt.telemetry import PART_RUNS, PART_TURN, ROW
+from micromanip.rt.telemetry import PART_RUNS, PART_TURN, ROW, TOOL
 
 BEFORE_S, AFTER_S = 1.5, 0.2
 """Kept beside a part: for the predictor to forget where it began, for filters that see beyond the part."""
@@ -29,11 +29,15 @@ KEPT = record(
 
 @dataclass(frozen=True)
 class MadePart:
-    """The `number`-th part of this run, told to have begun in `begun`; its `rows` (n,) of KEPT begin tracking."""
+    """The `number`-th part of this run, told to have begun in `begun`, with `tool` from then on.
+
+    Its `rows` (n,) of KEPT begin tracking.
+    """
 
     number: int
     begun: int
     rows: NDArray[Any]
+    tool: int
 
     @property
     def first(self) -> int:
@@ -45,6 +49,7 @@ class MadePart:
 class _Open:
     number: int
     begun: int
+    tool: int
     recognised: bool = False
 
 
@@ -59,10 +64,12 @@ class Gathering:
         self._before = round((BEFORE_S + search_s) / period_s)
         self._period_s = period_s
         self._rows: list[NDArray[Any]] = []
-        self._last: tuple[bool, bool] | None = None
+        self._last: tuple[bool, bool, int] | None = None
         self._open: list[_Open] = []
         self.parts = 0
         """Begun so far."""
+        self.tool = 0
+        """In the last row that came."""
 
     def add(self, rows: NDArray[Any]) -> Iterator[str]:
         """Take rows (n,) of ROW; a sentence for each part that ends before its time."""
@@ -76,16 +83,19 @@ class Gathering:
         self._rows.append(kept)
         runs, turn = rows["lines"] & PART_RUNS != 0, rows["lines"] & PART_TURN != 0
         tracks = rows["state"] == TRACKING
-        was_running, was_turn = self._last or (bool(runs[0]), bool(turn[0]))
+        tools = rows["lines"] >> TOOL
+        was_running, was_turn, was_tool = self._last or (bool(runs[0]), bool(turn[0]), int(tools[0]))
         begins = np.diff(turn, prepend=was_turn)
-        ends = begins | (np.append(was_running, runs[:-1]) & ~runs) | ~tracks
-        self._last = bool(runs[-1]), bool(turn[-1])
+        others = np.diff(tools, prepend=was_tool) != 0
+        ends = begins | (np.append(was_running, runs[:-1]) & ~runs) | ~tracks | others
+        self.tool = int(tools[-1])
+        self._last = bool(runs[-1]), bool(turn[-1]), self.tool
         for k in np.flatnonzero(ends):
             cycle = int(rows["cycle"][k])
-            yield from self._ended(cycle)
+            yield from self._ended(cycle, "the tool was changed" if others[k] and not begins[k] else "it ended")
             if begins[k] and tracks[k]:
                 self.parts += 1
-                self._open.append(_Open(self.parts, cycle))
+                self._open.append(_Open(self.parts, cycle, int(tools[k])))
         self._let_go()
 
     def recognisable(self) -> Iterator[MadePart]:
@@ -106,22 +116,27 @@ class Gathering:
         self._open.clear()
 
     @property
+    def heard(self) -> bool:
+        """Whether any row has come yet."""
+        return self._last is not None
+
+    @property
     def _newest(self) -> int:
         return int(self._rows[-1]["cycle"][-1]) if self._rows else -1
 
-    def _ended(self, cycle: int) -> Iterator[str]:
+    def _ended(self, cycle: int, why: str) -> Iterator[str]:
         """No part goes on beyond `cycle`: one that has not lasted long enough is not finished."""
         for part in [part for part in self._open if cycle - part.begun < self._least]:
             self._open.remove(part)
             lasted_s = (cycle - part.begun) * self._period_s
-            yield f"part {part.number} was not finished, it ended after {lasted_s:.2f} s: nothing is learned from it"
+            yield f"part {part.number} was not finished, {why} after {lasted_s:.2f} s: nothing is learned from it"
 
     def _made(self, part: _Open, cycles: int) -> MadePart:
         rows = np.concatenate(self._rows)
         wanted = (rows["cycle"] >= part.begun - self._before) & (rows["cycle"] < part.begun + cycles)
         rows = rows[wanted]
         rested = np.flatnonzero((rows["state"] != TRACKING) & (rows["cycle"] < part.begun))
-        return MadePart(part.number, part.begun, rows[rested[-1] + 1 if len(rested) else 0 :])
+        return MadePart(part.number, part.begun, rows[rested[-1] + 1 if len(rested) else 0 :], part.tool)
 
     def _let_go(self) -> None:
         oldest = min([part.begun for part in self._open] or [self._newest]) - self._before

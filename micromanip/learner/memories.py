@@ -12,7 +12,7 @@ import numpy as np
 from micromanip.control.learned import RECOGNISED_S, rows_to_play
 from micromanip.design.learning.law import Update, updated
 from micromanip.design.learning.learner import begun, way_of
-from micromanip.design.learning.memory import Memory, memory_file, read_memory, remove_memory, write_memory
+from micromanip.design.learning.memory import Memory, memory_files, put_aside, read_memory, remove_memory, write_memory
 from micromanip.design.learning.part import Part, Run
 from micromanip.design.learning.recognised import found_at
 from micromanip.design.learning.usable import require_usable
@@ -22,6 +22,7 @@ from micromanip.settings.schema.learning import Learning
 from micromanip.settings.schema.model import Configuration
 
 from .gathering import MadePart
+from .shelf import UNKNOWN, Conditions, Shelf
 
 _WIRED_SEARCH_S = 0.05
 """The signal says to the cycle when a part begins; machines do not."""
@@ -37,52 +38,103 @@ class Memories:
         self.search_s = 0.0 if wired else learning.search_s
         self._found_within_s = _WIRED_SEARCH_S if wired else learning.search_s
         self._ways = {name: way_of(configuration, name) for name in configuration.axes}
-        self._known: dict[str, Memory] = {}
+        self._shelves = {name: Shelf(folder, name, learning.temperature_K) for name in self._ways}
+        self._has_tool, self._is_measured = (name in configuration.signals for name in ("tool", "temperature"))
+        self.now = self.conditions(0, None)
+        """Tool and temperature that what is played has to fit."""
+        self._gone_by = self.now
         self._barred: set[str] = set()
 
     def read(self) -> Iterator[str]:
         """Take over what is in the folder; a sentence for each memory that can't be used: its axis does not learn."""
         for name, way in self._ways.items():
             assert way.highest_Hz >= 0.0  # worked out now: it takes a second, and a part waits for nobody
-            file = memory_file(self._folder, name)
-            try:
-                memory = read_memory(file)
-                if memory is not None:
-                    require_usable(memory, self._configuration, name, file)
-                    self._known[name] = memory
-            except MicromanipError as problem:
-                self._barred.add(name)
-                yield f"{problem}; nothing is learned or played of axis {name}"
+            for file in memory_files(self._folder, name):
+                try:
+                    memory = read_memory(file)
+                    if memory is not None:
+                        require_usable(memory, self._configuration, name, file)
+                        self._shelves[name].put(file, memory)
+                except MicromanipError as problem:
+                    self._barred.add(name)
+                    yield f"{problem}; nothing is learned or played of axis {name}"
 
     def forget(self, axes: list[str]) -> None:
         """Remove the memories of `axes`, damaged ones too. Raises MicromanipError where a file can't be."""
         for name in axes:
-            file = memory_file(self._folder, name)
-            if file.exists():
+            for file in memory_files(self._folder, name):
                 remove_memory(file)
-            self._known.pop(name, None)
+            self._shelves[name].clear()
             self._barred.discard(name)
 
-    def learn(self, part: MadePart, breathe: Callable[[], None]) -> Iterator[tuple[str, Update | CheckFailed]]:
+    def put_aside(self, axes: list[str]) -> list[str]:
+        """Play nothing more of `axes`, and begin anew: the files stay, under another name; those. MicromanipError."""
+        for name in axes:
+            self._shelves[name].clear()
+        files = [file for name in axes for file in memory_files(self._folder, name)]
+        for file in files:
+            put_aside(file)
+        return [file.name for file in files]
+
+    @property
+    def tool(self) -> int:
+        """Which tool `rows` are of, 0 where none is told."""
+        return max(0, self.now.tool)
+
+    def conditions(self, tool: int, temperature_C: float | None) -> Conditions:
+        """What the rows say of the tool, and the host of the temperature, as memories know it."""
+        return Conditions(
+            UNKNOWN if self._has_tool and tool == 0 else tool,
+            temperature_C,
+            self._is_measured and temperature_C is None,
+        )
+
+    def move_to(self, now: Conditions) -> str | None:
+        """Go by the memories that fit `now`; a sentence where others are played then, or none instead of some."""
+        before, self.now = self._files(), now
+        after, old = self._files(), self._gone_by
+        if after == before:
+            return None
+        self._gone_by = now
+        told = []
+        for names, what in (
+            ([name for name in after if after[name] != before.get(name)], "goes by what was learned then"),
+            ([name for name in before if name not in after], "has no memory of that: plays nothing, learns anew"),
+        ):
+            if names and not (now.unknown and what.startswith("has")):
+                told.append(f"axis {', '.join(names)} {what}")
+        if now.unknown:
+            told.append("nothing is played or learned")
+        return f"{now} instead of {old}: {'; '.join(told)}; the other memories are kept"
+
+    def _files(self) -> dict[str, Path]:
+        """Of the memory that is played, by its axis."""
+        found = {name: shelf.fitting(self.now) for name, shelf in self._shelves.items() if name not in self._barred}
+        return {name: file for name, (file, memory) in found.items() if memory is not None}
+
+    def learn(
+        self, part: MadePart, breathe: Callable[[], None], temperature_C: float | None = None
+    ) -> Iterator[tuple[str, Update | CheckFailed]]:
         """What each axis makes of a whole part; its memory is in its file then. `breathe` is called in between."""
+        made_with = self.conditions(part.tool, temperature_C)
         for name in self._ways:
             if name not in self._barred:
                 breathe()
                 try:
-                    update = self._updated(name, part)
-                    write_memory(memory_file(self._folder, name), update.memory)
+                    update, file = self._updated(name, part, made_with)
+                    write_memory(file, update.memory)
                 except CheckFailed as refusal:
                     yield name, refusal
                 except OSError as problem:
                     yield name, CheckFailed(str(system_error(problem, self._folder)))
                 else:
-                    self._known[name] = update.memory
+                    self._shelves[name].put(file, update.memory)
                     yield name, update
 
     def recognised(self, part: MadePart) -> dict[str, int]:
         """The cycle in which the part began, by the path of each axis that knows its own again."""
         found = {}
-        for name, memory in self._known.items():
+        for name, memory in self.known.items():
             seen = replace(memory, path_um=memory.path_um[: round(RECOGNISED_S * memory.rate_hz)])
             run = self._run(name, part)
             try:
@@ -96,31 +148,38 @@ class Memories:
         """What is to be played, with its paths, as the loop reads it: (2 n, MAX_AXES)."""
         loop_hz = float(self._configuration.loop.rate_hz)
         axes = list(self._configuration.axes)
-        rate_hz = next((memory.rate_hz for memory in self._known.values()), loop_hz)
+        known = self.known
+        rate_hz = next((memory.rate_hz for memory in known.values()), loop_hz)
         return rows_to_play(
-            {axes.index(name): (each.now.correction_um, each.path_um) for name, each in self._known.items()},
+            {axes.index(name): (each.now.correction_um, each.path_um) for name, each in known.items()},
             rate_hz, loop_hz,
         )  # fmt: skip
 
     @property
     def known(self) -> dict[str, Memory]:
-        """Memory of each axis that has one."""
-        return self._known
+        """Memory of each axis that has one of the tool and the temperature that there are now."""
+        found = {name: shelf.fitting(self.now)[1] for name, shelf in self._shelves.items() if name not in self._barred}
+        return {name: memory for name, memory in found.items() if memory is not None}
 
     def _about_s(self, part: MadePart) -> float:
         return (part.begun - part.first) / self._configuration.loop.rate_hz
 
-    def _updated(self, name: str, part: MadePart) -> Update:
-        way, memory, about_s = self._ways[name], self._known.get(name), self._about_s(part)
+    def _updated(self, name: str, part: MadePart, made_with: Conditions) -> tuple[Update, Path]:
+        if made_with.unknown:
+            raise CheckFailed(f"part {part.number}: {made_with.unknown}: nothing is learned from it")
+        file, memory = self._shelves[name].fitting(made_with)
+        way, about_s = self._ways[name], self._about_s(part)
         tracker, run, seconds = way.laws.tracker, self._run(name, part), self._learning.seconds
         at_s = about_s
         if memory is not None:
             at_s = found_at(memory, run, about_s, self._found_within_s, self._learning.tolerance_um)
         made: Part = run.part(tracker, at_s, seconds)
         if memory is None:
-            memory = begun(self._configuration, name, made, at_s)
+            warm_C = made_with.temperature_C
+            memory = begun(self._configuration, name, made, at_s, made_with.tool, warm_C)
         from_s = self._played_from_s(name, part, at_s)
-        return updated(memory, made, way, self._learning.limit_um, run.what, from_s, own=True)
+        update = updated(memory, made, way, self._learning.limit_um, run.what, from_s, own=True)
+        return replace(update, memory=_warmed(update.memory, made_with)), file
 
     def _played_from_s(self, name: str, part: MadePart, at_s: float) -> float:
         """When in the part the correction was first played; 0 where it was not."""
@@ -141,3 +200,11 @@ class Memories:
         range_V = self._configuration.outputs[f"voltage_{name}"].range_V
         period_s = self._configuration.loop.period_ns * 1e-9
         return Run.of(f"part {part.number}", cell, axis.__getitem__, period_s, range_V)
+
+
+def _warmed(memory: Memory, made_with: Conditions) -> Memory:
+    """`memory`, which has just learned from a part that was made at another temperature: it has that of the mean."""
+    now_C, before_C = made_with.temperature_C, memory.temperature_C
+    if now_C is None or before_C is None:
+        return memory
+    return replace(memory, temperature_C=before_C + (now_C - before_C) / max(1, memory.now.parts))

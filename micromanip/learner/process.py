@@ -3,7 +3,8 @@
 Started by the host as ``python -m micromanip.learner.process`` in a session of its own, below everything else in
 precedence. It maps the telemetry for reading, and writes two things: the memories' files, and the rows to be played,
 into a memory of its own that the host takes them from. Standard input brings the orders, then what to forget, which
-rows were taken, and that the tuning was changed; standard output tells, a JSON object a line, what became of each part.
+rows were taken, how warm the cell is, and of which axes nothing counts any more after a fault; standard output tells, a
+JSON object a line, what became of each part.
 """
 
 from __future__ import annotations
@@ -55,6 +56,8 @@ class Learning:
         self._gathering = Gathering(learning.seconds, self._memories.search_s, RECOGNISED_S, period_s)
         self._room = np.frombuffer(Segment.attach(orders["rows"], writable=True).memory, np.float64)
         self._room_is_free, self._staged, self._new = True, 0, True
+        self._temperature_C: float | None = orders["temperature_C"]
+        self._is_first, self._staged_tool = True, 0
 
     def read(self) -> None:
         """Take over the memories that there are."""
@@ -66,6 +69,7 @@ class Learning:
     def follow(self) -> None:
         """Take what has come since the last time; learn from a part that is whole."""
         self._take()
+        self._move()
         for part in self._gathering.whole():
             self._learn(part)
         self._stage()
@@ -80,6 +84,21 @@ class Learning:
         tell(forgotten=axes)
         self._new = True
 
+    def put_aside(self, axes: list[str]) -> None:
+        """Nothing that was learned of `axes` before a fault of theirs is gone by; it stays, under another name."""
+        self._gathering.drop()
+        files: list[str] = []
+        try:
+            files += self._memories.put_aside(axes)
+        except MicromanipError as problem:
+            tell(warning=str(problem))
+        tell(aside=axes, files=files)
+        self._new = True
+
+    def warm(self, temperature_C: float | None) -> None:
+        """The cell has another temperature, or none that is known."""
+        self._temperature_C = temperature_C
+
     def taken(self) -> None:
         """The host has taken the rows, or refused them."""
         self._room_is_free = True
@@ -93,9 +112,19 @@ class Learning:
             if self._memories.search_s:
                 tell(part=part.number, begun=self._memories.recognised(part))
 
+    def _move(self) -> None:
+        """Go by the memories of the present tool and temperature."""
+        if not self._gathering.heard:
+            return
+        said = self._memories.move_to(self._memories.conditions(self._gathering.tool, self._temperature_C))
+        if said is not None and not self._is_first:
+            tell(moved=said)
+        self._new = self._new or said is not None or self._memories.tool != self._staged_tool
+        self._is_first = False
+
     def _learn(self, part: MadePart) -> None:
         told, refused = {}, {}
-        for name, found in self._memories.learn(part, self._take):
+        for name, found in self._memories.learn(part, self._take, self._temperature_C):
             if isinstance(found, Update):
                 told[name] = _told(found)
             else:
@@ -112,11 +141,16 @@ class Learning:
         flat = np.zeros(len(self._room))
         flat[: min(rows.size, len(flat))] = rows.ravel()[: len(flat)]
         self._room[:] = flat
+        self._staged_tool = self._memories.tool
         known = self._memories.known
         tell(
             staged=self._staged,
             sha256=hashlib.sha256(flat.tobytes()).hexdigest(),
-            axes={name: {"tuning": each.tuning, "generation": each.generation} for name, each in known.items()},
+            tool=self._staged_tool,
+            axes={
+                name: {"tuning": each.tuning, "generation": each.generation, "temperature_C": each.temperature_C}
+                for name, each in known.items()
+            },
         )
 
 
@@ -149,11 +183,17 @@ def main() -> int:
         return 1
     if orders["forget"]:
         learning.forget(orders["forget"])
+    if orders["aside"]:
+        learning.put_aside(orders["aside"])
     learning.read()
     while not told.ended:
         for news in told.within(_LOOK_S):
             if "forget" in news:
                 learning.forget(news["forget"])
+            if "aside" in news:
+                learning.put_aside(news["aside"])
+            if "temperature_C" in news:
+                learning.warm(news["temperature_C"])
             if "taken" in news:
                 learning.taken()
         learning.follow()

@@ -9,6 +9,8 @@ ABOUT, END = "micromanip", "micromanip.end"
 BEGAN = "recording began"
 """The first mark."""
 CONFIGURATION, STATE, SAMPLES = "configuration.yaml", "state.npy", "samples.npy"
+PARAMETERS = "parameters-"
+"""Attachments: sets of parameters, each as the only array of a file of NumPy's that is compressed."""
 
 
 def axis_topic(axis: str) -> str:
@@ -27,4 +29,4 @@ def state_file(cycle: int) -> str:
 
 def parameters_file(version: int) -> str:
     """Attachment with the set of parameters that rows of `version` ran with."""
-    return f"parameters-{version}.npy"
+    return f"{PARAMETERS}{version}.npz"

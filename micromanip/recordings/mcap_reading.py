@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -37,6 +38,8 @@ from .telemetry import Piece, Rows, Telemetry
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Number of the channel, sequence, and two times, before what a message holds."""
 _SHORT_CHUNK = 4096
+_CHECKSUM_BYTES = 4
+_ZIP, _MOST_UNPACKED = b"PK", 100_000_000
 _WHY = "it is damaged, or not a recording of ours"
 
 
@@ -57,6 +60,7 @@ def open_mcap(file: Path) -> Telemetry:
     """What a recording is of. CheckFailed where it is damaged, or of another program; the rows are read later."""
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
+    damaged: list[str] = []
     marks: list[dict[str, Any]] = []
     codec: BlockCodec | None = None
     chunked = False
@@ -79,8 +83,12 @@ def open_mcap(file: Path) -> Telemetry:
                 record = _parsed(file, "Metadata", stream.read(length))
                 metadata[record.name] = record.metadata
             elif opcode == ATTACHMENT:
-                record = _parsed(file, "Attachment", stream.read(length))
-                attachments[record.name] = record.data
+                content = stream.read(length)
+                if _is_whole(content):
+                    record = _parsed(file, "Attachment", content)
+                    attachments[record.name] = record.data
+                else:
+                    damaged.append(_name(content))
             elif codec is None or not chunked or length < _SHORT_CHUNK:  # a remark has a chunk of its own
                 chunked = True
                 take_in(_chunk(file, stream.read(length), sure=codec is None))
@@ -102,11 +110,12 @@ def open_mcap(file: Path) -> Telemetry:
             rows=partial(_rows, file, codec),
             pieces=partial(_pieces, file, codec),
             state=_array(file, attachments, layout.STATE),
-            parameters=[_sure(file, *each) for each in attachments.items() if each[0].startswith("parameters-")],
+            parameters=[_sure(file, *each) for each in attachments.items() if each[0].startswith(layout.PARAMETERS)],
             states=[_sure(file, *each) for each in attachments.items() if each[0].startswith(layout.STATES)],
             marks=marks,
             samples=_array(file, attachments, layout.SAMPLES),
             sources=about.get("sources", ""),
+            damaged=damaged,
         )
     except (KeyError, ValueError) as problem:
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
@@ -120,11 +129,33 @@ def _array(file: Path, attachments: Mapping[str, bytes], name: str) -> NDArray[A
     return _sure(file, name, attachments[name]) if name in attachments else None
 
 
+def _is_whole(attachment: bytes) -> bool:
+    """By the checksum at its end, of all before; 0 where its writer made none."""
+    told = int.from_bytes(attachment[-_CHECKSUM_BYTES:], "little")
+    return told in (0, zlib.crc32(attachment[:-_CHECKSUM_BYTES]))
+
+
+def _name(attachment: bytes) -> str:
+    """Of a damaged one, as far as it can be read."""
+    size, begins = int.from_bytes(attachment[16:20], "little"), 20
+    return ascii(attachment[begins : begins + min(size, 40)].decode(errors="replace")).strip("'") or "an attachment"
+
+
 def _sure(file: Path, name: str, data: bytes) -> NDArray[Any]:
     try:
-        found: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, OSError, EOFError) as problem:  # NumPy's words have all of a record in them
+        return _unpacked(data) if data.startswith(_ZIP) else np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError) as problem:
+        # NumPy's words have all of a record in them
         raise CheckFailed(f"{file}: {_WHY} (its attachment {name} can't be read)") from problem
+
+
+def _unpacked(data: bytes) -> NDArray[Any]:
+    """The only array of a file that ``numpy.savez_compressed`` has made. ValueError and others where it is none."""
+    with zipfile.ZipFile(io.BytesIO(data)) as packed:
+        (entry,) = packed.infolist()
+        if entry.file_size > _MOST_UNPACKED:
+            raise ValueError("it unpacks to too much")
+        found: NDArray[Any] = np.load(io.BytesIO(packed.read(entry)), allow_pickle=False)
     return found
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 
+from .mcap_layout import CONFIGURATION
 from .table import Array, Table
 
 _MOST_VALUES = 250_000_000
@@ -33,7 +34,8 @@ class Telemetry:
     ended (``rows``, ``lost``, ``complete``, ``problem``), empty where nobody could say so. `state` and `parameters` are
     records as the loop had them, `states` those on the way, `marks` the remarks. `pieces` finds all of the file's
     without reading their rows. `sources` tells the version of the cycle (`filed.sources_of_cycle`), "" where the file
-    is older than that; `samples` (n, axes) is what the source `file` played, None where nothing was.
+    is older than that; `samples` (n, axes) is what the source `file` played, None where nothing was. `damaged` names
+    what stood beside the rows and can't be trusted: it is left out.
     """
 
     file: Path
@@ -52,6 +54,7 @@ class Telemetry:
     states: Sequence[NDArray[Any]] = field(default=(), repr=False)
     samples: NDArray[Any] | None = field(default=None, repr=False)
     sources: str = ""
+    damaged: Sequence[str] = ()
 
     @classmethod
     def of_rows(cls, file: Path, axes: list[str], period_ns: int, rows: NDArray[Any], configuration: str) -> Telemetry:
@@ -66,6 +69,25 @@ class Telemetry:
             file, axes, period_ns, rows.dtype, configuration, "", {},
             lambda paths: iter([{path: column(path) for path in paths}]), lambda: iter([rows]), list,
         )  # fmt: skip
+
+    def sure_configuration(self) -> str:
+        """Its text, for what can't be judged without. CheckFailed where it is damaged, or not there."""
+        self.require_whole(CONFIGURATION)
+        if not self.configuration.strip():
+            raise CheckFailed(f"{self.file}: its configuration is not in it")
+        return self.configuration
+
+    def require_whole(self, *beginnings: str) -> None:
+        """CheckFailed where something is damaged whose name begins so."""
+        if named := [name for name in self.damaged if name.startswith(beginnings)]:
+            raise CheckFailed(
+                f"{self.file}: damaged: the checksum of {', '.join(named)} in it is wrong, and this needs it; `view`, "
+                "`report` and `export` need the rows only"
+            )
+
+    def damage(self) -> str:
+        """What beside the rows can't be trusted, in a sentence; empty where all of it can."""
+        return f"Damaged, and left out: {', '.join(self.damaged)}." if self.damaged else ""
 
     def names(self) -> dict[str, str]:
         """Paths by the names that their columns have: ``cycle``, ``strain_um_x``."""

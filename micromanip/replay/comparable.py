@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import UsageError
 from micromanip.recordings import Telemetry
 from micromanip.settings.check import validate
 from micromanip.settings.schema.model import Configuration, Output, Signal
@@ -15,9 +15,7 @@ from micromanip.settings.text.source import Source
 
 def recorded_configuration(telemetry: Telemetry) -> tuple[Source, Configuration]:
     """What was in force when the recording began; CheckFailed where this version can't read it."""
-    if not telemetry.configuration.strip():
-        raise CheckFailed(f"{telemetry.file}: its configuration is not in it; another tuning needs its models")
-    source = Source.parse(Path(telemetry.file), telemetry.configuration)
+    source = Source.parse(Path(telemetry.file), telemetry.sure_configuration())
     return source, validate(source)
 
 

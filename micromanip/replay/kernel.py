@@ -52,6 +52,7 @@ from micromanip.rt.telemetry import (
     STRAIN_READING,
     STRAIN_REPEATED,
     TEMPERATURE_OK,
+    TOOL,
     write_row,
 )
 
@@ -137,6 +138,15 @@ def _leave_part(p: Record, s: Record, signals: Any, lines: int, now_ns: int) -> 
 
 
 @_compiled
+def _leave_tool(p: Record, s: Record, signals: Any, lines: int, now_ns: int) -> None:
+    """The machine's word for the tool: its number stands in the row."""
+    place = p["tool"]["signal"]
+    _leave_line(p["tool"], s["tool_line"], signals, False, now_ns)
+    if place >= 0:
+        signals[place]["value"] = float(lines >> TOOL)
+
+
+@_compiled
 def _leave_value(place: int, signals: Any, value: float) -> None:
     if place >= 0:
         signals[place]["value"] = value
@@ -194,6 +204,7 @@ def _leave_cell(p: Record, s: Record, row: Record, signals: Any, now_ns: int) ->
     _leave_line(p["interlock"], s["interlock"], signals, lines & INTERLOCKED != 0, now_ns)
     _leave_line(p["retracted"], s["retracted"], signals, lines & RETRACTED != 0, now_ns)
     _leave_part(p, s, signals, lines, now_ns)
+    _leave_tool(p, s, signals, lines, now_ns)
     for i in range(p["axes"]):
         _leave_axis(p["axis"][i], s["axis"][i], row["axis"][i], signals, now_ns)
 

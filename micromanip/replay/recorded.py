@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.recordings.filed import FILED_PARAMETERS
+from micromanip.recordings.mcap_layout import PARAMETERS
+from micromanip.recordings.mcap_layout import SAMPLES as SAMPLES_FILE
 from micromanip.rt.laws.coordinate_transform import MAX_FRAME
 from micromanip.rt.laws.estimator import MAX_STATES
 from micromanip.rt.laws.excitation import MAX_LINES
@@ -48,6 +50,7 @@ _MOST = {
     "points": MAX_TABLE,
     "states": MAX_STATES,
     "slow": MAX_STATES,
+    "tooth": MAX_STATES - 1,
     "sines": MAX_SINES,
     "lines": MAX_LINES,
     "column": MAX_AXES - 1,
@@ -58,7 +61,7 @@ _MOST = {
 _PLACES = {
     **dict.fromkeys(("strain", "stage", "deviation", "true_strain", "true_stage"), MAX_SIGNALS),
     **dict.fromkeys(("path_error", "uncompensated", "signal", "source", "first"), MAX_SIGNALS),
-    **dict.fromkeys(("voltage", "amplifier_enable", "feed_hold", "heartbeat"), MAX_OUTPUTS),
+    **dict.fromkeys(("voltage", "amplifier_enable", "amplifier_reset", "feed_hold", "heartbeat"), MAX_OUTPUTS),
 }
 
 
@@ -73,8 +76,10 @@ class Recorded:
     def __init__(self, telemetry: Telemetry) -> None:
         """Raises CheckFailed where the recording lacks what no cycle can be run without."""
         file = telemetry.file
+        telemetry.require_whole(PARAMETERS, SAMPLES_FILE)
         found = [*([] if telemetry.state is None else [telemetry.state]), *telemetry.states]
         if not found:
+            telemetry.require_whole("state")
             raise CheckFailed(f"{file}: nothing can be replayed, the loop's state is not in it")
         self.telemetry = telemetry
         self.unlike: list[str] = []

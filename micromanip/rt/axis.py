@@ -39,7 +39,7 @@ from .setpoint_history import ease_times, measure_errors, remember_setpoint, sta
 from .states import STAGE, VOLTAGE
 
 _ANY_UM = (-math.inf, math.inf)
-_FORGOTTEN, _MOST_MISSED, _OVERLOADED = 0.98, 16.0, 600.0
+FORGOTTEN, MOST_MISSED, OVERLOADED = 0.98, 16.0, 600.0
 """Share of the missed cycles that a cycle leaves; how many a gap counts for at most; the sum of squares, over some 50
 cycles, beyond which the outer loop waits: three gaps of 16 cycles in them, not a single one, nor many small ones."""
 
@@ -123,8 +123,8 @@ def estimate(p: Record, s: Record, cycle: int) -> None:
             u = s["setpoint_um"] - p["centre_um"] - s["decoupling"]["added_um"]
             start_estimator(p["outer"], s["estimator"], cycle, u, s["stage"]["value"])
         return
-    missed = min(_MOST_MISSED, cycle - s["estimator"]["cycle"] - 1.0)
-    s["missed"] = _FORGOTTEN * s["missed"] + missed * missed
+    missed = min(MOST_MISSED, cycle - s["estimator"]["cycle"] - 1.0)
+    s["missed"] = FORGOTTEN * s["missed"] + missed * missed
     predict_to(p["outer"], s["estimator"], cycle)
     if s["stage"]["fresh"] and s["watch"]["degraded"] == 0:
         age = int(s["stage"]["age_ns"] * p["cycles_per_ns"] + 0.5)
@@ -165,7 +165,7 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     w[1] += s["move"]["speed_um"] * p["cycles_per_ns"] * 1e9
     w[2] += s["move"]["acceleration_um"] * (p["cycles_per_ns"] * 1e9) ** 2
     u = p["centre_um"] + outer_setpoint(p["outer"], s["estimator"]["x"], w) + s["decoupling"]["added_um"]
-    if s["closed"] == 0 or s["missed"] > _OVERLOADED:
+    if s["closed"] == 0 or s["missed"] > OVERLOADED:
         s["blend_um"] = s["setpoint_um"] - u
         s["closed"] = 1
     s["blend_um"] *= p["blend_decay"]

@@ -21,7 +21,7 @@ from .exchange import ALL_FOLLOW, FIRST_TAKEN
 from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
-from .part import follow_part
+from .part import follow_part, follow_tool
 from .phases import CLOSED, PARKED
 from .record import Record
 from .states import (
@@ -135,6 +135,7 @@ def cell_cycle(
         fraction = arming_step(p, s, phase, fraction)
     decay_hold(p, s)
     follow_part(p, s, signals, now_ns)
+    follow_tool(p, s, signals, now_ns)
     s["phase"] = phase
     follows = s["state"] == TRACKING or (s["state"] == RAMPING and s["soft"] != 0)
     tracked = s["cycle"] - s["tracking_cycle"] if follows else -1
@@ -144,6 +145,7 @@ def cell_cycle(
         own = phase_of_axis(s, a, phase)
         a["move"]["held"] = 1 if s["state"] == HOLDING and s["fault"] == NO_FAULT and s["stopping"] == 0 else 0
         a["learned"]["part_begun"] = s["part_begun"] if s["part"] != 0 else -1
+        a["learned"]["other_tool"] = 1 if s["tool"] != p["learned_tool"] else 0
         a["reference"]["followed"] = 1 if own == CLOSED and s["state"] != HOLDING else 0
         finite = axis_cycle(axis, a, s["cycle"], now_ns, t_s, samples, own, fraction)
         axis_fault(p, s, i, NOT_FINITE, not finite, a["setpoint_um"], math.nan)

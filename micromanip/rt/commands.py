@@ -83,10 +83,13 @@ def apply_command(p: Record, s: Record, command: int) -> bool:
             return False
         end_part(s)
     elif command == RESET:
-        if state != FAULT or s["stopping"] != 0:
+        at_rest = state == READY and p["amplifier_reset"] >= 0  # an amplifier's fault there is none of the cell's
+        if (state != FAULT and not at_rest) or s["stopping"] != 0:
             return False
         if s["outputs_away"] != 0:  # READY says that everything rests at park
             return False
-        forget(p, s)
-        enter(s, READY)
+        s["reset_until_cycle"] = s["cycle"] + p["reset_cycles"]
+        if state == FAULT:
+            forget(p, s)
+            enter(s, READY)
     return True

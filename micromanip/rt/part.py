@@ -1,8 +1,11 @@
-"""Which part is being made: what the machine says, or a command.
+"""Which part is being made, and with which tool: what the machine says, or a command.
 
 The signal ``part`` is 0 while none is, and any other number while one is: a line that is 1 meanwhile, or a counter. A
 part begins in the cycle in which the number changes, and ends with it; a signal that is not usable counts as 0. Without
 that signal a part begins and ends by command, and ends where the cell does not track any more.
+
+The signal ``tool`` is the number of the tool in the spindle, 0 for none. One that is not usable, or no such number,
+counts as 0. Without it the tool is what the set of parameters states.
 """
 
 from __future__ import annotations
@@ -16,6 +19,8 @@ from .record import Record
 from .states import TRACKING
 
 _MOST = 2**31 - 1
+MOST_TOOLS = 2**16 - 1
+"""Its number stands in 16 bits of a row."""
 
 
 @compiled
@@ -33,11 +38,22 @@ def end_part(s: Record) -> None:
 
 
 @compiled
-def said_part(line: Record) -> int:
-    """Number of the part that the signal says."""
+def said_number(line: Record, most: int) -> int:
+    """Number that a signal says, `most` where it says more."""
     if line["bad"] != 0:
         return 0
-    return int(min(float(_MOST), max(0.0, line["value"])) + 0.5)
+    return int(min(float(most), max(0.0, line["value"])) + 0.5)
+
+
+@compiled
+def follow_tool(p: Record, s: Record, signals: Any, now_ns: int) -> None:
+    """Take the machine's word for the tool of this cycle, or what was stated."""
+    if p["tool"]["signal"] < 0:
+        s["tool"] = p["stated_tool"]
+        return
+    read_line(p["tool"], s["tool_line"], signals, now_ns)
+    number = said_number(s["tool_line"], MOST_TOOLS + 1)
+    s["tool"] = number if number <= MOST_TOOLS else 0
 
 
 @compiled
@@ -48,7 +64,7 @@ def follow_part(p: Record, s: Record, signals: Any, now_ns: int) -> None:
             end_part(s)
         return
     read_line(p["part"], s["part_line"], signals, now_ns)
-    number = said_part(s["part_line"])
+    number = said_number(s["part_line"], _MOST)
     if number == s["part"]:
         return
     if number == 0:

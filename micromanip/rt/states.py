@@ -52,10 +52,11 @@ FAULTS = 23
     REFERENCE_STALE,
     DERATED,
     ROLLED_BACK,
-) = range(FAULTS, FAULTS + 7)
+    TOOTH_LOST,
+) = range(FAULTS, FAULTS + 8)
 """Warnings: reported and written down as events, but never latched."""
 
-EVENT_CODES = FAULTS + 7
+EVENT_CODES = FAULTS + 8
 
 NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING, LINK_MISSING, OUTPUTS_MISSING = 1, 2, 4, 8, 16, 32
 """Why arming was refused, the cell's bits."""

@@ -8,6 +8,7 @@ from typing import Any
 from micromanip.rt.laws.estimator import output
 from micromanip.rt.laws.reference import position
 from micromanip.rt.laws.sensor import is_on
+from micromanip.rt.laws.tooth import tooth_Hz
 
 from .digital_io import asks_feed_hold, is_enabled
 from .figures import path_error
@@ -27,8 +28,9 @@ NO_NUMBER, LOW_END, BELOW, SAME, ABOVE, HIGH_END, INFINITE, MINUS_INFINITE = ran
 ENABLED, INTERLOCKED, RETRACTED, AMPLIFIER_ON, FEED_HOLD = 1, 2, 4, 8, 16
 LINK_DOWN, OUTPUTS_ARE_TAKEN, OUTPUTS_ARE_AWAY, DRIVER_FAILED = 32, 64, 128, 256
 PART_RUNS, PART_TURN = 512, 1024
-"""Bits of ``lines``; the last four of them say how the exchange with the drivers ended. A part is being made; changes
-with each part."""
+TOOL = 12
+"""Bits of ``lines``; the last four of the first nine say how the exchange with the drivers ended. A part is being made;
+changes with each part; where the 16 bits of the tool's number begin."""
 
 AXIS_ROW = record(
     ("reference_um", "f8"),
@@ -46,6 +48,7 @@ AXIS_ROW = record(
     ("path_error_um", "f8"),
     ("uncompensated_um", "f8"),
     ("notch_um", "f8"),
+    ("tooth_Hz", "f8"),
     ("conditions", "i8"),
     ("strain_age_ns", "i4"),
     ("stage_age_ns", "i4"),
@@ -66,7 +69,8 @@ ROW = record(
     ("axis", AXIS_ROW, (MAX_AXES,)),
 )
 """One cycle of telemetry; ``compute_ns`` is the time of the cycle before, what an axis does not have is NaN.
-``notch_um`` is what the notch took from the PID's error, ``conditions`` has one bit per code of ``states`` that is
+``notch_um`` is what the notch took from the PID's error, ``tooth_Hz`` the frequency that the outer loop has found
+where it follows the tooth's, NaN where it does not, ``conditions`` has one bit per code of ``states`` that is
 raised, ``fresh`` and ``lines`` have the bits above. With the loop's state before it a row says all that came in:
 ``micromanip.replay`` runs the cycle again on that."""
 
@@ -136,6 +140,7 @@ def _axis_row(p: Record, a: Record, signals: Any, row: Record, now_ns: int) -> N
     row["true_stage_um"] = _value(signals, p["true_stage"])
     row["path_error_um"], row["uncompensated_um"] = path_error(p, a, signals)
     row["notch_um"] = a["pid"]["notch_um"]
+    row["tooth_Hz"] = tooth_Hz(p["outer"], a["estimator"], p["cycles_per_ns"]) if stage else math.nan
     row["strain_age_ns"] = _age(a["strain"], p["strain"])
     row["stage_age_ns"] = _age(a["stage"], p["stage"])
     row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])
@@ -153,6 +158,7 @@ def _lines(p: Record, s: Record) -> int:
     lines |= OUTPUTS_ARE_TAKEN if s["outputs_taken"] != 0 else 0
     lines |= PART_RUNS if s["part"] != 0 else 0
     lines |= PART_TURN if s["parts"] % 2 != 0 else 0
+    lines |= s["tool"] << TOOL
     lines |= OUTPUTS_ARE_AWAY if s["outputs_away"] != 0 else 0
     return lines | (DRIVER_FAILED if s["raised"] & (1 << DRIVER_ERROR) != 0 else 0)
 

@@ -12,6 +12,7 @@ import math
 from micromanip.rt.laws.pid import retune
 from micromanip.rt.laws.reference import SAMPLES, SIGNAL
 from micromanip.rt.laws.sensor import is_missing
+from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
 from .faults import axis_fault, warn
 from .jit import compiled
@@ -39,6 +40,7 @@ from .states import (
     STAGE_STUCK,
     STRAIN_INVALID,
     STRAIN_STUCK,
+    TOOTH_LOST,
     TRACKING,
     VOLTAGE,
 )
@@ -157,6 +159,17 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
 
 
 @compiled
+def watch_tooth(p: Record, s: Record, i: int, active: bool) -> None:
+    """The tooth's frequency is not the configured one, nor near it, or its observer makes the estimate worse."""
+    axis, estimator = p["axis"][i], s["axis"][i]["estimator"]
+    outer, per_ns = axis["outer"], axis["cycles_per_ns"]
+    lost = active and outer["tooth"] > 0 and estimator["given_up"] != FOLLOWS
+    if lost or s["axis"][i]["watch"]["raised"] & (1 << TOOTH_LOST) != 0:
+        said_Hz = outer["tooth_turn"] * per_ns * 1e9 / (2.0 * math.pi)
+        warn(s, i, TOOTH_LOST, lost, tooth_Hz(outer, estimator, per_ns), said_Hz)
+
+
+@compiled
 def following_error(p: Record, a: Record) -> float:
     """How far (um) the stage was from the reference, or the gauge from the set-point, by the newest sample."""
     return a["stage_error_um"] if p["mode"] == STAGE else a["strain_error_um"]
@@ -263,6 +276,7 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
     watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
     watch_stage(p, s, i, outer)
     watch_innovation(p, s, i, outer)
+    watch_tooth(p, s, i, outer)
     watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
     watch_voltage(p, s, i, inner)
     watch_oscillation(p, s, i, inner and axis["feedback"] != 0)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import dc_gain, outer_gains
 from micromanip.control.predictor import tracker_gain
+from micromanip.control.tooth import followed_radius
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.compile.reference import load_samples
 from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, attainable_um
@@ -289,3 +290,11 @@ def _stability(configuration: Configuration) -> Iterator[Finding]:
         radius = float(np.abs(gains.closed_loop_poles).max())
         if axis.mode == "stage" and not radius < 1.0:
             yield ("axes", name, "outer"), f"the closed loop would be unstable: a pole at radius {radius:.6f}"
+        elif axis.mode == "stage" and axis.outer.follows_tooth:
+            radius = followed_radius(axis.outer, gains, configuration.loop.period_ns * 1e-9)
+            if not radius < 1.0:
+                place = ("axes", name, "outer", "oscillation_range_percent")
+                yield (
+                    place,
+                    f"in it the closed loop would be unstable: a pole at radius {radius:.6f}; take less",
+                )

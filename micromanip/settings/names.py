@@ -13,7 +13,7 @@ _ROLES = (
     *("strain", "stage", "deviation", "acceleration", "true_strain", "true_stage", "path_error", "uncompensated"),
     *("amplifier_ok", "temperature_ok"),
 )
-_LINES = ("enable", "interlock", "retracted", "part")
+_LINES = ("enable", "interlock", "retracted", "part", "tool", "temperature")
 Finding = tuple[tuple[str | int, ...], str]
 
 

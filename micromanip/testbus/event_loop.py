@@ -11,7 +11,7 @@ import math
 import os
 import select
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 _PR_SET_TIMERSLACK = 29
 _SLACK_NS = 1
@@ -35,6 +35,10 @@ class Timer:
         self.callback = None
 
 
+Serve = Callable[[Sequence[int], int | None], int]
+"""Waits in the loop's stead, see ``EventLoop.serve_by``: for these descriptors, and until that time."""
+
+
 class EventLoop:
     """Calls back when descriptors become readable and when times come; an exception of a callback ends ``run``."""
 
@@ -44,6 +48,7 @@ class EventLoop:
         self._readers: dict[int, Callable[[], None]] = {}
         self._stopping = False
         self._rested_ns = 0
+        self._serve: Serve | None = None
         self._waker = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.add_reader(self._waker, self._drain_waker)
 
@@ -62,6 +67,13 @@ class EventLoop:
     def remove_reader(self, fileno: int) -> None:
         """Forget descriptor `fileno`; does no harm if it isn't known."""
         self._readers.pop(fileno, None)
+
+    def serve_by(self, serve: Serve) -> None:
+        """Have somebody wait, and do what is his own meanwhile, until there is something to serve, or sooner.
+
+        He returns when he had nothing to do last (0: he does not know).
+        """
+        self._serve = serve
 
     def call_at(self, time_ns: int, callback: Callable[[], None]) -> Timer:
         """Call `callback` once at `time_ns` or soon after, in the order of time, the same times as they were asked for.
@@ -115,6 +127,9 @@ class EventLoop:
                 callback()
 
     def _wait(self, next_ns: int | None) -> None:
+        if self._serve is not None:
+            self._rested_ns = max(self._rested_ns, self._serve(tuple(self._readers), next_ns))
+            next_ns = self._next_ns(next_ns)  # he may have set timers
         timeout_s = None if next_ns is None else max(0, next_ns - self.now_ns()) * 1e-9
         before_ns = time.monotonic_ns()
         ready = select.select(self._readers, (), (), timeout_s)[0]

@@ -56,6 +56,10 @@ class VirtualExperiment:
             part_s = min(part, cycles - begin) * period_s
             cell.run(part_s, every, rows=rows[begin // every : (begin + part) // every])
         self.require_no_fault(cell)
+        return self.at_own_time(rows, configuration)
+
+    def at_own_time(self, rows: Rows, configuration: Configuration) -> Rows:
+        """`rows` with each sample at its own time."""
         return at_own_time(rows, configuration, self._wiring)
 
     def require_no_fault(self, cell: VirtualCell) -> None:

@@ -37,6 +37,7 @@ def status(state="TRACKING", faults=(), position=(51.25, None)):
         "headroom_V": value(50.0),
         "error_um": value(-0.25),
         "error_of": "path",
+        "tooth_Hz": None,
     }
     return {
         "state": state,

@@ -43,6 +43,15 @@ def test_a_wide_one_is_a_table_and_a_narrow_one_is_stacked():
     assert printed(table, 30).splitlines() == ["Path error, um", "axis x", "  uncompensated rms 114.3", "  rms 0.814"]
 
 
+def test_a_stacked_figure_goes_on_beside_or_below_its_header():
+    table = Figures("begun", "file", "about")
+    table.add_row("today", "/var/lib/micromanip/trips/one.npz", "no usable sample of the reference")
+    shown = [line.rstrip() for line in printed(table, 36).splitlines()]
+    assert shown[:2] == ["begun today", "  file"]
+    assert "".join(shown[2:4]).replace(" ", "") == "/var/lib/micromanip/trips/one.npz"
+    assert shown[4:] == ["  about no usable sample of the", "        reference"]
+
+
 def known(latest, deviation, peak):
     window = dict.fromkeys(("seconds", "mean", "min", "max", "rms", "peak"), peak)
     window |= {"deviation_rms": deviation, "deviation_peak": peak}
@@ -64,6 +73,7 @@ def report():
         "headroom_V": known(2.0, 0.25, 1.75),
         "error_um": known(0.5, 9.0, 0.75),
         "error_of": "path",
+        "tooth_Hz": None,
     }
     return {"axes": {"x": axis}}
 

@@ -206,7 +206,7 @@ def test_two_runs_on_one_page(tmp_path, capsys):
     assert verdicts["x", "error rms 10-100 Hz"] == TOO_SHORT
     assert verdicts["x", "error, greatest of a section"] == "lower"
     assert verdicts["", "lateness p50"] == "no difference shown"
-    assert code_of("compare", a, b, "--out", tmp_path / "both.html") == 64
+    assert code_of("compare", a, b, "--to", tmp_path / "both.html") == 64
     assert "nothing is replaced" in capsys.readouterr().err
 
 

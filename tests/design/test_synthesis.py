@@ -73,6 +73,15 @@ def test_what_no_pid_can_hold_is_refused():
         tune_pid(ANCHOR_PID, delay(60, T).then(mode), SLOPES)
 
 
+def test_a_fast_mode_gets_a_notch_that_the_rate_allows():
+    """The polish began with one at 1.28 times the mode, which 10,000 samples a second don't show."""
+    fast = swinging(3800.0, 0.02, gain=1.0)
+    mode = System(np.array(fast.A), np.array(fast.B), np.array(fast.C), 0.0, T)
+    design = tune_pid(ANCHOR_PID, lag(0.65, 2500.0, 0).then(mode), SLOPES)
+    assert design.inner.notch.frequency_Hz <= 4500.0
+    assert design.sensitivity <= 2.2
+
+
 def test_the_outer_loop_has_its_margins():
     model = swinging()
     design = tune_outer(model, T, 0.012)

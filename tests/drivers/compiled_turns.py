@@ -48,14 +48,19 @@ class CompiledTurns:
         began_ns = time.monotonic_ns()
         select.select([self.functions.fileno()], [], [], max(0, until_ns - began_ns) * 1e-9)
         samples = self.samples[0]
-        before, lost = samples["signal"]["sequence"].copy(), int(samples["lost"])
+        before, received = samples["signal"]["sequence"].copy(), int(samples["received"])
         samples["confirmed"] = 0
         code = call_receive(self.functions, self.samples, began_ns)
         ahead = samples["signal"]["sequence"] - before
-        missing = (int(samples["lost"]) - lost) // max(1, np.count_nonzero(ahead))  # all of one message
+        missing = np.maximum(ahead - 1, 0)
+        overtaken = int(samples["received"]) - received - np.count_nonzero(ahead)
+        while overtaken > 0:  # came, and a newer one with the same call: where it grew most, since all miss as many
+            most = missing == missing.max()
+            missing[most] -= 1
+            overtaken -= np.count_nonzero(most)
         for i in np.flatnonzero(ahead):
             signal = samples["signal"][i]
-            inbox.put(int(i), float(signal["value"]), int(signal["time_ns"]), int(signal["status"]), missing)
+            inbox.put(int(i), float(signal["value"]), int(signal["time_ns"]), int(signal["status"]), int(missing[i]))
         for task in np.flatnonzero(samples["confirmed"]):
             inbox.confirm(int(task))
         if code != 0:

@@ -328,6 +328,22 @@ def test_machining_force():
     assert smooth[175] == pytest.approx(80.0 * (1 - np.exp(-1.0)), abs=12.0)
 
 
+def test_a_spindle_that_slows_down_with_a_tool_that_runs_out():
+    """After the change everything turns at the new speed: tooth, its harmonic, and the spindle, a quarter of it."""
+    force = {"start_s": 0.0, "static_N": 0.0, "noise_N": 0.0, "harmonics": [0.3], "runout": 0.1}
+    force |= {"speed_percent": -2.0, "speed_after_s": 0.02, "speed_within_s": 0.05}
+    bench = Bench({"axes": ["x"], "force": force})
+    pushed = []
+    for _ in range(10_800):
+        bench.exchange(60.0)
+        pushed.append(float(bench.c["s"][0]["force_N"]))
+    t = PERIOD_S * np.arange(10_000)
+    for hertz, amplitude_N in ((196.0, 40.0), (392.0, 12.0), (49.0, 4.0), (200.0, 0.0)):
+        line = 2 * np.abs(np.mean(np.array(pushed[800:]) * np.exp(-2j * np.pi * hertz * t)))
+        assert line == pytest.approx(amplitude_N, abs=0.05)
+    assert np.abs(np.diff(pushed)).max() < 40.0 * 2 * np.pi * 330.0 * PERIOD_S, "the angle has no step"
+
+
 @pytest.mark.long
 def test_path_deviation():
     bench = Bench(quiet(deviation={}, tracker={**QUIET_TRACKER, "latency_ms": 0.0, "rate_Hz": 100.0}))

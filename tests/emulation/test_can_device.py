@@ -23,7 +23,7 @@ def test_messages_come_at_their_rates_and_count(controller):
 
 
 def test_counter_wraps(controller):
-    sent = controller.devices.emulated["can0"]._device.sent[0]
+    sent = controller.devices.emulated["can0"].device.sent[0]
     sent.count = 65534
     controller.run(0.003)
     assert [values["Count"] for _, values in controller.decoded("Sensors")][:4] == [65534, 65535, 0, 1]

@@ -13,7 +13,8 @@ def _scope(kind, path, host, origin, token, more=()):
         headers.append((b"origin", origin.encode()))
     if token is not None:
         headers.append((b"authorization", f"Bearer {token}".encode()))
-    plain = {"http_version": "1.1", "raw_path": path.encode(), "query_string": b"", "root_path": ""}
+    path, _, query = path.partition("?")
+    plain = {"http_version": "1.1", "raw_path": path.encode(), "query_string": query.encode(), "root_path": ""}
     return {"type": kind, "path": path, "headers": headers, "scheme": "http", **plain}
 
 

@@ -78,3 +78,16 @@ def test_promtool_has_nothing_to_say(text):
     own = "\n".join(line for line in text.splitlines() if "micromanip_" in line) + "\n"
     done = subprocess.run(["promtool", "check", "metrics"], input=own, text=True, capture_output=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed (Debian's package prometheus)")
+def test_promtool_parses_each_question_of_the_dashboard(tmp_path):
+    asked = re.findall(r'"expr": ("(?:[^"\\]|\\.)*")', DASHBOARD.read_text())
+    asked = [re.sub(r"\$\w+", "1m", json.loads(each)) for each in asked]  # variables of Grafana's
+    assert len(asked) > 15
+    rules = [{"record": f"rule{k}", "expr": each} for k, each in enumerate(asked)]
+    (tmp_path / "rules.yaml").write_text(json.dumps({"groups": [{"name": "dashboard", "rules": rules}]}))
+    done = subprocess.run(
+        ["promtool", "check", "rules", tmp_path / "rules.yaml"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")

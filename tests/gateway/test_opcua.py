@@ -11,6 +11,7 @@ pytest.importorskip("asyncua")
 
 from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyAes256Sha256RsaPss as Encrypted
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256 as Basic256Sha256
 
 from micromanip.cli.main import main
 from micromanip.errors import ConfigError, PermissionDenied
@@ -34,7 +35,8 @@ class Served(Beside):
     def __init__(self, folder, *, is_local):
         self.folder, cell = folder / "opcua", Cell(folder / "control.sock")
         self.played = PlayedSocket(folder / "control.sock")
-        self.server = OpcUa(cell, "127.0.0.1", free_port(), self.folder, is_local=is_local)
+        self.lines = []
+        self.server = OpcUa(cell, "127.0.0.1", free_port(), self.folder, self.lines.append, is_local=is_local)
         self.people = folder
         for scope, name in (("operate", "ana"), ("observe", "ben")):
             public, _ = certificate(folder, name)
@@ -220,7 +222,27 @@ def test_a_certificate_that_has_expired_counts_no_more(served):
     with pytest.raises(DENIED):
         asyncio.run(asked())
     assert served.played.orders == []
-    assert "old: the certificate is not valid now" in served.server.refused[0]
+    assert "OPC UA: old was sent away: the certificate is valid from " in served.lines[0]
+
+
+@pytest.mark.parametrize(
+    ("policy", "mode"),
+    [
+        (Basic256Sha256, ua.MessageSecurityMode.SignAndEncrypt),
+        (Encrypted, ua.MessageSecurityMode.Sign),
+    ],
+)
+def test_another_security_policy_is_refused_at_once_and_by_its_name(served, policy, mode):
+    async def asked():
+        made = Client(served.server.url, timeout=30.0)
+        made.application_uri = "urn:test:client"
+        public, private = served.people / "ana.pem", served.people / "ana-key.pem"
+        await made.set_security(policy, public, private, None, served.folder / "server.pem", mode)
+        async with made:
+            pass
+
+    with pytest.raises((ua.UaError, ConnectionError), match="BadSecurityPolicyRejected"):
+        asyncio.run(asked())
 
 
 def test_from_elsewhere_only_those_who_are_known_come_in(remote):

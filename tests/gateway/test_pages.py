@@ -125,10 +125,15 @@ def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, addr
     played.cell.status = status("FAULT", [FAULT])
     browser.until("document.querySelector('#state b').textContent === 'FAULT'")
     assert FAULT["next_step"] in browser.value("document.querySelector('.fault').textContent")
-    for width in (390, 1280):
-        browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
-        assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"it fits at {width}"
+    for state in ("FAULT", "NO CONTROLLER"):
+        if state == "NO CONTROLLER":
+            played.cell.status, played.cell.problem = None, "no controller answers"
+        browser.until(f"document.querySelector('#state b').textContent === '{state}'")
+        for width in (390, 1280):
+            browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"{state} fits at {width}"
     in_order(browser, address)
+    played.cell.status, played.cell.problem = status(), None
 
 
 def test_runs_are_found_and_a_report_is_opened(browser, address):
@@ -157,7 +162,7 @@ def test_runs_are_found_and_a_report_is_opened(browser, address):
 
 def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, played):
     signed_in(browser, address, "/scope")
-    browser.until("document.querySelectorAll('#fields input').length === 48")
+    browser.until("document.querySelectorAll('#fields input').length === 50")
     form = "const f = document.getElementById('trigger').elements"
     browser.value(
         f"{{ {form}; f.mode.value = 'single'; f.field.value = 'x.stage_um'; f.level.value = '0.5'; "

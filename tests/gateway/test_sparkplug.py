@@ -155,6 +155,22 @@ def test_the_broker_says_the_will_of_a_node_that_is_cut_off(tmp_path, closing):
     )
 
 
+@pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not installed: apt-get install mosquitto")
+def test_a_session_that_was_left_at_the_broker_dies_before_the_next_is_born(tmp_path, closing):
+    """Else its will would come later, with the number of the new birth: the host would take the new one for dead."""
+    broker = Mosquitto(tmp_path)
+    closing.append(broker)
+    host = Host(broker.port)
+    closing.append(host)
+    for _ in range(2):
+        node = Published(tmp_path, broker.port)
+        closing.append(node)
+        births = len(host.heard("NBIRTH"))
+        until(lambda: len(host.heard("NBIRTH")) > births, "born")  # noqa: B023
+    order = [kind for topic, _ in list(host.messages) if (kind := topic.split("/")[2]) in ("NBIRTH", "NDEATH")]
+    assert order[:3] == ["NBIRTH", "NDEATH", "NBIRTH"]
+
+
 def test_nothing_is_published_without_the_primary_host(tmp_path, broker, closing):
     host = Host(broker.port)
     closing.append(host)
@@ -207,6 +223,14 @@ def test_the_broker_has_to_show_a_certificate_that_holds(tmp_path, closing, days
     closing.append(node)
     node.said(part)
     assert len(node.lines) == 1
+
+
+def test_a_port_for_tls_is_guessed_at_where_none_was_told(tmp_path, closing):
+    broker = SmallBroker(tls=certificate(tmp_path, "broker", names=LOCAL))
+    closing.append(broker)
+    node = Published(tmp_path, broker.port)
+    closing.append(node)
+    node.said("it ended the connection without an answer: is it a port for TLS?")
 
 
 def test_a_broker_that_never_answers_holds_nothing_up(tmp_path, closing):

@@ -14,7 +14,7 @@ from micromanip.gateway.sparkplug.commands import PrimaryHost, command
 from micromanip.gateway.sparkplug.node import EdgeNode
 from micromanip.gateway.sparkplug.options import Options
 from micromanip.gateway.sparkplug.schema import Payload
-from micromanip.gateway.sparkplug.service import Teller
+from micromanip.gateway.telling import Teller
 
 OPTIONS = Options(host="127.0.0.1", group="plant", node="cell7", deadbands={"um": 0.5, "V": 0.1})
 NOW = 1_800_000_000_000

@@ -58,7 +58,7 @@ def report(controller, made, now_ns=None):
 
 
 def latest(axis):
-    return {name: value["latest"] for name, value in axis.items() if name != "error_of"}
+    return {name: value["latest"] for name, value in axis.items() if name not in ("error_of", "tooth_Hz")}
 
 
 def test_values_of_an_axis_that_tracks(controller):
@@ -72,6 +72,13 @@ def test_values_of_an_axis_that_tracks(controller):
         "error_um": -0.25,
     }
     assert axis["error_of"] == "path"
+
+
+@pytest.mark.parametrize(("found", "told"), [(199.123456, 199.12346), (np.nan, None)])
+def test_the_frequency_of_the_tooth_is_told_where_it_is_followed(controller, found, told):
+    made = rows()
+    made["axis"]["tooth_Hz"] = found
+    assert report(controller, made)["tooth_Hz"] == told
 
 
 @pytest.mark.parametrize(("voltage_V", "headroom_V"), [(-19.0, 1.0), (149.5, 0.5), (65.0, 85.0), (-20.0, 0.0)])

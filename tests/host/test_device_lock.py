@@ -16,7 +16,9 @@ from pydantic import BaseModel
 
 from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.device_lock import DeviceLocks
-from micromanip.errors import DeviceUnavailable, PermissionDenied
+from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied
+from micromanip.settings.check import prepare
+from tools.bus_faults.ethercat_cells import ring_cell
 from tools.running_controller import LOCKS_ELSEWHERE, WAITING, calm, changed
 
 BENCH = ("    driver: simulated\n", "    driver: simulated\n    device: bench\n")
@@ -38,6 +40,20 @@ def test_all_or_none(tmp_path):
             DeviceLocks(["c", "b", "a"], tmp_path)
         with DeviceLocks(["a", "c"], tmp_path) as others:
             assert len(others.descriptors) == 2
+
+
+def test_both_interfaces_of_a_ring_are_locked_and_no_other_driver_may_have_one(tmp_path):
+    file, far = tmp_path / "cell.yaml", f"ecr{os.getpid()}b"
+    file.write_text(ring_cell())
+    devices = prepare(file).wiring.devices
+    assert devices == {f"ethercat ecr{os.getpid()}", f"ethercat {far}"}
+    with DeviceLocks([f"ethercat {far}"], tmp_path), pytest.raises(DeviceUnavailable, match=f"device ethercat {far}"):
+        DeviceLocks(devices, tmp_path)
+    other = f"  other:\n    driver: ethercat\n    interface: {far}\n    simulated: true\n"
+    other += "    terminals: {only: {vendor: 1, product: 1}}\n"
+    file.write_text(ring_cell().replace("signals:\n", f"{other}signals:\n"))
+    with pytest.raises(ConfigError, match=f"driver cell owns ethercat {far} already; one driver has a device alone"):
+        prepare(file)
 
 
 def test_it_lives_with_whoever_inherited_it(tmp_path):

@@ -12,7 +12,7 @@ from micromanip.host.parameter_buffers import ParameterBuffers
 from micromanip.host.shared_memory import CONTROL, STATUS, Segments
 from micromanip.rt import mailbox as w
 from micromanip.rt.laws.learned import FINISHED, PATH_LEFT, PLAYS
-from micromanip.rt.states import TRACKING
+from micromanip.rt.states import FOLLOWING_ERROR, REFERENCE_LOST, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.commissioned import tuning_hash
 from tools.running_controller import simulated
@@ -215,3 +215,82 @@ def test_what_ends_early_is_told_once_for_all_axes_and_its_refusal_is_only_noted
     hear(kept, loop, {"part": 3, "learned": {}, "refused": {"y": "another path", "x": "too late"}})
     assert kept.said[1:] == ["WARNING: too late"]
     assert [each["key"] for each in kept.noted] == ["learning.y", "learning.z", "learning.y", "learning.x"]
+
+
+def drops(kept, loop):
+    asyncio.run(kept._drop_faulty(["x", "y", "z"], loop.status["state"][0]))
+
+
+def test_what_was_learned_before_a_fault_of_the_axis_is_not_played_any_more_and_said_once(kept, loop):
+    hear(kept, loop, shown(kept, loop, 0.1))
+    look(kept, loop)
+    cell = loop.status["state"][0]
+    cell["fault"], cell["fault_axis"], cell["fault_cycle"] = REFERENCE_LOST, 1, 900
+    drops(kept, loop)
+    assert not kept.said, "the tracker's beam is not the axis"
+    cell["fault"], cell["fault_cycle"] = FOLLOWING_ERROR, 1000
+    for _ in range(3):
+        drops(kept, loop)
+    look(kept, loop)
+    assert loop.numbers.tolist() == [1, 0, 1]
+    (said,) = kept.said
+    assert said.startswith(
+        "axis y had the fault X-213: what was learned of it before is not played any more; it is kept"
+    )
+    assert [each["key"] for each in kept.noted] == ["learning.y"]
+    hear(kept, loop, shown(kept, loop, 0.2, 2))  # on its way when the fault came
+    look(kept, loop)
+    look(kept, loop)
+    assert loop.numbers.tolist() == [2, 0, 2]
+    hear(kept, loop, {"aside": ["y"], "files": ["y.npz"]})
+    look(kept, loop)
+    assert kept.status()["axes"]["y"]["generation"] is None
+    hear(kept, loop, shown(kept, loop, 0.3, 3))  # learned since
+    look(kept, loop)
+    look(kept, loop)
+    assert loop.numbers.tolist() == [3, 3, 3]
+
+
+def test_another_temperature_than_the_memorys_is_not_played_to_though_nobody_learns_any_more(kept, loop):
+    said = shown(kept, loop, 0.1)
+    said["axes"]["x"]["temperature_C"], said["axes"]["y"]["temperature_C"] = 20.0, 23.0
+    hear(kept, loop, said)
+    for now_C, numbers in (
+        (21.0, [1, 1, 1]),
+        (22.1, [0, 1, 1]),
+        (25.1, [0, 0, 1]),
+        (None, [0, 0, 1]),
+        (20.0, [1, 0, 1]),
+    ):
+        kept._correction.temperature_C = now_C
+        look(kept, loop)
+        assert loop.numbers.tolist() == numbers, now_C
+
+
+def test_a_tool_that_is_stated_is_in_the_set_that_the_loop_runs_on_before_the_part_begins(kept, loop):
+    hear(kept, loop, shown(kept, loop, 0.1) | {"tool": 3})
+    look(kept, loop)
+    assert (loop.buffers.in_force["learned_tool"], loop.buffers.in_force["stated_tool"]) == (3, 0)
+    (changed,) = asyncio.run(kept.state_tool(5))
+    assert (changed["key"], changed["old"], changed["new"]) == ("learning.tool", 0, 5)
+    assert loop.buffers.in_force["stated_tool"] == 5
+    assert asyncio.run(kept.state_tool(5)) == []
+    loop.refuses = True
+    with pytest.raises(CheckFailed, match="on trial"):
+        asyncio.run(kept.state_tool(3))
+    assert kept._correction.stated_tool == 5
+
+
+def test_what_is_of_another_tool_than_the_part_changes_while_it_is_made(kept, loop):
+    hear(kept, loop, shown(kept, loop, 0.1) | {"tool": 3})
+    look(kept, loop)
+    cell = loop.status["state"][0]
+    cell["part"], cell["cycle"], cell["tool"] = 4, 100, 5
+    hear(kept, loop, shown(kept, loop, 0.2, 2) | {"tool": 5})
+    look(kept, loop)
+    look(kept, loop)
+    assert (loop.rows == 0.2).all()
+    assert loop.buffers.in_force["learned_tool"] == 5
+    hear(kept, loop, shown(kept, loop, 0.3, 3) | {"tool": 5})
+    look(kept, loop)
+    assert (loop.rows == 0.2).all(), "now it is that of the part, which is being made"

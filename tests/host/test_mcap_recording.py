@@ -19,8 +19,10 @@ from micromanip.errors import CheckFailed
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry, read_table
 from micromanip.recordings.blocks import BlockCodec
+from micromanip.replay.recorded import Recorded
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.telemetry import ROW
+from tests.cli.command import code_of
 
 PERIOD_NS = 100_000
 CONFIGURATION = "schema_version: 2  # µ\n"
@@ -181,6 +183,73 @@ def test_a_damaged_file_is_told(recorded, tmp_path):
     (tmp_path / "damaged.mcap").write_bytes(content)
     with pytest.raises(CheckFailed, match=r"damaged.mcap: it is damaged"):
         all_rows(tmp_path / "damaged.mcap")
+
+
+@pytest.mark.parametrize("name", ["state.npy", "parameters-3.npz", "configuration.yaml"])
+def test_what_is_damaged_beside_the_rows_is_left_out_and_told(recorded, tmp_path, capsys, name):
+    """A bit that flips there fails no parser: a replay would run with another gain."""
+    file, rows = recorded
+    content = bytearray(file.read_bytes())
+    content[content.index(name.encode()) + 50] ^= 0x10
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(content)
+    telemetry = open_telemetry(damaged)
+    assert telemetry.damaged == [name]
+    assert (telemetry.state is None, len(telemetry.parameters), telemetry.configuration == "") == (
+        name == "state.npy", 1 if "parameters" in name else 2, name == "configuration.yaml"
+    )  # fmt: skip
+    assert all_rows(damaged).tobytes() == rows.tobytes()
+    assert code_of("export", damaged, "--to", tmp_path / "part.csv", "--cut", "0:0.01") == 0
+    assert f"damaged.mcap: Damaged, and left out: {name}." in capsys.readouterr().err
+    with pytest.raises(CheckFailed, match=rf"damaged.mcap: damaged: the checksum of {name} in it is wrong"):
+        telemetry.sure_configuration() if name == "configuration.yaml" else Recorded(telemetry)
+
+
+def test_a_name_that_is_damaged_is_told_as_far_as_it_can_be_read(recorded, tmp_path):
+    file, rows = recorded
+    content = bytearray(file.read_bytes())
+    for byte in range(4):  # its length
+        content[content.index(b"state.npy") - 4 + byte] = 0xFF
+    (tmp_path / "damaged.mcap").write_bytes(content)
+    (told,) = open_telemetry(tmp_path / "damaged.mcap").damaged
+    assert told.startswith("state.npy")
+    assert all_rows(tmp_path / "damaged.mcap").tobytes() == rows.tobytes()
+
+
+def test_a_set_of_parameters_takes_little(recorded):
+    """100 kB in memory, most of them room that is not used; read by NumPy alone."""
+    with recorded[0].open("rb") as stream:
+        found = {each.name: each.data for each in make_reader(stream).iter_attachments()}
+    packed = found["parameters-3.npz"]
+    (values,) = np.load(io.BytesIO(packed)).values()
+    assert (values["version"].tolist(), values.dtype.itemsize) == ([3], CELL_PARAMETERS.itemsize)
+    assert len(packed) < CELL_PARAMETERS.itemsize / 10
+
+
+def test_parameters_as_they_were_filed_before_are_read(recorded, tmp_path):
+    from mcap.writer import Writer
+
+    old = tmp_path / "old.mcap"
+    with recorded[0].open("rb") as stream, old.open("wb") as other:
+        reader, writer = make_reader(stream), Writer(other)
+        writer.start(profile="micromanip")
+        for each in reader.iter_metadata():
+            writer.add_metadata(each.name, each.metadata)
+        for each in reader.iter_attachments():
+            data, name = each.data, each.name
+            if name.endswith(".npz"):
+                (values,) = np.load(io.BytesIO(data)).values()
+                plain = io.BytesIO()
+                np.save(plain, values)
+                data, name = plain.getvalue(), name.replace(".npz", ".npy")
+            writer.add_attachment(0, 0, name, each.media_type, data)
+        schema, channel, message = next(reader.iter_messages(topics=["/rows"]))
+        rows = writer.register_channel(
+            channel.topic, channel.message_encoding, writer.register_schema(schema.name, schema.encoding, schema.data)
+        )
+        writer.add_message(rows, 0, message.data, 0)
+        writer.finish()
+    assert [int(each["version"][0]) for each in open_telemetry(old).parameters] == [1, 3]
 
 
 def test_another_program_s_mcap_is_told(tmp_path):

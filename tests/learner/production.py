@@ -56,11 +56,19 @@ class Production:
         if known:
             rows = Rows(
                 self.memories.rows(), {name: each.tuning for name, each in known.items()},
-                {name: each.generation for name, each in known.items()},
+                {name: each.generation for name, each in known.items()}, self.memories.tool,
             )  # fmt: skip
             assert rows.problem(self.prepared.configuration) is None
             self.correction.withdraw()
             self.correction.hold(rows)
+
+    def goes_by(self, tool, temperature_C=None):
+        """As the learning process does when it hears of tool and temperature; what it says."""
+        said = self.memories.move_to(self.memories.conditions(tool, temperature_C))
+        if said is not None:
+            self.correction.withdraw()
+            self.hand_over()
+        return said
 
     def cell(self, seed, faults=()):
         """A fresh one, the same path from the same start; `seed` None: nothing is drawn. TRACKING, before its part."""
@@ -87,6 +95,8 @@ class Production:
         gathering = Gathering(self.learning.seconds, self.memories.search_s, RECOGNISED_S, 1.0 / LOOP_HZ)
         said, made = [], [cell.run(BEGIN_S - int(cell.state[0]["cycle"]) / LOOP_HZ)]
         said += gathering.add(made[-1])
+        self.goes_by(gathering.tool)
+        self.put(cell)
         wired = self.memories.search_s == 0.0
         seen_s = 0.8 + self.memories.search_s
         made.append(cell.run(seen_s) if wired else cell.run(seen_s, command=BEGIN_PART))

@@ -1,14 +1,17 @@
 """A cell that learns while it works, in virtual time: what repeats falls, and nothing that happens makes a step."""
 
 import re
+import resource
 
 import numpy as np
 import pytest
 
 from micromanip.control.learned import FADE_S
 from micromanip.design.learning.law import Update
+from micromanip.design.learning.memory import read_memory, write_memory
 from micromanip.design.learning.usable import memory_warnings
-from micromanip.rt.laws.learned import BROKEN_OFF, FINISHED, IDLE, PART_ENDED, PATH_LEFT, WITHDRAWN
+from micromanip.errors import CheckFailed
+from micromanip.rt.laws.learned import BROKEN_OFF, FINISHED, IDLE, OTHER_TOOL, PART_ENDED, PATH_LEFT, WITHDRAWN
 from micromanip.rt.states import END_PART, HOLD, TRACKING
 from micromanip.rt.telemetry import LEARNED_PLAYS
 
@@ -228,3 +231,76 @@ def test_what_lies_in_the_folder_and_is_not_of_this_cell_says_so_once_and_is_not
         assert warned.replace("would be", "is") == said
     _, _, _, cell = made.part(1, learns=False)
     assert whys(cell) == [IDLE] * 3
+
+
+def tooled(seconds):
+    """With a machine that says which tool it is, 1 but for scheduled faults."""
+    changes = (
+        ("    force: {start_s: 2.0,", "    lines: {}\n    force: {start_s: 2.0,"),
+        ("  true_strain_x:", "  tool: {driver: cell, channel: interlock}\n  true_strain_x:"),
+    )
+    return text(seconds, *changes) + "switches: {amplifier_enable: {driver: cell}}\n"
+
+
+def tool_three(at_s):
+    return {"channel": "interlock", "kind": "value", "value": 3.0, "at_s": at_s, "for_s": 60.0}
+
+
+def test_a_tool_has_a_memory_of_its_own_and_another_one_ends_it_softly(tmp_path_factory):
+    made = Production(tmp_path_factory.mktemp("tools"), tooled(SECONDS))
+    for seed in (1, 2):
+        _, said, found, _ = made.part(seed)
+        assert not said
+        assert all(isinstance(update, Update) for update in found.values()), found
+    rows, said, found, cell = made.part(3, faults=[tool_three(0.0)])
+    assert whys(cell) == [IDLE] * 3
+    assert not plays(rows).any()
+    folder = made.file.parent / "learned"
+    assert {file.name for file in folder.iterdir()} == {f"{axis}.tool{tool}.npz" for axis in "xyz" for tool in (1, 3)}
+    kept = [read_memory(folder / f"y.tool{tool}.npz") for tool in (1, 3)]
+    assert [(each.tool, each.now.parts) for each in kept] == [(1, 2), (3, 1)]
+
+    changes = [tool_three(BEGIN_S + 1.5)]
+    rows, said, found, cell = made.part(8, faults=changes)
+    assert whys(cell) == [OTHER_TOOL] * 3, "that of tool 1 was played again"
+    assert not plays(rows)[-LOOP_HZ:].any()
+    assert said == ["part 1 was not finished, the tool was changed after 1.50 s: nothing is learned from it"]
+    assert not found
+    without = Production(tmp_path_factory.mktemp("none"), tooled(SECONDS)).part(8, faults=changes, learns=False)[0]
+    um, volts = steps(rows, without)
+    assert um.max() < softly_um(made)
+    assert volts.max() < V_PER_UM * softly_um(made)
+
+
+def test_what_moves_away_is_said_once_and_taken_up_again(learned):
+    told = [learned.memories.move_to(learned.memories.conditions(tool, None)) for tool in (0, 4, 4, 0, 0)]
+    away = "tool 4 instead of no tool was told: axis x, y, z has no memory of that: plays nothing, learns anew"
+    back = "no tool was told instead of tool 4: axis x, y, z goes by what was learned then"
+    kept = "; the other memories are kept"
+    assert told == [None, away + kept, None, back + kept, None]
+
+
+def test_a_full_disk_leaves_what_was_played_before(learned):
+    """A limit of the size of files, which every user can have, stands for it."""
+    folder = learned.file.parent / "learned"
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    known = learned.memories.known
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("micromanip.learner.memories.write_memory", _limited)
+        _, _, found, cell = learned.part(11)
+    assert whys(cell) == [FINISHED] * 3
+    assert all(isinstance(problem, CheckFailed) and "File too large" in str(problem) for problem in found.values())
+    assert len(found) == 3
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+    assert {name: each.generation for name, each in learned.memories.known.items()} == {
+        name: each.generation for name, each in known.items()
+    }
+
+
+def _limited(file, memory):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
+    try:
+        write_memory(file, memory)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -12,6 +12,7 @@ from micromanip.rt.laws.learned import (
     IDLE,
     LEARNED_PARAMETERS,
     LEARNED_STATE,
+    OTHER_TOOL,
     PART_ENDED,
     PATH_LEFT,
     PLAYS,
@@ -135,6 +136,7 @@ LEFT = np.where(np.arange(ROWS) < 300, 0.4 * np.sin(np.arange(ROWS)), 1.5)
         (WITHDRAWN, 0.0, {"number": 2}),
         (PART_ENDED, 0.0, {"part_begun": -1}),
         (PART_ENDED, 0.0, {"part_begun": 300}),
+        (OTHER_TOOL, 0.0, {"other_tool": 1}),
     ],
 )
 def test_what_ends_a_correction_in_mid_part_ends_it_softly_and_says_why(why, reference, at_300):
@@ -151,6 +153,13 @@ def test_what_ends_a_correction_in_mid_part_ends_it_softly_and_says_why(why, ref
     assert np.abs(np.diff(np.concatenate([before[:, 0], after[np.isfinite(after[:, 0]), 0]]))).max() < 2.0 / fade
     assert added[299] == 1.0
     assert added[299 + fade] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_nothing_begins_with_another_tool_than_the_memorys():
+    s = state(0)
+    s["other_tool"] = 1
+    assert not course(parameters(), np.ones(ROWS), np.arange(300), s).any()
+    assert s["why"] == IDLE
 
 
 def test_a_part_of_the_right_path_is_played_whole_and_ends_by_itself():

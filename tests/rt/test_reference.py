@@ -195,6 +195,7 @@ def tracker(**fields):
         "oscillator": [OMEGA],
         "gain": tracker_gain(SETTINGS),
         "horizon_s": 0.02,
+        "horizon_cycles": 200,
         "low_um": -300.0,
         "high_um": 300.0,
         "jump_um": math.inf,
@@ -327,6 +328,7 @@ def test_past_the_horizon_the_last_position_is_held():
         signal_sample(p, s, 2.0 * k, k * MS)
     signal_reference(p, s, 99 * MS + 20 * MS)
     assert s["w"][0] + s["w"][3] > 220.0  # still extrapolated: 2 um a ms
+    s["silent"] = 201
     signal_reference(p, s, 99 * MS + 20 * MS + 1)
     assert s["w"].tolist() == [198.0, *NO_MOTION]
 
@@ -335,26 +337,28 @@ def test_after_a_gap_it_starts_anew():
     p, s = tracker(), record(REFERENCE_STATE)
     for k in range(1, 100):
         signal_sample(p, s, 2.0 * k, k * MS)
+    s["silent"] = 210
     signal_sample(p, s, -50.0, 99 * MS + 21 * MS)
     assert s["filtered"].tolist() == [-50.0, *NO_MOTION]
     signal_reference(p, s, 121 * MS)
     assert s["w"][0] == -50.0
 
 
+@pytest.mark.parametrize("silent", [7, 50_000])
 @pytest.mark.parametrize("gap_ms", [1, 5, 21, 100, 5000])
 @pytest.mark.parametrize("predict", [0, 1])
-def test_a_jump_is_not_believed_while_it_is_followed(gap_ms, predict):
-    """However long the signal was away, and however long it stays there."""
+def test_a_jump_is_not_believed_while_it_is_followed(gap_ms, predict, silent):
+    """However long the signal was away, or the loop stood still, and however long it stays there."""
     p, s = tracker(jump_um=50.0, predict=predict), record(REFERENCE_STATE, followed=1)
     for k in range(1, 100):
         signal_sample(p, s, 10.0, k * MS)
-    s["silent"] = 7
+    s["silent"] = silent
     for k in range(100 + gap_ms, 1000 + gap_ms):
         signal_sample(p, s, 70.0, k * MS)
         signal_reference(p, s, k * MS)
         assert s["w"][0] + s["w"][3] == pytest.approx(10.0, abs=1e-6)
     assert s["rejected"] == 900
-    assert s["silent"] == 7  # nobody tells it anything: the watch goes on counting
+    assert s["silent"] == silent  # nobody tells it anything: the watch goes on counting
 
 
 @pytest.mark.parametrize("gap_ms", [21, 100, 5000])
@@ -362,9 +366,24 @@ def test_after_an_outage_a_place_within_reach_is_believed(gap_ms):
     p, s = tracker(jump_um=50.0), record(REFERENCE_STATE, followed=1)
     for k in range(1, 100):
         signal_sample(p, s, 10.0, k * MS)
-    s["silent"] = 7
+    s["silent"] = 10 * gap_ms
     signal_sample(p, s, 59.0, (99 + gap_ms) * MS)
     assert (s["silent"], s["rejected"], s["filtered"][0]) == (0, 0, 59.0)
+
+
+@pytest.mark.parametrize(
+    ("gap_ms", "silent", "believed"),
+    [(15, 150, True), (40, 10, True), (40, 200, True), (40, 201, False), (101, 10, False)],
+)
+def test_a_loop_that_stood_still_believes_what_went_on_meanwhile(gap_ms, silent, believed):
+    """1.5 um a ms: what moved 50 um in a gap was lost for good, whether the signal or the loop had been away."""
+    p, s = tracker(jump_um=40.0), record(REFERENCE_STATE)
+    for k in range(1, 200):
+        signal_sample(p, s, 1.5 * k - 290.0, k * MS)
+    s["followed"], s["silent"] = 1, silent
+    value_um = s["sampled_um"] + 1.5 * gap_ms
+    signal_sample(p, s, value_um, (199 + gap_ms) * MS)
+    assert (s["sampled_um"] == value_um, s["rejected"] == 0) == (believed, believed)
 
 
 def test_one_that_wanders_back_after_it_was_doubted_for_long_is_lost_all_the_same():
@@ -389,6 +408,7 @@ def test_at_rest_a_tracker_may_be_set_up_anew():
     for k in range(1, 100):
         signal_sample(p, s, 10.0, k * MS)
     for k in range(100, 130):
+        s["silent"] += 10
         signal_sample(p, s, 170.0, k * MS)
     assert s["sampled_um"] == 170.0
     assert s["rejected"] == 20  # as long as it was expected elsewhere

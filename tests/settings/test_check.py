@@ -68,7 +68,7 @@ BROKEN = {
         ("  strain_x: {driver: cell, max", "  strian_x: {driver: cell, channel: strain_x, max"),
         "strian_x: {",
         "signals.strian_x: no axis takes a signal of this name; did you mean strain_x? (names are <role>_<axis>, "
-        "enable, interlock, retracted, part)",
+        "enable, interlock, retracted, part, tool, temperature)",
     ),
     "learning of what follows no tracker": (
         (

@@ -97,6 +97,10 @@ VALUES = {
         ("Td_ms: 0.167", "Td_ms: 0,167"),
         "42: axes.x.inner.Td_ms: expected a number from 0 to 3600000, not the text '0,167': write Td_ms: 0.167",
     ),
+    "a comma in thousands": (
+        ("rate_hz: 10000", "rate_hz: 10,000"),
+        "4: loop.rate_hz: expected a whole number from 100 to 20000, not the text '10,000': write rate_hz: 10000",
+    ),
     "not whole": (
         ("rate_hz: 10000", "rate_hz: 1e4"),
         "4: loop.rate_hz: expected a whole number from 100 to 20000, not 10000.0: write rate_hz: 10000",
@@ -240,13 +244,18 @@ SECTIONS = ", ".join(Configuration.model_fields)
         ("", f":1: expected the sections {SECTIONS}; the file holds nothing"),
         ("- 1", f":1: expected the sections {SECTIONS}; the file holds a list"),
         ("\n\nhello", f":3: expected the sections {SECTIONS}; the file holds a single value"),
-        (b"a: 1\nb: \xff", ":2: not UTF-8 text (byte 0xff)"),
+        (b"a: 1\nb: \xff", ":2: not UTF-8 text (byte 0xff); save it as UTF-8"),
+        (
+            "a: 1".encode("utf-16"),
+            ":1: not UTF-8 text (byte 0xff): it is UTF-16, as Windows writes what it calls Unicode; save it as UTF-8",
+        ),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", ":1: not UTF-8 text (byte 0x89): no text at all; name the YAML file"),
         (b"a: 1\nb: \0", ":2: character '\\x00' can't stand in YAML"),
         (b"a" * 1_000_001, ": larger than 1000 kB; is it really a configuration?"),
         ("[" * 3000, ":1: nested too deeply"),
         ('a: "\\U99999999"', ":1: not YAML: an escape sequence or a %YAML line with an impossible number"),
     ],
-    ids=["empty", "list", "scalar", "binary", "zero byte", "huge", "deep", "escape"],
+    ids=["empty", "list", "scalar", "binary", "utf-16", "picture", "zero byte", "huge", "deep", "escape"],
 )
 def test_no_configuration_at_all(cell, content, expected):
     assert cell.message(content) == f"cell.yaml{expected}"

@@ -119,3 +119,15 @@ def test_a_burst_of_missed_cycles_makes_nothing_swing(tmp_path, at_s):
     after = tracking.run(WINDOW_S)
     rms = (np.sqrt(np.mean(each["axis"]["path_error_um"] ** 2)) for each in (before, after))
     assert next(rms) == pytest.approx(next(rms), rel=0.5)
+
+
+@pytest.mark.long
+def test_a_path_that_went_on_while_the_loop_stood_still_is_found_again(tmp_path):
+    """It moves further in these 40 ms than a tracker may jump, and there was X-301 half a second later."""
+    tracking = cell(tmp_path, "simulated")
+    until(tracking, 4.037)
+    before = tracking.run(1e-4)["axis"]["deviation_um"][-1]
+    axes = tracking.run(0.6, periods=400)["axis"]
+    assert np.abs(axes["deviation_um"][20] - before).max() > tracking.parameters[0]["axis"]["reference"]["jump_um"][0]
+    assert (tracking.state[0]["state"], tracking.state[0]["fault"]) == (TRACKING, NO_FAULT)
+    assert np.abs(axes["path_error_um"][-1000:]).max() < 5.0

@@ -1,7 +1,7 @@
 """Faults of a bus, one after the other, on the whole daemon and a simulated device: `make fault-campaign`.
 
-The table goes to standard output, with `--write` also to docs/fault-campaign.md. Exit code 1 where something was
-not as it must be.
+The tables go to standard output, with `--write` also to docs/fault-campaign.md, where those of examples that were not
+tried stay as they are. Exit code 1 where something was not as it must be.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ HEAD = """# Fault campaign
 
 What faults of a bus do to the whole controller: daemon, workers and loop as in operation, the devices of an example
 played by `simulate-device`. One daemon goes through all faults of an example. Written by
-`make fault-campaign`; figures of one run on a shared machine with two processors. What must follow goes by what a
-fault does to the cell (no samples, commands that don't arrive, neither); whichever watch notices first is right. What
-went wrong while loop or device came 5 ms late or more, as that machine sometimes does, was tried again, at most twice.
+`make fault-campaign`; the figures of a table are of one run on a shared machine with two processors. What must follow
+goes by what a fault does to the cell (no samples, commands that don't arrive, neither); whichever watch notices first
+is right. What went wrong while loop or device came 5 ms late or more, as that machine sometimes does, was tried again,
+at most twice.
 
 A stepped wall clock, the overflow of a receive queue, and an interface that goes down need a kernel of their own:
 `make test-vm` has them on SocketCAN. The loop and the host are killed in `make soak-kill`.
@@ -46,19 +47,33 @@ def row(case: Case, outcome: Outcome) -> str:
     return f"| {case.name} | {expected} | {outcome.code or 'tracked on'} | {detected} | {span} | {back} | {verdict} |"
 
 
+def title(name: str) -> str:
+    """Of a table."""
+    return TITLES.get(name, f"config/{name}.yaml")
+
+
 def table(name: str, cases: tuple[Case, ...], outcomes: list[Outcome]) -> str:
     """The outcomes on one example; the last is that of its end."""
     *each, end = outcomes
     lines = [
-        f"## {TITLES.get(name, f'config/{name}.yaml')}",
+        f"## {title(name)}",
         "",
         "| fault, for 0.6 s | must follow | followed | after ms, of | outputs, V | tracks again after s | verdict |",
         "| --- | --- | --- | --- | --- | --- | --- |",
         *(row(case, outcome) for case, outcome in zip(cases, each, strict=True)),
         "",
-        f"Left behind at the end: {'; '.join(end.wrong) or 'nothing'}.",
+        f"Left behind at the end: {'; '.join(end.wrong) or 'nothing'}{end.note and f' ({end.note})'}.",
     ]
     return "\n".join(lines) + "\n"
+
+
+def page(tables: dict[str, str]) -> str:
+    """The page with these tables, by example; the others are as they stand there."""
+    stands = re.split(r"(?m)^(?=## )", PAGE.read_text(encoding="utf-8"))[1:] if PAGE.exists() else []
+    kept = {text.splitlines()[0]: text.rstrip("\n") + "\n" for text in stands}
+    new = {text.splitlines()[0]: text for text in tables.values()}
+    order = [f"## {title(name)}" for name in BUSES]
+    return HEAD + "\n".join((kept | new)[head] for head in order if head in kept | new)
 
 
 def tried(name: str, cases: tuple[Case, ...]) -> list[Outcome]:
@@ -82,16 +97,18 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help=f"write {PAGE.relative_to(ROOT)} too")
     parser.add_argument("--json", action="store_true", help="one document with every outcome instead of the tables")
     options = parser.parse_args()
+    if options.only and options.write:
+        parser.error("--write takes whole tables: leave out --only")
     found: dict[str, list[Outcome]] = {}
-    tables = []
+    tables = {}
     for name in options.bus or BUSES:
         cases = tuple(case for case in BUSES[name][1] if re.search(options.only, case.name))
         found[name] = tried(name, cases)
-        tables.append(table(name, cases, found[name]))
-    text = "\n".join(tables)
+        tables[name] = table(name, cases, found[name])
+    text = "\n".join(tables.values())
     print(json.dumps({k: [o.as_dict() for o in v] for k, v in found.items()}, indent=2) if options.json else text)
     if options.write:
-        PAGE.write_text(HEAD + text, encoding="utf-8")
+        PAGE.write_text(page(tables), encoding="utf-8")
     return int(any(outcome.wrong for outcomes in found.values() for outcome in outcomes))
 
 

@@ -12,6 +12,7 @@ from micromanip.faults import KINDS
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import NO_FAULT
 from tools.emulated_device import Device
+from tools.own_shared_memory import Folder
 from tools.running_controller import PATIENCE_S, Running, tagged, until
 
 WATCHDOG_MS = 100.0
@@ -40,6 +41,7 @@ class Outcome:
     grown: dict = field(default_factory=dict)
     """Counters of the bus that grew, and by how much."""
     wrong: list = field(default_factory=list)
+    note: str = ""
 
     def as_dict(self):
         return asdict(self)
@@ -48,19 +50,23 @@ class Outcome:
 class Bench:
     """Device and daemon on one configuration, tracking."""
 
-    def __init__(self, folder, text, watchdog_ms=WATCHDOG_MS, module_of_worker="micromanip.bus.worker"):
-        """`text` is the configuration, its files named absolutely or in `folder`."""
+    def __init__(self, folder, text, watchdog_ms=WATCHDOG_MS, module_of_worker="micromanip.bus.worker", prefix=()):
+        """`text` is the configuration, its files named absolutely or in `folder`; a `prefix` goes before commands."""
         folder.mkdir(parents=True, exist_ok=True)
         self.tag, self._folder, self._text = uuid.uuid4().hex, folder, text
         (folder / "cell.yaml").write_text(text)
-        self.device = Device(folder / "cell.yaml", self.tag, watchdog_ms)
-        self.running = Running(folder, text)
+        self.device = Device(folder / "cell.yaml", self.tag, watchdog_ms, prefix)
+        self.running = Running(folder, text, prefix=prefix)
         self._module = module_of_worker
         try:
             self.running.reach("READY")
         except BaseException:
             self.end()
             raise
+
+    def shared_memory(self):
+        """The folders of both for it, which a `prefix` has given them."""
+        return [Folder(each.process.pid) for each in (self.device, self.running)]
 
     def start_again(self):
         """Another daemon in place of the one that was killed, on the device as that one left it."""

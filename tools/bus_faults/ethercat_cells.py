@@ -1,4 +1,4 @@
-"""An axis on EtherCAT terminals at 500 Hz, at a rate that a machine which others share keeps: a line and a ring."""
+"""An axis on EtherCAT terminals at 500 Hz, at a rate that a machine which others share keeps: line, ring, drive."""
 
 import os
 
@@ -51,16 +51,55 @@ axes:
     inner: {mode: pid, K_V_per_um: 0.05, Ti_ms: 5.0, Td_ms: 0.0, filter_ms: 1.0}
 simulation: {seed: 1, axes: [x], lines: {}}
 """
+_LOCK = "lock: {time_constant_ms: 100, within_us: 150}"
+"""The deadlines are locked to the first terminal's clock."""
+
+_AMPLIFIER = CELL[CELL.index("      amplifier:") : CELL.index("      gauge:")]
+_DRIVE = """\
+      amplifier:
+        vendor: 0x4d4d
+        product: 0x1007
+        drive:
+          mode: csp
+          enable: amplifier_enable
+          ok: amplifier_ok_x
+          reset: amplifier_reset
+          enable_ms: 250
+          take_up_V_per_s: 400
+          codes: {connection_lost: 1, fault_reaction: 2}
+        outputs:
+          commands:
+            pdo: 0x1600
+            fields:
+              controlword_x: {index: 0x6040, type: uint16}
+              mode_x: {index: 0x6060, type: int8}
+              voltage_x: {index: 0x607a, type: int32, scale: 1.0e-4, range: [-20, 150]}
+        inputs:
+          answers:
+            pdo: 0x1a00
+            fields:
+              statusword_x: {index: 0x6041, type: uint16}
+              mode_shown_x: {index: 0x6061, type: int8}
+              position_x: {index: 0x6064, type: int32, scale: 1.0e-4}
+              error_code_x: {index: 0x603f, type: uint16}
+"""
 
 
 def line_cell() -> str:
-    """Its deadlines are locked to the first terminal's clock."""
-    return _cell("l", "lock: {time_constant_ms: 100, within_us: 150}")
+    """A line."""
+    return _cell("l", _LOCK)
 
 
 def ring_cell() -> str:
-    """Without clocks, as a ring must be."""
-    return _cell("r", f"return_interface: ecr{os.getpid()}b\n    clocks: false")
+    """The same terminals, led back to a second interface."""
+    return _cell("r", f"return_interface: ecr{os.getpid()}b\n    {_LOCK}")
+
+
+def drive_cell() -> str:
+    """A drive in place of the amplifier."""
+    text = _cell("d", "clocks: true").replace(_AMPLIFIER, _DRIVE)
+    text = text.replace("start: {", "start: {enable_s: 0.3, ")
+    return text.replace("enable: {driver: cell}}", "enable: {driver: cell}, amplifier_reset: {driver: cell}}")
 
 
 def _cell(kind: str, way: str) -> str:

@@ -20,7 +20,8 @@ from .records import CONTEXT, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES, MAX_WATCHED
 from .sent_message import SentMessage
 from .socketcan import EXTENDED, frame_of
 
-_EXACT_BITS, _LEAST_BYTES = 53, 16
+_EXACT_BITS = 53
+_LEAST_BYTES, _LENGTH_AT, _MOST_DATA = 16, 4, 64
 
 
 class Layout(Protocol):
@@ -158,7 +159,7 @@ class Tables:
         s, first = self._c["socket"], int(self._c["stamp_bytes"])
         for k in np.flatnonzero(self._c["odd"]):
             packet = s["received"][k][first : min(int(s["message"][k]["length"]), MAX_BYTES)].tobytes()
-            if len(packet) >= _LEAST_BYTES:
+            if len(packet) >= _LEAST_BYTES and packet[_LENGTH_AT] <= _MOST_DATA:  # else it is no frame at all
                 yield frame_of(packet), int(self._c["odd_ns"][k])
 
     def _add(self, fields: Sequence[BitField]) -> tuple[int, int]:

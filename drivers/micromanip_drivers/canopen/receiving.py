@@ -89,8 +89,9 @@ class Receiver:
         latency_ns = round(pdo.options.latency_us * 1e3)
         every = pdo.mapping.transmission
         if self._sync_hz is None or not 1 <= every <= 240:  # 0 is answered at a SYNC of the node's choice
-            return Sampling(self.syncs, 0, frame_ns, latency_ns, 0)
-        return Sampling(self.syncs, every, frame_ns, latency_ns, round(1e9 / self._sync_hz))
+            return Sampling(self.syncs, 0, frame_ns, latency_ns, 0, 0)
+        waiting_ns = round(self._timing.arrival_s(pdo.mapping.identifier) * 1e9)
+        return Sampling(self.syncs, every, frame_ns, latency_ns, round(1e9 / self._sync_hz), waiting_ns)
 
     def _heartbeat(self, watch: Watch) -> Taker:
         return lambda data, time_ns, _: watch.heartbeat(data, time_ns)

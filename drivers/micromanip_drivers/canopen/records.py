@@ -17,12 +17,15 @@ SAMPLING = record(
     ("frame_ns", "i8"),
     ("latency_ns", "i8"),
     ("lasting_ns", "i8"),
+    ("waiting_ns", "i8"),
+    ("least_ns", "i8"),
     ("answered", "i8"),
     ("came", "i8"),
     ("last", "u8"),
 )
-"""A PDO that comes: each `every` n-th SYNC is answered within `lasting_ns`, 0 for one that comes by itself; the SYNC
-that was answered last (0: none since the opening), the PDO that came last."""
+"""A PDO that comes: each `every` n-th SYNC is answered within `lasting_ns`, 0 for one that comes by itself; it waits
+for the bus for `waiting_ns` at worst. The SYNC that was answered last (0: none since the opening), the least time that
+an answer took since then, the PDO that came last."""
 
 CONTEXT = record(
     *FRAMES,

@@ -35,15 +35,27 @@ def first_sync(s: Any, after: int, from_ns: int, to_ns: int) -> int:
 
 
 @compiled
+def last_sync(s: Any, after: int, from_ns: int, to_ns: int) -> int:
+    """Number of the last above `after` that was sent in that time; 0 without one."""
+    number: int = s["count"]
+    while number > max(after, s["count"] - s["kept"]):
+        if from_ns <= s["sent_ns"][number % REMEMBERED] <= to_ns:
+            return number
+        number -= 1
+    return 0
+
+
+@compiled
 def sampled(s: Any, p: Any, received_ns: int, data: Any) -> tuple[int, int]:
     """When the values of a PDO were taken, and how many samples before them are missing, or REPEATED.
 
     `data` are its bytes as one number (uint64). One that the node sends by its own clock was taken just before.
 
     A synchronous one was taken at the SYNC that it answers, however long it then waited for the bus. SYNCs are answered
-    in their order, which matters when one was sent late and the next one is close behind. One that no PDO answered
-    within its time is a lost sample. The same PDO twice for one SYNC is a repetition, and no fresh sample; another one
-    for the same SYNC is not the answer to it, and dated by its reception.
+    in their order, which matters when one was sent late and the next one is close behind: it is the answer to the first
+    that it can be, had it waited for all that may go before it. Longer ago it was a SYNC only where there is no later
+    one. One that no PDO answered within its time is a lost sample. The same PDO twice for one SYNC is a repetition, and
+    no fresh sample; another one for the same SYNC is not the answer to it, and dated by its reception.
     """
     began_ns = received_ns - p["frame_ns"]
     repeated = p["came"] != 0 and data == p["last"]
@@ -51,7 +63,9 @@ def sampled(s: Any, p: Any, received_ns: int, data: Any) -> tuple[int, int]:
     if p["every"] == 0:
         return began_ns - p["latency_ns"], 0
     answered, earliest_ns = p["answered"], began_ns - p["lasting_ns"]
-    number = first_sync(s, answered, earliest_ns, began_ns)
+    number = first_sync(s, answered, max(earliest_ns, began_ns - p["least_ns"] - p["waiting_ns"]), began_ns)
+    if number == 0:
+        number = last_sync(s, answered, earliest_ns, began_ns)
     if number == 0:
         recent = first_sync(s, answered - 1, earliest_ns, began_ns) != 0
         return began_ns - p["latency_ns"], REPEATED if repeated and recent else 0
@@ -59,6 +73,7 @@ def sampled(s: Any, p: Any, received_ns: int, data: Any) -> tuple[int, int]:
     if answered != 0:
         missing = max(0, int(np.rint((number - answered) / p["every"])) - 1)
     p["answered"] = number
+    p["least_ns"] = min(p["least_ns"], began_ns - s["sent_ns"][number % REMEMBERED])
     return s["sent_ns"][number % REMEMBERED] - p["latency_ns"], missing
 
 
@@ -84,14 +99,17 @@ class SyncTimes:
 class Sampling:
     """Of one PDO, in a record that compiled code may go on with."""
 
-    def __init__(self, syncs: SyncTimes, every: int, frame_ns: int, latency_ns: int, lasting_ns: int) -> None:
+    def __init__(
+        self, syncs: SyncTimes, every: int, frame_ns: int, latency_ns: int, lasting_ns: int, waiting_ns: int
+    ) -> None:
         """Each `every` n-th SYNC is answered within `lasting_ns` by a frame of `frame_ns`, 0 for one that comes by
-        itself; values are `latency_ns` old.
+        itself, which waits for the bus for `waiting_ns` at worst; values are `latency_ns` old.
         """
         self._syncs = syncs
         self.record = np.zeros(1, SAMPLING)[0]
         self.record["every"], self.record["frame_ns"] = every, frame_ns
         self.record["latency_ns"], self.record["lasting_ns"] = latency_ns, lasting_ns
+        self.record["waiting_ns"], self.record["least_ns"] = waiting_ns, lasting_ns
 
     def move_to(self, record: Any) -> None:
         """Keep it in this record from now on."""
@@ -99,7 +117,7 @@ class Sampling:
 
     def clear(self) -> None:
         """The bus was opened anew."""
-        self.record["answered"] = 0
+        self.record["answered"], self.record["least_ns"] = 0, self.record["lasting_ns"]
 
     def taken(self, received_ns: int, data: bytes) -> tuple[int, int] | None:
         """When its values were taken, and how many samples before them are missing; None for a repetition."""

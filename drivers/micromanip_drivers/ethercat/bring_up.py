@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 
-from micromanip.driver import DeviceFault
 from micromanip.driver.ethercat import OP, PREOP, SAFEOP
 
-from .clocks import SYNC0_BEGINS_IN_S, begin_sync0, set_clocks
+from .clocks import SYNC0_BEGINS_IN_S, Clocks, begin_sync0, require_clocks, set_clocks
+from .drive_objects import prepare_drive
 from .image import Image
 from .link import Link
 from .mailbox import Mailbox
@@ -18,19 +18,20 @@ from .scan import FIRST_STATION, require, reset
 from .states import go
 
 
-def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_ns: int) -> int:
+def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_ns: int) -> Clocks:
     """INIT, scan and compare, clocks, PREOP, settings and mapping, SAFEOP. No output moves.
 
-    Returns how long (ns) a frame takes from the first clock to the last slave and back, 0 where that isn't known.
+    Returns what is known of the clocks.
 
     Raises LinkError, IdentityMismatch, DeviceFault.
     """
     reset(link)
     slaves = require(link, options.terminals)
-    clocks = set_clocks(link, [slave.station for slave in slaves]) if options.clocks else None
-    first_clock, turn_ns = (None, 0) if clocks is None else clocks
-    if options.lock is not None and first_clock != FIRST_STATION:
-        raise DeviceFault(f"{link.name}: terminal {next(iter(options.terminals))}, the first, has no clock to lock to")
+    clocks = Clocks({}, 0)
+    if options.clocks:
+        stations = [slave.station for slave in slaves]
+        clocks = set_clocks(link, stations)
+        require_clocks(link, clocks, stations, list(options.terminals))
     for slave, (name, terminal) in zip(slaves, options.terminals.items(), strict=True):
         open_mailboxes(link, slave)
         go(link, slave.station, name, PREOP)
@@ -40,6 +41,8 @@ def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_n
                 mailbox.write(setting.index, setting.subindex, setting.data)
             apply_mapping(mailbox, name, "outputs", terminal.outputs)
             apply_mapping(mailbox, name, "inputs", terminal.inputs)
+            if terminal.drive is not None:
+                prepare_drive(mailbox, f"{link.name}: terminal {name}", terminal.drive)
         lay_out(link, slave, image.placed[name])
         if terminal.outputs and options.watchdog is not None:
             set_watchdog(link, slave.station, options.watchdog.ms)
@@ -48,7 +51,7 @@ def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_n
         go(link, slave.station, name, SAFEOP)
     if any(terminal.sync0_shift_us is not None for terminal in options.terminals.values()):
         time.sleep(SYNC0_BEGINS_IN_S)  # OP is refused before
-    return turn_ns
+    return clocks
 
 
 def bring_to_op(link: Link, options: EthercatOptions) -> None:

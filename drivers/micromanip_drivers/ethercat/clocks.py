@@ -1,12 +1,17 @@
-"""Distributed clocks of a line: the way to each slave measured, clocks set to the first one's, SYNC0 (ETG.1000.4)."""
+"""Distributed clocks: the way to each slave measured, clocks set to the first one's, SYNC0 (ETG.1000.4).
+
+The first terminal's is the reference, of a ring too: there each half of a cut one follows its own first clock.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
-from micromanip.driver import DeviceFault
+from micromanip.driver import DeviceFault, LinkError
 from micromanip.driver.ethercat import registers
 
 from .link import Link
@@ -17,34 +22,83 @@ _DC = 0x04
 """Feature bit of a slave that has a clock."""
 _LONGEST_NS = 1_000_000
 """A line that takes longer has a slave that says rubbish."""
+_WHOLE_AGAIN_S = 2.0
+"""A port that was closed for a second is surely open again."""
 SYNC0_BEGINS_IN_S = 0.2
 """Surely later than the last of its registers is written, and SAFEOP reached."""
 
 
-def set_clocks(link: Link, stations: Sequence[int]) -> tuple[int, int] | None:
-    """Write offset and delay of each slave that has a clock; None where none has.
+@dataclass(frozen=True)
+class Clocks:
+    """Of all slaves that have one, by their stations: the way (ns) to each from the first of them.
 
-    Returns the station of the first of them, and how long (ns) a frame takes from there to the last slave and
-    back, 0 where that isn't known.
+    `turn_ns` is how long a frame takes from there to the last slave and back, 0 where that isn't known.
+    """
+
+    delay_ns: dict[int, int]
+    turn_ns: int
+
+    def follow(self, link: Link, stations: Sequence[int]) -> None:
+        """Let these follow the first of them, which is told by nobody: the way to each counts from there."""
+        first_ns = self.delay_ns[stations[0]]
+        for station in stations:
+            link.station_write(station, registers.DC_DELAY, struct.pack("<I", self.delay_ns[station] - first_ns))
+
+
+def set_clocks(link: Link, stations: Sequence[int]) -> Clocks:
+    """Write offset and delay of each slave that has a clock, and empty the filters of its drift compensation.
 
     The first slave passes a frame on at its port 1 and gets it back there: what lies between is twice the way to the
     last. For slave k, delay = (what lies between at the reference - the same at slave k) / 2, which holds for a line
-    without branches.
+    without branches. A ring is one for as long as that takes.
     """
     with_clock = [station for station in stations if link.station_read(station, registers.FEATURES, 1)[0] & _DC]
     if not with_clock:
-        return None
-    link.write(registers.BWR, 0, registers.DC_PORTS, bytes(4))
-    now_ns = time.time_ns() - _SINCE_2000_S * 1_000_000_000
+        return Clocks({}, 0)
+    with _turned_back(link, stations[-1]):
+        now_ns = time.time_ns() - _SINCE_2000_S * 1_000_000_000
+        link.write(registers.BWR, 0, registers.DC_PORTS, bytes(4))
     latched = [struct.unpack("<II", link.station_read(station, registers.DC_PORTS, 8)) for station in with_clock]
     local = [struct.unpack("<q", link.station_read(station, registers.DC_UNIT, 8))[0] for station in with_clock]
-    for station, ports, local_ns in zip(with_clock, latched, local, strict=True):
-        delay_ns = max(0, (_between(latched[0]) - _between(ports)) // 2)
-        offset_ns = now_ns + delay_ns - local_ns
-        link.station_write(station, registers.DC_OFFSET, struct.pack("<q", offset_ns))
+    delays = [max(0, (_between(latched[0]) - _between(ports)) // 2) for ports in latched]
+    for station, delay_ns, local_ns in zip(with_clock, delays, local, strict=True):
+        link.station_write(station, registers.DC_OFFSET, struct.pack("<q", now_ns + delay_ns - local_ns))
         link.station_write(station, registers.DC_DELAY, struct.pack("<I", delay_ns))
+        begin = link.station_read(station, registers.DC_SPEED_START, 2)
+        link.station_write(station, registers.DC_SPEED_START, begin)
     turn_ns = _between(latched[0])
-    return with_clock[0], turn_ns if turn_ns < _LONGEST_NS else 0
+    return Clocks(dict(zip(with_clock, delays, strict=True)), turn_ns if turn_ns < _LONGEST_NS else 0)
+
+
+@contextlib.contextmanager
+def _turned_back(link: Link, last: int) -> Iterator[None]:
+    """Let the last slave of a ring turn frames back: only so its slaves see at port 1 how long they take.
+
+    It closes its port for a second only, so that a ring whose master died meanwhile is whole again by itself.
+    """
+    if not link.is_ring:
+        yield
+        return
+    loops = link.station_read(last, registers.DL_CONTROL + 1, 1)[0]
+    closed = bytes((registers.DL_RULES | registers.DL_FOR_A_SECOND, loops & ~registers.PORT1 | registers.PORT1_CLOSED))
+    link.station_write(last, registers.DL_CONTROL, closed)
+    try:
+        yield
+    finally:
+        link.station_write(last, registers.DL_CONTROL, bytes((registers.DL_RULES, loops)))
+        end = time.monotonic() + _WHOLE_AGAIN_S
+        while link.read(registers.BRD, 0, registers.ESC_TYPE, 1) and link.open_behind is not None:
+            if time.monotonic() > end:
+                raise LinkError(f"{link.name}: the last slave does not open its port again, closed to measure the ring")
+
+
+def require_clocks(link: Link, clocks: Clocks, stations: Sequence[int], names: Sequence[str]) -> None:
+    """Raises DeviceFault where the first terminal has no clock, which all that have one are told by; of a ring, any."""
+    needed = stations if link.is_ring else stations[:1]
+    for name, station in zip(names, needed, strict=False):
+        if station not in clocks.delay_ns:
+            why = "a ring's clocks need one in each" if link.is_ring else "the first, which the others would follow,"
+            raise DeviceFault(f"{link.name}: terminal {name} has no clock: {why}: say clocks: false")
 
 
 def begin_sync0(link: Link, station: int, name: str, period_ns: int, shift_ns: int) -> None:

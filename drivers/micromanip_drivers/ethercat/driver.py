@@ -19,6 +19,8 @@ from micromanip.driver.wire import MOST_BITS, LoopWire, lend, set_lock
 
 from .bring_up import bring_to_safeop
 from .described import compare_with_file
+from .drive_options import words_of
+from .drive_table import fill_drives
 from .image import Image
 from .link import LOOP_SENDERS, Link, open_interface
 from .options import EthercatOptions
@@ -74,11 +76,15 @@ class Ethercat(LoopWire):
 
     @property
     def device(self) -> str:
-        return f"ethercat {self.options.interface}"
+        return self.devices[0]
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        return tuple(f"ethercat {interface}" for interface in self.options.interfaces)
 
     @property
     def real_because(self) -> str | None:
-        found = (real_because(f"ethercat {each}") for each in self.options.interfaces)
+        found = (real_because(each) for each in self.devices)
         return next((reason for reason in found if reason is not None), None)
 
     @property
@@ -95,6 +101,7 @@ class Ethercat(LoopWire):
             for pdo in terminal.inputs.values():
                 rate_hz = 1 / period_s if pdo.rate_hz is None else pdo.rate_hz
                 rates |= dict.fromkeys(pdo.fields, (rate_hz, age_s + pdo.latency_us * 1e-6))
+        rates |= {drive.ok: (1 / period_s, age_s) for drive in self.options.drives.values()}
         return tuple(Channel(name, *rates[name]) for name in self.inputs)
 
     def loads(self) -> Sequence[Load]:
@@ -120,6 +127,8 @@ class Ethercat(LoopWire):
         ring["present"], ring["cut_behind"], ring["half"]["count"] = len(self.options.interfaces) - 1, WHOLE, -1
         ring["socket"]["descriptor"] = -1
         ring["position_at"], ring["inputs_at"][: len(image.inputs_at)] = image.position_at, image.inputs_at
+        ring["clock_position_at"] = image.clock_position_at if self.options.clocks else 0
+        fill_drives(c, self.options, image, self.period_ns)
         if lock is not None:
             set_lock(c["lock"], self.period_ns, 1e-3 * lock.time_constant_ms, lock.drift_ppm, lock.within_us)
 
@@ -134,7 +143,7 @@ class Ethercat(LoopWire):
     def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
         """With `lock` also where it stands: error of the deadlines, rms over a second, and the clock's drift.
 
-        Of a ring how often it was cut, and where it is.
+        Of a ring how often it was cut, and where it is; of drives how often one left Operation enabled by itself.
         """
         c = self.record(context)
         counts, lock, ring = super().statistics(context), c["lock"], c["ring"]
@@ -142,6 +151,8 @@ class Ethercat(LoopWire):
             counts = {**counts, "cuts": int(ring["cuts"])}
             if ring["cut_behind"] != WHOLE:
                 counts["cut_behind"] = int(ring["cut_behind"])
+        if c["drives"]:
+            counts = {**counts, "drive_losses": int(c["drive"]["losses"].sum())}
         if not lock["present"]:
             return counts
         drift_ppb, rms_ns = 1e9 * lock["gained_ns"] / self.period_ns, math.sqrt(lock["square_ns2"])
@@ -157,13 +168,13 @@ class Ethercat(LoopWire):
         """Slaves that somebody left operating come to rest by INIT, in which nothing is put out."""
         c = self.record(context)
         with Link(*self.options.interfaces) as link:
-            c["turn_ns"] = bring_to_safeop(link, self.options, self._image, self.period_ns)
+            clocks = bring_to_safeop(link, self.options, self._image, self.period_ns)
         if self.options.watchdog is not None:
             time.sleep(self.options.watchdog.rest_ms * 1e-3)
         sockets = c["socket"], c["ring"]["socket"]
         for interface, sender, record in zip(self.options.interfaces, LOOP_SENDERS, sockets, strict=False):
             lend(open_interface(interface, sender).detach(), record)
-        Tender(self.options, self._image, c, self.period_ns).start()
+        Tender(self.options, self._image, c, self.period_ns, clocks).start()
 
     def functions(self) -> Functions:
         from . import exchange  # compiled: loaded only where it is going to be called
@@ -195,7 +206,7 @@ class Ethercat(LoopWire):
 
 
 def _require_own_names(options: EthercatOptions) -> None:
-    """Raises ConfigError for two fields of the same name and direction."""
+    """Raises ConfigError for two fields of one name and direction, and for a drive's channels that are others'."""
     for direction in ("outputs", "inputs"):
         seen: dict[str, str] = {}
         for terminal, keys in options.terminals.items():
@@ -204,3 +215,14 @@ def _require_own_names(options: EthercatOptions) -> None:
                     if name in seen:
                         raise ConfigError(f"terminals.{terminal}.{direction}: {name} is a field of {seen[name]} too")
                     seen[name] = terminal
+    for terminal, drive in options.drives.items():  # of the inputs
+        if drive.ok in seen:
+            raise ConfigError(f"terminals.{terminal}.drive.ok: {drive.ok} is there already, of {seen[drive.ok]}")
+        seen[drive.ok] = terminal
+    words = {name for keys in options.terminals.values() for name in words_of(keys.drive, keys.outputs)}
+    for terminal, drive in options.drives.items():
+        for channel in drive.channels:
+            if channel in words:
+                raise ConfigError(f"terminals.{terminal}.drive: {channel} is a word that the driver itself fills")
+            if not options.outputs[channel].switch:
+                raise ConfigError(f"terminals.{terminal}.drive: the output {channel} must have switch: true")

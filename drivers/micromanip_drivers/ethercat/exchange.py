@@ -30,6 +30,7 @@ from micromanip.driver.datagrams import (
     received_ns,
     rest,
     send_due,
+    send_outputs,
     steer,
     take,
     taken_ns,
@@ -39,6 +40,7 @@ from micromanip.driver.ethercat import OP, STATUS_BYTES, STATUS_MASK, WKC_BYTES
 from micromanip.driver.wire import FOLLOWING, QUIET, RECENT
 
 from .compiled import compiled
+from .drives import command_drives, hear_drives
 from .records import CONTEXT
 from .ring import send_at_far_end, take_half, take_ring
 
@@ -99,6 +101,7 @@ def take_good(c: Any, data: Any, came_ns: int, inputs: Any, deadline_ns: int) ->
     if f["clock"]["present"] != 0:
         at_ns = taken_ns(c["clock"], code_of(f["clock"], data), came_ns)
     leave_samples(c["samples"], f, data, inputs, missing, min(at_ns, deadline_ns))
+    hear_drives(c, data, inputs, min(at_ns, deadline_ns))
     return acknowledge(g, (g["sent_count"] - 1 - count) % c["counts"])
 
 
@@ -164,9 +167,14 @@ def take_all(c: Any, inputs: Any, deadline_ns: int) -> int:
 
 @compiled
 def send_all(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
-    """``send_due``, in a ring at both ends."""
+    """``send_due``, with drives what they are to be sent, in a ring at both ends."""
     sent, not_sent = c["gate"]["sent_count"], c["not_sent"]
-    send_due(c, code, outputs, deadline_ns)
+    if c["drives"] == 0:
+        send_due(c, code, outputs, deadline_ns)
+    else:
+        command_drives(c, code, outputs, deadline_ns)
+        if c["gate"]["state"] != QUIET:
+            send_outputs(c, c["asked"], deadline_ns)
     if c["ring"]["present"] != 0 and (c["gate"]["sent_count"] != sent or c["not_sent"] != not_sent):
         send_at_far_end(c, c["gate"]["sent_count"] == sent)
 

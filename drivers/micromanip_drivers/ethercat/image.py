@@ -2,7 +2,7 @@
 
 One Ethernet frame carries four datagrams: NOP with the cycle's count, which comes back as it is and so says which frame
 it was; LRW of the whole image, all outputs before all inputs; BRD of AL status, the `or` of all slaves; and, with
-clocks, FRMW of the system time from the first clock to the others.
+clocks, ARMW of the system time from the first clock that it comes by, the first terminal's, to the others.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from micromanip.driver.ethercat import (
 )
 from micromanip.driver.wire import FramePlan, GroupPlan
 
+from .drive_options import DriveObject, fields_of
 from .link import LOOP_SENDERS, SENDER
-from .options import EthercatOptions, Input
-from .scan import FIRST_STATION
+from .options import OK, EthercatOptions, Input
 
 COUNT_BYTES, TIME_BYTES = 4, 8
 
@@ -63,7 +63,8 @@ class Image:
         self.status_at = self.image_at + self.bytes + WKC_BYTES + DATAGRAM_BYTES
         self.time_at = self.status_at + STATUS_BYTES + WKC_BYTES + DATAGRAM_BYTES
         self.position_at = self.status_at - DATAGRAM_BYTES + 2
-        """Of the broadcast: each slave counts it up."""
+        """Of the broadcast: each slave counts it up, as it does the position of the clock that is read."""
+        self.clock_position_at = self.time_at - DATAGRAM_BYTES + 2
 
     @property
     def frame(self) -> bytes:
@@ -74,7 +75,7 @@ class Image:
             Datagram(registers.BRD, (0, registers.AL_STATUS), bytes(STATUS_BYTES)),
         ]
         if self._options.clocks:
-            datagrams.append(Datagram(registers.FRMW, (FIRST_STATION, registers.DC_SYSTEM), bytes(TIME_BYTES)))
+            datagrams.append(Datagram(registers.ARMW, (0, registers.DC_SYSTEM), bytes(TIME_BYTES)))
         return framed(datagrams, LOOP_SENDERS[0])
 
     @property
@@ -84,10 +85,18 @@ class Image:
 
     @property
     def inputs(self) -> Mapping[str, Input]:
-        """By name, in the order in which the loop gets them: what is fresh in each cycle, then the slower PDOs."""
+        """By name, in the order in which the loop gets them: what is fresh in each cycle, slower PDOs, drives."""
         pdos = [pdo for terminal in self._options.terminals.values() for pdo in terminal.inputs.values()]
         pdos.sort(key=lambda pdo: pdo.counter is not None)
-        return {name: field for pdo in pdos for name, field in pdo.fields.items()}
+        read = {name: field for pdo in pdos for name, field in pdo.fields.items()}
+        return read | {drive.ok: OK for drive in self._options.drives.values()}
+
+    def word_at(self, terminal: str, direction: str, wanted: DriveObject) -> int:
+        """Where in the frame an object of a drive begins, that of `outputs` or `inputs`."""
+        placed, pdos = self.placed[terminal], getattr(self._options.terminals[terminal], direction)
+        start = self.image_at + (placed.outputs_at if direction == "outputs" else placed.inputs_at)
+        ((name, _),) = fields_of(pdos, wanted)
+        return next(numbers[name].at for _, numbers in _numbers(pdos, start) if name in numbers)
 
     def sent(self) -> NDArray[np.void]:
         """The table of the frame that is sent."""
@@ -95,6 +104,7 @@ class Image:
         for terminal, placed in zip(self._options.terminals.values(), self.placed.values(), strict=True):
             for _, numbers in _numbers(terminal.outputs, self.image_at + placed.outputs_at):
                 fields |= numbers
+        fields = {name: fields.get(name, NOWHERE) for name in self._options.outputs}
         count = Number(self.count_at, COUNT_BYTES, "uint32")
         return FramePlan(len(self.frame), [GroupPlan(fields)], self.frame, counter=count).record()
 
@@ -115,7 +125,8 @@ class Image:
         record = FramePlan(len(self.frame), groups, counter=count, clock=clock).record()
         template, fixed = bytearray(self.frame), record[0]["fixed"]
         template[SENDER] |= PROCESSED
-        template[self.position_at : self.position_at + 2] = len(self._options.terminals).to_bytes(2, "little")
+        for at in (self.position_at, *((self.clock_position_at,) if self._options.clocks else ())):
+            template[at : at + 2] = len(self._options.terminals).to_bytes(2, "little")
         record[0]["template"][: len(template)] = np.frombuffer(template, np.uint8)
         fixed[SENDER : self.count_at] = 1
         for data_at in (self.image_at, self.status_at, *((self.time_at,) if self._options.clocks else ())):
@@ -134,6 +145,10 @@ class Number:
     offset: float = 0.0
     range: tuple[float, float] | None = None
     byte_order: str = "little"
+
+
+NOWHERE = Number(0, 0, "uint8")
+"""Of a switch that a drive goes by: it takes no bytes of the frame."""
 
 
 def _numbers(pdos: Mapping[str, Any], at: int) -> Iterator[tuple[Any, dict[str, Number]]]:

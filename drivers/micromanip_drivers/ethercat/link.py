@@ -39,12 +39,19 @@ class Link:
         self._index = 0
         self.open_behind: int | None = None
         """The ring is broken behind so many slaves, by the last BRD; None for a whole one, and for a line."""
+        self.lost = 0
+        """How many frames have not come back."""
         if return_interface is not None:
             try:
                 self._sockets.append(open_interface(return_interface, PYTHON_SENDERS[1]))
             except BaseException:
                 self.close()
                 raise
+
+    @property
+    def is_ring(self) -> bool:
+        """Whether it has a far end."""
+        return len(self._sockets) > 1
 
     def close(self) -> None:
         """Let go of the sockets."""
@@ -65,6 +72,7 @@ class Link:
             self._send(sent)
             if back := self._received(sent):
                 return back
+            self.lost += 1
         raise LinkError(f"{self.name}: no frame comes back; check cable, power of the first terminal, and interface")
 
     def read(self, command: int, slave: int, register: int, length: int) -> Datagram:
@@ -110,7 +118,7 @@ class Link:
                     (d.command, d.index, len(d.data)) for d in sent
                 ]:
                     continue
-                if len(self._sockets) == 1:
+                if not self.is_ring:
                     return back
                 from_far = bool(frame[LAST_OF_SENDER] & FAR_BIT)
                 if not from_far and each is self._sockets[1]:

@@ -30,6 +30,7 @@ class Mailbox:
         self._link, self._station, self._name = link, slave.station, name
         self._out, self._in = slave.mailbox_out, slave.mailbox_in
         self._counter = count()
+        self._heard, self._is_asked_again = 0, False
 
     def read(self, index: int, subindex: int, *, complete: bool = False) -> bytes:
         """An object's entry, or with `complete` all from that one on. Raises DeviceFault with the abort code."""
@@ -90,8 +91,9 @@ class Mailbox:
         while True:
             mail = self._next(end)
             length, _, _, kind = struct.unpack_from(coe.MAILBOX_HEADER, mail)
-            answer = mail[6 : 6 + length]
-            if kind & 0x0F != coe.COE or len(answer) < 3 or answer[1] >> 4 == _EMERGENCY:
+            answer, heard, self._heard = mail[6 : 6 + length], self._heard, kind >> 4
+            is_repeated, self._is_asked_again = self._is_asked_again and 0 < self._heard == heard, False
+            if is_repeated or kind & 0x0F != coe.COE or len(answer) < 3 or answer[1] >> 4 == _EMERGENCY:
                 self._require_before(end)
                 continue  # of another protocol, or the device's own: the AL state tells of what matters
             said = answer[2]
@@ -101,6 +103,9 @@ class Mailbox:
                     f"{self._link.name}: terminal {self._name} refuses object 0x{index:04x}:{subindex:02x}: "
                     f"{abort_in_words(code)} (0x{code:08x})"
                 )
+            if said >> 5 != coe.ANSWERS[sdo[0] >> 5]:
+                self._require_before(end)
+                continue  # it belongs to an earlier request
             if segment:
                 return said, answer[3:]
             if len(answer) >= 10 and _SDO.unpack_from(answer, 2)[1:] == (index, subindex):
@@ -116,9 +121,22 @@ class Mailbox:
     def _next(self, end: float) -> bytes:
         start, length = self._in
         while True:
+            lost = self._link.lost
             back = self._link.read(registers.FPRD, self._station, start, length)
             if back.wkc == 1:
                 return back.data
+            self._require_before(end)
+            if self._link.lost != lost:
+                self._ask_again(end)
+
+    def _ask_again(self, end: float) -> None:
+        """A frame was lost that may have fetched the mail already: the slave lays it out once more (ETG.1000.4)."""
+        self._is_asked_again = True
+        at = registers.SM + registers.SM_BYTES + registers.SM_ACTIVATE
+        activate = self._link.station_read(self._station, at, 1)[0] ^ registers.SM_REPEAT
+        self._link.station_write(self._station, at, bytes([activate]))
+        pdi_at = at - registers.SM_ACTIVATE + registers.SM_PDI
+        while (self._link.station_read(self._station, pdi_at, 1)[0] ^ activate) & registers.SM_REPEAT:
             self._require_before(end)
 
     def _require_before(self, end: float) -> None:

@@ -46,6 +46,7 @@ from micromanip.driver.quantities import Latency, SampleRate
 from micromanip.driver.wire import LoopOutput
 from micromanip_drivers.line.section import Name, Whole
 
+from .drive_options import Drive, require_objects, words_of
 from .records import MOST_TERMINALS
 
 Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
@@ -100,6 +101,11 @@ class Output(LoopOutput, Input):
         return number_range(self.type)
 
 
+OK = Input(index=0, type="uint8")
+SWITCH = Output(index=0, type="uint8", switch=True)
+"""Channels of a drive: what the driver says of it, and what it goes by; no terminal has them."""
+
+
 class OutputPdo(Section):
     """A PDO that the terminal receives."""
 
@@ -148,9 +154,16 @@ class Terminal(Section):
         description="SYNC0 is made so long after each deadline of the loop, less than a cycle, which needs `lock`; "
         "null: none is made.",
     )
+    drive: Drive | None = Field(default=None, description="It is a drive with the profile CiA 402; null: it is none.")
     settings: dict[Name, Setting] = Field(default={}, description="What is written by SDO in PREOP, in this order.")
     outputs: dict[Name, OutputPdo] = Field(default={}, description="PDOs that it receives, in the order of 0x1c12.")
     inputs: dict[Name, InputPdo] = Field(default={}, description="PDOs that it sends, in the order of 0x1c13.")
+
+    @model_validator(mode="after")
+    def _maps_what_a_drive_needs(self) -> Terminal:
+        if self.drive is not None:
+            require_objects(self.drive, self.outputs, self.inputs)
+        return self
 
 
 class Lock(Section):
@@ -185,8 +198,8 @@ class EthercatOptions(Section):
     interface: Interface = Field(description="Network interface; nothing but the line is connected to it.")
     return_interface: Interface | None = Field(
         default=None,
-        description="Another one, to which the last terminal leads back: a cable that breaks is survived; needs "
-        "`clocks: false`. null: the line ends at its last terminal.",
+        description="Another one, to which the last terminal leads back: a cable that breaks is survived. null: the "
+        "line ends at its last terminal.",
     )
     simulated: bool = Field(
         default=False,
@@ -205,7 +218,8 @@ class EthercatOptions(Section):
     clocks: bool = Field(
         default=True,
         strict=True,
-        description="Distributed clocks: the terminals' clocks follow the first one's, which times the samples.",
+        description="Distributed clocks: the terminals' clocks follow the first one's, which times the samples. The "
+        "first terminal must have one, in a ring each.",
     )
     lock: Lock | None = Field(
         default=None,
@@ -234,11 +248,6 @@ class EthercatOptions(Section):
     def _ring(self) -> EthercatOptions:
         if self.return_interface == self.interface:
             raise ValueError("return_interface: must be another one than interface")
-        if self.return_interface is not None and self.clocks:
-            raise ValueError(
-                "return_interface: needs clocks: false: the way to a clock is measured by frames that come back "
-                "where they went, and behind a cut nobody tells the clocks the time"
-            )
         return self
 
     @property
@@ -247,11 +256,17 @@ class EthercatOptions(Section):
         return (self.interface,) if self.return_interface is None else (self.interface, self.return_interface)
 
     @property
-    def outputs(self) -> dict[str, Output]:
-        """All of them, by name, in the order of the process image."""
-        return {n: f for t in self.terminals.values() for pdo in t.outputs.values() for n, f in pdo.fields.items()}
+    def drives(self) -> dict[str, Drive]:
+        """Those of the terminals that are one, by name."""
+        return {name: terminal.drive for name, terminal in self.terminals.items() if terminal.drive is not None}
 
     @property
-    def inputs(self) -> dict[str, Input]:
-        """All of them, by name, in the order of the process image."""
-        return {n: f for t in self.terminals.values() for pdo in t.inputs.values() for n, f in pdo.fields.items()}
+    def outputs(self) -> dict[str, Output]:
+        """All of them, by name, in the order of the process image; then the drives' switches that lie nowhere in it."""
+        found: dict[str, Output] = {}
+        for terminal in self.terminals.values():
+            words = words_of(terminal.drive, terminal.outputs)
+            for pdo in terminal.outputs.values():
+                found |= {name: field for name, field in pdo.fields.items() if name not in words}
+        switches = [channel for drive in self.drives.values() for channel in drive.channels]
+        return found | {channel: SWITCH for channel in switches if channel not in found}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import CLOCK_LOCK, MAX_BYTES, SOCKET, WIRE, record
+from micromanip.driver.wire import CLOCK_LOCK, MAX_BYTES, MAX_OUTPUTS, SOCKET, WIRE, record
+
+from .drive_records import DRIVE
 
 BAD = ("wrong_length", "not_this_frame", "wrong_working_counter", "not_operating", "not_sent")
 """Two kinds of bad frames; those that a slave did not take part in, or that told of a slave which has left OP; frames
@@ -18,6 +20,8 @@ HALF = record(("count", "i8"), ("reached", "i8"), ("data", "u1", (MAX_BYTES,)))
 RING = record(
     ("present", "i8"),
     ("position_at", "i8"),
+    ("clock_position_at", "i8"),
+    ("way_ns", "i8"),
     ("inputs_at", "i8", (MOST_TERMINALS + 1,)),
     ("cut_behind", "i8"),
     ("cuts", "i8"),
@@ -25,7 +29,8 @@ RING = record(
     ("socket", SOCKET),
 )
 """The far end of a ring, and what came of a cut one: the last frame of each end. It was cut ``cuts`` times, the last
-time behind so many terminals."""
+time behind so many terminals. Where it is whole a frame takes `way_ns` from the first clock to the last terminal;
+`clock_position_at` is 0 without clocks."""
 
 CONTEXT = record(
     *WIRE,
@@ -44,8 +49,11 @@ CONTEXT = record(
     ("time_at", "i8"),
     ("turn_ns", "i8"),
     ("ring", RING),
+    ("drives", "i8"),
+    ("drive", DRIVE, (MOST_TERMINALS,)),
+    ("asked", "f8", (MAX_OUTPUTS,)),
 )
 """``al_status`` is that of all slaves, merged by `or`, as the last frame told it; ``bring_ups`` counts how often the
 line was brought to OP. The loop waits for its frame until `wait_ns` after the deadline; `news` were acknowledged so.
 The first terminal's time is at `time_at` of the frame, which from there to the end of the line and back takes
-`turn_ns`."""
+`turn_ns`. With drives, ``asked`` is what the outputs are to be sent."""

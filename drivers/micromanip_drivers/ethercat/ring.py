@@ -3,7 +3,8 @@
 Where the ring is whole, all of them act on what came in at the near end, which leaves at the far one; what came in at
 the far end goes by behind them as it is. Where it is cut, each half turns back at the cut and comes to the end that it
 was sent from, with the working counter of its terminals: both together are the frame. So nothing has to be noticed, or
-switched over, before a cycle is complete again.
+switched over, before a cycle is complete again. Each half reads the clock of the terminal that it acts on first, and
+tells the others: the time of a frame is that of the near half, the first terminal's.
 """
 
 from __future__ import annotations
@@ -71,10 +72,9 @@ def take_half(
         c["not_this_frame"] += 1
         return 0
     if reached == c["terminals"]:
-        if sent_at == _NEAR:
-            note_cut(ring, WHOLE if end == _FAR else c["terminals"])
-        else:
-            note_cut(ring, 0)
+        behind = 0 if sent_at == _FAR else WHOLE if end == _FAR else c["terminals"]
+        note_cut(ring, behind)
+        c["turn_ns"] = ring["way_ns"] if behind == WHOLE else 0
         return take_good(c, data, came_ns, inputs, deadline_ns)  # type: ignore[no-any-return]
     half, other = ring["half"][sent_at], ring["half"][1 - sent_at]
     half["count"], half["reached"] = np.int64(code_of(f["counter"], data)), reached
@@ -83,6 +83,7 @@ def take_half(
     if other["count"] != half["count"]:
         return 0
     merge(c, ring["half"][_NEAR], ring["half"][_FAR])
+    c["turn_ns"] = 0  # at least, which is all that is known of a half
     return take_good(c, ring["half"][_NEAR]["data"], came_ns, inputs, deadline_ns)  # type: ignore[no-any-return]
 
 
@@ -92,11 +93,13 @@ def is_good(c: Any, data: Any, reached: int) -> bool:
 
     Its sender becomes that of the near end.
     """
-    f, at = c["receive"], c["ring"]["position_at"]
-    if np.int64(bits_at(data, at, 2, 0)) != reached:
-        return False
+    f, ring = c["receive"], c["ring"]
+    for at in (ring["position_at"], ring["clock_position_at"]):
+        if at != 0:
+            if np.int64(bits_at(data, at, 2, 0)) != reached:
+                return False
+            data[at], data[at + 1] = c["terminals"], 0
     data[LAST_OF_SENDER] = _NEAR_SENDER
-    data[at], data[at + 1] = c["terminals"], 0
     return judged(f, data, f["length"]) == GOOD
 
 

@@ -16,10 +16,13 @@ from micromanip.driver import BusError
 from micromanip.driver.wire import ANSWERS, RESTING
 
 from .bring_up import bring_to_op, bring_to_safeop
+from .clocks import Clocks
+from .drive_words import DriveWords
 from .image import Image
 from .link import Link
 from .options import EthercatOptions
 from .records import WHOLE
+from .scan import FIRST_STATION
 
 _LOOK_S, _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.005, 0.05, 2.0
 
@@ -27,9 +30,11 @@ _LOOK_S, _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.005, 0.05, 2.0
 class Tender:
     """Of one context, a record in memory that the loop writes."""
 
-    def __init__(self, options: EthercatOptions, image: Image, context: Any, period_ns: int) -> None:
+    def __init__(self, options: EthercatOptions, image: Image, context: Any, period_ns: int, clocks: Clocks) -> None:
         self._options, self._image, self._context, self._period_ns = options, image, context, period_ns
         self._said, self._cut_behind = "", WHOLE
+        self._take(clocks)
+        self._drives = DriveWords(options, context)
 
     def start(self) -> None:
         """Look after the line until the context is closed; the process need not wait for it."""
@@ -41,14 +46,15 @@ class Tender:
         while not self._context["closed"]:
             wait.wait(_LOOK_S)
             self._look_at_ring()
+            for news in self._drives.news():
+                self._tell(news)
             if not self._is_needed():
                 pause_s = _FIRST_PAUSE_S
                 continue
             try:
                 with Link(*self._options.interfaces) as link:
                     if not is_prepared:
-                        turn_ns = bring_to_safeop(link, self._options, self._image, self._period_ns)
-                        self._context["turn_ns"] = turn_ns
+                        self._take(bring_to_safeop(link, self._options, self._image, self._period_ns))
                     is_prepared = False
                     bring_to_op(link, self._options)
                 self._context["bring_ups"] += 1
@@ -58,8 +64,13 @@ class Tender:
                 wait.wait(pause_s)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
 
+    def _take(self, clocks: Clocks) -> None:
+        """What a frame takes from the first clock on, that is known: through a ring it goes one way."""
+        self._clocks, self._halves = clocks, [list(clocks.delay_ns)]
+        self._context["turn_ns"], self._context["ring"]["way_ns"] = clocks.turn_ns, clocks.turn_ns // 2
+
     def _look_at_ring(self) -> None:
-        """Say where it has been cut, and that it is whole again."""
+        """Say where it has been cut, and that it is whole again; clocks behind a cut count from the first of them."""
         ring = self._context["ring"]
         behind = int(ring["cut_behind"])
         if not ring["present"] or behind == self._cut_behind:
@@ -67,13 +78,27 @@ class Tender:
         self._cut_behind = behind
         near, far = self._options.interfaces
         ends = [f"interface {near}", *(f"terminal {name}" for name in self._options.terminals), f"interface {far}"]
+        led = self._led(behind)
         if behind == WHOLE:
             self._tell(f"ethercat {near}: the ring is whole again")
         else:
+            alone = f"; the clocks behind the cut follow that of {ends[behind + 1]}, which nobody tells the time"
             self._tell(
                 f"ethercat {near}: the ring is cut between {ends[behind]} and {ends[behind + 1]}: all terminals are "
-                "reached from its two ends; mend it, a second cut would stop the cell"
+                f"reached from its two ends; mend it, a second cut would stop the cell{alone if led else ''}"
             )
+
+    def _led(self, behind: int) -> bool:
+        """Let the clocks on either side of a cut follow the first there; whether that leaves any without the time."""
+        stations = [FIRST_STATION + k for k in range(len(self._options.terminals))]
+        is_split = self._options.clocks and 0 < behind < len(stations)
+        halves = [stations[:behind], stations[behind:]] if is_split else [stations]
+        if self._options.clocks and halves != self._halves:
+            with contextlib.suppress(BusError), Link(*self._options.interfaces) as link:  # it may be cut anew just now
+                for half in halves:
+                    self._clocks.follow(link, half)
+                self._halves = halves
+        return is_split
 
     def _is_needed(self) -> bool:
         """Whether the loop sends safe values in vain."""

@@ -133,6 +133,8 @@ class SimulatedCell(CyclicDriver):
     def simulated_axis(self, name: str) -> SimulatedAxis:
         if self.options.deviation.file is not None:
             raise ConfigError("deviation.file: a budget is of sines; leave the file out for it")
+        if any(self.options.force.harmonics) or self.options.force.runout or self.options.force.speed_percent:
+            raise ConfigError("force: a budget is of one steady sine; leave harmonics, runout and speed_percent out")
         from .linear import linear_plant  # for who asks for it, not for the loop's process
 
         period_s, force, count = self.period_ns * 1e-9, self.options.force, len(self.options.axes)
@@ -286,6 +288,10 @@ class SimulatedCell(CyclicDriver):
         p["force_start_s"], p["force_static_N"] = force.start_s, force.static_N
         p["force_step"] = -np.expm1(-period_s / (force.rise_ms * 1e-3))
         p["tooth_N"], p["tooth_omega"] = force.tooth_N, 2 * np.pi * force.tooth_Hz
+        p["harmonics"][: len(force.harmonics)] = force.harmonics
+        p["runout"], p["teeth"] = force.runout, force.teeth
+        p["speed_share"] = 0.01 * force.speed_percent
+        p["speed_after_s"], p["speed_within_s"] = force.speed_after_s, force.speed_within_s
         p["force_noise_N"] = force.noise_N
         p["force_noise_decay"] = np.exp(-period_s * 2 * np.pi * force.noise_Hz)
         p["deviation_um"] = (*path.amplitudes_um, path.joint_um)

@@ -27,7 +27,7 @@ from micromanip.driver.quantities import (
     VoltsAboveZero,
 )
 
-from .records import EXCHANGE, MAX_FAULTS, MOST_LATE
+from .records import EXCHANGE, HARMONICS, MAX_FAULTS, MOST_LATE
 
 
 class _Options(BaseModel):
@@ -115,6 +115,16 @@ class Force(_Options):
     rise_ms: Milliseconds = Field(default=20.0, description="Time constant of the steady part.")
     tooth_N: Real = Field(default=40.0, description="Amplitude at tooth passing.")
     tooth_Hz: Hertz = Field(default=200.0, description="Tooth-passing frequency.")
+    harmonics: tuple[Real, ...] = Field(
+        default=(), max_length=HARMONICS, description="Shares of tooth_N at 2, 3, .. times that frequency."
+    )
+    teeth: int = Field(default=4, ge=1, le=64, description="Teeth of the tool: the spindle turns so much more slowly.")
+    runout: Real = Field(default=0.0, description="Share of tooth_N once a turn of the spindle: its tool runs out.")
+    speed_percent: Annotated[float, Field(ge=-20, le=20)] = Field(
+        default=0.0, description="Change of the spindle's speed, as under load."
+    )
+    speed_after_s: SecondsOrZero = Field(default=0.0, description="When it begins, after the tool has engaged.")
+    speed_within_s: Seconds = Field(default=0.1, description="How long it takes, evenly.")
     noise_N: NotNegative = Field(default=5.0, description="Coloured noise, rms.")
     noise_Hz: Hertz = Field(default=30.0, description="Bandwidth of the coloured noise.")
 

@@ -10,7 +10,7 @@ from .compiled import compiled
 from .noise import normal
 from .played_path import played
 from .preisach import preisach_step
-from .records import CREEP_OPERATORS, DEVIATION_SINES, MECHANICAL_STATES, SUBSTEPS
+from .records import CREEP_OPERATORS, DEVIATION_SINES, HARMONICS, MECHANICAL_STATES, SUBSTEPS
 
 
 @compiled
@@ -78,7 +78,27 @@ def machining_force(p: Any, s: Any, t_s: float) -> float:
     s["engaged"] += p["force_step"] * (1.0 - s["engaged"])
     decay = p["force_noise_decay"]
     s["coloured_N"] = decay * s["coloured_N"] + p["force_noise_N"] * math.sqrt(1.0 - decay * decay) * normal(s)
-    return p["force_static_N"] * s["engaged"] + p["tooth_N"] * math.sin(p["tooth_omega"] * t) + s["coloured_N"]
+    return p["force_static_N"] * s["engaged"] + p["tooth_N"] * swing(p, t) + s["coloured_N"]
+
+
+@compiled
+def swing(p: Any, t_s: float) -> float:
+    """Force of the teeth over ``tooth_N``, `t_s` after the tool has engaged: its sine, harmonics, and the run-out.
+
+    While the speed changes evenly its integral is a parabola; what was turned by then is the angle.
+    """
+    share = p["speed_share"]
+    changed_s = max(0.0, min(p["speed_within_s"], t_s - p["speed_after_s"]))
+    faster_s = max(0.0, t_s - p["speed_after_s"] - p["speed_within_s"])
+    turned_s = t_s + share * (0.5 * changed_s * changed_s / p["speed_within_s"] + faster_s)
+    angle = p["tooth_omega"] * turned_s
+    total = math.sin(angle)
+    for k in range(HARMONICS):
+        if p["harmonics"][k] != 0.0:
+            total += p["harmonics"][k] * math.sin((k + 2.0) * angle)
+    if p["runout"] != 0.0:
+        total += p["runout"] * math.sin(angle / p["teeth"])
+    return total
 
 
 @compiled

@@ -15,6 +15,8 @@ CREEP_TIMES_S = np.logspace(-3, 3, CREEP_OPERATORS)
 MECHANICAL_STATES = 7
 MOST_LATE = 8
 """Periods by which an output may be late on top of its own."""
+HARMONICS = 4
+"""Of tooth passing that the force may have beside its frequency."""
 DEVIATION_SINES = 4
 MOST_ROWS = 65_536
 """Of a deviation that is played from a file: a minute at 1 kHz."""
@@ -103,6 +105,12 @@ AXIS_PARAMETERS = _record(
     ("force_step", "f8"),
     ("tooth_N", "f8"),
     ("tooth_omega", "f8"),
+    ("harmonics", "f8", (HARMONICS,)),
+    ("runout", "f8"),
+    ("teeth", "f8"),
+    ("speed_share", "f8"),
+    ("speed_after_s", "f8"),
+    ("speed_within_s", "f8"),
     ("force_noise_N", "f8"),
     ("force_noise_decay", "f8"),
     ("deviation_um", "f8", (DEVIATION_SINES,)),

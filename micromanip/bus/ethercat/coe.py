@@ -14,6 +14,13 @@ DOWNLOAD_SEGMENT, DOWNLOAD, UPLOAD, UPLOAD_SEGMENT, ABORT = 0, 1, 2, 3, 4
 """Requests (client command specifiers): bits 5 to 7 of an SDO's command."""
 SAID_DOWNLOAD_SEGMENT, SAID_DOWNLOAD, SAID_UPLOAD, SAID_UPLOAD_SEGMENT = 1, 3, 2, 0
 """Their answers (server command specifiers)."""
+ANSWERS = {
+    DOWNLOAD_SEGMENT: SAID_DOWNLOAD_SEGMENT,
+    DOWNLOAD: SAID_DOWNLOAD,
+    UPLOAD: SAID_UPLOAD,
+    UPLOAD_SEGMENT: SAID_UPLOAD_SEGMENT,
+}
+"""Which answer belongs to which request."""
 COMPLETE, EXPEDITED, SIZE_GIVEN = 0x10, 0x02, 0x01
 """Bits of a command that begins a transfer."""
 TOGGLE, LAST_SEGMENT = 0x10, 0x01

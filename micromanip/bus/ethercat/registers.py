@@ -19,14 +19,22 @@ SII_CONFIG, SII_CONTROL, SII_ADDRESS, SII_DATA = 0x0500, 0x0502, 0x0504, 0x0508
 FMMU, FMMU_BYTES = 0x0600, 16
 SM, SM_BYTES = 0x0800, 8
 DC_PORTS, DC_SYSTEM, DC_UNIT, DC_OFFSET, DC_DELAY, DC_DIFFERENCE = 0x0900, 0x0910, 0x0918, 0x0920, 0x0928, 0x092C
+DC_SPEED_START = 0x0930
+"""Begins the drift compensation: what is written, be it what stands there, empties its filters."""
 DC_CONTROL, DC_ACTIVATE, DC_START, DC_SYNC0_CYCLE = 0x0980, 0x0981, 0x0990, 0x09A0
 """The SYNC unit: who controls it (a byte), what is on (a byte), when SYNC0 begins (8 bytes), its period in ns (4)."""
+DL_RULES, DL_FOR_A_SECOND = 0x01, 0x02
+"""Bits of ``DL_CONTROL``: frames that are not EtherCAT's are destroyed, as is usual; the settings hold for a second."""
+PORT1, PORT1_CLOSED = 0x0C, 0x0C
+"""Of the byte behind it, the loops of the ports, two bits each: all of port 1, and what closes it."""
 SYNC_ON, SYNC0_ON = 0x01, 0x02
 """Bits of ``DC_ACTIVATE``."""
 
 SM_STATUS, SM_ACTIVATE, SM_PDI = 5, 6, 7
 """Bytes within a sync manager: what it holds, whether it is on, what the slave itself says of it."""
 SM_FULL = 0x08
+SM_REPEAT = 0x02
+"""Of ``SM_ACTIVATE``: changed, it asks for the last mail once more; the slave follows it in ``SM_PDI``."""
 SM_MAILBOX, SM_FROM_MASTER, SM_WATCHDOG = 0x02, 0x04, 0x40
 """Bits of a sync manager's control byte: it is a mailbox, the master writes it, it feeds the watchdog."""
 

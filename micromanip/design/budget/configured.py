@@ -88,11 +88,15 @@ def cell_of(prepared: Prepared, axis: str) -> Cell:
             "and whose voltages are written, in every cycle"
         )
     timing = signal_timing(configuration, wiring, f"deviation_{axis}")
-    laws = AxisLaws(axis, configuration.axes[axis], tracker.of(axis), configuration.loop.period_ns * 1e-9)
-    tracking = Tracking(laws.tracker, cycles_between(configuration, timing), timing.latency_s, laws.period_s)
     driver = wiring.drivers[configuration.outputs[f"voltage_{axis}"].driver]
     simulated = getattr(driver, "simulated_axis", None)  # a driver of a bus has none
-    return Cell(laws, tracking, None if simulated is None else _decoupled(configuration, simulated, axis))
+    known = None if simulated is None else _decoupled(configuration, simulated, axis)
+    settings = configuration.axes[axis]
+    if known is not None and settings.outer is not None:
+        settings = settings.model_copy(update={"outer": settings.outer.at_tooth(known.tooth[0])})
+    laws = AxisLaws(axis, settings, tracker.of(axis), configuration.loop.period_ns * 1e-9)
+    tracking = Tracking(laws.tracker, cycles_between(configuration, timing), timing.latency_s, laws.period_s)
+    return Cell(laws, tracking, known)
 
 
 def _decoupled(configuration: Configuration, simulated: Callable[[str], SimulatedAxis], axis: str) -> SimulatedAxis:

@@ -162,7 +162,7 @@ def predicted_share(telemetry: Telemetry, axis: str, tracker: AxisTracker) -> fl
 
     Raises CheckFailed as `tracking_stretch`, and for an axis without a model of its stage.
     """
-    configuration = validate_document(Source.parse(telemetry.file, telemetry.configuration))
+    configuration = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration()))
     laws = AxisLaws(axis, configuration.axes[axis], tracker, telemetry.period_ns * 1e-9)
     stretch = tracking_stretch(telemetry, configuration, axis)
     followed = follow(stretch, laws)

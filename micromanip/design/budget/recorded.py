@@ -52,7 +52,7 @@ def recorded_budget(
     telemetry: Telemetry, axes: Sequence[str], coherence_s: float, say: Callable[[str], None]
 ) -> list[AxisBudget]:
     """The budget of each of `axes`. CheckFailed where the recording has no tracking, no tracker, or no model."""
-    configuration = validate_document(Source.parse(telemetry.file, telemetry.configuration))
+    configuration = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration()))
     if not isinstance(configuration.reference, Tracker):
         raise CheckFailed(f"{telemetry.file}: what ran followed no tracker (reference.source: signal): no path error")
     found = []

@@ -15,6 +15,7 @@ from .at_rest import AtRest, look_at_rest
 from .axis import DRAWN, Commissioned, Knobs, Watched, commission_axis
 from .coupled import Coupled, decoupled, look_at_coupling, with_coupling
 from .evidence import Evidence
+from .followed import with_followed_tooth
 from .partial import Stopped
 from .production import Budgeted, Production, in_production, tried
 from .story import evidence
@@ -135,6 +136,7 @@ def commission_cell(
             production = trial(production)
             if coupled is not None:
                 production, coupled = decoupled(production, coupled, trial)
+            production = with_followed_tooth(production, trial)
             configuration = production.configuration
         stories = [_with_production(story, production, rest) for story in stories]
     if coupled is not None:

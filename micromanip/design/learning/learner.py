@@ -6,10 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
+from micromanip.rt.states import TRACKING
+from micromanip.rt.telemetry import TOOL
 from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.load import validate_document
 from micromanip.settings.schema.model import Configuration
@@ -36,11 +39,14 @@ def way_of(configuration: Configuration, name: str) -> Transfer:
     return Transfer(AxisLaws(name, axis, tracker.of(name), configuration.loop.period_ns * 1e-9))
 
 
-def begun(configuration: Configuration, name: str, part: Part, begin_s: float) -> Memory:
-    """A memory that knows its part only."""
+def begun(
+    configuration: Configuration, name: str, part: Part, begin_s: float, tool: int = 0,
+    temperature_C: float | None = None,
+) -> Memory:  # fmt: skip
+    """A memory that knows its part only, and how it was made."""
     return Memory(
         cell_name(configuration), name, tuning_hash(configuration.axes[name]), part.rate_hz, begin_s, part.path_um,
-        Learned.nothing(len(part.path_um)),
+        Learned.nothing(len(part.path_um)), tool=tool, temperature_C=temperature_C,
     )  # fmt: skip
 
 
@@ -60,28 +66,29 @@ class Learner:
 
         A first part begins `begin_s` after tracking has, and takes `seconds`.
         """
-        configuration = validate_document(Source.parse(telemetry.file, telemetry.configuration))
+        configuration = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration()))
         found = {}
         for name in axes:
             say(f"{telemetry.file}: axis {name}")
-            file, what = memory_file(self.folder, name), str(telemetry.file)
+            what, tool = str(telemetry.file), _tool_of(telemetry)
+            file = memory_file(self.folder, name, tool)
             tuning, memory = tuning_hash(configuration.axes[name]), read_memory(file)
             way = self._ways.setdefault((name, tuning), way_of(configuration, name))
             if memory is not None:
                 memory.require(cell_name(configuration), name, tuning, str(file))
             run = self._run(telemetry, configuration, name)
-            part, memory = self._part(run, configuration, memory, way, begin_s, seconds)
+            part, memory = self._part(run, configuration, memory, way, begin_s, seconds, tool)
             found[name] = updated(memory, part, way, self._limit_um, what)
         return found
 
     def write(self, found: Mapping[str, Update]) -> None:
         """Put what the axes know after an update into their files. Raises OSError where it can't be."""
         for name, update in found.items():
-            write_memory(memory_file(self.folder, name), update.memory)
+            write_memory(memory_file(self.folder, name, update.memory.tool), update.memory)
 
     def _part(
         self, run: Run, configuration: Configuration, memory: Memory | None, way: Transfer, begin_s: float | None,
-        seconds: float | None,
+        seconds: float | None, tool: int,
     ) -> tuple[Part, Memory]:  # fmt: skip
         tracker = way.laws.tracker
         if memory is None:
@@ -91,7 +98,7 @@ class Learner:
                     "long it takes (--begin, --seconds)"
                 )
             part = run.part(tracker, begin_s, seconds)
-            return part, begun(configuration, way.laws.name, part, begin_s)
+            return part, begun(configuration, way.laws.name, part, begin_s, tool)
         about_s = memory.begin_s if begin_s is None else begin_s
         at_s = found_at(memory, run, about_s, self._search_s, self._tolerance_um)
         return run.part(tracker, at_s, memory.seconds), memory
@@ -105,3 +112,12 @@ class Learner:
 
         range_V = configuration.outputs[f"voltage_{name}"].range_V
         return Run.of(str(telemetry.file), telemetry.column, axis, telemetry.period_ns * 1e-9, range_V)
+
+
+def _tool_of(telemetry: Telemetry) -> int:
+    """Number of the tool while it tracked, 0 where none was told. CheckFailed where it was changed meanwhile."""
+    tools = np.unique(telemetry.column("lines")[telemetry.column("state") == TRACKING].astype(int) >> TOOL)
+    if len(tools) > 1:
+        numbers = ", ".join(map(str, tools))
+        raise CheckFailed(f"{telemetry.file}: the tool was changed in it ({numbers}): cut it into one part for each")
+    return int(tools[0]) if len(tools) else 0

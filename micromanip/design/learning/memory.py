@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.learned import ASIDE
 from micromanip.errors import CheckFailed, UsageError, system_error
 from micromanip.files.held_folder import HeldFolder
 from micromanip.files.regular_file import open_regular
@@ -27,7 +29,9 @@ from micromanip.settings.schema.model import Configuration
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
+FORMAT = 2
+_READ = (1, FORMAT)
+"""The first knew neither tool nor temperature: it is of no tool that was told."""
 _TOLD = "memory.json"
 _MOST_BYTES = 500_000_000
 
@@ -59,7 +63,8 @@ class Memory:
     """An axis' memory of one path. `blocks_um2` are the mean squares of the last part's error, in band, in order.
 
     `before` is what was played before `now`, None where nothing was; `generation` counts what was played, `story` has
-    an entry for each part.
+    an entry for each part. `tool` is the number of the tool that it was learned with, 0 where none was told;
+    `temperature_C` that of the cell in the parts' mean, None where nobody measures it.
     """
 
     cell: str
@@ -73,6 +78,8 @@ class Memory:
     generation: int = 0
     blocks_um2: Array = field(default_factory=lambda: np.zeros(0))
     story: tuple[Mapping[str, Any], ...] = ()
+    tool: int = 0
+    temperature_C: float | None = None
 
     @property
     def seconds(self) -> float:
@@ -108,11 +115,27 @@ def cell_name(configuration: Configuration) -> str:
     return _digest(text.encode())
 
 
-def memory_file(folder: Path, axis: str) -> Path:
-    """Where the memory of `axis` lies. Raises UsageError for what can't be the name of one."""
+def memory_file(folder: Path, axis: str, tool: int = 0, temperature_C: float | None = None) -> Path:
+    """Where a memory of `axis` lies, begun with `tool` at a temperature. UsageError for what is no axis' name."""
     if Path(axis).name != axis:
         raise UsageError(f"{axis!r} is no name of an axis")
-    return folder / f"{axis}.npz"
+    with_tool = f".tool{tool}" if tool else ""
+    warm = "" if temperature_C is None else f".{temperature_C:.1f}C"
+    return folder / f"{axis}{with_tool}{warm}.npz"
+
+
+def memory_files(folder: Path, axis: str) -> list[Path]:
+    """The memories of `axis` in `folder`, of all tools and temperatures; whether they are good is not looked at."""
+    named = re.compile(re.escape(memory_file(folder, axis).stem) + r"(\.tool\d+)?(\.-?\d+\.\dC)?\.npz")
+    return sorted(file for file in folder.glob("*.npz") if named.fullmatch(file.name))
+
+
+def put_aside(file: Path) -> None:
+    """Keep a memory under a name that nobody takes it from. MicromanipError where it can't be."""
+    try:
+        file.replace(file.with_name(file.name + ASIDE))
+    except OSError as problem:
+        raise system_error(problem, file) from None
 
 
 def write_memory(file: Path, memory: Memory) -> None:
@@ -121,6 +144,7 @@ def write_memory(file: Path, memory: Memory) -> None:
         "format": FORMAT, "cell": memory.cell, "axis": memory.axis, "tuning": memory.tuning, "path": memory.path,
         "rate_hz": memory.rate_hz, "begin_s": memory.begin_s, "generation": memory.generation, "now": _told(memory.now),
         "before": None if memory.before is None else _told(memory.before), "story": list(memory.story),
+        "tool": memory.tool, "temperature_C": memory.temperature_C,
     }  # fmt: skip
     arrays = {"path_um": memory.path_um, "blocks_um2": memory.blocks_um2, **_arrays("now", memory.now)}
     if memory.before is not None:
@@ -166,16 +190,18 @@ def remove_memory(file: Path) -> None:
 
 def _memory(arrays: Mapping[str, NDArray[Any]]) -> Memory:
     told = json.loads(bytes(arrays[_TOLD]))
-    if told["format"] != FORMAT:
-        raise ValueError(f"it is of format {told['format']}, this program knows {FORMAT}")
+    if told["format"] not in _READ:
+        raise ValueError(f"it is of format {told['format']}, of another version; this program knows {FORMAT}")
     for name, values in arrays.items():
         if name != _TOLD and not (values.dtype == np.float64 and values.ndim == 1 and np.isfinite(values).all()):
             raise ValueError(f"{name} is not a row of finite numbers")
+    warm = told.get("temperature_C")
     memory = Memory(
         told["cell"], told["axis"], told["tuning"], float(told["rate_hz"]), float(told["begin_s"]), arrays["path_um"],
         _learned("now", told["now"], arrays),
         None if told["before"] is None else _learned("before", told["before"], arrays),
-        int(told["generation"]), arrays["blocks_um2"], tuple(told["story"]),
+        int(told["generation"]), arrays["blocks_um2"], tuple(told["story"]), int(told.get("tool", 0)),
+        None if warm is None else float(warm),
     )  # fmt: skip
     if memory.path != told["path"] or not memory.rate_hz > 0.0:
         raise ValueError("its path is not the one that it names")

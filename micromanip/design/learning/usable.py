@@ -8,7 +8,7 @@ from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.schema.model import Configuration
 
-from .memory import Memory, cell_name, memory_file, read_memory
+from .memory import Memory, cell_name, memory_files, read_memory
 
 _CYCLES = 2.0
 """A memory has a value in several cycles: its part is that long to a value or two."""
@@ -30,11 +30,11 @@ def memory_warnings(configuration: Configuration, folder: Path) -> list[str]:
     """A sentence for each memory in `folder` that `run` would not use; an axis that has none yet is not missed."""
     found = []
     for name in configuration.axes:
-        file = memory_file(folder, name)
-        try:
-            memory = read_memory(file)
-            if memory is not None:
-                require_usable(memory, configuration, name, file)
-        except MicromanipError as problem:
-            found.append(f"{problem}; nothing would be learned or played of axis {name}")
+        for file in memory_files(folder, name):
+            try:
+                memory = read_memory(file)
+                if memory is not None:
+                    require_usable(memory, configuration, name, file)
+            except MicromanipError as problem:
+                found.append(f"{problem}; nothing would be learned or played of axis {name}")
     return found

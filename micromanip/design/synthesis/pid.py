@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from micromanip.control.margins import margins
-from micromanip.control.pid import pid_response
+from micromanip.control.pid import FASTEST_NOTCH, pid_response
 from micromanip.design.loops import strain_loop
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Inner, Notch
@@ -264,7 +264,7 @@ def _best(task: _Task, candidates: list[Candidate], limit: float) -> tuple[float
 
 def _polished(task: _Task, inner: Inner, limit: float) -> tuple[float, Inner] | None:
     """All figures moved at once, from a tuning that holds."""
-    fixed = inner.notch
+    fixed, highest = inner.notch, np.log(0.999 * FASTEST_NOTCH / task.actuator.period_s)  # before it is rounded
 
     def at(x: Array) -> Inner:
         K, Ti, Td, Tf = np.exp(x[:4])
@@ -272,7 +272,7 @@ def _polished(task: _Task, inner: Inner, limit: float) -> tuple[float, Inner] | 
         return _tuned(task.start, K, Ti, Td if Td > 1e-5 else 0.0, Tf, notch)
 
     def cost(x: Array) -> float:
-        if np.abs(x - begin).max() > 2.0:
+        if np.abs(x - begin).max() > 2.0 or (fixed is not None and x[4] > highest):
             return 1e6
         tried = at(x)
         noise_gain, left, peak = task.figures(tried)

@@ -29,10 +29,10 @@ class DbcMessage:
         self.identifier: int = message.frame_id
         self.extended: bool = message.is_extended_frame
         self.signals: list[str] = [signal.name for signal in message.signals if signal.name != counter]
-        self._message, self._counter = message, counter
+        self.layout, self.counter = message, counter
         self._fd = bool(message.is_fd)
         self._bitrate_switch = self._fd and _switches_bitrate(message)
-        self._ends = {signal.name: _ends(signal) for signal in message.signals}
+        self.ends = {signal.name: _ends(signal) for signal in message.signals}
         self._counts = max((1 << signal.length for signal in message.signals if signal.name == counter), default=0)
 
     def frame(self, values: Mapping[str, float], count: int) -> Frame:
@@ -42,22 +42,25 @@ class DbcMessage:
         """
         held: dict[str, float] = {}
         for name, value in values.items():
-            low, high, floating = self._ends[name]
+            low, high, floating = self.ends[name]
             if math.isnan(value):
                 held[name] = value if floating else high
             else:
                 held[name] = min(max(value, low), high)
-        if self._counter is not None:
-            held[self._counter] = count % self._counts
-        data: bytes = self._message.encode(held, strict=False)
+        if self.counter is not None:
+            held[self.counter] = count % self._counts
+        return self.carrying(self.layout.encode(held, strict=False))
+
+    def carrying(self, data: bytes) -> Frame:
+        """The frame with these data."""
         return Frame(self.identifier, data, self.extended, self._fd, self._bitrate_switch)
 
     def values(self, frame: Frame) -> dict[str, float] | None:
         """Values by signal, without the counter; None for a frame that is too short."""
-        if len(frame.data) < self._message.length:
+        if len(frame.data) < self.layout.length:
             return None
-        values: dict[str, float] = self._message.decode(frame.data, decode_choices=False)
-        values.pop(self._counter or "", None)
+        values: dict[str, float] = self.layout.decode(frame.data, decode_choices=False)
+        values.pop(self.counter or "", None)
         return values
 
 
@@ -79,11 +82,14 @@ def _switches_bitrate(message: Any) -> bool:
 
 @dataclass(kw_only=True)
 class Sent(Due):
-    """A message that the device sends."""
+    """A message that the device sends: a node of its own on the bus, where identifiers say what goes first."""
 
     message: DbcMessage
     signals: dict[str, str]
     """Signal of the DBC to signal of the cell."""
+
+    def on_frame(self, frame: Frame, time_ns: int) -> None:
+        """It does not listen."""
 
 
 class CanDevice:
@@ -100,11 +106,12 @@ class CanDevice:
         amplifier: Amplifier | None,
     ) -> None:
         """`outputs` are the plant's outputs by "Message.Signal"; signals that are not among them do nothing."""
-        self.sent = sent
+        self.sent, self.received = sent, received
         self.figures = MessageFigures()
-        self._loop, self._bus, self._cell, self._amplifier = loop, bus, cell, amplifier
+        self.amplifier = amplifier
+        self._loop, self._bus, self._cell = loop, bus, cell
         self._received = {(message.identifier, message.extended): message for message in received}
-        self._outputs = {
+        self.outputs = {
             message.name: {
                 name: outputs[f"{message.name}.{name}"]
                 for name in message.signals
@@ -112,50 +119,47 @@ class CanDevice:
             }
             for message in received
         }
-        self._off_until_ns = 0
-        self._periodic = [Periodic(loop, self.figures, message, cell.advance_to, self._send) for message in sent]
+        self.off_until_ns = 0
+        self.periodic = [Periodic(loop, self.figures, message, cell.advance_to, self._send) for message in sent]
         bus.attach(self)
-
-    @property
-    def understood(self) -> int:
-        """How many messages it takes."""
-        return len(self._received)
+        for message in sent:
+            bus.attach(message)
 
     def start(self, now_ns: int) -> None:
         """Begin to send."""
-        for periodic in self._periodic:
+        for periodic in self.periodic:
             periodic.start(now_ns)
 
     def on_frame(self, frame: Frame, time_ns: int) -> None:
         """Take a command into force at the end of its frame."""
         message = self._received.get((frame.identifier, frame.extended))
-        if message is None or frame.remote or frame.error or time_ns < self._off_until_ns:
+        if message is None or frame.remote or frame.error or time_ns < self.off_until_ns:
             return
         values = message.values(frame)
         if values is None:
             self.figures.not_understood += 1
             return
         self.figures.received += 1
-        if self._amplifier is not None:
-            commands = {output: values[name] for name, output in self._outputs[message.name].items()}
-            self._amplifier.take(commands, self._loop.now_ns())
+        if self.amplifier is not None:
+            commands = {output: values[name] for name, output in self.outputs[message.name].items()}
+            self.amplifier.take(commands, self._loop.now_ns())
             self._cell.advance_to(time_ns)
 
     def reboot(self, for_s: float) -> None:
         """Be off for a while, with the amplifier; its counters begin anew."""
         now_ns = self._loop.now_ns()
-        self._off_until_ns = now_ns + round(for_s * 1e9)
-        if self._amplifier is not None:
-            self._amplifier.trip(now_ns)
-        for periodic in self._periodic:
-            periodic.off_until_ns = self._off_until_ns
+        self.off_until_ns = now_ns + round(for_s * 1e9)
+        if self.amplifier is not None:
+            self.amplifier.trip(now_ns)
+        for periodic in self.periodic:
+            periodic.off_until_ns = self.off_until_ns
             periodic.message.count = 0
 
     def _send(self, due: Due) -> None:
         assert isinstance(due, Sent)
         read = self._cell.read
         values = {name: read(signal) for name, signal in due.signals.items()}
-        if self._bus.send(self, due.message.frame(values, due.counted()), due.due_ns):
+        if self._bus.send(due, due.message.frame(values, due.counted()), due.due_ns):
             self.figures.sent += 1
         else:
             self.figures.not_sent += 1
@@ -165,23 +169,23 @@ class EmulatedCanBus:
     """One node that sends and takes all messages of the driver."""
 
     def __init__(self, bus: CanBus, device: CanDevice, loop: EventLoop) -> None:
-        self.bus, self._device, self._loop = bus, device, loop
+        self.bus, self.device, self._loop = bus, device, loop
 
     @property
     def ready(self) -> str:
-        return self.bus.ready(len(self._device.sent), self._device.understood)
+        return self.bus.ready(len(self.device.sent), len(self.device.received))
 
     @property
     def signals(self) -> list[str]:
-        return [signal for sent in self._device.sent for signal in sent.signals.values()]
+        return [signal for sent in self.device.sent for signal in sent.signals.values()]
 
     @property
     def messages(self) -> list[str]:
-        return [sent.message.name for sent in self._device.sent]
+        return [sent.message.name for sent in self.device.sent]
 
     def start(self, now_ns: int) -> None:
         self.bus.start(now_ns)
-        self._device.start(now_ns)
+        self.device.start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:
         self._sent(message).counts_from_ns = self._loop.end_ns(for_s)
@@ -190,24 +194,24 @@ class EmulatedCanBus:
         self._sent(message).silent_until_ns = self._loop.end_ns(for_s)
 
     def reboot(self, for_s: float) -> None:
-        self._device.reboot(for_s)
+        self.device.reboot(for_s)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
         self.bus.inject(fault)
 
     def clear(self) -> None:
         self.bus.clear()
-        for sent in self._device.sent:
+        for sent in self.device.sent:
             sent.silent_until_ns = sent.counts_from_ns = 0
 
     def report(self) -> dict[str, Any]:
-        return {**vars(self._device.figures), **self.bus.report()}
+        return {**vars(self.device.figures), **self.bus.report()}
 
     def close(self) -> None:
         self.bus.close()
 
     def _sent(self, message: str) -> Sent:
-        return next(sent for sent in self._device.sent if sent.message.name == message)
+        return next(sent for sent in self.device.sent if sent.message.name == message)
 
 
 def emulate_canbus(name: str, surroundings: Surroundings) -> EmulatedDevice:

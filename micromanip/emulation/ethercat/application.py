@@ -33,12 +33,15 @@ from micromanip.bus.ethercat.registers import (
     AL_STATUS,
     DC_ACTIVATE,
     DC_OFFSET,
+    DC_SPEED_START,
     DC_START,
     DC_SYNC0_CYCLE,
     DL_CONTROL,
     DL_STATUS,
     ESC_TYPE,
     FMMU,
+    PORT1,
+    PORT1_CLOSED,
     SII_ADDRESS,
     SII_CONFIG,
     SII_CONTROL,
@@ -50,6 +53,7 @@ from micromanip.bus.ethercat.registers import (
     SM_BYTES,
     SM_FULL,
     SM_PDI,
+    SM_REPEAT,
     SM_STATUS,
     SM_WATCHDOG,
     STATION,
@@ -64,7 +68,17 @@ from micromanip.bus.ethercat.registers import (
     WATCHDOG_TICK_NS,
 )
 
-from .controller import AL_ASKED, MAIL_CAME, MAIL_TAKEN, MEMORY_BYTES, SII_ASKED, SM_CHANGED, local_ns, system_ns
+from .controller import (
+    AL_ASKED,
+    LOOPS_SET,
+    MAIL_CAME,
+    MAIL_TAKEN,
+    MEMORY_BYTES,
+    SII_ASKED,
+    SM_CHANGED,
+    local_ns,
+    system_ns,
+)
 from .eeprom import eeprom_of
 from .mailbox import Mailbox
 from .objects import Objects
@@ -74,7 +88,7 @@ _ESC_KIND, _RAM_KB, _PORTS = 0x11, 8, 0x0F
 _BYTE_FMMU_WITH_CLOCK = 0x000D
 """Features: FMMUs map whole bytes, there is a distributed clock, of 64 bits."""
 _WATCHDOG_DEFAULT = 1000
-_REPEAT = 0x02
+_SPEED_START_DEFAULT = 0x1000
 _SYNC0 = ((DC_SYNC0_CYCLE, 4), (DC_START, 8))
 _UPWARDS = {(INIT, PREOP), (PREOP, SAFEOP), (SAFEOP, OP)}
 _WRITABLE = (
@@ -90,7 +104,7 @@ _WRITABLE = (
     (SII_CONFIG, 16),
     (FMMU, 128),
     (DC_OFFSET, 12),
-    (0x0930, 6),
+    (DC_SPEED_START, 6),
     (0x0980, 48),
     (MAILBOX_OUT, MEMORY_BYTES - MAILBOX_OUT),
 )
@@ -99,9 +113,15 @@ _WRITABLE = (
 class Application:
     """One slave: `record` is its controller."""
 
-    def __init__(self, record: Any, terminal: Terminal, left_op: Callable[[], None] = lambda: None) -> None:
-        """`left_op` is called whenever it stops to follow its outputs."""
-        self._esc, self._left_op = record, left_op
+    def __init__(
+        self,
+        record: Any,
+        terminal: Terminal,
+        left_op: Callable[[], None] = lambda: None,
+        loops_set: Callable[[], None] = lambda: None,
+    ) -> None:
+        """`left_op` is called whenever it stops to follow its outputs, `loops_set` when a port may have been closed."""
+        self._esc, self._left_op, self._loops_set = record, left_op, loops_set
         self.memory = record["memory"]
         writable = record["writable"]
         for start, length in _WRITABLE:
@@ -127,6 +147,7 @@ class Application:
         self._put(WATCHDOG_PDI, _WATCHDOG_DEFAULT)
         self._put(WATCHDOG_SM, _WATCHDOG_DEFAULT)
         self._put(SII_CONTROL, SII_READS_8)
+        self._put(DC_SPEED_START, _SPEED_START_DEFAULT)
         self._put(AL_STATUS, INIT)
         self._put(AL_CONTROL, INIT)
         esc["clock_began_ns"], esc["clock_adjusted_ns"] = now_ns, 0
@@ -139,6 +160,11 @@ class Application:
         self._mailbox = Mailbox(self.objects, MAILBOX_BYTES)
         self.mailbox_silent = False
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether the master has closed its port 1."""
+        return int(self.memory[DL_CONTROL + 1]) & PORT1 == PORT1_CLOSED
+
     def link(self, before: bool, behind: bool) -> None:
         """Whether something is connected at port 0, towards the master, and at port 1; else the port is closed."""
         ports = (0x0210 if before else 0x0100) | (0x0820 if behind else 0x0400)
@@ -148,6 +174,8 @@ class Application:
         """Do what the controller has kept for it."""
         esc = self._esc
         events, esc["events"] = int(esc["events"]), 0
+        if events & LOOPS_SET:
+            self._loops_set()
         if events & SII_ASKED:
             self._read_eeprom()
         if events & AL_ASKED:
@@ -269,7 +297,7 @@ class Application:
     def _repeat_mail(self) -> None:
         """The master may ask for the last mail once more: the frame that had it was lost."""
         at = SM + SM_BYTES
-        asked = int(self.memory[at + SM_ACTIVATE]) & _REPEAT
+        asked = int(self.memory[at + SM_ACTIVATE]) & SM_REPEAT
         if asked != self._repeated:
             self._repeated = asked
             if self._last_mail:

@@ -6,7 +6,7 @@ managers, counts the working counter, and latches times. Whatever needs thought 
 
 What it lacks of a real one: the three buffers of a sync manager (a frame passes as a whole, so nothing is torn), two
 logical areas in one FMMU, commands that read and write the same registers (APRW, FPRW, BRW), SYNC signals and latch
-inputs, and the host's side of the EEPROM.
+inputs, the host's side of the EEPROM, loops that are set for a second only, and those of other ports than port 1.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from micromanip.bus.ethercat.registers import (
     DC_PORTS,
     DC_SYSTEM,
     DC_UNIT,
+    DL_CONTROL,
     ETHERTYPE,
     FMMU,
     FMMU_BYTES,
@@ -59,7 +60,7 @@ MEMORY_BYTES = 0x3000
 FMMU_COUNT, SM_COUNT = 8, 8
 NOT_ETHERCAT = -1
 """What ``pass_frame`` returns for a frame that slaves let through untouched."""
-AL_ASKED, SII_ASKED, MAIL_CAME, MAIL_TAKEN, SM_CHANGED = 1, 2, 4, 8, 16
+AL_ASKED, SII_ASKED, MAIL_CAME, MAIL_TAKEN, SM_CHANGED, LOOPS_SET = 1, 2, 4, 8, 16, 32
 """Events for the application."""
 _HEADER, _DATAGRAM = 16, 10
 _DRIFT_SHIFT = 4
@@ -194,6 +195,8 @@ def write(s: Any, start: int, data: Any, at: int, length: int, now_ns: int) -> i
     end = start + length
     if start <= AL_CONTROL < end:
         s["events"] |= AL_ASKED
+    if start <= DL_CONTROL + 1 < end:
+        s["events"] |= LOOPS_SET
     if start <= SII_CONTROL + 1 < end:
         s["events"] |= SII_ASKED
     if start < SM + SM_COUNT * SM_BYTES and end > SM:

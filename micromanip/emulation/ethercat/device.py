@@ -30,11 +30,12 @@ from micromanip.rt.jit import prepare
 from micromanip.testbus.event_loop import EventLoop
 
 from .controller import system_ns
-from .faults import KINDS, Absent, Clock, Cut, LeftOp, MailboxSilent, Order, Power, TerminalFault, parsed
+from .drive_faults import befall_drive, relieve
+from .faults import KINDS, Absent, Clock, Cut, LeftOp, MailboxSilent, OfDrive, Order, Power, TerminalFault, parsed
 from .line import NEAR, NOWHERE, Line
 from .port import EthernetPort
 from .process_data import Number, numbers, terminal_of
-from .serving import COUNTS, NOBODYS, SERVED, lay_out_readings, outputs_taken, serve
+from .serving import COUNTS, NOBODYS, OF_DRIVE, SERVED, lay_out_readings, outputs_taken, serve
 
 FRAMES = "frames"
 """What the device sends, by the name that commands use."""
@@ -44,8 +45,10 @@ _PAUSE_NS = 50_000_000
 _PHASE_NS = 30_000
 """So old is the plant's state when it is asked for: a frame that comes a little early still finds a new one."""
 _TURN_NS = 30_000
-"""From the first terminal to the last and back: cables so long that this process has answered by then, and the line's
-clocks can tell what it takes. A real line takes some 2 us for each terminal."""
+"""From the first terminal to the last and back, of a ring to the last: cables so long that this process has answered by
+then, and the line's clocks can tell what it takes. A real line takes some 2 us for each terminal."""
+_LAG_V = 1.0
+"""A drive that is further from its target tells of a following error."""
 _OF_FRAMES = (Drop, Delay, Duplicate, Reorder, Hang, Unplug)
 
 
@@ -60,10 +63,12 @@ class EthercatDevice:
         self._names = list(keys.terminals)
         self.figures = MessageFigures()
         terminals = [terminal_of(name, keys.terminals[name]) for name in self._names]
-        hop_ns = _TURN_NS // max(1, 2 * (len(terminals) - 1))
-        self.slaves = Line(terminals, self._left_op, keys.return_interface is not None, hop_ns)
+        is_ring = keys.return_interface is not None
+        hop_ns = _TURN_NS // max(1, (1 if is_ring else 2) * (len(terminals) - 1))
+        self.slaves = Line(terminals, self._left_op, is_ring, hop_ns)
         self._served = np.zeros(1, SERVED)
         self._served[0]["turn_ns"] = _TURN_NS
+        self.slaves.relinked = self._relinked
         self.signals: list[str] = []
         self._signal: list[list[tuple[str, bool]]] = []
         self._output: list[list[str | None]] = []
@@ -101,10 +106,25 @@ class EthercatDevice:
             self._signal.append(list(_readings(keys, wires)))
             d["signal"][k][: len(inputs)] = [self._index(*each) for each in self._signal[k]]
             self.signals += [signal for signal, counts in self._signal[k] if not counts]
+            self._fill_drive(d, k, wires)
 
     def _index(self, signal: str, counts: bool) -> int:
         at = self._cell.plant.inputs.get(signal)
         return NOBODYS if at is None else COUNTS + at if counts else at
+
+    def _fill_drive(self, d: Any, k: int, wires: Wires) -> None:
+        """A drive says by itself what its objects are; its target is what the plant's amplifier puts out."""
+        drive, keys = self.slaves.drives[k], self._keys.terminals[self._names[k]]
+        if not drive["present"]:
+            return
+        d["signal"][k][: len(self._signal[k])] = OF_DRIVE
+        target = self._output[k][drive["target_number"]]
+        number = d["outputs"][k]["number"][drive["target_number"]]
+        rest_V = wires.rest_V.get(target or "", 0.0)
+        drive["rest"] = drive["out"] = drive["fell_from"] = (rest_V - number["offset"]) / number["scale"]
+        drive["window"] = abs(_LAG_V / number["scale"])
+        if wires.outputs.get(keys.drive.enable) in self._cell.plant.outputs:
+            self._cell.wired_on = (keys.drive.enable,)
 
     @property
     def ready(self) -> str:
@@ -123,7 +143,7 @@ class EthercatDevice:
         self._began_ns = now_ns
         for application in self.slaves.applications:
             application.switch_on(now_ns)
-        self._relink()
+        self.slaves.relink()
         self._tick()
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
@@ -151,17 +171,16 @@ class EthercatDevice:
         if fault.behind > len(self._names):
             raise UsageError(f"fault cut: behind {fault.behind} terminals, but there are {len(self._names)}")
         self.slaves.cuts.add(fault.behind)
-        self._relink()
+        self.slaves.relink()
         if fault.for_s is not None:
             self._loop.call_at(self._loop.now_ns() + round(fault.for_s * 1e9), partial(self._mend, fault.behind))
 
     def _mend(self, behind: int) -> None:
         self.slaves.cuts.discard(behind)
-        self._relink()
-
-    def _relink(self) -> None:
-        """Who has a neighbour, and which way frames go, has changed."""
         self.slaves.relink()
+
+    def _relinked(self) -> None:
+        """Who has a neighbour, and which way frames go, has changed."""
         for port, way in zip(self._served[0]["port"], self.slaves.ways, strict=True):
             port["first"], port["end"], port["out"] = way.first, way.end, way.out
 
@@ -189,6 +208,10 @@ class EthercatDevice:
                 application.drift(fault.ppm, self._loop.now_ns())
                 if fault.for_s is not None:
                     self._loop.call_at(end_ns, lambda: application.drift(0.0, self._loop.now_ns()))
+            case OfDrive():
+                befall_drive(self.slaves.drives[k], fault)
+                if fault.for_s is not None:
+                    self._loop.call_at(end_ns, partial(relieve, self.slaves.drives[k], fault.kind))
             case MailboxSilent():
                 application.mailbox_silent = True
             case Order():
@@ -200,26 +223,27 @@ class EthercatDevice:
 
     def _swap(self, k: int) -> None:
         self.slaves.swap(k, self._loop.now_ns())
-        self._relink()
+        self.slaves.relink()
         self._left_op()
 
     def _switch_off(self, k: int) -> None:
         self.slaves.controllers[k]["powered"] = 0
-        self._relink()
+        self.slaves.relink()
         self._left_op()
 
     def _switch_on(self, k: int) -> None:
         self.slaves.applications[k].switch_on(self._loop.now_ns())
-        self._relink()
+        self.slaves.relink()
 
     def clear(self) -> None:
         for line in self._lines:
             line.clear()
         self.slaves.cuts.clear()
-        self._relink()
+        self.slaves.relink()
         self._silent_until_ns = 0.0
         for k, application in enumerate(self.slaves.applications):
             application.take_part()
+            relieve(self.slaves.drives[k])
             application.mailbox_silent = False
             application.drift(0.0, self._loop.now_ns())
             if not self.slaves.controllers[k]["powered"]:
@@ -261,7 +285,7 @@ class EthercatDevice:
         d["time_ns"], d["follows"] = plant.time_ns, self._amplifier is None or self._amplifier.follows
         more = True
         while more:
-            more = serve(self._served, end, self.slaves.controllers, *plant.arrays)
+            more = serve(self._served, end, self.slaves.controllers, self.slaves.drives, *plant.arrays)
             plant.time_ns = int(d["time_ns"])
             if more:
                 self._gather()
@@ -317,7 +341,7 @@ class EthercatDevice:
                 self._cell.plant.begin(now_ns - _PHASE_NS)
             self._heard_ns = now_ns
         d["follows"] = 0  # the amplifier sees to it
-        if outputs_taken(self._served, self.slaves.controllers, self._cell.plant.arrays[0]):
+        if outputs_taken(self._served, self.slaves.controllers, self.slaves.drives, self._cell.plant.arrays[0]):
             self._command(now_ns)
         if now_ns < self._silent_until_ns:
             self.figures.silent += 1

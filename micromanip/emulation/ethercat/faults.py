@@ -6,6 +6,11 @@
     mailbox     its mailbox takes mails and gives none
     order       it has changed places with the one behind it
     clock       its clock gains `ppm` from now on
+    fault       a drive reports a fault ``code``, and again when it is reset while this lasts
+    torque_off  a drive has no torque: Switch on disabled
+    refuses     a drive stays in Switched on
+    stuck       a drive says that it follows, and does not move
+    mode        a drive shows another mode of operation
     cut         the cable is cut behind the first `behind` terminals, 0: in front of them all; has no `terminal`
 
 Whatever befalls frames is of any line (``emulation/line/faults.py``), but for wrong bits: a network card drops such a
@@ -67,6 +72,41 @@ class Clock(TerminalFault):
     ppm: Annotated[float, Field(strict=True, ge=-1000, le=1000)]
 
 
+class OfDrive(TerminalFault):
+    """A fault of a drive."""
+
+
+class DriveFault(OfDrive):
+    """Its error code, 0x603F."""
+
+    kind: Literal["fault"]
+    code: Annotated[int, Field(strict=True, ge=1, le=0xFFFF)] = 0x3210
+
+
+class TorqueOff(OfDrive):
+    """Safe torque off."""
+
+    kind: Literal["torque_off"]
+
+
+class Refuses(OfDrive):
+    """It can't be enabled."""
+
+    kind: Literal["refuses"]
+
+
+class Stuck(OfDrive):
+    """It does not follow its target."""
+
+    kind: Literal["stuck"]
+
+
+class WrongMode(OfDrive):
+    """It is in another mode."""
+
+    kind: Literal["mode"]
+
+
 class Cut(LineFault):
     """The cable is cut; plugged in again when it ends."""
 
@@ -74,9 +114,26 @@ class Cut(LineFault):
     behind: Annotated[int, Field(strict=True, ge=0, description="So many terminals.")]
 
 
-KINDS = ("power", "left_op", "absent", "mailbox", "order", "clock", "cut")
+KINDS = (
+    *("power", "left_op", "absent", "mailbox", "order", "clock", "cut"),
+    *("fault", "torque_off", "refuses", "stuck", "mode"),
+)
 _ANY: TypeAdapter[TerminalFault | Cut] = TypeAdapter(
-    Annotated[Power | LeftOp | Absent | MailboxSilent | Order | Clock | Cut, Field(discriminator="kind")]
+    Annotated[
+        Power
+        | LeftOp
+        | Absent
+        | MailboxSilent
+        | Order
+        | Clock
+        | Cut
+        | DriveFault
+        | TorqueOff
+        | Refuses
+        | Stuck
+        | WrongMode,
+        Field(discriminator="kind"),
+    ]
 )
 
 

@@ -11,6 +11,7 @@ from micromanip.rt.jit import prepare
 
 from .application import Application
 from .controller import ESC, NOT_ETHERCAT, passed
+from .drive import DRIVE, fill_drive, step_drives, take_codes
 from .terminal import Terminal
 
 _HOP_NS = 750
@@ -44,23 +45,32 @@ class Line:
         A slave, with the cable to it, delays a frame by `hop_ns` each way.
         """
         self.controllers = np.zeros(len(terminals), ESC)
-        self.applications = [Application(c, t, left_op) for c, t in zip(self.controllers, terminals, strict=True)]
+        self.applications = [
+            Application(c, t, left_op, self.relink) for c, t in zip(self.controllers, terminals, strict=True)
+        ]
         self._hop_ns = hop_ns
         self.controllers["to_ns"] = hop_ns * np.arange(len(terminals))
+        self.drives = np.zeros(len(terminals), DRIVE)
+        """Of each slave; most are none."""
+        for k, terminal in enumerate(terminals):
+            fill_drive(self.drives, k, terminal)
         self._data = np.zeros(_MOST_BYTES, np.uint8)
         self._is_ring = is_ring
         self.cuts: set[int] = set()
         """Places at which the cable is cut: behind so many slaves."""
         self.ways: tuple[Way, Way]
+        self.relinked: Callable[[], None] = lambda: None
+        """Called when the ways may have changed."""
         self.relink()
-        prepare(passed)
+        prepare(passed, step_drives)
 
     def swap(self, k: int, now_ns: int) -> None:
         """Slave `k` and the one behind it change places, which takes both from the power."""
         first, second = self.applications[k : k + 2]
         one, other = first.terminal, second.terminal
-        for application, terminal in ((first, other), (second, one)):
+        for at, application, terminal in ((k, first, other), (k + 1, second, one)):
             application.become(terminal, now_ns)
+            fill_drive(self.drives, at, terminal)
         self.relink()
 
     def relink(self) -> None:
@@ -75,6 +85,7 @@ class Line:
         for k, controller in enumerate(self.controllers):
             if not controller["powered"]:
                 broken[k] = broken[k + 1] = True
+            broken[k + 1] |= self.applications[k].is_closed
         places = [k for k, is_broken in enumerate(broken) if is_broken]
         near, far = (places[0], places[-1]) if places else (count, count)
         self.ways = (
@@ -85,6 +96,7 @@ class Line:
             application.link(before=not broken[k], behind=not broken[k + 1])
             controller["returns"] = int(bool(places) and not broken[k + 1])
             controller["back_ns"] = 2 * self._hop_ns * max(0, near - 1 - k)
+        self.relinked()
 
     def passed(self, frame: bytes, now_ns: int, end: int = NEAR) -> bytes | None:
         """The frame, which came in at an end, as it leaves; None for one that is not EtherCAT, or leaves nowhere."""
@@ -95,16 +107,19 @@ class Line:
         if passed(self.controllers[way.first : way.end], self._data, len(frame), now_ns) == NOT_ETHERCAT:
             return None
         self.serve(now_ns)
+        step_drives(self.drives, self.controllers, now_ns)
         return self._data[: len(frame)].tobytes()
 
     def serve(self, now_ns: int) -> None:
         """Let each application do what its controller has kept for it."""
-        for controller, application in zip(self.controllers, self.applications, strict=True):
+        for controller, application, drive in zip(self.controllers, self.applications, self.drives, strict=True):
             if controller["events"] and controller["powered"]:
                 application.serve(now_ns)
+                take_codes(drive, application.objects.settings)
 
     def tick(self, now_ns: int) -> None:
-        """Watchdogs."""
+        """Watchdogs, and the drives."""
+        step_drives(self.drives, self.controllers, now_ns)
         for controller, application in zip(self.controllers, self.applications, strict=True):
             if controller["powered"]:
                 application.tick(now_ns)

@@ -37,7 +37,8 @@ def terminal_of(name: str, keys: Any) -> Terminal:
     settings = {(each.index, each.subindex): bytes(each.size) for each in keys.settings.values()}
     revision = 1 if keys.revision is None else keys.revision
     serial = 1 if keys.serial is None else keys.serial
-    return Terminal(name, keys.vendor, keys.product, revision, serial, outputs, inputs, settings)
+    is_drive = keys.drive is not None
+    return Terminal(name, keys.vendor, keys.product, revision, serial, outputs, inputs, settings, is_drive)
 
 
 def _entries(pdo: Any) -> list[Entry]:

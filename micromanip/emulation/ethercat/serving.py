@@ -26,11 +26,13 @@ from ..arrivals import ARRIVED, note
 from ..compiled import compiled
 from ..compiled_plant import PLANT, advance
 from .controller import ESC, NOT_ETHERCAT, pass_frame
+from .drive import DRIVE, step_drives
 from .terminal import INPUTS, OUTPUTS
 
 MOST_TERMINALS = 8
-NOBODYS, COUNTS = -1, 1000
-"""Of a number in the inputs: no signal of the plant, it reads 1; COUNTS + the signal whose samples it counts."""
+NOBODYS, OF_DRIVE, COUNTS = -1, -2, 1000
+"""Of a number in the inputs: no signal of the plant, it reads 1; its drive fills it; COUNTS + the signal whose samples
+it counts."""
 
 PORT = record(
     ("socket", SOCKET),
@@ -67,8 +69,10 @@ SERVED = record(
 terminal that were seen. A frame leaves `turn_ns` after it came, by the kernel's time: the way through the line."""
 
 
-@compiled.entry(types.boolean(array_of(SERVED), types.int64, array_of(ESC), types.float64[::1], array_of(SIGNAL)))
-def serve(served: Any, end: int, slaves: Any, outputs: Any, signals: Any) -> bool:
+@compiled.entry(
+    types.boolean(array_of(SERVED), types.int64, array_of(ESC), array_of(DRIVE), types.float64[::1], array_of(SIGNAL))
+)
+def serve(served: Any, end: int, slaves: Any, drives: Any, outputs: Any, signals: Any) -> bool:
     """Serve what has come in at an end, up to the first frame that gives an application something to do: whether there
     is more.
 
@@ -95,7 +99,8 @@ def serve(served: Any, end: int, slaves: Any, outputs: Any, signals: Any) -> boo
         if pass_frame(slaves[port["first"] : port["end"]], data, length, came_ns) == NOT_ETHERCAT:
             d["strange"] += 1
             continue
-        if take_outputs(d, slaves, outputs):
+        step_drives(drives, slaves, came_ns)
+        if take_outputs(d, slaves, drives, outputs):
             d["heard_ns"] = came_ns
             advance(d, came_ns, outputs, signals)
         for i in range(length):
@@ -141,6 +146,8 @@ def lay_out(d: Any, slaves: Any) -> None:
         f, memory = d["inputs"][k], slaves[k]["memory"][INPUTS:]
         for i in range(f["numbers"]):
             n, value = f["number"][i], d["reading"][k][i]
+            if d["signal"][k][i] == OF_DRIVE:
+                continue
             if d["signal"][k][i] >= COUNTS:
                 put_bits(memory, n["at"], n["size"], 0, np.uint64(np.int64(value)))
             else:
@@ -148,8 +155,11 @@ def lay_out(d: Any, slaves: Any) -> None:
 
 
 @compiled
-def take_outputs(d: Any, slaves: Any, outputs: Any) -> bool:
-    """Put what terminals in OP were given since the last time into the plant's `outputs`; whether there was any."""
+def take_outputs(d: Any, slaves: Any, drives: Any, outputs: Any) -> bool:
+    """Put what terminals in OP were given since the last time into the plant's `outputs`; whether there was any.
+
+    Of a drive that is what it puts into force, whatever its target is.
+    """
     came = 0
     for k in range(len(slaves)):
         if not is_given(d, slaves, k):
@@ -158,6 +168,9 @@ def take_outputs(d: Any, slaves: Any, outputs: Any) -> bool:
         for i in range(f["numbers"]):
             d["value"][k][i] = value_of(f, f["number"][i], memory)
             finite &= 1 if math.isfinite(d["value"][k][i]) else 0
+        if drives[k]["present"] != 0:
+            i = drives[k]["target_number"]
+            d["value"][k][i] = drives[k]["out"] * f["number"][i]["scale"] + f["number"][i]["offset"]
         if finite == 0:
             d["refused"] += 1
             continue
@@ -185,7 +198,7 @@ def lay_out_readings(served: Any, slaves: Any) -> None:
     lay_out(served[0], slaves)
 
 
-@compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), types.float64[::1]))
-def outputs_taken(served: Any, slaves: Any, outputs: Any) -> bool:
+@compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), array_of(DRIVE), types.float64[::1]))
+def outputs_taken(served: Any, slaves: Any, drives: Any, outputs: Any) -> bool:
     """``take_outputs`` by itself; the values are in `value`."""
-    return take_outputs(served[0], slaves, outputs)
+    return take_outputs(served[0], slaves, drives, outputs)

@@ -29,7 +29,8 @@ class Entry:
 class Terminal:
     """A slave: `outputs` and `inputs` are its PDOs (0x1600.., 0x1A00..) with what they map.
 
-    `settings` are objects of its own, (index, subindex) to bytes, that a master may write.
+    `settings` are objects of its own, (index, subindex) to bytes, that a master may write; those of a drive come
+    on top.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Terminal:
     outputs: Mapping[int, Sequence[Entry]] = field(default_factory=dict)
     inputs: Mapping[int, Sequence[Entry]] = field(default_factory=dict)
     settings: Mapping[tuple[int, int], bytes] = field(default_factory=dict)
+    is_drive: bool = False
 
     @property
     def output_bytes(self) -> int:

@@ -30,6 +30,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from micromanip.errors import ConfigError, PermissionDenied, system_error
 
 from ..certificates import checked, ends_soon
+from ..telling import Teller
 
 APPLICATION_URI = "urn:micromanip:gateway"
 SCOPES = ("operate", "observe")
@@ -66,10 +67,8 @@ class Rules(PermissionRuleset):  # type: ignore[misc]
 class People:
     """Those of a folder; with `strangers_observe` anybody may look."""
 
-    def __init__(self, folder: Path, *, strangers_observe: bool) -> None:
-        self._folder, self._strangers_observe = folder, strangers_observe
-        self.refused: list[str] = []
-        """Why somebody was sent away, the last of all."""
+    def __init__(self, folder: Path, say: Teller, *, strangers_observe: bool) -> None:
+        self._folder, self._say, self._strangers_observe = folder, say, strangers_observe
 
     def get_user(
         self,
@@ -84,13 +83,15 @@ class People:
                 if known.public_bytes(Encoding.DER) == certificate:
                     now = datetime.datetime.now(datetime.UTC)
                     if not known.not_valid_before_utc <= now <= known.not_valid_after_utc:
-                        self.refused = [f"{name}: the certificate is not valid now, but from "
-                                        f"{known.not_valid_before_utc} to {known.not_valid_after_utc}"]  # fmt: skip
+                        self._say.event(
+                            f"OPC UA: {name} was sent away: the certificate is valid from "
+                            f"{known.not_valid_before_utc:%Y-%m-%d} to {known.not_valid_after_utc:%Y-%m-%d}"
+                        )
                         return None
                     return Person(UserRole.User, name, operates=scope == "operate")
         if self._strangers_observe:
             return Person(UserRole.User, "somebody")
-        self.refused = ["a client without a certificate that is known here"]
+        self._say.event(f"OPC UA: a client was sent away whose certificate is not in {self._folder}")
         return None
 
     def _known(self) -> Iterator[tuple[str, str, x509.Certificate]]:

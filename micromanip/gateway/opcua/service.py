@@ -23,6 +23,8 @@ from micromanip.replies import Fault
 
 from ..cell import Cell
 from ..readings import readings
+from ..telling import Teller
+from .channels import tell_why
 from .nodes import Nodes
 from .people import APPLICATION_URI, People, Person, Rules, prepared_folder
 
@@ -36,11 +38,16 @@ _MOST_CONNECTIONS = 50
 class OpcUa:
     """One server; `serving` is its life."""
 
-    def __init__(self, cell: Cell, host: str, port: int, folder: Path, *, is_local: bool) -> None:
-        """Raises what `prepared_folder` does. Where `is_local` everybody may look, unencrypted."""
+    def __init__(
+        self, cell: Cell, host: str, port: int, folder: Path, say: Callable[[str], None], *, is_local: bool
+    ) -> None:
+        """Raises what `prepared_folder` does. Where `is_local` everybody may look, unencrypted.
+
+        `say` hears who was sent away, and why.
+        """
         self._cell, self._url = cell, f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/micromanip"
         self.own = prepared_folder(folder)
-        self._people = People(folder, strangers_observe=is_local)
+        self._people = People(folder, Teller(say), strangers_observe=is_local)
         self._is_local = is_local
         self._speaking: contextvars.ContextVar[Person] = contextvars.ContextVar("speaking")
         self._fresh = asyncio.Event()
@@ -53,15 +60,11 @@ class OpcUa:
         """Where clients find it."""
         return self._url
 
-    @property
-    def refused(self) -> list[str]:
-        """Why somebody was sent away, the last of all."""
-        return self._people.refused
-
     @contextlib.asynccontextmanager
     async def serving(self) -> AsyncIterator[None]:
         """Serve meanwhile."""
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # what a client does wrong is its own affair
+        tell_why()
         server = Server(user_manager=self._people)
         await server.init()
         server.iserver.max_connections = _MOST_CONNECTIONS

@@ -16,6 +16,7 @@ from .node import Message
 
 _KEEP_ALIVE_S = 30
 _OPEN_S, _LEAVE_S = 15.0, 2.0
+_UNKNOWN = "Unspecified error"
 _MOST_EVENTS = 256
 """What comes faster than it is looked at is dropped: it is commands that are ignored, or state that is said again."""
 
@@ -49,13 +50,16 @@ class _ClosedWhereRefused(ssl.SSLSocket):
 class Connection:
     """`open` it once; then `publish`, `heard`, `close`."""
 
-    def __init__(self, login: Login, will: Message) -> None:
+    def __init__(self, login: Login, will: Message, name: str) -> None:
+        """`name` is ours there: a broker ends the session of another one of that name, and says its will before."""
         self._login = login
         self._loop = asyncio.get_running_loop()
         self._events: asyncio.Queue[Lost | Message] = asyncio.Queue(_MOST_EVENTS)
         self._opened: asyncio.Future[None] = self._loop.create_future()
         self._subscribed = asyncio.Event()
-        self._client = client = Client(CallbackAPIVersion.VERSION2, clean_session=True, reconnect_on_failure=False)
+        self._client = client = Client(
+            CallbackAPIVersion.VERSION2, name, clean_session=True, reconnect_on_failure=False
+        )
         client.suppress_exceptions = True
         if login.user is not None:
             client.username_pw_set(login.user, login.password)
@@ -65,7 +69,7 @@ class Connection:
         client.will_set(will.topic, will.payload, qos=1)
         client.on_connect = self._on_connect
         client.on_subscribe = lambda *_: self._from_thread(self._subscribed.set)
-        client.on_disconnect = lambda _c, _u, _f, reason, _p: self._from_thread(self._over, str(reason))
+        client.on_disconnect = lambda _c, _u, _f, reason, _p: self._from_thread(self._ended, str(reason))
         client.on_message = lambda _c, _u, m: self._from_thread(self._put, Message(m.topic, bytes(m.payload)))
 
     async def open(self, topics: list[str]) -> None:
@@ -128,6 +132,16 @@ class Connection:
             self._over(refused)
         elif not self._opened.done():
             self._opened.set_result(None)
+
+    def _ended(self, reason: str) -> None:
+        """By the broker or the network; `reason` is what paho calls it."""
+        if reason != _UNKNOWN:
+            self._over(reason)
+        elif self._opened.done():
+            self._over("the connection was lost")
+        else:
+            hint = "" if self._login.context is not None else ": is it a port for TLS?"
+            self._over(f"it ended the connection without an answer{hint}")
 
     def _over(self, why: str) -> None:
         if not self._opened.done():

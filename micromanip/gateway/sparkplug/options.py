@@ -76,6 +76,11 @@ class Options(_Section):
         """The port of the broker."""
         return self.port or (_PLAIN_PORT if self.tls is None else _TLS_PORT)
 
+    @property
+    def client(self) -> str:
+        """What the broker knows us by: the same after a restart, so that a session that was left there ends first."""
+        return f"micromanip/{self.group}/{self.node}"
+
     def beside(self, folder: Path) -> Options:
         """The same, with paths that were relative to `folder`."""
         tls = self.tls

@@ -14,13 +14,13 @@ from collections.abc import AsyncIterator, Callable
 
 from ..cell import Cell, Rows
 from ..readings import readings
+from ..telling import Teller
 from .commands import PrimaryHost, command
 from .connection import Connection, Login, Lost
 from .node import NUMBERS, EdgeNode
 from .options import Options
 
 _FIRST_S, _LONGEST_S = 1.0, 60.0
-_TELL_AGAIN_S = 60.0
 _REBIRTH_S = 1.0
 
 
@@ -77,7 +77,7 @@ class Sparkplug:
         self._bd_seq = (self._bd_seq + 1) % NUMBERS
         node = EdgeNode(self._options, self._bd_seq)
         host = None if self._options.primary_host is None else PrimaryHost(self._options.primary_host)
-        connection = Connection(self._login, node.death(_now_ms()))
+        connection = Connection(self._login, node.death(_now_ms()), self._options.client)
         topics = [node.topic("NCMD"), node.topic("DCMD", "#"), *([host.topic] if host is not None else [])]
         try:
             await connection.open(topics)
@@ -131,31 +131,6 @@ class Sparkplug:
         if heard.ignored is not None:
             self._say.event(f"MQTT {self.name}: ignored {heard.ignored}: nothing is written by MQTT")
         return heard.asks_rebirth
-
-
-class Teller:
-    """Says a state when it changes, and events at most once a minute."""
-
-    def __init__(self, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
-        self._say, self._clock = say, clock
-        self._told: str | None = None
-        self._next_s, self._silent = -1.0, 0
-
-    def state(self, text: str) -> None:
-        """That it is so now."""
-        if text != self._told:
-            self._told = text
-            self._say(text)
-
-    def event(self, text: str) -> None:
-        """That it has happened; of many the number."""
-        now_s = self._clock()
-        if now_s < self._next_s:
-            self._silent += 1
-            return
-        more = f" ({self._silent} more since the last line)" if self._silent else ""
-        self._next_s, self._silent = now_s + _TELL_AGAIN_S, 0
-        self._say(text + more)
 
 
 def _now_ms() -> int:

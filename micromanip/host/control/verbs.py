@@ -31,6 +31,7 @@ from micromanip.replies import (
     Swap,
 )
 from micromanip.rt import states
+from micromanip.rt.part import MOST_TOOLS
 from micromanip.rt.record import MAX_AXES
 from micromanip.settings.injected import AMPLITUDE_UM
 from micromanip.settings.moved import Wanted
@@ -127,6 +128,12 @@ class Forget(Settings):
     """Fields of `learn_reset`."""
 
     axes: tuple[str, ...] = Field(default=(), max_length=MAX_AXES, description="Of these axes; all without one.")
+
+
+class BeginPart(Settings):
+    """Fields of `part_begin`."""
+
+    tool: int | None = Field(default=None, ge=1, le=MOST_TOOLS, description="Number of the tool, where it is told.")
 
 
 class Offer(Settings):
@@ -245,7 +252,7 @@ class Verbs:
             "disarm": self._commanded(states.DISARM),
             "hold": self._commanded(states.HOLD),
             "reset": self._commanded(states.RESET),
-            "part_begin": self._commanded(states.BEGIN_PART),
+            "part_begin": self._part_begin,
             "part_end": self._commanded(states.END_PART),
             "learn_reset": self._learn_reset,
         }
@@ -315,6 +322,14 @@ class Verbs:
 
     async def _learn_reset(self, request: Request) -> tuple[None, Sequence[Change]]:
         return None, await self._keeper().reset(request.read(Forget).axes)
+
+    async def _part_begin(self, request: Request) -> tuple[None, Sequence[Change]]:
+        tool, changed = request.read(BeginPart).tool, []
+        if tool is not None or self.learning is not None:
+            changed = await self._keeper().state_tool(tool or 0)
+        before = self._controller.state
+        await self._controller.command(states.BEGIN_PART)
+        return None, [*changed, Change(key="state", old=before, new=self._controller.state)]
 
     def _keeper(self) -> LearningKeeper:
         if self.learning is None:

@@ -7,8 +7,8 @@ a set in force that plays nothing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Memories:
-    """Rows (2 n, MAX_AXES) of a part; tuning and generation of each axis that has a memory, by its name."""
+    """Rows (2 n, MAX_AXES) of a part; tuning and generation of each axis that has a memory, by its name.
+
+    All are of one tool, 0 where none is told, each at the temperature of `temperatures_C` where somebody measures it.
+    """
 
     rows: Array
     tunings: Mapping[str, str] = field(default_factory=dict)
     generations: Mapping[str, int] = field(default_factory=dict)
+    tool: int = 0
+    temperatures_C: Mapping[str, float] = field(default_factory=dict)
+
+    def without(self, axes: Collection[str]) -> Memories:
+        """The same, but for those of `axes`."""
+        tunings = {name: tuning for name, tuning in self.tunings.items() if name not in axes}
+        return replace(self, tunings=tunings, generations={name: self.generations[name] for name in tunings})
 
     def problem(self, configuration: Configuration) -> str | None:
         """Why they can't be played; None where they can."""
@@ -61,6 +71,13 @@ class Correction:
         self._begun: dict[str, int] = {}
         self.number = 0
         """Of what may be played; 0: nothing."""
+        self.stated_tool = 0
+        """Which tool it is, where no signal says so."""
+        self.temperature_C: float | None = None
+        """Of the cell now; None where nobody knows."""
+        self._within_K = learning.temperature_K
+        self.dropped: set[str] = set()
+        """Axes whose memories are not to be played, whatever they are."""
         self.memories = Memories(np.zeros_like(table))
 
     def withdraw(self) -> None:
@@ -77,6 +94,11 @@ class Correction:
         self._last += 1
         self.number = self._last
 
+    def forget(self, axis: str) -> None:
+        """There is none of `axis` any more; what comes next is new."""
+        self.memories = self.memories.without([axis])
+        self.dropped.discard(axis)
+
     def recognised(self, axis: str, cycle: int) -> None:
         """The part that is made began in `cycle`, by the path of `axis`."""
         self._begun[axis] = cycle
@@ -84,11 +106,16 @@ class Correction:
     def may_play(self, configuration: Configuration, axis: str) -> bool:
         """Whether there is a memory of `axis`, of the tuning that it has in `configuration`."""
         own = self.memories.tunings.get(axis)
-        return self.number != 0 and own is not None and own == tuning_hash(configuration.axes[axis])
+        warm_C, now_C = self.memories.temperatures_C.get(axis), self.temperature_C
+        near = warm_C is None or (now_C is not None and abs(now_C - warm_C) <= self._within_K)
+        if self.number == 0 or own is None or axis in self.dropped or not near:
+            return False
+        return own == tuning_hash(configuration.axes[axis])
 
     def added(self, prepared: Prepared, parameters: Any, *, candidate: bool = False) -> Any:
         """`parameters` of `prepared`, with what they may play; a candidate plays nothing."""
         parameters = parameters.copy()
+        parameters[0]["stated_tool"], parameters[0]["learned_tool"] = self.stated_tool, self.memories.tool
         loop_hz = float(prepared.configuration.loop.rate_hz)
         for i, name in enumerate(prepared.configuration.axes):
             p = parameters[0]["axis"][i]["learned"]

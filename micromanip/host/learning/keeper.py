@@ -10,30 +10,35 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import time
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from micromanip.bus.backoff import RestartLimit
+from micromanip.control.learned import ASIDE
 from micromanip.errors import CheckFailed, UsageError
+from micromanip.faults import KINDS
 from micromanip.host.child import Child
 from micromanip.host.controller import Controller
 from micromanip.replies import AxisLearning, Change, LearningStatus
 from micromanip.rt import mailbox as w
-from micromanip.rt.laws.learned import BROKEN_OFF, PART_ENDED, PATH_LEFT
-from micromanip.rt.states import TRACKING
+from micromanip.rt.laws.learned import BROKEN_OFF, OTHER_TOOL, PART_ENDED, PATH_LEFT
+from micromanip.rt.states import NO_FAULT, REFERENCE_LOST, TRACKING
 from micromanip.settings.schema.learning import Learning
 
 from ..shared_memory import Segment
 from .correction import Correction, Memories, is_silent
 from .folder import memory_folder
+from .thermometer import Thermometer
 
 _LOOK_S = 0.02
 _RESTARTS, _WITHIN_S, _RESTART_S = 3, 600.0, 1.0
 _END_S = 5.0
+_TENTH_K = 0.1
 
-WHY = ("idle", "plays", "finished", "path left", "broken off", "withdrawn", "part ended")
+WHY = ("idle", "plays", "finished", "path left", "broken off", "withdrawn", "part ended", "other tool")
 """The numbers of ``rt/laws/learned.py`` as words."""
 Say = Callable[[str], None]
 Note = Callable[[Sequence[Change]], Awaitable[None]]
@@ -64,6 +69,9 @@ class LearningKeeper:
         self._parts: dict[str, dict[str, Any]] = {}
         self._made = 0
         self._forget: set[str] = set()
+        self._fault: tuple[int, int, int] | None = None
+        self._thermometer = Thermometer(controller.prepared)
+        self._told_C: float | None = None
         self._ended: dict[str, int] = {}
         self._told: dict[str, int] = {}
         """By the axis: the number of the part whose correction ended early last, and the cycle in which it began."""
@@ -102,7 +110,23 @@ class LearningKeeper:
             made=self._made,
             folder=str(folder),
             axes=axes,
+            tool=int(cell["tool"]) or None,
+            temperature_C=self._warm_C(),
         )
+
+    async def state_tool(self, tool: int) -> list[Change]:
+        """From now on it is this one, 0: none is told. UsageError where the machine says it, CheckFailed on trial."""
+        if tool and "tool" in self._controller.prepared.configuration.signals:
+            raise UsageError("the signal tool says which tool it is: leave out --tool")
+        before = self._correction.stated_tool
+        if tool == before:
+            return []
+        try:
+            await self._put(lambda: setattr(self._correction, "stated_tool", tool))
+        except CheckFailed:
+            self._correction.stated_tool = before
+            raise
+        return [Change(key="learning.tool", old=before, new=tool)]
 
     async def reset(self, axes: Sequence[str]) -> list[Change]:
         """Forget the memories of `axes`, all without any; what is played of any axis fades out. UsageError."""
@@ -142,6 +166,8 @@ class LearningKeeper:
                 "ring": self._controller.segments.ring.descriptor,
                 "rows": self._room.descriptor,
                 "forget": sorted(self._forget),
+                "aside": sorted(self._correction.dropped),
+                "temperature_C": self._told_C,
             }
         )
         async for said in self._child.answers():
@@ -156,8 +182,19 @@ class LearningKeeper:
             self._say(f"WARNING: nothing is learned: {said['hopeless']}")
         elif "forgotten" in said:
             self._forget -= set(said["forgotten"])
+        elif "aside" in said:
+            self._aside(said["aside"])
+            if said["files"]:
+                await self._note([Change(key="learning", old=file, new=file + ASIDE) for file in said["files"]])
+        elif "moved" in said:
+            self._say(said["moved"])
+            await self._note([Change(key="learning", old=None, new=said["moved"])])
         elif "ready" in said:
             self._state = "learning"
+            # whatever changed while it was being started
+            self._child.tell({"temperature_C": self._told_C})
+            if self._correction.dropped:
+                self._child.tell({"aside": sorted(self._correction.dropped)})
             self._say("READY to learn from part to part")
         elif "staged" in said:
             self._next = self._taken(said)
@@ -178,10 +215,12 @@ class LearningKeeper:
         """The rows that were shown, None where they can't be played."""
         copied = self._room.bytes().copy()
         rows = copied.view(np.float64).reshape(self._controller.segments.sample_table().shape)
-        axes = said["axes"]
+        # shown before it had put aside what it was told to
+        axes = {name: each for name, each in said["axes"].items() if name not in self._correction.dropped}
         found = Memories(
             rows, {name: each["tuning"] for name, each in axes.items()},
-            {name: each["generation"] for name, each in axes.items()},
+            {name: each["generation"] for name, each in axes.items()}, int(said.get("tool", 0)),
+            {name: float(warm_C) for name, each in axes.items() if (warm_C := each.get("temperature_C")) is not None},
         )  # fmt: skip
         problem = found.problem(self._controller.prepared.configuration)
         if hashlib.sha256(copied.tobytes()).hexdigest() != said["sha256"]:
@@ -216,13 +255,15 @@ class LearningKeeper:
             await asyncio.sleep(_LOOK_S)
             cell = self._controller.status["state"][0]
             learned = cell["axis"]["learned"][: len(axes)]
+            await self._drop_faulty(axes, cell)
+            self._tell_temperature()
             await self._tell_ends(axes, learned)
             with contextlib.suppress(CheckFailed):  # somebody else changes something: the next time
                 await self._put_in_force(cell, learned)
 
     async def _tell_ends(self, axes: Sequence[str], learned: Any) -> None:
         number = int(self._controller.status["state"][0]["parts"])
-        for kind in (PATH_LEFT, BROKEN_OFF, PART_ENDED):
+        for kind in (PATH_LEFT, BROKEN_OFF, PART_ENDED, OTHER_TOOL):
             ended = [
                 i for i, name in enumerate(axes)
                 if learned["why"][i] == kind and self._told.get(name) != int(learned["part"][i])
@@ -236,6 +277,7 @@ class LearningKeeper:
                 f"{self._learning.tolerance_um:g} um may be",
                 BROKEN_OFF: "the axis does not track with all its sensors and its own gains",
                 PART_ENDED: "the part ended before its time",
+                OTHER_TOOL: f"it was learned with tool {self._correction.memories.tool}",
             }[kind]
             for i in ended:
                 self._ended[axes[i]], self._told[axes[i]] = number, int(learned["part"][i])
@@ -246,7 +288,8 @@ class LearningKeeper:
     async def _put_in_force(self, cell: Any, learned: Any) -> None:
         """Hand a new memory over; after another tuning was put in force, the present one again."""
         correction, in_force = self._correction, self._controller.buffers.in_force
-        if in_force is None or self._is_made(cell):
+        # what is of another tool than that of the part is not played to it: that may change in the middle of it
+        if in_force is None or (self._is_made(cell) and in_force["learned_tool"] == cell["tool"]):
             return
         playing = in_force["axis"]["learned"]["number"][: len(learned)]
         configuration = self._controller.prepared.configuration
@@ -258,6 +301,47 @@ class LearningKeeper:
             await self._put(correction.withdraw)
         elif is_silent(learned):
             await self._put(self._hold_next)
+
+    async def _drop_faulty(self, axes: Sequence[str], cell: Any) -> None:
+        """An axis that had a fault is perhaps another one now: what was learned of it before is not played any more.
+
+        The tracker's beam is not the axis.
+        """
+        fault = int(cell["fault"]), int(cell["fault_axis"]), int(cell["fault_cycle"])
+        if fault[0] in (NO_FAULT, REFERENCE_LOST) or fault == self._fault or not 0 <= fault[1] < len(axes):
+            return
+        self._fault, name = fault, axes[fault[1]]
+        self._correction.dropped.add(name)
+        self._child.tell({"aside": [name]})  # those of other tools, too
+        before = self._correction.memories.generations.get(name)
+        if before is None:
+            return
+        code = KINDS[fault[0]].code
+        text = (
+            f"axis {name} had the fault {code}: what was learned of it before is not played any more; it is kept in "
+            f"{memory_folder(self._learning, self._controller.prepared.source.path)} as {name}*.npz{ASIDE}"
+        )
+        self._say(text)
+        await self._note([Change(key=f"learning.{name}", old=before, new=text)])
+
+    def _aside(self, names: Sequence[str]) -> None:
+        """The process knows nothing of them any more: what it shows from now on is new."""
+        for name in names:
+            self._correction.forget(name)
+        if self._next is not None:
+            self._next = self._next.without(names)
+
+    def _warm_C(self) -> float | None:
+        return self._thermometer.read_C(self._controller.status["signals"], time.monotonic_ns())
+
+    def _tell_temperature(self) -> None:
+        """The process hears of each tenth of a kelvin."""
+        now_C, told_C = self._warm_C(), self._told_C
+        self._correction.temperature_C = now_C
+        alike = now_C == told_C or (now_C is not None and told_C is not None and abs(now_C - told_C) < _TENTH_K)
+        if not alike:
+            self._told_C = now_C
+            self._child.tell({"temperature_C": now_C})
 
     def _is_made(self, cell: Any) -> bool:
         """Whether a part is being made; one that nobody ends is over once it has had its time."""

@@ -93,7 +93,7 @@ class McapRecording:
             if int(version) not in self._versions:
                 self._versions.add(int(version))
                 found = slots[slots["version"] == version].view(FILED_PARAMETERS)
-                self._attach(layout.parameters_file(int(version)), found)
+                self._attach_packed(layout.parameters_file(int(version)), found)
         self._scalars(rows)
         for first in range(0, len(rows), _BLOCK_ROWS):
             block = rows[first : first + _BLOCK_ROWS]
@@ -191,8 +191,17 @@ class McapRecording:
     def _attach(self, name: str, values: NDArray[Any]) -> None:
         content = io.BytesIO()
         np.save(content, values, allow_pickle=False)
+        self._add(name, "application/x-npy", content)
+
+    def _attach_packed(self, name: str, values: NDArray[Any]) -> None:
+        """Most of a set of parameters is room that is not used: about a sixth is left."""
+        content = io.BytesIO()
+        np.savez_compressed(content, parameters=values)
+        self._add(name, "application/zip", content)
+
+    def _add(self, name: str, kind: str, content: io.BytesIO) -> None:
         now_ns = time.monotonic_ns() + self._unix_ns
-        self._writer.add_attachment(0, now_ns, name, "application/x-npy", content.getvalue())
+        self._writer.add_attachment(0, now_ns, name, kind, content.getvalue())
 
 
 class _Pieces:

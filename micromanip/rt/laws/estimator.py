@@ -17,6 +17,9 @@ again, so that the filter is soon the linear one: what really happened is follow
 was late, held or false for a moment leaves no disturbance behind. One that is exactly the same for the third time
 counts for no more than the sensor's noise: it is held somewhere, or nothing moves. After a gap the states of motion
 take all of the innovation, because nobody knows what went on; the disturbances don't.
+
+Where the tooth's frequency is followed (``tooth.py``) its oscillator turns by more, or less, than the model says. Once
+it is given up the filter has the gains of the one without it (``plain``).
 """
 
 from __future__ import annotations
@@ -25,6 +28,8 @@ from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record, record
+
+from .tooth import FOLLOWS, TOOTH, TOOTH_STATE, follow_tooth, forget_tooth, start_tooth, turn_on
 
 MAX_STATES = 32
 """A multiple of 4; a model behind a slow bus has a state for each cycle of its delay."""
@@ -45,6 +50,8 @@ MODEL: tuple[Field, ...] = (
     ("innovation_um", "f8"),
     ("repeated_um", "f8"),
     ("gap_cycles", "i8"),
+    *TOOTH,
+    ("plain", "f8", (GAPS, MAX_STATES)),
 )
 """Parameters: the model and the filter's gains, by the cycles since the sample before, less one;
 ``slow``: the first of the states that are disturbances; ``innovation_um``: how large an innovation may be at once,
@@ -62,6 +69,7 @@ ESTIMATOR_STATE = record(
     ("reading_um", "f8"),
     ("repeated", "i8"),
     ("running", "i8"),
+    *TOOTH_STATE,
 )
 
 _MASK = INPUT_HISTORY - 1
@@ -104,6 +112,8 @@ def output(p: Record, x: Any) -> float:
 def _advance(p: Record, s: Record, x: Any, first: int, last: int) -> None:
     for cycle in range(first, last):
         predict(p, x, s["scratch"], s["history"][cycle & _MASK])
+        if p["tooth"] > 0:
+            turn_on(p, s, x)
 
 
 @compiled
@@ -120,6 +130,7 @@ def start_estimator(p: Record, s: Record, cycle: int, u: float, y: float) -> Non
     s["reading_um"] = y
     s["repeated"] = 0
     s["running"] = 1
+    start_tooth(s)
 
 
 @compiled
@@ -134,6 +145,8 @@ def change_model(old: Record, new: Record, s: Record) -> None:
         s["running"] = 0
     for i in range(n, MAX_STATES):
         s["x"][i] = s["filtered"][i] = 0.0
+    if old["tooth"] != new["tooth"] or old["tooth_range"] != new["tooth_range"]:
+        start_tooth(s)
 
 
 @compiled
@@ -176,7 +189,9 @@ def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
         return True
     n = p["states"]
     passed = sample_cycle - s["filtered_cycle"]
-    gain = p["gains"][min(passed, GAPS) - 1]
+    tooth = p["tooth"] if s["given_up"] == FOLLOWS else 0
+    gains = p["gains"] if p["tooth"] == tooth else p["plain"]
+    gain = gains[min(passed, GAPS) - 1]
     gap = passed > p["gap_cycles"]
     s["repeated"] = s["repeated"] + 1 if y == s["reading_um"] else 0
     s["reading_um"] = y
@@ -188,9 +203,15 @@ def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
     innovation = y - output(p, s["filtered"])
     applied = believed(p, s, innovation)
     motion = innovation if gap else applied
+    if tooth > 0:
+        o1, o2 = s["filtered"][tooth], s["filtered"][tooth + 1]
+        follow_tooth(p, s, o1, o2, gain[tooth] * applied, gain[tooth + 1] * applied, applied)
     for i in range(n):
         s["filtered"][i] += gain[i] * (motion if i < p["slow"] else applied)
         s["x"][i] = s["filtered"][i]
+    if p["tooth"] != tooth:
+        forget_tooth(p, s["filtered"])
+        forget_tooth(p, s["x"])
     _advance(p, s, s["x"], sample_cycle, now)
     s["filtered_cycle"] = sample_cycle
     s["innovation_um"] = innovation

@@ -22,9 +22,10 @@ from micromanip.rt.record import Record, record
 from .minimum_jerk import minimum_jerk
 from .reference import position
 
-IDLE, PLAYS, FINISHED, PATH_LEFT, BROKEN_OFF, WITHDRAWN, PART_ENDED = range(7)
+IDLE, PLAYS, FINISHED, PATH_LEFT, BROKEN_OFF, WITHDRAWN, PART_ENDED, OTHER_TOOL = range(8)
 """Where an axis' correction stands, or why it ended: with its part; the reference left the path; the axis did not track
-with all its sensors and its own gains; the memory was taken away; the part ended before its time."""
+with all its sensors and its own gains; the memory was taken away; the part ended before its time; the tool is
+not that of the memory."""
 
 LEARNED_PARAMETERS = record(
     ("number", "i8"),
@@ -42,6 +43,7 @@ LEARNED_PARAMETERS = record(
 than ``latest_cycles`` after its part nothing begins."""
 LEARNED_STATE = record(
     ("part_begun", "i8"),
+    ("other_tool", "i8"),
     ("number", "i8"),
     ("part", "i8"),
     ("begun_cycle", "i8"),
@@ -49,9 +51,9 @@ LEARNED_STATE = record(
     ("level", "f8"),
     ("apart_um", "f8"),
 )
-"""``part_begun``: the cycle in which the part that runs began, -1 where none does, left here by the cell; ``part`` the
-last that a correction began with, ``begun_cycle`` its first row; ``apart_um`` how far the reference was from the path
-when it was last looked at."""
+"""``part_begun``: the cycle in which the part that runs began, -1 where none does, left here by the cell, as is
+``other_tool``: not 0 where the memory is of another one; ``part`` the last that a correction began with,
+``begun_cycle`` its first row; ``apart_um`` how far the reference was from the path when it was last looked at."""
 
 
 @compiled
@@ -66,7 +68,7 @@ def _begin(p: Record, s: Record, cycle: int) -> None:
     """Begin with a part that has not been played to, once it is known where in it this cycle is."""
     part = s["part_begun"]
     begun = part if p["search_cycles"] == 0 else p["begun_cycle"]
-    if part < 0 or part == s["part"] or p["number"] == 0 or s["level"] > 0.0:
+    if part < 0 or part == s["part"] or p["number"] == 0 or s["level"] > 0.0 or s["other_tool"] != 0:
         return
     if abs(begun - part) <= p["search_cycles"] and cycle - part <= p["latest_cycles"]:
         s["part"], s["begun_cycle"], s["number"], s["why"] = part, begun, p["number"], PLAYS
@@ -79,6 +81,8 @@ def _judge(p: Record, s: Record, w: Any, samples: Any, k: int, allowed: bool) ->
         return WITHDRAWN
     if k >= p["rows"]:
         return FINISHED
+    if s["other_tool"] != 0:
+        return OTHER_TOOL
     if s["part_begun"] != s["part"]:
         return PART_ENDED
     if not allowed:

@@ -8,6 +8,9 @@ closed form; it can also just hold the sample. Only finite samples inside ``[low
 that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was. A signal that
 stays where it jumped to is believed after the horizon, but not while the axis follows it (``followed``): once it has
 been ``doubted`` for so long it goes on being silent until the watch calls it lost, wherever it wanders.
+
+The horizon counts cycles that ran: a loop that stood still heard nothing of a signal that may have gone on, and what it
+hears then is judged by the extrapolation over that time, up to ``STOOD_STILL`` horizons.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ HOLD, SINES, STEP, SIGNAL, SAMPLES, JOG = range(6)
 
 MAX_SINES = 8
 MAX_MODES = 3
+STOOD_STILL = 5.0
 REFERENCE_STATES = 3 + 2 * MAX_MODES
 REFERENCE_PARAMETERS = record(
     ("kind", "i8"),
@@ -40,6 +44,7 @@ REFERENCE_PARAMETERS = record(
     ("decay", "f8", (MAX_MODES,)),
     ("gain", "f8", (REFERENCE_STATES,)),
     ("horizon_s", "f8"),
+    ("horizon_cycles", "i8"),
     ("low_um", "f8"),
     ("high_um", "f8"),
     ("jump_um", "f8"),
@@ -141,6 +146,13 @@ def previewed(p: Record, s: Record, t_s: float, samples: Any) -> float:
 
 
 @compiled
+def is_foreseen(p: Record, s: Record, gap_s: float) -> bool:
+    """Whether the last sample still says where the signal is `gap_s` after it."""
+    stood_still = s["silent"] <= p["horizon_cycles"] and gap_s <= STOOD_STILL * p["horizon_s"]
+    return stood_still or gap_s <= p["horizon_s"]
+
+
+@compiled
 def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
     """Take a fresh sample of the reference signal, measured at `time_ns`; one out of order is ignored."""
     if not (math.isfinite(value_um) and p["low_um"] <= value_um <= p["high_um"]):
@@ -150,7 +162,7 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
     if s["time_ns"] != 0 and gap_s <= 0.0:
         return
     filtered, innovation = s["filtered"], math.nan
-    if s["time_ns"] != 0 and gap_s <= p["horizon_s"]:
+    if s["time_ns"] != 0 and is_foreseen(p, s, gap_s):
         extrapolate(p, filtered, gap_s, s["w"])
         innovation = value_um - position(s["w"])
     # once nothing is expected any more, whoever follows it stands where it was last
@@ -176,7 +188,7 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
 def signal_reference(p: Record, s: Record, now_ns: int) -> None:
     """Fill ``s["w"]`` with the signal's reference now; past the horizon its last position is held."""
     age_s = (now_ns - s["time_ns"]) * 1e-9
-    if p["predict"] and s["time_ns"] > 0 and age_s <= p["horizon_s"]:
+    if p["predict"] and s["time_ns"] > 0 and is_foreseen(p, s, age_s):
         extrapolate(p, s["filtered"], age_s, s["w"])
         return
     for i in range(REFERENCE_STATES):

@@ -20,13 +20,14 @@ from micromanip.rt.jit import compiled
 
 from .records import ADDRESS_BYTES, BATCH, CONTROL, SO_TIMESTAMPNS
 
+POLLIN = 1
+"""What is asked of a descriptor, in a ``struct pollfd``: whether something is there to be received."""
 WOULD_BLOCK, REFUSED = 11, 111
 """Nothing is there, or no room is left; nobody listens at the other end, which the system said in answer to a datagram
 before."""
 
 _DONT_WAIT, _NO_SIGNAL, _TRUNCATED = 0x40, 0x4000, 0x20
 _REALTIME, _SECOND_NS = 0, 1_000_000_000
-_POLLIN = 1
 _SOL_SOCKET = 1
 _CONTROL_BYTES = CONTROL.itemsize
 
@@ -82,10 +83,19 @@ def wait(poll: Any, descriptor: int, for_ns: int, timespec: Any) -> int:
 
     `poll` is scratch for a ``struct pollfd``, int32 (2,), `timespec` int64 (2,).
     """
+    poll[0], poll[1] = descriptor, POLLIN
+    return wait_for_any(poll, 1, for_ns, timespec)
+
+
+@compiled
+def wait_for_any(poll: Any, count: int, for_ns: int, timespec: Any) -> int:
+    """The same for so many descriptors: `poll` is a ``struct pollfd`` for each.
+
+    The upper half of its second number says what is there.
+    """
     left_ns = max(0, for_ns)
     timespec[0], timespec[1] = left_ns // _SECOND_NS, left_ns % _SECOND_NS
-    poll[0], poll[1] = descriptor, _POLLIN
-    return _ppoll(poll.ctypes.data, 1, timespec.ctypes.data, 0)
+    return _ppoll(poll.ctypes.data, count, timespec.ctypes.data, 0)
 
 
 @compiled

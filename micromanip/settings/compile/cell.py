@@ -14,6 +14,7 @@ from micromanip.bus.driver import Channel
 from micromanip.control.gap_gains import gap_gains
 from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation
 from micromanip.control.pid import pid_gains
+from micromanip.control.tooth import followed_tooth
 from micromanip.rt.laws.estimator import GAPS
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
@@ -40,6 +41,8 @@ _LONGEST_MEAN_S = 1.0
 """Over more than this the mean of what a contact makes only falls."""
 
 _SCORE_AFTER_S = 1.0
+_RESET_S = 0.2
+"""Long enough for an output that is written ten times a second."""
 
 
 def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1) -> Any:
@@ -62,10 +65,11 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
     p["score_cycles"] = cycles(_SCORE_AFTER_S)
     fill_cell_limits(p, configuration.faults, loop.rate_hz)
     _fill_frame(p["frame"], configuration, wiring)
-    for name in ("enable", "interlock", "retracted", "part"):
+    for name in ("enable", "interlock", "retracted", "part", "tool"):
         _fill_line(p[name], name, configuration, wiring)
-    for name in ("amplifier_enable", "feed_hold", "heartbeat"):
+    for name in ("amplifier_enable", "amplifier_reset", "feed_hold", "heartbeat"):
         p[name] = wiring.switches.get(name, -1)
+    p["reset_cycles"] = cycles(_RESET_S)
     trial = configuration.shadow
     p["figures_step"], p["trial_step"] = 1.0 / cycles(_FIGURES_S), 1.0 / cycles(trial.window_s)
     p["trial_cycles"], p["trial_rest"] = cycles(trial.trial_s), cycles(_BLEND_S)
@@ -84,6 +88,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
             tracker = configuration.reference.of(name) if isinstance(configuration.reference, Tracker) else None
             gains = _gains(axis.outer, tracker, period_s)
             _fill_outer(p["axis"][i]["outer"], axis.outer, gains)
+            _fill_tooth(p["axis"][i]["outer"], axis.outer, gains, period_s)
             _fill_innovation(p["axis"][i], axis, axis.outer, gains, cycles)
     return record
 
@@ -204,6 +209,16 @@ def _fill_outer(o: Any, outer: Outer, gains: OuterGains) -> None:
     o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
     o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
     o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
-    o["gains"][:, :n], o["feedback"][:n] = gap_gains(outer, gains, GAPS), gains.feedback
+    o["gains"][:, :n], o["feedback"][:n] = gap_gains(gains, GAPS), gains.feedback
     o["reference_states"], o["reference"][: len(gains.reference)] = len(gains.reference), gains.reference
     o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y
+
+
+def _fill_tooth(o: Any, outer: Outer, gains: OuterGains, period_s: float) -> None:
+    """What the estimator needs where it follows the tooth's frequency; all 0 where it does not."""
+    if not outer.follows_tooth:
+        return
+    found = followed_tooth(outer, gains, GAPS, period_s)
+    o["tooth"], o["plain"][:, : len(gains.A)] = found.place, found.plain
+    for name in ("share", "turn", "range", "slew", "floor_um2", "shown", "window", "patience", "fade"):
+        o[f"tooth_{name}"] = getattr(found, name)

@@ -38,6 +38,7 @@ def fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_hz
             r["oscillator"][k], r["decay"][k] = 2 * math.pi * each.frequency_Hz, each.decay_per_s
         r["gain"][: 3 + 2 * len(own.oscillations)] = _gain(own)
         r["horizon_s"] = reference.horizon_ms * 1e-3
+        r["horizon_cycles"] = round(r["horizon_s"] * rate_hz)
         r["low_um"], r["high_um"] = reference.range_um
         r["jump_um"] = math.inf if reference.jump_um is None else reference.jump_um
         return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -29,6 +29,7 @@ from .hysteresis import Hysteresis, NoModel, PrandtlIshlinskii
 from .key import AtRest, LargerIsWeaker, Live, NewStart
 
 Row = tuple[Real, ...]
+ToothRange = Annotated[float, Field(ge=0, le=5)]
 
 
 class SetPoint(Settings):
@@ -100,8 +101,31 @@ class Outer(Settings):
     )
     oscillation_Hz: Hertz | None = Field(default=200.0, description="Tooth-passing frequency to cancel; null: none.")
     oscillation_um: Distance = Field(default=1e-3, description="Noise of that oscillator, rms a cycle.")
+    oscillation_range_percent: ToothRange = Field(
+        default=0.0,
+        description="How far from oscillation_Hz the tooth's own frequency is found and followed, either way; 0: it is "
+        "taken for what was said.",
+    )
     sensor_noise_um: Distance = Field(default=0.012, description="Noise of the capacitive sensor, rms.")
     sample_cycles: int = Field(default=1, strict=True, ge=1, le=64, description="Loop cycles between sensor samples.")
+
+    @property
+    def follows_tooth(self) -> bool:
+        """Whether the frequency of the tooth is followed."""
+        return self.oscillation_Hz is not None and self.oscillation_range_percent > 0.0
+
+    def at_tooth(self, hertz: float) -> Outer:
+        """The same once it has found a tooth at `hertz`; as it is where it looks for none there."""
+        if (
+            self.oscillation_Hz is None
+            or abs(hertz / self.oscillation_Hz - 1.0) > 0.01 * self.oscillation_range_percent
+        ):
+            return self
+        return self.model_copy(update={"oscillation_Hz": hertz})
+
+    def without_tooth(self) -> Outer:
+        """The same without the oscillator."""
+        return self.model_copy(update={"oscillation_Hz": None})
 
 
 HASH_DIGITS = 16
@@ -163,12 +187,14 @@ class Axis(Settings):
     def tuning(self) -> dict[str, Any]:
         """What a commissioning report is about: all but the note of it, what it must reach, limits and authority.
 
-        No notch is no key, nor is no actuator or coupling: the hash of a report from before there were any stays what
-        it was.
+        No notch is no key, nor is no actuator, no coupling or no range of the tooth: the hash of a report from before
+        there were any stays what it was.
         """
         tuning = self.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent", "accept"})
         if self.inner.notch is None:
             del tuning["inner"]["notch"]
+        if self.outer is not None and self.outer.oscillation_range_percent == 0.0:
+            del tuning["outer"]["oscillation_range_percent"]
         for name in ("actuator", "coupling"):
             if tuning[name] is None:
                 del tuning[name]

@@ -35,6 +35,10 @@ class Learning(Settings):
         default=TOLERANCE_UM,
         description="Where the reference is further from the remembered path, in any cycle, the correction fades out.",
     )
+    temperature_K: Annotated[float, Field(strict=True, ge=0.5, le=50, allow_inf_nan=False)] = Field(
+        default=2.0,
+        description="With the signal `temperature`: what was learned further away than that is kept, and not played.",
+    )
     search_s: Annotated[float, Field(strict=True, ge=0.05, le=2, allow_inf_nan=False)] = Field(
         default=0.3,
         description="Without the signal `part`: the path is looked for so far from where the command came.",

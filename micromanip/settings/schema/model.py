@@ -246,6 +246,11 @@ class Switches(Settings):
     """Digital outputs; all may be left out."""
 
     amplifier_enable: Switch | None = Field(default=None, description="1 while the amplifier should be on.")
+    amplifier_reset: Switch | None = Field(
+        default=None,
+        description="1 for 0.2 s after `reset`: the amplifier, or a drive, may forget its fault; never by itself. With "
+        "it `reset` is accepted in READY too.",
+    )
     feed_hold: Switch | None = Field(
         default=None, description="1 while the machine should not feed: in a hold, and after a fault until reset."
     )
@@ -269,7 +274,8 @@ class Configuration(Settings):
         "tracker_<name>; true_strain_<axis>, "
         "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them. Digital, 1 is good: "
         "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut). "
-        "part: 0, or the number of the part that is being made.",
+        "part: 0, or the number of the part that is being made; tool: 0, or the number of the tool in the spindle; "
+        "temperature: of the cell, degC; learning takes all three.",
     )
     outputs: NewStart[dict[str, Output]] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
     switches: NewStart[Switches] = Switches()

@@ -10,6 +10,7 @@ from . import renames, units
 from .place import Path, Place
 from .source import key_text
 
+_IN_THOUSANDS = re.compile(r",(?=\d{3}(?!\d))")
 _NUMBER = re.compile(r"(?P<number>[-+]?([0-9][0-9_]*([.,][0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?)\s*(?P<unit>.*)")
 _NO_VALUE = ("none", "nil", "off", "no")
 _YES_NO = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
@@ -95,7 +96,10 @@ def _from_text(place: Place, text: str) -> str:
         plain = [entry["number"] for entry in entries if entry and not entry["unit"]]
         return _write(place, f"[{', '.join(plain)}]") if len(plain) == len(entries) else ""
     if shape.type in ("number", "integer") and (match := _NUMBER.fullmatch(text)):
-        return _from_quantity(place, match["number"].replace("_", "").replace(",", "."), match["unit"])
+        number = match["number"].replace("_", "")
+        if shape.type == "integer":
+            number = _IN_THOUSANDS.sub("", number)
+        return _from_quantity(place, number.replace(",", "."), match["unit"])
     return ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import json
 import pathlib
@@ -146,4 +147,9 @@ def _read_text(file: pathlib.Path) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{file}:{line}: not UTF-8 text (byte 0x{content[error.start]:02x})") from None
+        told = f"not UTF-8 text (byte 0x{content[error.start]:02x})"
+        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            told += ": it is UTF-16, as Windows writes what it calls Unicode"
+        elif b"\0" in content[:1000]:
+            raise ConfigError(f"{file}:{line}: {told}: no text at all; name the YAML file") from None
+        raise ConfigError(f"{file}:{line}: {told}; save it as UTF-8") from None

@@ -70,12 +70,11 @@ def _two_clocks(wiring: Wiring) -> Iterator[Finding]:
 def _shared_devices(wiring: Wiring) -> Iterator[Finding]:
     owners: dict[str, tuple[str, str]] = {}
     for name, driver in wiring.drivers.items():
-        if driver.device is None:
-            continue
-        known = identities(driver.device)
-        others = [owners[identity] for identity in known if identity in owners]
-        if others:
-            owner, called = min(others)
-            here = "" if called == driver.device else f", here called {driver.device}"
-            yield ("drivers", name), f"driver {owner} owns {called} already{here}; one driver has a device alone"
-        owners |= {identity: (name, driver.device) for identity in known if identity not in owners}
+        for device in driver.devices:
+            known = identities(device)
+            others = [owners[identity] for identity in known if identity in owners]
+            if others:
+                owner, called = min(others)
+                here = "" if called == device else f", here called {device}"
+                yield ("drivers", name), f"driver {owner} owns {called} already{here}; one driver has a device alone"
+            owners |= {identity: (name, device) for identity in known if identity not in owners}

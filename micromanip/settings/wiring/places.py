@@ -19,6 +19,7 @@ from micromanip.settings.text.source import Source
 
 _SAFE_SWITCHES = {
     "amplifier_enable": SafeOutput(LAST_SWITCH, 0.0, 0.0, 1.0),
+    "amplifier_reset": SafeOutput(SWITCH, 0.0, 0.0, 1.0),
     "feed_hold": SafeOutput(SWITCH, 1.0, 0.0, 1.0),
     "heartbeat": SafeOutput(SWITCH, 0.0, 0.0, 1.0),
 }
@@ -40,7 +41,7 @@ class Wiring:
     @property
     def devices(self) -> frozenset[str]:
         """The hardware that the drivers own."""
-        return frozenset(driver.device for driver in self.drivers.values() if driver.device is not None)
+        return frozenset(device for driver in self.drivers.values() for device in driver.devices)
 
     @property
     def buses(self) -> dict[str, BusBridge]:

@@ -1,5 +1,7 @@
 """The file of a memory: what was written is read, whole or not at all, and nothing else passes for one."""
 
+import json
+import multiprocessing
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.design.learning.memory import Learned, Memory, cell_name, memory_file, read_memory, write_memory
+from micromanip.design.learning.memory import (
+    Learned,
+    Memory,
+    cell_name,
+    memory_file,
+    memory_files,
+    read_memory,
+    write_memory,
+)
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
 
@@ -127,3 +137,53 @@ def test_a_cell_is_known_by_what_it_is_made_of_and_not_by_the_seed_of_its_simula
     output = configuration.outputs["voltage_x"].model_copy(update={"range_V": (-10.0, 140.0)})
     other = configuration.model_copy(update={"outputs": {**configuration.outputs, "voltage_x": output}})
     assert cell_name(other) != cell_name(configuration)
+
+
+def test_tool_and_temperature_are_in_it_and_an_older_file_knows_of_none(file):
+    write_memory(file, replace(MEMORY, tool=3, temperature_C=21.5))
+    found = read_memory(file)
+    assert (found.tool, found.temperature_C) == (3, 21.5)
+    _rewrite(file, {"format": 1}, without=("tool", "temperature_C"))
+    found = read_memory(file)
+    assert (found.tool, found.temperature_C) == (0, None)
+    assert same(found, MEMORY)
+
+
+def test_a_file_of_another_version_is_refused_in_one_sentence(file):
+    _rewrite(file, {"format": 3})
+    with pytest.raises(CheckFailed, match=r"it is of format 3, of another version; this program knows 2.*learn reset"):
+        read_memory(file)
+
+
+def _rewrite(file, changes, without=()):
+    with np.load(file) as found:
+        arrays = {each: found[each] for each in found.files}
+    told = {key: value for key, value in json.loads(bytes(arrays["memory.json"])).items() if key not in without}
+    arrays["memory.json"] = np.frombuffer(json.dumps(told | changes).encode(), np.uint8)
+    with file.open("wb") as opened:
+        np.savez(opened, **arrays)
+
+
+def _writes_on(file, begun):
+    memory = read_memory(file)
+    while True:
+        memory = replace(memory, generation=memory.generation + 1, begin_s=memory.begin_s + 1.0)
+        write_memory(file, memory)
+        begun.set()
+
+
+@pytest.mark.live  # a process that is killed
+def test_who_is_killed_in_the_middle_of_writing_leaves_a_whole_memory(file):
+    forked = multiprocessing.get_context("fork")
+    for after_ms in (0, 1, 2, 3, 5, 8, 13, 21):
+        begun = forked.Event()
+        writer = forked.Process(target=_writes_on, args=(file, begun), daemon=True)
+        writer.start()
+        assert begun.wait(60.0)
+        writer.join(after_ms * 1e-3)
+        writer.kill()
+        writer.join()
+        found = read_memory(file)
+        assert same(found, MEMORY)
+        assert found.begin_s - MEMORY.begin_s == found.generation - MEMORY.generation
+        assert memory_files(file.parent, "x") == [file], "nothing that was half written is taken for one"

@@ -34,7 +34,7 @@ from ..compiled_turns import call_receive, call_send
 pytestmark = pytest.mark.compiled_only
 
 TPDO, HEARTBEAT = 0x185, 0x705
-PERIOD, FRAME, LATENCY, SYNC_NS = 1_000_000, 115_000, 40_000, 47_000
+PERIOD, FRAME, LATENCY, SYNC_NS, WAITING = 1_000_000, 115_000, 40_000, 47_000, 300_000
 TYPES = {
     datatypes.BOOLEAN: 1,
     datatypes.INTEGER8: 8,
@@ -76,7 +76,7 @@ def received(fields, every=0):
         wires=fields,
         title="tpdo 1 of node sensor",
     )
-    return ReceivedPdo(pdo, 0, 0.0, Sampling(syncs, every, FRAME, LATENCY, PERIOD)), syncs
+    return ReceivedPdo(pdo, 0, 0.0, Sampling(syncs, every, FRAME, LATENCY, PERIOD, WAITING)), syncs
 
 
 class At:
@@ -215,12 +215,11 @@ def test_a_sync_that_compiled_code_sent_dates_the_answer():
         assert at.send() == 0
         after_ns = time.monotonic_ns()
         assert at.heard() == build_can_frame(can.Message(arbitration_id=SYNC, is_extended_id=False))
-        while time.monotonic_ns() < after_ns + SYNC_NS + FRAME:  # a frame has a length
-            pass
-        at.arrives(bytes(pdo.length), time.monotonic_ns())
+        (sent_ns,) = (int(at_ns) for at_ns in syncs.record["sent_ns"] if at_ns)
+        assert before_ns <= sent_ns - SYNC_NS <= after_ns, "a frame has a length"
+        at.arrives(bytes(pdo.length), sent_ns + FRAME + 1)
         assert at.receive() == 0
-        taken_ns = int(at.signal[0]["time_ns"])
-        assert before_ns <= taken_ns - SYNC_NS + LATENCY <= after_ns
+        assert int(at.signal[0]["time_ns"]) == sent_ns - LATENCY
 
 
 def test_heartbeats_are_pythons_and_hold_up_no_sample():

@@ -3,12 +3,12 @@
 from micromanip_drivers.canopen.sampling import Sampling, SyncTimes
 
 US = 1_000
-PERIOD, FRAME, LATENCY = 1000 * US, 115 * US, 40 * US
+PERIOD, FRAME, LATENCY, WAITING = 1000 * US, 115 * US, 40 * US, 300 * US
 
 
 def sampling(every=1):
     syncs = SyncTimes()
-    return syncs, Sampling(syncs, every, FRAME, LATENCY, PERIOD)
+    return syncs, Sampling(syncs, every, FRAME, LATENCY, PERIOD, WAITING)
 
 
 def test_taken_at_the_sync_however_long_it_waited():
@@ -41,6 +41,36 @@ def test_syncs_without_an_answer_are_lost_samples():
         if i in (0, 4):
             taken = at.taken(i * PERIOD + 200 * US, b"a")
     assert taken == (4 * PERIOD - LATENCY, 3)
+
+
+def test_an_answer_is_not_dated_by_a_lost_sync_that_was_sent_late():
+    """The SYNC before was sent 300 us late and not answered: it is within a period of the answer to the next."""
+    syncs, at = sampling()
+    syncs.add(0)
+    assert at.taken(170 * US, b"a") == (-LATENCY, 0)
+    syncs.add(1300 * US)
+    for i in (2, 3, 4):
+        syncs.add(i * PERIOD)
+        assert at.taken(i * PERIOD + 170 * US, b"a") == (i * PERIOD - LATENCY, 1 if i == 2 else 0)
+
+
+def test_what_waited_for_the_bus_still_answers_in_order():
+    syncs, at = sampling()
+    syncs.add(0)
+    assert at.taken(170 * US, b"a") == (-LATENCY, 0)
+    syncs.add(1800 * US)
+    syncs.add(2000 * US)
+    assert at.taken(1800 * US + 55 * US + WAITING + FRAME, b"a") == (1800 * US - LATENCY, 0)
+    assert at.taken(2000 * US + 55 * US + WAITING + FRAME, b"a") == (2000 * US - LATENCY, 0)
+
+
+def test_a_slow_node_is_known_by_its_fastest_answer():
+    syncs, at = sampling()
+    syncs.add(0)
+    assert at.taken(900 * US, b"a") == (-LATENCY, 0)
+    syncs.add(1500 * US)
+    syncs.add(2000 * US)
+    assert at.taken(1500 * US + 900 * US, b"a") == (1500 * US - LATENCY, 0)
 
 
 def test_every_third_sync():
@@ -80,4 +110,4 @@ def test_reopened():
 
 
 def test_by_its_own_clock():
-    assert Sampling(SyncTimes(), 0, FRAME, LATENCY, 0).taken(500 * US, b"") == (345 * US, 0)
+    assert Sampling(SyncTimes(), 0, FRAME, LATENCY, 0, 0).taken(500 * US, b"") == (345 * US, 0)

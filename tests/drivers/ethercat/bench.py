@@ -84,7 +84,7 @@ class Bench:
     def __init__(self, ends, step_V=1e3, slaves=None, far_ends=None, **changes):
         pairs = [ends] if far_ends is None else [ends, far_ends]
         if far_ends is not None:
-            changes |= {"return_interface": far_ends[0], "clocks": False}
+            changes |= {"return_interface": far_ends[0]}
         self.options = options(ends[0], **changes)
         self.driver = Ethercat(self.options, PERIOD_NS)
         self.context = self.driver.context()

@@ -1,12 +1,13 @@
 """Deadlines on the first terminal's clock, and SYNC0: on a line of emulated terminals, and what is refused."""
 
+import contextlib
 import struct
 import time
 
 import numpy as np
 import pytest
 from micromanip_drivers.ethercat import exchange
-from micromanip_drivers.ethercat.clocks import SYNC0_BEGINS_IN_S, begin_sync0, set_clocks
+from micromanip_drivers.ethercat.clocks import SYNC0_BEGINS_IN_S, begin_sync0, require_clocks, set_clocks
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.scan import reset
 from pydantic import ValidationError
@@ -15,6 +16,9 @@ from micromanip.bus.errors import DeviceFault
 from micromanip.bus.ethercat.al_states import BAD_SYNC_CYCLE, ERROR, NO_SYNC, OP, PREOP, SAFEOP
 from micromanip.bus.ethercat.registers import (
     DC_ACTIVATE,
+    DC_DELAY,
+    DC_OFFSET,
+    DC_SPEED_START,
     DC_START,
     DC_SYNC0_CYCLE,
     DC_SYSTEM,
@@ -68,7 +72,7 @@ def test_only_a_driver_that_locks_steers_the_loop():
 class Registers:
     """A ``Link`` to slaves in this process."""
 
-    name = "ethercat test"
+    name, is_ring = "ethercat test", False
 
     def __init__(self, slaves):
         self.slaves = slaves
@@ -173,7 +177,38 @@ def test_rubbish_in_a_ports_receive_time_counts_as_not_known():
     slaves = Slaves()
     link = synced(slaves)
     link.slaves.line.controllers["back_ns"] = -5_000_000
-    assert set_clocks(link, [0x1001, 0x1002]) == (0x1001, 0)
+    assert set_clocks(link, [0x1001, 0x1002]).turn_ns == 0
+
+
+def test_the_filters_of_the_drift_compensation_begin_anew():
+    """The slave's value for it is written back, which empties them (ETG.1000.4, register 0x0930)."""
+    slaves, written = Slaves(), []
+    link = synced(slaves)
+    link.station_write = lambda station, register, data: written.append((station, register, data))
+    set_clocks(link, [0x1001, 0x1002])
+    for station in (0x1001, 0x1002):
+        assert [each[1] for each in written if each[0] == station] == [DC_OFFSET, DC_DELAY, DC_SPEED_START]
+        assert written[-1][2] == b"\x00\x10"
+
+
+@pytest.mark.parametrize(
+    ("is_ring", "without", "said"),
+    [
+        (False, 0, "terminal amplifier has no clock: the first, which the others would follow"),
+        (False, 1, None),
+        (True, 1, "terminal gauge has no clock: a ring's clocks need one in each"),
+    ],
+)
+def test_clocks_that_nobody_could_lead_are_refused(is_ring, without, said):
+    """Who is asked for the time and has none would let all others be told zero."""
+    slaves = Slaves()
+    link = synced(slaves)
+    slaves.line.applications[without].memory[FEATURES] = 0
+    stations, names = [0x1001, 0x1002], ["amplifier", "gauge"]
+    clocks = set_clocks(link, stations)
+    link.is_ring = is_ring
+    with pytest.raises(DeviceFault, match=said) if said else contextlib.nullcontext():
+        require_clocks(link, clocks, stations, names)
 
 
 @pytest.fixture(scope="module")

@@ -1,15 +1,19 @@
 """What the keys of `ethercat` refuse, and the frame that they make."""
 
+from pathlib import Path
+
 import pytest
+import yaml
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.image import Image
 from pydantic import ValidationError
 
 from micromanip.bus.ethercat.frames import unframed
-from micromanip.bus.ethercat.registers import AL_STATUS, BRD, DC_SYSTEM, FRMW, LRW, NOP
+from micromanip.bus.ethercat.registers import AL_STATUS, ARMW, BRD, DC_SYSTEM, LRW, NOP
 from micromanip.errors import ConfigError
 
 from .bench import AMPLIFIER, GAUGE, PERIOD_NS, options
+from .drive_bench import DRIVE, drive
 
 
 def test_a_frame_holds_count_image_states_and_time():
@@ -19,7 +23,7 @@ def test_a_frame_holds_count_image_states_and_time():
         (NOP, (0, 0), 4),
         (LRW, 0, 5 + 1 + 9),
         (BRD, (0, AL_STATUS), 2),
-        (FRMW, (0x1001, DC_SYSTEM), 8),
+        (ARMW, (0, DC_SYSTEM), 8),
     ]
     assert image.working_counter == 3 + 1
     assert (image.placed["gauge"].inputs_at, image.placed["gauge"].input_bytes) == (6, 9)
@@ -80,3 +84,68 @@ def test_a_frame_that_is_longer_than_the_cycle_is_refused():
     Ethercat(options(terminals=long, watchdog=None), PERIOD_NS)
     with pytest.raises(ConfigError, match="398 bytes takes 34 us on the wire, longer than the cycle of 25 us"):
         Ethercat(options(terminals=long, watchdog=None), 25_000)
+
+
+def with_fields(direction, change):
+    """The drive whose fields of one direction are changed by a function."""
+    name, pdo = next(iter(DRIVE[direction].items()))
+    return DRIVE | {direction: {name: pdo | {"fields": change(dict(pdo["fields"]))}}}
+
+
+def lacking(name):
+    return lambda fields: {each: keys for each, keys in fields.items() if each != name}
+
+
+@pytest.mark.parametrize(
+    ("terminal", "said"),
+    [
+        (with_fields("outputs", lacking("controlword")), "outputs must map 0x6040:00, controlword, once and as uint16"),
+        (with_fields("inputs", lacking("position")), "inputs must map 0x6064:00, position actual value, once and as"),
+        (with_fields("inputs", lacking("error_code")), "inputs must map 0x603f:00, error code"),
+        (drive(take_up_V_per_s=None), "take_up_V_per_s: must be given with mode csp, and only there"),
+        (drive(reset="amplifier_enable"), "reset: must be another channel than enable"),
+        (drive(codes={"quick_stop": 6}), "less than or equal to 4"),
+        (drive(mode="pp"), "'csp', 'csv' or 'cst'"),
+    ],
+)
+def test_a_drive_that_lacks_what_it_needs_is_refused(terminal, said):
+    with pytest.raises(ValidationError, match=said):
+        options(terminals={"stage": terminal})
+
+
+@pytest.mark.parametrize(
+    ("terminal", "said"),
+    [
+        (drive(enable="controlword"), "controlword is a word that the driver itself fills"),
+        (drive(enable="voltage"), "the output voltage must have switch: true"),
+        (drive(ok="position"), "drive.ok: position is there already, of stage"),
+    ],
+)
+def test_channels_of_a_drive_are_its_own(terminal, said):
+    with pytest.raises(ConfigError, match=said):
+        Ethercat(options(terminals={"stage": terminal}), PERIOD_NS)
+
+
+def test_words_of_a_drive_are_no_outputs_and_its_switches_take_no_bytes():
+    both = options(terminals={"stage": DRIVE, "gauge": GAUGE})
+    driver, image = Ethercat(both, PERIOD_NS), Image(both)
+    assert driver.outputs == ("voltage", "amplifier_enable", "amplifier_reset")
+    assert driver.inputs == (
+        *("statusword", "mode_shown", "position", "error_code", "strain", "count", "deviation"),
+        "amplifier_ok",
+    )
+    assert image.bytes == (2 + 1 + 4) + (2 + 1 + 4 + 2) + 9
+
+
+def test_an_interface_at_either_end_of_a_ring_is_its_own():
+    ring = Ethercat(options("near", return_interface="far", clocks=False), PERIOD_NS)
+    assert (ring.device, ring.devices) == ("ethercat near", ("ethercat near", "ethercat far"))
+    assert Ethercat(options("near"), PERIOD_NS).devices == ("ethercat near",)
+
+
+def test_the_drive_of_the_page_is_accepted():
+    page = (Path(__file__).parents[3] / "docs" / "ethercat.md").read_text(encoding="utf-8")
+    terminals = yaml.safe_load(page[page.index("stage_x:\n") : page.index("```", page.index("stage_x:\n"))])
+    driver = Ethercat(options(terminals=terminals), PERIOD_NS)
+    assert driver.outputs == ("voltage_x", "amplifier_enable", "amplifier_reset")
+    assert "amplifier_ok_x" in driver.inputs

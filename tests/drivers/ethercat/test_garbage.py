@@ -76,14 +76,14 @@ def test_garbage_at_the_master(count):
 def test_garbage_at_both_ends_of_a_ring(count):
     """The same of a cut one, whose halves are put together: no half of another cycle, and no rubbish, completes one."""
     chance = random.Random(7)
-    driver = Ethercat(options(return_interface="none1", clocks=False), PERIOD_NS)
+    driver = Ethercat(options(return_interface="none1", lock={}), PERIOD_NS)
     context = driver.context()
     c, signals = driver.record(context), np.zeros(48, SIGNAL)
     c["gate"]["sent_count"], k = 100, 3
     c["socket"]["received"][:] = 0xA5
     half = bytearray(driver._image.frame)
     half[6] |= 2
-    for at in (driver._image.position_at, driver._image.status_at + 2):
+    for at in (driver._image.position_at, driver._image.clock_position_at, driver._image.status_at + 2):
         half[at] = 1
     far = half[:11] + b"\x12" + half[12:]
     before = {name: c["gate"][name].tobytes() for name in ("given", "recent", "rest")}
@@ -139,7 +139,7 @@ def test_garbage_at_the_slaves(count):
 class Babbler:
     """A ``Link`` to a slave that answers each mail with garbage, some of it nearly right."""
 
-    name = "ethercat test"
+    name, lost = "ethercat test", 0
 
     def __init__(self, chance):
         self.chance, self.asked, self.mails = chance, b"", 0

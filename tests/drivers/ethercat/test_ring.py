@@ -1,6 +1,7 @@
 """A ring of three terminals that is cut at any place: no cycle is lost, nothing steps, and people are told."""
 
 import random
+import time
 from itertools import pairwise
 
 import pytest
@@ -8,6 +9,8 @@ from micromanip_drivers.ethercat.link import LinkError
 from pydantic import ValidationError
 
 from micromanip.bus.ethercat.al_states import OP
+from micromanip.bus.ethercat.registers import DC_DELAY
+from micromanip.emulation.ethercat.controller import system_ns
 from micromanip.emulation.ethercat.terminal import INPUTS
 from micromanip.rt.bus_image import DOWN, TAKEN
 from tests.emulation.ethercat.wire import until, veth
@@ -96,6 +99,74 @@ def test_people_are_told_where_it_is_cut_and_when_it_is_whole(bench, capfd):
     assert until(lambda: says("the ring is whole again"))
 
 
+def times(bench):
+    """What each terminal's clock says at one moment, from the first one's (ns)."""
+    now_ns = time.monotonic_ns()
+    with bench.lock:
+        first, *others = (int(system_ns(controller, now_ns)) for controller in bench.line.controllers)
+    return [other - first for other in others]
+
+
+def delays(bench):
+    with bench.lock:
+        return [a.memory[DC_DELAY : DC_DELAY + 4].view("<u4")[0] for a in bench.line.applications]
+
+
+def drift(bench, terminal, ppm):
+    with bench.lock:
+        bench.line.applications[terminal].drift(ppm, time.monotonic_ns())
+
+
+def agree(bench, *which):
+    """Whether these clocks say the same, when they have been told the time once more."""
+    bench.exchange(0.0, 1.0)
+    there = [0, *times(bench)]
+    return all(abs(there[k] - there[which[0]]) < 100 for k in which)
+
+
+def test_the_ways_of_a_ring_are_measured_as_those_of_a_line(bench):
+    """By its last terminal, which turns frames back for as long as that takes."""
+    assert delays(bench) == [0, 750, 1500]
+    assert (bench.c["ring"]["way_ns"], bench.c["turn_ns"]) == (1500, 1500)
+    assert not bench.line.applications[2].is_closed
+    assert until(lambda: agree(bench, 0, 1, 2))
+
+
+def test_behind_a_cut_the_clocks_follow_the_first_of_them(bench, capfd):
+    assert until(lambda: agree(bench, 0, 1, 2))
+    drift(bench, 1, 900.0)
+    cut(bench, 1)
+    assert until(lambda: bench.exchange(0.0, 1.0) == 0 and delays(bench) == [0, 0, 750])
+
+    def led():
+        bench.exchange(0.0, 1.0)
+        gauge_ns, sensor_ns = times(bench)
+        return gauge_ns > 500_000 and abs(sensor_ns - gauge_ns) < 0.1 * gauge_ns
+
+    assert until(led), "the first one of its half leads it"
+    said = capfd.readouterr().err
+    assert "the clocks behind the cut follow that of terminal gauge, which nobody tells the time" in said
+    assert times(bench)[0] < 10**9, "no frame has told them a time that is none"
+    drift(bench, 1, 0.0)
+    cut(bench)
+    assert until(lambda: agree(bench, 0, 1, 2) and delays(bench) == [0, 750, 1500])
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_the_first_clock_is_heard_wherever_a_locked_ring_is_cut(pairs, place):
+    near, far = pairs
+    with Bench(near, far_ends=far, terminals=TERMINALS, lock={"within_us": 500.0}) as bench:
+        bench.open()
+        cut(bench, place)
+        for _ in range(5):
+            bench.exchange(0.0, 1.0)
+        before, heard_ns = bench.statistics, int(bench.c["lock"]["told_ns"])
+        for _ in range(3):
+            bench.exchange(0.0, 1.0)
+        assert bench.c["lock"]["told_ns"] > heard_ns
+        assert bench.statistics["clock_leaps"] == before["clock_leaps"]
+
+
 def test_frames_that_are_lost_on_a_cut_ring_step_nowhere(bench):
     cut(bench, 1)
     chance, wanted, given = random.Random(1), 0.0, [float(bench.voltage)]
@@ -149,8 +220,7 @@ def test_an_open_ring_is_not_brought_up(pairs):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"return_interface": "eth1"}, "needs clocks: false"),
-        ({"return_interface": "none0", "clocks": False}, "must be another one than interface"),
+        ({"return_interface": "none0"}, "must be another one than interface"),
     ],
 )
 def test_a_ring_that_can_not_be_is_refused(changes, said):

@@ -1,4 +1,4 @@
-"""Slaves on an interface until this process is ended: python -m tests.emulation.ethercat.play INTERFACE."""
+"""Slaves on an interface until this process is ended: python -m tests.emulation.ethercat.play INTERFACE LINE."""
 
 import select
 import sys
@@ -6,11 +6,11 @@ import time
 
 from micromanip.emulation.ethercat.line import Line
 
-from .terminals import AMPLIFIER, GAUGE
+from .terminals import LINES
 from .wire import raw
 
 if __name__ == "__main__":
-    line, opened = Line([AMPLIFIER, GAUGE]), raw(sys.argv[1])
+    line, opened = Line(LINES[sys.argv[2]]), raw(sys.argv[1])
     sys.stdout.write("up\n")
     sys.stdout.flush()
     while True:

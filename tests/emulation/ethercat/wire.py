@@ -36,9 +36,9 @@ def veth(name):
 
 
 @contextlib.contextmanager
-def slaves(interface):
-    """The line of `play.py` in a process of its own: some masters hold Python's lock while they wait."""
-    command = [sys.executable, "-m", "tests.emulation.ethercat.play", interface]
+def slaves(interface, line="cell"):
+    """A line of `play.py` in a process of its own: some masters hold Python's lock while they wait."""
+    command = [sys.executable, "-m", "tests.emulation.ethercat.play", interface, line]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout.readline() == "up\n"

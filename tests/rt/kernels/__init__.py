@@ -92,6 +92,19 @@ def estimator_course(p: Any, s: Any, cycles: Any, u: Any, y: Any, age: Any, out:
 
 
 @compiled
+def tooth_course(p: Any, s: Any, y: Any, every: int, turns: Any, innovations: Any, out: Any) -> None:
+    """Estimator with the set-point at rest and a sample `every` cycles; what it has found of the tooth by each."""
+    for k in range(len(y)):
+        predict_to(p, s, s["cycle"] + 1)
+        if (k + 1) % every == 0:
+            update(p, s, s["cycle"], y[k])
+        turns[k], innovations[k] = s["turn"], s["innovation_um"]
+        for i in range(p["states"]):
+            out[k, i] = s["x"][i]
+        remember(s, 0.0)
+
+
+@compiled
 def outer_course(p: Any, s: Any, plant: Any, exogenous: Any, w: Any, moved: Any, period_s: float, out: Any) -> None:
     """Estimator and LQG around their own model (state `plant`, its disturbances last); column 0 y, 1 reference, 2 u.
 

@@ -1,0 +1,138 @@
+"""Tooth passing at another speed than was said: its frequency, found from the estimator's oscillator itself.
+
+The oscillator turns by the configured angle and `turn` (rad) more in each cycle. A sample's correction ``D`` of its
+states ``o = (o1, o2)`` turns it by
+
+    lead = (o2 D1 - o1 D2) / |o|^2
+
+and where the frequency is another one, every correction turns it the same way: `turn` takes up a share of that, within
+a range and no faster than its slew. With b the share of the oscillator's error that a sample removes and g the share
+of the lead that is taken up, the linearised loop is ``z^2 - (2 - b) z + 1 - b + b g``: a phase-locked loop whose
+filter is the Kalman gain (Gardner, Phaselock Techniques, chapter 2) and has a damping of ``sqrt(b / g) / 2``. Far
+from the frequency the oscillator is dragged around at the difference, so that the lead says it without being locked.
+
+Below `tooth_floor_um2`, the square of an amplitude, there is no tooth that could be followed, and `turn` stays.
+
+The observer is given up, until it starts anew, where windows of samples say that it does not hold what it is for:
+
+- in one of them the frequency stood at an end of its range in 90 % of the samples;
+- in `tooth_patience` of them, one after the other, the innovations e were worse with the tooth than without: so many as
+  an oscillator takes to forget a tooth that has left the cut. Without its states, which show in them as
+  ``s = shown . o``, they would be e + s. Over the window the sum of ``(e + s)^2 - e^2 = 2 e s + s^2`` is compared
+  with the spread of its noise, ``V^2 = sum (2 e s)^2``. s is known before e, so where e is symmetric about zero, given
+  what was before, the sum falls below -x V in one of ``exp(x^2 / 2)`` windows at most (de la Pena, A general class of
+  exponential inequalities for martingales and ratios, 1999). x is 7: one of 4e10. Innovations of a real loop have a
+  colour, which shows where there is no tooth and s is next to nothing: so they must be worse by a tenth as well.
+
+Then the states fade, and the gains are those of the filter without them: no number steps.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.record import Field, Record
+
+TOOTH: tuple[Field, ...] = (
+    ("tooth", "i8"),
+    ("tooth_share", "f8"),
+    ("tooth_turn", "f8"),
+    ("tooth_range", "f8"),
+    ("tooth_slew", "f8"),
+    ("tooth_floor_um2", "f8"),
+    ("tooth_shown", "f8", (2,)),
+    ("tooth_window", "i8"),
+    ("tooth_patience", "i8"),
+    ("tooth_fade", "f8"),
+)
+"""``tooth``: place of the first of the oscillator's two states, 0: nothing is followed. ``tooth_turn``: the configured
+angle, ``tooth_range`` how far it may be off, both rad a cycle; ``tooth_slew`` of that, a sample; ``tooth_share`` of the
+lead, per cycle; ``tooth_window``: samples, ``tooth_patience``: windows; ``tooth_fade``: what is left of the states a
+cycle after."""
+TOOTH_STATE: tuple[Field, ...] = (
+    ("turn", "f8"),
+    ("given_up", "i8"),
+    ("tooth_samples", "i8"),
+    ("tooth_at_end", "i8"),
+    ("tooth_worse", "i8"),
+    ("tooth_gained_um2", "f8"),
+    ("tooth_spread_um4", "f8"),
+    ("tooth_square_um2", "f8"),
+)
+FOLLOWS, AT_END, NO_GAIN = range(3)
+"""``given_up``: not; the frequency stood at an end of its range; the innovations were no better with the tooth."""
+
+_TURN = 2.0 * math.pi
+_AT_END_SHARE = 0.9
+_SIGMAS_SQUARED = 49.0
+_WORSE = 0.1
+_GONE_UM2 = 1e-12
+
+
+@compiled
+def start_tooth(s: Record) -> None:
+    """The configured frequency, nothing seen yet."""
+    s["turn"] = 0.0
+    s["given_up"] = FOLLOWS
+    s["tooth_worse"] = 0
+    _begin_window(s)
+
+
+@compiled
+def turn_on(p: Record, s: Record, x: Any) -> None:
+    """One cycle of what the oscillator in `x` turns beyond its model, or fades once it is given up."""
+    i, turn = p["tooth"], s["turn"]
+    square = turn * turn
+    cos, sin = 1.0 - square * (0.5 - square / 24.0), turn * (1.0 - square / 6.0)
+    if s["given_up"] != FOLLOWS:
+        cos, sin = cos * p["tooth_fade"], sin * p["tooth_fade"]
+    x[i], x[i + 1] = cos * x[i] + sin * x[i + 1], cos * x[i + 1] - sin * x[i]
+
+
+@compiled
+def follow_tooth(p: Record, s: Record, o1: float, o2: float, d1: float, d2: float, applied_um: float) -> None:
+    """Take up a sample: the oscillator was (o1, o2) before its correction (d1, d2), the innovation `applied_um`."""
+    square = o1 * o1 + o2 * o2
+    shown_um = p["tooth_shown"][0] * o1 + p["tooth_shown"][1] * o2
+    noise = 2.0 * applied_um * shown_um
+    s["tooth_gained_um2"] += noise + shown_um * shown_um
+    s["tooth_spread_um4"] += noise * noise
+    s["tooth_square_um2"] += applied_um * applied_um
+    if square > p["tooth_floor_um2"]:
+        step = p["tooth_share"] * (o2 * d1 - o1 * d2) / square
+        turn = s["turn"] + max(-p["tooth_slew"], min(p["tooth_slew"], step))
+        s["turn"] = max(-p["tooth_range"], min(p["tooth_range"], turn))
+        s["tooth_at_end"] += 1 if abs(turn) >= p["tooth_range"] else 0
+    s["tooth_samples"] += 1
+    if s["tooth_samples"] >= p["tooth_window"]:
+        lost_um2 = -s["tooth_gained_um2"]
+        certain = lost_um2 * lost_um2 > _SIGMAS_SQUARED * s["tooth_spread_um4"]
+        if s["tooth_at_end"] > _AT_END_SHARE * s["tooth_samples"]:
+            s["given_up"] = AT_END
+        worse = lost_um2 > _WORSE * s["tooth_square_um2"] and certain
+        s["tooth_worse"] = s["tooth_worse"] + 1 if worse else 0
+        if s["tooth_worse"] >= p["tooth_patience"]:
+            s["given_up"] = NO_GAIN
+        _begin_window(s)
+
+
+@compiled
+def tooth_Hz(p: Record, s: Record, cycles_per_ns: float) -> float:
+    """The frequency that was found; NaN where none is looked for."""
+    return (p["tooth_turn"] + s["turn"]) * cycles_per_ns * 1e9 / _TURN if p["tooth"] > 0 else math.nan
+
+
+@compiled
+def forget_tooth(p: Record, x: Any) -> None:
+    """States that have faded are none: what is left of them would only be slow to compute with."""
+    i = p["tooth"]
+    if x[i] * x[i] + x[i + 1] * x[i + 1] < _GONE_UM2:
+        x[i] = x[i + 1] = 0.0
+
+
+@compiled
+def _begin_window(s: Record) -> None:
+    s["tooth_samples"] = s["tooth_at_end"] = 0
+    s["tooth_gained_um2"] = s["tooth_spread_um4"] = s["tooth_square_um2"] = 0.0

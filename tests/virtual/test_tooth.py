@@ -1,0 +1,73 @@
+"""A spindle that turns at another speed than was said, in virtual time, with the truth of the simulation."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.faults import BY_NAME
+from micromanip.rt.laws.tooth import FOLLOWS
+from micromanip.rt.states import NO_FAULT, TOOTH_LOST, TRACKING
+from micromanip.settings.check import prepare
+from micromanip.settings.commissioned import tuning_hash
+from micromanip.virtual.experiment import VirtualExperiment
+
+CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+FORCE = "force: {start_s: 5.0, static_N: 80.0, tooth_N: 40.0, tooth_Hz: 200.0, noise_N: 5.0}"
+ENTERED_S, CYCLES = 4.0, 35_000
+
+
+def tracked(tmp_path, range_percent, tooth_Hz):
+    """Rms (um) of the axes' path errors in the last second of a cut, the telemetry of all of it, and the cell."""
+    text = CONFIG.read_text(encoding="utf-8")
+    assert text.count(FORCE) == 1
+    assert text.count("oscillation_um: 0.0002204") == 3
+    text = text.replace(FORCE, f"force: {{start_s: {ENTERED_S}, tooth_Hz: {tooth_Hz}}}")
+    said = f"oscillation_um: 0.0002204\n      oscillation_range_percent: {range_percent}"
+    file = tmp_path / "cell.yaml"
+    file.write_text(text.replace("oscillation_um: 0.0002204", said), encoding="utf-8")
+    prepared = prepare(file)
+    cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration)
+    cell.arm(every=1000)
+    cell.run(ENTERED_S - float(cell.state[0]["cycle"]) * 1e-4, every=1000)
+    rows = cell.run(1e-4 * CYCLES)["axis"]
+    assert (cell.state[0]["state"], cell.state[0]["fault"]) == (TRACKING, NO_FAULT)
+    return np.sqrt(np.mean(rows["path_error_um"][-10_000:, :3] ** 2, axis=0)), rows, cell
+
+
+def told(cell):
+    return [(int(e["code"]), int(e["axis"]), float(e["value"]), float(e["limit"])) for e in cell.state[0]["event"]]
+
+
+def test_the_speed_is_found_and_costs_nothing_any_more(tmp_path):
+    exact, _, _ = tracked(tmp_path, 0.0, 200.0)
+    fixed, fixed_rows, _ = tracked(tmp_path, 0.0, 204.0)
+    followed, rows, cell = tracked(tmp_path, 3.0, 204.0)
+    assert (fixed > 2.5 * exact).all()
+    assert followed == pytest.approx(exact, rel=0.05)
+    assert rows["tooth_Hz"][-1] == pytest.approx(204.0, abs=0.05)
+    assert np.isnan(fixed_rows["tooth_Hz"]).all()
+    assert TOOTH_LOST not in [code for code, *_ in told(cell)]
+
+
+def test_a_speed_out_of_reach_is_told_once_and_left_alone(tmp_path):
+    fixed, before, _ = tracked(tmp_path, 0.0, 215.0)
+    left, rows, cell = tracked(tmp_path, 3.0, 215.0)
+    warnings = [event for event in told(cell) if event[0] == TOOTH_LOST]
+    assert sorted(axis for _, axis, _, _ in warnings) == [0, 1, 2]
+    for _, _, found_Hz, said_Hz in warnings:
+        assert (found_Hz, said_Hz) == pytest.approx((206.0, 200.0))
+    assert (cell.state[0]["axis"]["estimator"]["given_up"] != FOLLOWS).all()
+    assert left == pytest.approx(fixed, rel=0.05), "as it was before"
+    steps, usual = (np.abs(np.diff(each["setpoint_um"], axis=0))[2000:].max(axis=0) for each in (rows, before))
+    assert (steps[:3] <= 1.5 * usual[:3]).all(), "no step where it was given up"
+    seen = BY_NAME["TOOTH_LOST"].what.format(value=206.0, limit=200.0)
+    assert "206.00 Hz" in seen
+    assert "200.00 Hz" in seen
+
+
+def test_the_hash_of_a_tuning_is_that_of_before_unless_it_follows():
+    axis = prepare(CONFIG).configuration.axes["x"]
+    assert tuning_hash(axis) == axis.commissioned.hash
+    outer = axis.outer.model_copy(update={"oscillation_range_percent": 3.0})
+    assert tuning_hash(axis.model_copy(update={"outer": outer})) != axis.commissioned.hash

@@ -11,7 +11,7 @@ from . import ethercat_cases, gcs_cases, modbus_cases, serial_cases
 from .bench import WATCHDOG_MS, Bench, Outcome
 from .cases import CASES, Case
 from .cells import gcs_cell, modbus_cell, serial_cell, watched_can_cell
-from .ethercat_cells import line_cell, ring_cell
+from .ethercat_cells import drive_cell, line_cell, ring_cell
 
 BUSES: dict[str, tuple[Callable[[], str], tuple[Case, ...]]] = {
     "can": (watched_can_cell, CASES),
@@ -20,11 +20,13 @@ BUSES: dict[str, tuple[Callable[[], str], tuple[Case, ...]]] = {
     "gcs": (gcs_cell, gcs_cases.CASES),
     "ethercat": (line_cell, ethercat_cases.LINE),
     "ring": (ring_cell, ethercat_cases.RING),
+    "drive": (drive_cell, ethercat_cases.DRIVE),
 }
-"""Examples of config/ and their faults; the last two have a cell of their own."""
+"""Examples of config/ and their faults; the last three have a cell of their own."""
 TITLES = {
     "ethercat": "An axis on a line of three EtherCAT terminals, 500 Hz",
     "ring": "An axis on a ring of three EtherCAT terminals, 500 Hz",
+    "drive": "An axis on a line with a drive (CiA 402) for an amplifier, 500 Hz",
 }
 """Of those that are no example of config/."""
 

@@ -1,4 +1,4 @@
-"""The faults of EtherCAT that the campaign tries, on a line of three terminals and on a ring of them."""
+"""The faults of EtherCAT that the campaign tries: on a line of three terminals, on a ring, and with a drive."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from .cases import CUT_OFF, LINK, STRAIN, Case, inject, tell
 
-_LOST = (LINK,)
+_LOST, _NOT_OK = (LINK,), ("X-111",)
 
 
 def cut(*places: int) -> Callable[[Any], None]:
@@ -32,6 +32,18 @@ _FRAMES = (
     Case("interface gone", inject("unplug"), CUT_OFF, 200.0),
 )
 
+_LEFT_OP = Case(
+    "a terminal falls back to SAFEOP, 0x001d",
+    inject("left_op", for_s=None, terminal="amplifier", code=0x1D),
+    _LOST,
+    50.0,
+    ("not_operating", "bring_ups"),
+    lasts_s=1.5,
+)
+_MAILBOX = Case(
+    "mailbox silent", inject("mailbox", for_s=None, terminal="amplifier"), note="it is asked before operation only"
+)
+
 LINE = (
     *_FRAMES,
     Case(
@@ -41,14 +53,7 @@ LINE = (
         200.0,
         ("wrong_working_counter",),
     ),
-    Case(
-        "a terminal falls back to SAFEOP, 0x001d",
-        inject("left_op", for_s=None, terminal="amplifier", code=0x1D),
-        _LOST,
-        50.0,
-        ("not_operating", "bring_ups"),
-        lasts_s=1.5,
-    ),
+    _LEFT_OP,
     _WITHOUT_POWER,
     Case(
         "two terminals change places for 1.5 s",
@@ -69,9 +74,7 @@ LINE = (
         ("unlocked",),
         lasts_s=3.0,
     ),
-    Case(
-        "mailbox silent", inject("mailbox", for_s=None, terminal="amplifier"), note="it is asked before operation only"
-    ),
+    _MAILBOX,
     Case("gauge says NaN: the largest code", tell("nan", signal="strain_x", for_s=0.6), (STRAIN,), 100.0),
 )
 
@@ -83,4 +86,22 @@ RING = (
     *_FRAMES,
     Case("cable cut at two places", cut(1, 2), CUT_OFF, 200.0, ("wrong_working_counter",)),
     _WITHOUT_POWER,
+)
+
+
+def _on_the_drive(kind: str, name: str, said: str) -> Case:
+    """What takes a drive out of operation by itself; it is told why, and comes back by `reset` and `arm` alone."""
+    return Case(name, inject(kind, terminal="amplifier"), _NOT_OK, 50.0, ("drive_losses",), said=said)
+
+
+DRIVE = (
+    _on_the_drive("fault", "fault of the drive, 0x3210", "DC link over-voltage"),
+    _on_the_drive("torque_off", "safe torque off", "left Operation enabled"),
+    _on_the_drive("mode", "the drive shows another mode", "mode"),
+    Case("the drive stays where it is", inject("stuck", terminal="amplifier"), note="held, it is asked for nothing else"),
+    *_FRAMES,
+    _LEFT_OP,
+    _WITHOUT_POWER,
+    Case("cable cut behind the first terminal", cut(1), CUT_OFF, 200.0, ("wrong_working_counter",)),
+    _MAILBOX,
 )

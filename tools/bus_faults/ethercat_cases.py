@@ -91,14 +91,14 @@ RING = (
 
 def _on_the_drive(kind: str, name: str, said: str) -> Case:
     """What takes a drive out of operation by itself; it is told why, and comes back by `reset` and `arm` alone."""
-    return Case(name, inject(kind, terminal="amplifier"), _NOT_OK, 50.0, ("drive_losses",), said=said)
+    return Case(name, inject(kind, terminal="amplifier"), _NOT_OK, 500.0, ("drive_losses",), said=said)
 
 
 DRIVE = (
     _on_the_drive("fault", "fault of the drive, 0x3210", "DC link over-voltage"),
-    _on_the_drive("torque_off", "safe torque off", "left Operation enabled"),
-    _on_the_drive("mode", "the drive shows another mode", "mode"),
-    Case("the drive stays where it is", inject("stuck", terminal="amplifier"), note="held, it is asked for nothing else"),
+    _on_the_drive("torque_off", "safe torque off", "it has no main power (bit 4): safe torque off?"),
+    _on_the_drive("mode", "the drive shows another mode", "it shows mode 6 instead of 8"),
+    _on_the_drive("stuck", "the drive stays where it is", "following error (bit 13)"),
     *_FRAMES,
     _LEFT_OP,
     _WITHOUT_POWER,

@@ -21,6 +21,19 @@ NOTHING, LEFT, FAULTED, LATE, STAYS, LOST = range(6)
 """Why a drive is not as it is asked to be: it left Operation enabled, was in a fault when it was to be enabled, was not
 enabled in time, goes on after it was told to stop, or was permitted to operate while the link was lost."""
 
+END = record(
+    ("number", "i8"),
+    ("why", "i8"),
+    ("state", "i8"),
+    ("status", "i8"),
+    ("shown_mode", "i8"),
+    ("error", "i8"),
+    ("actual", "f8"),
+    ("fits", "i8"),
+)
+"""What it said when a permission was revoked last, and how many were: before anybody looks, the cell has taken its
+permission back, and what was wrong is gone."""
+
 DRIVE = record(
     ("control_at", "i8"),
     ("status_at", "i8"),
@@ -54,6 +67,7 @@ DRIVE = record(
     ("resets", "i8"),
     ("why", "i8"),
     ("losses", "i8"),
+    ("end", END),
 )
 """Where its words lie in the frame, the places of its channels among numbers, outputs and inputs (-1 for none), its
 limits; what it said last; and whether it is ``asked`` to operate, was seen ``enabled`` since, and its target

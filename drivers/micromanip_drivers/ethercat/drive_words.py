@@ -91,48 +91,52 @@ class DriveWords:
         self._names, self._context = list(options.drives), context
         self._line = f"ethercat {options.interface}"
         self._told = [""] * len(self._names)
+        self._ends = [0] * len(self._names)
 
     def news(self) -> Iterator[str]:
         """What has changed since the last time and is to be told."""
         for k, name in enumerate(self._names):
-            said = in_words(self._context["drive"][k])
-            if said and said != self._told[k]:
-                yield f"{self._line}: drive {name} {said}"
-            self._told[k] = said
+            d = self._context["drive"][k]
+            number = int(d["end"]["number"])
+            for said in (in_words(d, d["end"]), in_words(d, d)) if number != self._ends[k] else (in_words(d, d),):
+                if said and said != self._told[k]:
+                    yield f"{self._line}: drive {name} {said}"
+                self._told[k] = said
+            self._ends[k] = number
 
 
-def in_words(d: Any) -> str:
-    """Why a drive is not as it is asked to be; nothing where it is."""
-    why, state = int(d["why"]), int(d["state"])
+def in_words(d: Any, at: Any) -> str:
+    """Why a drive is not as it is asked to be, `at` a moment: its record, or its ``end``; nothing where it is."""
+    why, state = int(at["why"]), int(at["state"])
     if state in (FAULT, FAULT_REACTION):
-        code = int(d["error"])
+        code = int(at["error"])
         left = "left Operation enabled and " if why == LEFT else ""
         return (
             f"{left}is in {STATE_NAMES[state]}: {error_in_words(code)} (0x{code:04x}); once the cause is gone: "
             "`micromanip reset`, if its key reset names a switch"
         )
-    now = f"{STATE_NAMES[state]} (statusword 0x{int(d['status']):04x})"
+    now = f"{STATE_NAMES[state]} (statusword 0x{int(at['status']):04x})"
     if why == LEFT:
-        return f"left Operation enabled: {_what_is_amiss(d) or 'nobody here asked for that'}; it is in {now}"
+        return f"left Operation enabled: {_what_is_amiss(d, at) or 'nobody here asked for that'}; it is in {now}"
     if why == FAULTED:
         return f"had a fault when it was to be enabled; it is in {now}"
     if why == LATE:
         limit_ms = 1e-6 * float(d["enable_ns"])
-        return f"was not enabled within {limit_ms:g} ms: {_what_is_amiss(d) or 'it refuses'}; it is in {now}"
+        return f"was not enabled within {limit_ms:g} ms: {_what_is_amiss(d, at) or 'it refuses'}; it is in {now}"
     if why == STAYS:
         return f"does not stop: {1e-6 * float(d['stop_ns']):g} ms after it was told to, it is in {now}"
     assert why in (NOTHING, LOST)
     return ""
 
 
-def _what_is_amiss(d: Any) -> str:
+def _what_is_amiss(d: Any, at: Any) -> str:
     """The first thing by which a drive can't operate."""
-    status = int(d["status"])
-    if int(d["shown_mode"]) != int(d["mode"]):
-        return f"it shows mode {int(d['shown_mode'])} instead of {int(d['mode'])}"
-    if not d["fits"]:
-        return f"its position, {float(d['actual']):g}, is outside of the target's range"
-    if int(d["state"]) == OPERATION:
+    status = int(at["status"])
+    if int(at["shown_mode"]) != int(d["mode"]):
+        return f"it shows mode {int(at['shown_mode'])} instead of {int(d['mode'])}"
+    if not at["fits"]:
+        return f"its position, {float(at['actual']):g}, is outside of the target's range"
+    if int(at["state"]) == OPERATION:
         if not status & _TAKES_TARGET:
             return "it does not follow its target (bit 12)"
         if d["tells_following_error"] and status & _FOLLOWING_ERROR:

@@ -79,6 +79,10 @@ def operates(d: Any) -> bool:
 def revoke(d: Any, why: int) -> None:
     """It is not asked to operate any more, whatever the loop permits, before that has been taken back."""
     d["revoked"], d["asked"], d["enabled"], d["taken_up"], d["why"] = 1, 0, 0, 0, why
+    end = d["end"]
+    end["why"], end["state"], end["status"], end["shown_mode"] = why, d["state"], d["status"], d["shown_mode"]
+    end["error"], end["actual"], end["fits"] = d["error"], d["actual"], d["fits"]
+    end["number"] += 1
 
 
 @compiled

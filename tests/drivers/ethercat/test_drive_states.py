@@ -13,7 +13,7 @@ from micromanip_drivers.ethercat.drive_objects import prepare_drive
 from micromanip_drivers.ethercat.drive_options import Drive
 from micromanip_drivers.ethercat.drive_records import FAULT, UNKNOWN
 from micromanip_drivers.ethercat.drive_states import controlword, state_of
-from micromanip_drivers.ethercat.drive_words import STATE_NAMES, error_in_words, in_words
+from micromanip_drivers.ethercat.drive_words import STATE_NAMES, DriveWords, error_in_words, in_words
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.drives import command_drives, hear_drives
 from micromanip_drivers.ethercat.image import Image
@@ -197,7 +197,7 @@ def test_error_codes_come_in_words(code, said):
     talk = Talk()
     talk.hear(0x08, error=code)
     assert said in error_in_words(code)
-    words = in_words(talk.c["drive"][0])
+    words = in_words(talk.c["drive"][0], talk.c["drive"][0])
     assert said in words
     assert f"0x{code:04x}" in words
     assert "Fault" in words
@@ -224,3 +224,30 @@ def test_a_drive_that_keeps_to_its_own_option_code_is_refused():
     with pytest.raises(DeviceFault, match=r"stage keeps option code 0x605a at -1, 2 was written"):
         prepare_drive(mailbox, "stage", Drive(mode="csv", enable="e", ok="o", codes={"quick_stop": 2}))
     assert mailbox.written == {0x605A: b"\2\0"}
+
+
+@pytest.mark.parametrize(
+    ("status", "mode", "said"),
+    [
+        (OPERATES, 6, "left Operation enabled: it shows mode 6 instead of 8"),
+        (OPERATES | 0x2000, 8, "left Operation enabled: following error (bit 13)"),
+        (GOOD & ~0x10 | 0x40, 8, "left Operation enabled: it has no main power (bit 4)"),
+    ],
+)
+def test_what_ended_an_operation_is_told_though_the_cell_has_taken_its_permission_back_before_anybody_looked(
+    status, mode, said
+):
+    talk = Talk()
+    words = DriveWords(talk.options, talk.c)
+    talk.command(FOLLOWED, 0.0, False, False)
+    for each in (0x40, 0x21, 0x23, 0x27, 0x27):
+        talk.hear(GOOD | each)
+        talk.command(FOLLOWED, 0.0, True, False)
+    assert talk.ok == 1.0
+    assert list(words.news()) == []
+    talk.hear(status, mode)
+    talk.command(FOLLOWED, 0.0, False, False)
+    talk.hear(GOOD | 0x40)
+    (news,) = words.news()
+    assert f"drive stage {said}" in news
+    assert list(words.news()) == [], "once"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,11 @@ from .agreement import require_agreement
 from .plan import Plan
 from .recording import Outcome, Player, Recording, ours, record_tracking, twin_player
 from .results import Result
+from .twin import require_covered
 
 _BEGUN_S, _COMPARED_CYCLES = 0.1, 4000
-_STRETCH_CYCLES, _REPEATS = 500, 40
-_TRACKING_S = 1.5
+STRETCH_CYCLES, REPEATS = 500, 40
+TRACKING_S = 1.5
 """Long enough that the path error is scored."""
 
 
@@ -32,10 +34,10 @@ def run(plan: Plan) -> list[Result]:
     with tempfile.TemporaryDirectory() as folder:
         twin = twin_player(Path(folder))
         _compared(record_tracking(prepared, _BEGUN_S, _COMPARED_CYCLES), twin)
-        stretch = record_tracking(prepared, _TRACKING_S, _STRETCH_CYCLES)
+        stretch = record_tracking(prepared, TRACKING_S, STRETCH_CYCLES)
         outcome = _compared(stretch, twin)
-        plan.tell(f"cycle: our cycle and its C twin agree; {plan.pairs} pairs of {_STRETCH_CYCLES * _REPEATS} cycles")
-        taken = _timed(stretch, outcome, (ours, twin), plan.pairs)
+        plan.tell(f"cycle: our cycle and its C twin agree; {plan.pairs} pairs of {STRETCH_CYCLES * REPEATS} cycles")
+        taken = timed([(ours, stretch, outcome), (twin, stretch, outcome)], plan.pairs)
     value, reference = np.median(taken, axis=0)
     ratio = float(np.median(taken[:, 0] / taken[:, 1]))
     return [Result("cycle", float(value), "ns", "C twin, gcc -O3 -march=native", float(reference), ratio)]
@@ -43,6 +45,7 @@ def run(plan: Plan) -> list[Result]:
 
 def _compared(recording: Recording, twin: Player) -> Outcome:
     """Outcome of one replay, which both must agree on."""
+    require_covered(recording.parameters)
     left, right = (Outcome.room(len(recording.signals)) for _ in range(2))
     ours(recording, left, 1)
     twin(recording, right, 1)
@@ -50,12 +53,13 @@ def _compared(recording: Recording, twin: Player) -> Outcome:
     return left
 
 
-def _timed(recording: Recording, outcome: Outcome, players: tuple[Player, Player], pairs: int) -> NDArray[np.float64]:
-    """Processor time (ns) a cycle, (pairs, 2); every other pair runs the second player first."""
+def timed(played: Sequence[tuple[Player, Recording, Outcome]], pairs: int) -> NDArray[np.float64]:
+    """Processor time (ns) a cycle, (pairs, 2), of two played in turns; every other pair begins with the second."""
     taken = np.zeros((pairs, 2))
     for pair in range(pairs):
         for which in (0, 1) if pair % 2 else (1, 0):
+            player, recording, outcome = played[which]
             begin = time.thread_time_ns()
-            players[which](recording, outcome, _REPEATS)
-            taken[pair, which] = (time.thread_time_ns() - begin) / (len(recording.signals) * _REPEATS)
+            player(recording, outcome, REPEATS)
+            taken[pair, which] = (time.thread_time_ns() - begin) / (len(recording.signals) * REPEATS)
     return taken

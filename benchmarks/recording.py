@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
 
 from .replay import replay
-from .twin import compile_twin, require_covered
+from .twin import compile_twin
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class Recording:
     signals: NDArray[Any]
     """(cycles, MAX_SIGNALS)"""
     periods: NDArray[np.int64]
+    samples: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, MAX_AXES)))
+    """Own references and learned corrections, (rows, MAX_AXES)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,6 @@ Player = Callable[[Recording, Outcome, int], None]
 
 def record_tracking(prepared: Prepared, seconds: float, cycles: int) -> Recording:
     """`cycles` of the virtual cell, `seconds` after tracking began."""
-    require_covered(prepared.parameters)
     cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration)
     cell.arm()
     cell.run(seconds, every=1000)
@@ -64,7 +65,6 @@ def record_tracking(prepared: Prepared, seconds: float, cycles: int) -> Recordin
 
 def ours(recording: Recording, outcome: Outcome, repeats: int) -> None:
     """Replay with the controller's own compiled cycle."""
-    samples = np.zeros((1, MAX_AXES))
     replay(
         recording.parameters,
         recording.state,
@@ -72,7 +72,7 @@ def ours(recording: Recording, outcome: Outcome, repeats: int) -> None:
         recording.signals,
         recording.periods,
         outcome.outputs,
-        samples,
+        recording.samples,
         outcome.rows,
         repeats,
     )

@@ -11,6 +11,7 @@ from .results import Report, Skipped
 
 NAMES = (
     "cycle",
+    "cycle_laws",
     "lateness",
     "offline",
     "startup",

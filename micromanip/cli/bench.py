@@ -32,7 +32,8 @@ from .prose import say
 def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool) -> None:
     """Measure the speed of this machine, each figure beside a reference measured in the same run.
 
-    cycle: three axes beside the same cycle in plain C. lateness: wake-ups of the loop process beside cyclictest.
+    cycle: three axes beside the same cycle in plain C. cycle_laws: with every law switched on, beside the configuration
+    as it is. lateness: wake-ups of the loop process beside cyclictest.
     offline: simulation beside real time. startup: command to READY, and memory, beside Python's own.
     hysteresis_gradient: derivatives of a hysteresis model beside loops in NumPy. can_frames: frames a second of the
     driver canbus in Python and compiled, and can_worker: use of a CPU by the worker of config/can.yaml, each beside

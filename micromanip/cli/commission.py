@@ -78,8 +78,8 @@ def command(
     is the last. Exit code 1 where a step or a criterion says no: then the report says what was found by then, and a
     tuning that was found is kept as rejected.yaml.
     """
-    from micromanip.design.commission.axis import Knobs
     from micromanip.design.commission.cell import commission_cell, planned
+    from micromanip.design.commission.knobs import Knobs
 
     prepared = prepare_and_warn(config)
     names = list(prepared.configuration.axes)

@@ -21,7 +21,8 @@ from micromanip.errors import CheckFailed, UsageError
 from micromanip.host.control import socket_file
 from micromanip.host.control.admission import Bounds
 from micromanip.host.control.authority import Authority, Peer, Right
-from micromanip.host.control.server import ControlSocket, observing, operating
+from micromanip.host.control.request import observing, operating
+from micromanip.host.control.server import ControlSocket
 from micromanip.host.control.socket_file import Access, bound, claim, remove_stale
 
 LIMIT = 65536

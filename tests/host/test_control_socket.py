@@ -285,7 +285,6 @@ def test_a_client_that_never_reads_is_dropped(tmp_path):
                         await loop.sock_sendall(silent, b'{"version": 1, "verb": "long"}\n' * 100)
                         writer.write(HERE + b"\n")
                         assert json.loads(await reader.readline()) == ECHO
-                    raise AssertionError
             with contextlib.suppress(ConnectionError):
                 taken = 0
                 while chunk := await loop.sock_recv(silent, 1 << 20):

@@ -18,27 +18,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
+from . import replies
 from .errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
-from .replies import (
-    Audit,
-    Differences,
-    Injected,
-    Jogged,
-    LearningStatus,
-    Marked,
-    Moved,
-    Parameter,
-    Recorded,
-    Response,
-    RunningConfiguration,
-    Saved,
-    Shadow,
-    Status,
-    Swap,
-    Telemetry,
-)
 
 _TIMEOUT_S = 10.0
 _TRIAL_LOOK_S, _INJECTED_LOOK_S = 0.1, 0.2
@@ -131,7 +114,7 @@ class Client:
             return bool(poll.poll(0)) and self._socket.recv(1, socket.MSG_PEEK) != b""
         return False
 
-    def telemetry(self) -> tuple[Telemetry, list[int]]:
+    def telemetry(self) -> tuple[replies.Telemetry, list[int]]:
         """What the telemetry's memory holds, and read-only descriptors: of the loop's status, of
         its ring, and of the parameters.
 
@@ -147,22 +130,20 @@ class Client:
                 line, descriptors, _, _ = socket.recv_fds(self._socket, 1 << 16, _MEMORIES)
                 while line and not line.endswith(b"\n"):
                     line += self._socket.recv(1 << 16)
-            told: Telemetry = self._result(line)
+            told: replies.Telemetry = self._result(line)
         except BaseException:
             for descriptor in descriptors:
                 os.close(descriptor)
             raise
         return told, descriptors
 
-    def configuration(self) -> RunningConfiguration:
+    def configuration(self) -> replies.RunningConfiguration:
         """What runs, as a text of YAML, with its hash."""
-        found: RunningConfiguration = self.request("configuration")
-        return found
+        return cast(replies.RunningConfiguration, self.request("configuration"))
 
-    def status(self) -> Status:
+    def status(self) -> replies.Status:
         """The report of the run so far, as ``run --json`` ends with."""
-        status: Status = self.request("status")
-        return status
+        return cast(replies.Status, self.request("status"))
 
     def arm(self) -> None:
         """Soft start into TRACKING; returns once arming has begun."""
@@ -188,19 +169,17 @@ class Client:
         """The part that is being made has ended."""
         self.request("part_end")
 
-    def learn_status(self) -> LearningStatus:
+    def learn_status(self) -> replies.LearningStatus:
         """What is learned from part to part, and played."""
-        status: LearningStatus = self.request("learn_status")
-        return status
+        return cast(replies.LearningStatus, self.request("learn_status"))
 
     def learn_reset(self, *axes: str) -> None:
         """Forget what is learned of `axes`, all without any; what is played fades out."""
         self.request("learn_reset", axes=axes)
 
-    def get(self, *keys: str) -> list[Parameter]:
+    def get(self, *keys: str) -> list[replies.Parameter]:
         """Running values of keys, of all below where one is a section; all values without keys."""
-        parameters: list[Parameter] = self.request("get", keys=keys)
-        return parameters
+        return cast(list[replies.Parameter], self.request("get", keys=keys))
 
     def value(self, key: str) -> Any:
         """The running value of one key."""
@@ -209,49 +188,42 @@ class Client:
             raise UsageError(f"{key} is a section; its keys are {', '.join(found)}")
         return found[key]
 
-    def set(self, changes: Mapping[str, Any]) -> Swap:
+    def set(self, changes: Mapping[str, Any]) -> replies.Swap:
         """Change values (key -> value), all at one cycle boundary or none; raises with each reason why not."""
-        swap: Swap = self.request("set", changes=dict(changes))
-        return swap
+        return cast(replies.Swap, self.request("set", changes=dict(changes)))
 
-    def shadow(self, changes: Mapping[str, Any] | None = None) -> Shadow:
+    def shadow(self, changes: Mapping[str, Any] | None = None) -> replies.Shadow:
         """Let a candidate, what runs but with `changes` (key -> value), compute beside it; where it stands.
 
         Without changes: where the last candidate stands, and how it compares. Raises as `set`; live keys only.
         """
-        shadow: Shadow = self.request("shadow", changes=dict(changes or {}))
-        return shadow
+        return cast(replies.Shadow, self.request("shadow", changes=dict(changes or {})))
 
-    def promote(self) -> Shadow:
+    def promote(self) -> replies.Shadow:
         """Put the candidate in force, on trial; raises CheckFailed where there is none or nothing tracks."""
-        shadow: Shadow = self.request("promote")
-        return shadow
+        return cast(replies.Shadow, self.request("promote"))
 
-    def trial(self) -> Shadow:
+    def trial(self) -> replies.Shadow:
         """Wait for the end of the trial; the outcome: confirmed, taken back (or dropped: none)."""
         while (shadow := self.shadow())["standing"] == "on trial":
             time.sleep(_TRIAL_LOOK_S)
         return shadow
 
-    def withdraw(self) -> Shadow:
+    def withdraw(self) -> replies.Shadow:
         """Let the candidate go; where it is on trial, what ran before is in force again."""
-        shadow: Shadow = self.request("withdraw")
-        return shadow
+        return cast(replies.Shadow, self.request("withdraw"))
 
-    def diff(self) -> Differences:
+    def diff(self) -> replies.Differences:
         """The configuration file as it is on disk against what runs."""
-        differences: Differences = self.request("diff")
-        return differences
+        return cast(replies.Differences, self.request("diff"))
 
-    def save(self, *, force: bool = False) -> Saved:
+    def save(self, *, force: bool = False) -> replies.Saved:
         """Write the running values into the file; refused where somebody edited it meanwhile, unless `force`."""
-        saved: Saved = self.request("save", force=force)
-        return saved
+        return cast(replies.Saved, self.request("save", force=force))
 
-    def jog(self, axis: str, *, by_um: float | None = None, to_um: float | None = None) -> Jogged:
+    def jog(self, axis: str, *, by_um: float | None = None, to_um: float | None = None) -> replies.Jogged:
         """Send an axis `by_um` from its present target, or `to_um`; returns when it is on its way."""
-        jogged: Jogged = self.request("jog", axis=axis, by_um=by_um, to_um=to_um)
-        return jogged
+        return cast(replies.Jogged, self.request("jog", axis=axis, by_um=by_um, to_um=to_um))
 
     def inject(
         self,
@@ -261,25 +233,29 @@ class Client:
         seed: int = 1,
         *,
         progress: Callable[[float], None] | None = None,
-    ) -> tuple[Injected, Response]:
+    ) -> tuple[replies.Injected, replies.Response]:
         """Let the running loop inject a small multisine, and wait for the response of its plant.
 
         It is taken back where this client goes away. Raises CheckFailed where it is refused, or was ended early.
         """
-        begun: Injected = self.request("sensitivity", axis=axis, loop=loop, amplitude_um=amplitude_um, seed=seed)
+        begun: replies.Injected = self.request(
+            "sensitivity", axis=axis, loop=loop, amplitude_um=amplitude_um, seed=seed
+        )
         while not (response := self.request("sensitivity", number=begun["number"]))["done"]:
             if progress is not None:
                 progress(response["progress"])
             time.sleep(_INJECTED_LOOK_S)
-        found: Response = response
+        found: replies.Response = response
         return begun, found
 
-    def move(self, axis: str, kind: str, *, progress: Callable[[Moved], None] | None = None, **wanted: Any) -> Moved:
+    def move(
+        self, axis: str, kind: str, *, progress: Callable[[replies.Moved], None] | None = None, **wanted: Any
+    ) -> replies.Moved:
         """Move an axis that is held, and wait for the end; `wanted` as `micromanip.settings.moved.Wanted` has it.
 
         It comes to rest where this client goes away. Raises CheckFailed where it is refused, or was ended early.
         """
-        moved: Moved = self.request("move", axis=axis, kind=kind, **wanted)
+        moved: replies.Moved = self.request("move", axis=axis, kind=kind, **wanted)
         while not moved["done"]:
             if progress is not None:
                 progress(moved)
@@ -287,15 +263,13 @@ class Client:
             moved = self.request("move", number=moved["number"])
         return moved
 
-    def reload(self) -> Swap:
+    def reload(self) -> replies.Swap:
         """Take over the configuration file as it is now, all of it or nothing."""
-        swap: Swap = self.request("reload")
-        return swap
+        return cast(replies.Swap, self.request("reload"))
 
-    def audit(self, last: int = 20) -> Audit:
+    def audit(self, last: int = 20) -> replies.Audit:
         """The newest entries of the audit trail, oldest first."""
-        audit: Audit = self.request("audit", last=last)
-        return audit
+        return cast(replies.Audit, self.request("audit", last=last))
 
     def record_start(
         self,
@@ -306,7 +280,7 @@ class Client:
         after_s: float | None = None,
         segment_s: float | None = None,
         quota_bytes: int | None = None,
-    ) -> Recorded:
+    ) -> replies.Recorded:
         """Record to a new file of that name in the controller's folder, one named for the time without.
 
         `before_s` (s) of what has been is in it, too; with `triggers` (fault, overrun, mark) it waits for the first of
@@ -314,15 +288,12 @@ class Client:
         the oldest are removed beyond `quota_bytes`.
         """
         extent = {"before_s": before_s, "after_s": after_s, "segment_s": segment_s, "quota_bytes": quota_bytes}
-        begun: Recorded = self.request("record_start", file=file, triggers=list(triggers), **extent)
-        return begun
+        return cast(replies.Recorded, self.request("record_start", file=file, triggers=list(triggers), **extent))
 
-    def record_stop(self) -> Recorded:
+    def record_stop(self) -> replies.Recorded:
         """End the recording; raises CheckFailed where there is none, or it failed."""
-        ended: Recorded = self.request("record_stop")
-        return ended
+        return cast(replies.Recorded, self.request("record_stop"))
 
-    def record_mark(self, text: str) -> Marked:
+    def record_mark(self, text: str) -> replies.Marked:
         """Put a remark into the recording."""
-        marked: Marked = self.request("record_mark", text=text)
-        return marked
+        return cast(replies.Marked, self.request("record_mark", text=text))

@@ -19,8 +19,8 @@ import yaml
 
 from micromanip.design import paper
 from micromanip.design.budget.configured import bound_of, cell_of
-from micromanip.design.commission.axis import Knobs
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
+from micromanip.design.commission.knobs import Knobs
 from micromanip.design.evaluation import TUNED, evaluate, table
 from micromanip.design.experiment import with_axis
 from micromanip.errors import CheckFailed

@@ -9,8 +9,8 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-from micromanip.design.commission.axis import Knobs
 from micromanip.design.commission.cell import commission_cell
+from micromanip.design.commission.knobs import Knobs
 from micromanip.settings.check import prepare
 from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.schema.axis import Commissioned

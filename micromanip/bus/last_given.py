@@ -128,13 +128,8 @@ class LastGiven:
         return found
 
 
-def path_of(device: str, folder: Path | None = None) -> Path:
-    """Where the file of `device` lies: beside its lock."""
-    return _file(identity(device), folder)
-
-
 def _file(device: str, folder: Path | None) -> Path:
-    """The same for an identity."""
+    """Where the file of a device with this identity lies: beside its lock."""
     return (device_lock.FOLDER if folder is None else folder) / (re.sub(r"[^A-Za-z0-9.-]", "_", device) + ".given")
 
 

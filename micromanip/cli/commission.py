@@ -6,7 +6,6 @@ import datetime
 import getpass
 import os
 import time
-from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -15,26 +14,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, MicromanipError, UsageError, system_error
+from micromanip.errors import CheckFailed, UsageError
 
+from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .progress import steps
 from .prose import say
-from .results import keep, publish, results_folder, run_folder
+from .results import results_folder, run_folder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from micromanip.design.budget.budget import AxisBudget
-    from micromanip.design.commission.cell import CommissionedCell
     from micromanip.design.experiment import Experiment
     from micromanip.settings.check import Prepared
-    from micromanip.settings.schema.axis import Axis
     from micromanip.settings.schema.model import Configuration
 
 _BUDGET_S, _COHERENCE_S = 4.0, 1.0
 """Virtual time that is played for the error budget; for how long its bound takes phases to be known."""
-REPORT, TUNED, PREVIOUS, REJECTED = "report.html", "tuned.yaml", "previous.yaml", "rejected.yaml"
 
 
 @click.command(
@@ -78,8 +75,8 @@ def command(
     is the last. Exit code 1 where a step or a criterion says no: then the report says what was found by then, and a
     tuning that was found is kept as rejected.yaml.
     """
-    from micromanip.design.commission.axis import Knobs
     from micromanip.design.commission.cell import commission_cell, planned
+    from micromanip.design.commission.knobs import Knobs
 
     prepared = prepare_and_warn(config)
     names = list(prepared.configuration.axes)
@@ -118,9 +115,9 @@ def command(
             axes, missing = write_results(prepared, found, facts, folder, run)
     seconds = time.monotonic() - began
     if as_json:
-        print_json(_document(found, axes, folder, run, seconds))
+        print_json(document(found, axes, folder, run, seconds))
     else:
-        _print(found, folder, run, seconds)
+        print_found(found, folder, run, seconds)
     if missing is not None:
         raise missing
     if found.stopped is not None:
@@ -165,7 +162,7 @@ def _as_written(prepared: Prepared, configuration: Configuration) -> Configurati
     from micromanip.settings.check import wired
     from micromanip.settings.text.source import Source
 
-    read, _ = wired(Source.parse(prepared.source.path, _text(prepared, configuration, configuration.axes)))
+    read, _ = wired(Source.parse(prepared.source.path, tuned_text(prepared, configuration, configuration.axes)))
     return read
 
 
@@ -181,7 +178,7 @@ def _budgeted(
     from micromanip.settings.check import prepared as prepared_of
     from micromanip.settings.text.source import Source
 
-    text, axes = _text(prepared, configuration, configuration.axes), list(configuration.axes)
+    text, axes = tuned_text(prepared, configuration, configuration.axes), list(configuration.axes)
     if virtual:
         tuned = prepared_of(Source.parse(prepared.source.path, text))
         return budget_of(tuned, axes, _BUDGET_S, seed, _COHERENCE_S, _silent)
@@ -192,12 +189,6 @@ def _budgeted(
 
 def _silent(_: str) -> None:
     pass
-
-
-def _text(prepared: Prepared, configuration: Configuration, axes: Mapping[str, Axis]) -> str:
-    from micromanip.settings.write import with_production, with_tuning
-
-    return with_production(with_tuning(prepared.source.text, axes), configuration)
 
 
 def _provenance(prepared: Prepared, config: Path, chosen: list[str], operator: str | None, seed: int) -> dict[str, str]:
@@ -230,140 +221,3 @@ def _logged_in() -> str:
         return os.environ.get("SUDO_USER") or getpass.getuser()
     except (KeyError, OSError):  # a user without an entry, as in a container
         return f"user {os.getuid()}"
-
-
-def write_results(
-    prepared: Prepared, found: CommissionedCell, facts: dict[str, str], folder: Path, run: Path
-) -> tuple[dict[str, Axis], MicromanipError | None]:
-    """Write tuning and report into `run`, and copies into `folder`; the axes with their notes, and what is missing.
-
-    The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room. One that
-    does not pass is not called tuned.
-    """
-    from micromanip.design.commission.history import earlier_reports
-    from micromanip.design.commission.report import write_report
-    from micromanip.settings.commissioned import tuning_hash
-    from micromanip.settings.schema.axis import Commissioned
-    from micromanip.settings.write import write_atomically
-
-    today = facts["time"][:10]
-    axes = {each.axis: found.configuration.axes[each.axis] for each in found.axes}
-    hashes = {name: tuning_hash(axis) for name, axis in axes.items()}
-    noted = {
-        name: axis.model_copy(
-            # the run's own, from where the tuning is copied to: the report there may be of another axis by tomorrow
-            update={"commissioned": Commissioned(hash=hashes[name], report=f"{run.name}/{REPORT}", date=today)}
-        )
-        for name, axis in axes.items()
-    }
-    earlier = earlier_reports(folder, REPORT, [each.axis for each in found.evidence])
-    tuned = _text(prepared, found.configuration, noted)
-    named = TUNED if found.passed else REJECTED
-    if found.axes:
-        keep(lambda file: write_atomically(file, tuned), run / named)
-    missing = None
-    steps: tuple[Callable[[], None], ...] = (
-        lambda: write_report(run / REPORT, "Commissioning report", facts, found.evidence, hashes, earlier),
-        lambda: publish(folder, run, (PREVIOUS, REPORT, TUNED, REJECTED)),
-    )
-    for step in steps:
-        try:
-            step()
-        except OSError as problem:
-            missing = missing or system_error(problem)
-    return noted, missing and type(missing)(f"not everything is written, the tuning is {run / named}: {missing}")
-
-
-def _document(
-    found: CommissionedCell, axes: dict[str, Axis], folder: Path, run: Path, seconds: float
-) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    return {
-        "passed": found.passed,
-        "seconds": seconds,
-        "tuned": str(folder / TUNED) if found.passed else None,
-        "rejected": str(folder / REJECTED) if found.axes and not found.passed else None,
-        "stopped": None if found.stopped is None else str(found.stopped),
-        "report": str(folder / REPORT),
-        "run": str(run),
-        "production": _production(found),
-        "coupling": None if found.coupled is None else found.coupled.document(),
-        "axes": {
-            story.axis: {
-                "passed": story.passed,
-                "hash": _hash_of(axes, story.axis),
-                "criteria": [asdict(criterion) for criterion in story.criteria],
-            }
-            for story in found.evidence
-        },
-    }
-
-
-def _production(found: CommissionedCell) -> dict[str, Any] | None:
-    production, rest = found.production, found.rest
-    if production is None or rest is None:
-        return None
-    reference = production.configuration.reference
-    return {
-        "tracks": production.tracks,
-        "obstacle": production.obstacle,
-        "decided": list(production.decided),
-        "reference": reference.model_dump(mode="json", exclude_defaults=True) if production.tracks else None,
-        "tooth_hz": {n: axis.outer and axis.outer.oscillation_Hz for n, axis in found.configuration.axes.items()},
-        "tooth_seen_hz": rest.tooth_Hz,
-        "path_error_um": {
-            name: {"uncompensated_rms": seen.uncompensated_rms, "rms": seen.rms, "max": seen.max}
-            for name, seen in production.seen.items()
-        },
-        "budget": {name: budget.document() for name, budget in production.budgets.items()},
-        "budget_obstacle": production.unbudgeted,
-    }
-
-
-def _hash_of(axes: dict[str, Axis], name: str) -> str | None:
-    noted = axes[name].commissioned if name in axes else None
-    return None if noted is None else noted.hash
-
-
-def _print(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> None:
-    from rich.padding import Padding
-    from rich.text import Text
-
-    from .analyse import print_criteria
-    from .tables import out_console
-
-    for story in found.evidence:
-        missed = [criterion for criterion in story.criteria if not criterion.passed]
-        met = [criterion for criterion in story.criteria if criterion.passed]
-        print_criteria(missed, "Not met")
-        verdict = "[red]FAIL[/]" if missed else "[green]PASS[/]"
-        out_console().print(f"axis {story.axis}: {verdict}, {len(met)} of {len(story.criteria)} criteria are met")
-        for criterion in met:
-            out_console().print(Padding(Text(f"{criterion.name}: {criterion.value}"), (0, 0, 0, 2)))
-    if found.passed:
-        say(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
-    else:
-        say(f"{seconds:.0f} s; no tuning to run, report in {folder / REPORT}; nothing was applied")
-    say(f"this run's files stay in {run}")
-    if found.passed:
-        for line in _how_it_runs(found):
-            say(line)
-        say(f"next: micromanip check {folder / TUNED}")
-
-
-def _how_it_runs(found: CommissionedCell) -> list[str]:
-    production = found.production
-    if production is None:
-        return []
-    said = [] if found.coupled is None else list(found.coupled.decided)
-    if production.obstacle is not None:
-        return [f"it does not track yet: {production.obstacle}"]
-    errors = ", ".join(f"{name} {seen.rms:.2f}" for name, seen in production.seen.items())
-    lines = [*production.decided, *said, f"it tracks, tried as it will run: path error {errors} um rms"]
-    if production.budgets:
-        most = ", ".join(
-            f"{name} {each.causes[0].name} {each.causes[0].rms_um:.2f}" for name, each in production.budgets.items()
-        )
-        lines.append(f"most of it: {most} um rms; the report has the rest of the error budget")
-    return lines

@@ -8,7 +8,7 @@ import click
 
 from .options import StrictCommand, json_option, print_answer
 from .prose import say
-from .recording_options import Cut
+from .recording_options import Cut, warn_of_damage
 
 
 @click.command(
@@ -32,8 +32,7 @@ def command(file: Path, to: Path, cut: tuple[float, float] | None, signals: str 
     chosen = [name.strip() for name in (signals or "").split(",") if name.strip() not in ("", "t_s")]
     telemetry = open_telemetry(file)
     done = export(telemetry, to, cut, chosen)
-    if told := telemetry.damage():
-        say(f"warning: {file}: {told}", err=True)
+    warn_of_damage(telemetry, file)
     print_answer(
         {"file": str(done.file), "rows": done.rows, "columns": done.columns, "bytes": done.bytes},
         lambda _: say(f"{done.rows} cycles to {done.file}, {done.bytes / 1e6:.1f} MB"),

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .options import Quantity
 from .prose import say
+
+if TYPE_CHECKING:
+    from micromanip.recordings import Telemetry
 
 
 class Cut(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
@@ -44,6 +48,12 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def warn_of_damage(telemetry: Telemetry, file: Path) -> None:
+    """On standard error, where a recording lacks something."""
+    if told := telemetry.damage():
+        say(f"warning: {file}: {told}", err=True)
 
 
 def tell(records: Iterable[Any]) -> None:

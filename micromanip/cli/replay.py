@@ -12,7 +12,7 @@ from micromanip.errors import UsageError
 
 from .options import StrictCommand, json_option, print_answer
 from .prose import say
-from .recording_options import Cut
+from .recording_options import Cut, warn_of_damage
 
 
 @click.command(
@@ -51,8 +51,7 @@ def command(file: Path, config: Path | None, cut: tuple[float, float] | None, as
 
     Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
     telemetry = open_telemetry(file)
-    if told := telemetry.damage():
-        say(f"warning: {file}: {told}", err=True)
+    warn_of_damage(telemetry, file)
     found = replay(telemetry)
     difference = found.difference
     document = {

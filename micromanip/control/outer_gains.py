@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,15 @@ class OuterSettings(Protocol):
     def sensor_noise_um(self) -> float: ...
     @property
     def sample_cycles(self) -> int: ...
+
+
+class StationaryFilter(NamedTuple):
+    """Gain (n,) per sample and what it follows from, as in ``OuterGains``."""
+
+    observer: Matrix
+    noise: Matrix
+    covariance: Matrix
+    innovation_variance: float
 
 
 @dataclass(frozen=True)
@@ -119,13 +128,22 @@ def augment(outer: OuterSettings, period_s: float) -> tuple[Matrix, Matrix, Matr
     return A, B, C, controllable
 
 
-def observer_gain(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int) -> tuple[Matrix, float]:
-    """Stationary Kalman gain (n,) for a sample every ``sample_cycles`` cycles, and the innovation's variance (um^2)."""
-    P, variance = predicted_covariance(outer, A, C, process_noise(outer, A, controllable))
-    return np.asarray((P @ C) / variance, dtype=np.float64), variance
+def stationary_filter(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int) -> StationaryFilter:
+    """The Kalman filter of the augmented model for a sample every ``sample_cycles`` cycles."""
+    noise = _process_noise(outer, A, controllable)
+    step, total = np.eye(len(A)), np.zeros_like(noise)
+    for _ in range(outer.sample_cycles):
+        total = A @ total @ A.T + noise
+        step = A @ step
+    # a trace of noise on the delay states keeps the Riccati equation solvable: they are known exactly
+    total += 1e-12 * np.eye(len(A))
+    r = np.array([[outer.sensor_noise_um**2]])
+    P = solve_riccati(step.T, C[:, None], total, r)
+    variance = float(C @ P @ C + r[0, 0])
+    return StationaryFilter(np.asarray(P @ C / variance, dtype=np.float64), noise, P, variance)
 
 
-def process_noise(outer: OuterSettings, A: Matrix, controllable: int) -> Matrix:
+def _process_noise(outer: OuterSettings, A: Matrix, controllable: int) -> Matrix:
     """Covariance (n, n) of what enters the augmented states in a cycle."""
     n = len(outer.model.A)
     noise = np.zeros((len(A), len(A)))
@@ -135,19 +153,6 @@ def process_noise(outer: OuterSettings, A: Matrix, controllable: int) -> Matrix:
     for i in range(controllable + 1, len(A)):
         noise[i, i] = outer.oscillation_um**2
     return noise
-
-
-def predicted_covariance(outer: OuterSettings, A: Matrix, C: Matrix, noise: Matrix) -> tuple[Matrix, float]:
-    """Stationary covariance (n, n) of the estimate just before a sample, and the innovation's variance (um^2)."""
-    step, total = np.eye(len(A)), np.zeros_like(noise)
-    for _ in range(outer.sample_cycles):
-        total = A @ total @ A.T + noise
-        step = A @ step
-    # a trace of noise on the delay states keeps the Riccati equation solvable: they are known exactly
-    total += 1e-12 * np.eye(len(A))
-    r = np.array([[outer.sensor_noise_um**2]])
-    P = solve_riccati(step.T, C[:, None], total, r)
-    return P, float(C @ P @ C + r[0, 0])
 
 
 def regulate(
@@ -190,8 +195,7 @@ def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period
     A, B, C, controllable = augment(outer, period_s)
     S = reference_transition(reference.oscillations if reference else (), period_s)
     K, disturbance, following = regulate(A, B, C, controllable, outer.control_weight, S)
-    noise = process_noise(outer, A, controllable)
-    P, variance = predicted_covariance(outer, A, C, noise)
+    filtering = stationary_filter(outer, A, C, controllable)
     n = len(outer.model.A)
     b = np.array(outer.model.B, dtype=float)
     rest = np.linalg.solve(np.eye(n) - A[:n, :n], b)
@@ -201,8 +205,14 @@ def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period
     steady_y[:n], steady_y[controllable] = rest / dc_gain, 1.0 / dc_gain
     feedback = np.concatenate([K, -disturbance])
     return OuterGains(
-        *(A, B, C, P @ C / variance, feedback, following, steady_u, steady_y, noise, P),
-        innovation_variance=variance,
+        A=A,
+        B=B,
+        C=C,
+        **filtering._asdict(),
+        feedback=feedback,
+        reference=following,
+        steady_u=steady_u,
+        steady_y=steady_y,
         controllable=controllable,
         sample_cycles=outer.sample_cycles,
     )

@@ -132,7 +132,7 @@ def _notch_response(p: PidGains, omega: Array) -> Complex:
 
 
 def _notch_system(p: PidGains) -> System:
-    """The step of ``notch.py`` as matrices over its two integrators."""
+    """The step of ``rt/laws/notch.py`` as matrices over its two integrators."""
     g, k = p.notch_tangent, p.notch_width
     band = np.array([1.0, -g, g]) / (1.0 + g * (g + k))  # of both states and the input
     low = np.array([0.0, 1.0, 0.0]) + g * band

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from .gap_gains import gap_gains
-from .outer_gains import Matrix, OuterGains, OuterSettings, predicted_covariance, process_noise
+from .outer_gains import Matrix, OuterGains, OuterSettings, stationary_filter
 
 _DAMPED, _LEAST_DAMPED, _PULLS_IN_PER_S = 0.5, 4.0, 2.0
 """Share of the lead that is taken up, over the share of the error that a sample removes: a damping of .7. Of a slow
@@ -125,7 +125,5 @@ def _without_tooth(outer: OuterSettings, gains: OuterGains) -> OuterGains:
     """The regulator of `gains` behind the filter of `outer`, which is the same but for the oscillator."""
     n = len(gains.A) - 2
     A, C = gains.A[:n, :n], gains.C[:n]
-    noise = process_noise(outer, A, gains.controllable)
-    P, variance = predicted_covariance(outer, A, C, noise)
-    bare = replace(gains, A=A, C=C, observer=P @ C / variance, noise=noise, covariance=P, innovation_variance=variance)
+    bare = replace(gains, A=A, C=C, **stationary_filter(outer, A, C, gains.controllable)._asdict())
     return replace(bare, **{name: getattr(gains, name)[:n] for name in ("B", "feedback", "steady_u", "steady_y")})

@@ -144,15 +144,6 @@ def _stretches(cycles: Cycles, u: Array, y: Array) -> Iterator[tuple[Cycles, Arr
             yield grid, np.interp(grid, cycles[part], u[part]), np.interp(grid, cycles[part], y[part])
 
 
-def step_response(pieces: Sequence[tuple[Array, ...]], rate_Hz: float) -> StepResponse:
-    """Of pieces without gaps, each an input and an output (n,) of one unit."""
-    found, begin = StepSpectra(rate_Hz), 0
-    for u, y in pieces:
-        found.add(begin + np.arange(len(u)), u, y)
-        begin += len(u) + _MOST_BRIDGED
-    return found.response()
-
-
 def _response(sums: Sequence[_Sums], windows: int, count: int, rate_Hz: float) -> StepResponse:
     if windows < _FEWEST:
         needed = (_FEWEST + 1) / 2 * WINDOW_S

@@ -6,7 +6,7 @@ peak, as the literature on scanning microscopes does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -121,13 +121,9 @@ def evaluate(
 
     `tuned` adds D: C with the configuration's own PID instead of the anchor's.
     """
-    runs = []
-    for config in (*paper.SIGMA_UM, *([TUNED] if tuned else []), paper.FEEDFORWARD_ALONE):
-        play = _player(configuration, experiment, config, own_pid)
-        for frequency_hz in paper.FREQUENCIES_HZ:
-            runs.append(play(frequency_hz, paper.AMPLITUDE_UM, WINDOW_S))
-            progress()
-    return runs
+    configs = (*paper.SIGMA_UM, *([TUNED] if tuned else []), paper.FEEDFORWARD_ALONE)
+    sines = [(frequency_hz, paper.AMPLITUDE_UM, WINDOW_S) for frequency_hz in paper.FREQUENCIES_HZ]
+    return _played(configuration, experiment, configs, own_pid, sines, progress)
 
 
 def evaluate_fast(
@@ -138,29 +134,31 @@ def evaluate_fast(
     progress: Callable[[], None] = lambda: None,
 ) -> list[Run]:
     """C, and with `tuned` D, on a sine of ``paper.FAST_UM`` at each of ``paper.FAST_HZ``; `progress` after each."""
-    runs = []
-    for config in ("C", *([TUNED] if tuned else [])):
-        play = _player(configuration, experiment, config, own_pid)
-        for frequency_hz in paper.FAST_HZ:
-            runs.append(play(frequency_hz, paper.FAST_UM, FAST_WINDOW_S))
+    configs = ("C", *([TUNED] if tuned else []))
+    sines = [(frequency_hz, paper.FAST_UM, FAST_WINDOW_S) for frequency_hz in paper.FAST_HZ]
+    return _played(configuration, experiment, configs, own_pid, sines, progress)
+
+
+def _played(
+    configuration: Configuration,
+    experiment: Experiment,
+    configs: Sequence[str],
+    own_pid: bool,
+    sines: Sequence[tuple[float, float, float]],
+    progress: Callable[[], None],
+) -> list[Run]:
+    """Sines (Hz, um, and s to look at it once it has settled), in each of the configurations."""
+    runs, rate_hz = [], configuration.loop.rate_hz
+    for config in configs:
+        axes = {name: variant_of(axis, config, own_pid) for name, axis in configuration.axes.items()}
+        variant = configuration.model_copy(update={"axes": axes})
+        for frequency_hz, amplitude_um, window_s in sines:
+            settle_s = max(SETTLE_S, 1.0 / frequency_hz)
+            reference = paper.reference(frequency_hz, HOLD_S, amplitude_um)
+            rows = experiment(with_reference(variant, reference), HOLD_S + settle_s + window_s)
+            runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz)))
             progress()
     return runs
-
-
-def _player(
-    configuration: Configuration, experiment: Experiment, config: str, own_pid: bool
-) -> Callable[[float, float, float], Run]:
-    """Plays a sine (Hz, um) in one of the configurations, and looks at it for some seconds once it has settled."""
-    axes = {name: variant_of(axis, config, own_pid) for name, axis in configuration.axes.items()}
-    variant, rate_hz = configuration.model_copy(update={"axes": axes}), configuration.loop.rate_hz
-
-    def play(frequency_hz: float, amplitude_um: float, window_s: float) -> Run:
-        settle_s = max(SETTLE_S, 1.0 / frequency_hz)
-        reference = paper.reference(frequency_hz, HOLD_S, amplitude_um)
-        rows = experiment(with_reference(variant, reference), HOLD_S + settle_s + window_s)
-        return Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz))
-
-    return play
 
 
 def fast_table(runs: list[Run], configuration: Configuration) -> list[dict[str, Any]]:

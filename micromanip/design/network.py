@@ -58,8 +58,6 @@ class NetworkFit:
     scaling: Scaling
     reversal: float
     rms: float
-    costs: tuple[float, ...]
-    """Free-run error of every start; `rms` is the least."""
 
     def moves(self, u: Array) -> NDArray[np.bool_]:
         """Samples (n,) of `u` (n,) after which the memory moves."""

@@ -111,10 +111,10 @@ def fit_network(
         theta = _start(rng, neurons // 2, course)
         for segment, most in (*STAGES, (0, evaluations)):
             theta = levenberg_marquardt(theta, course, segment, most, ridge)
-        fit = NetworkFit(_physical(theta, course, scaling), theta, course, scaling, reversal, 0.0, ())
+        fit = NetworkFit(_physical(theta, course, scaling), theta, course, scaling, reversal, 0.0)
         rms = float(np.sqrt(np.mean((fit.predict(u) - y)[burn_in:] ** 2)))
         trained.append((_strays(fit, u, y), rms, number, fit))
         if progress is not None:
             progress(f"start {number + 1} of {starts}: free-run error {rms:.4g} rms")
     _, rms, _, best = min(trained)
-    return replace(best, rms=rms, costs=tuple(entry[1] for entry in trained))
+    return replace(best, rms=rms)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from micromanip.design.hysteresis import fit
 from micromanip.errors import CheckFailed
-from micromanip.settings.schema.axis import LinearModel, Outer
+from micromanip.settings.schema.axis import LinearModel
 from micromanip.settings.schema.hysteresis import Range
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
@@ -162,21 +162,3 @@ def _linear(found: Identified) -> LinearModel:
 def white_noise(y: Array) -> float:
     """Rms of a sensor's white noise in its record (n,): what fourth differences leave of the movement."""
     return float(np.median(np.abs(np.diff(y, 4))) / 0.6745 / np.sqrt(70.0))
-
-
-def fit_outer(configuration: Configuration, experiment: Experiment, say: Progress) -> Configuration:
-    """`configuration` with the stage's linear model of every axis; the axes are excited one by one."""
-    for seed, (name, axis) in enumerate(configuration.axes.items()):
-        found = identify_stage(configuration, experiment, name, seed)
-        say(
-            f"axis {name}: linear model of order {found.found.order} behind {found.linear.delay_cycles} cycles, "
-            f"{found.fit_percent:.1f} % of the measured response"
-        )
-        knobs = axis.outer.model_copy(update={"model": found.linear}) if axis.outer else Outer(model=found.linear)
-        configuration = with_axis(configuration, name, outer=knobs)
-    return configuration
-
-
-def tune(configuration: Configuration, experiment: Experiment, say: Progress) -> Configuration:
-    """Both, in order: the linear model is that of the loop with its feedforward."""
-    return fit_outer(fit_hysteresis(configuration, experiment, say), experiment, say)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,25 +16,21 @@ from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.replies import Link
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
-    ARM,
-    BEGIN_PART,
     COMMAND_NAMES,
-    END_PART,
     FAULT,
     PROMOTE,
-    RESET,
     SHADOWING,
     STARTING,
     STATE_NAMES,
     STOP,
-    TRACKING,
 )
 from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 
 from .child import Child, loop_process
+from .loop_orders import loop_orders
 from .parameter_buffers import ParameterBuffers
-from .refusals import axis_refusals, output_refusals, refusals
+from .refusals import refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
 from .wires import follow, wire_link
 
@@ -193,7 +188,9 @@ class Controller:
             if not await _comes_true(lambda: ask(self.words, w.COMMAND_DONE) == number):
                 raise CheckFailed(f"{COMMAND_NAMES[command]}: the loop did not answer within {_ANSWER_S:g} s")
             if not self.words[w.COMMAND_ACCEPTED]:
-                raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(self._reasons(command, before))}")
+                cell, configuration = self.status["state"][0], self.prepared.configuration
+                why = refusals(command, cell, before, configuration, self.faults())
+                raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(why)}")
 
     def _refuse_dead(self, what: str) -> None:
         if (death := self.death) is not None:
@@ -206,23 +203,6 @@ class Controller:
     async def _is_ready(self) -> bool:
         """Whether starting is over; who comes after the loop's first cycle waits for it, and is not refused."""
         return self._ready or (self._turns and await _comes_true(lambda: self._ready, _READY_S))
-
-    def _reasons(self, command: int, state: str) -> list[str]:
-        """Why `command` was refused in `state`."""
-        cell = self.status["state"][0]
-        if command == RESET and state == STATE_NAMES[FAULT] and (elsewhere := output_refusals(cell, state)):
-            return elsewhere
-        if command in (BEGIN_PART, END_PART) and "part" in self.prepared.configuration.signals:
-            return ["the signal part says which part is being made"]
-        if command == END_PART and state == STATE_NAMES[TRACKING]:
-            return ["none is being made"]
-        if command != ARM:
-            return [f"the state is {state}", *map(str, self.faults()[-1:])]
-        axes = self.prepared.configuration.axes
-        reasons = refusals(int(cell["refused"]), state)
-        for i, name in enumerate(axes):
-            reasons += axis_refusals(int(cell["axis"][i]["refused"]), name)
-        return [*reasons, *map(str, self.faults()[-1:])]
 
     @contextlib.asynccontextmanager
     async def commanding(self) -> AsyncIterator[None]:
@@ -306,32 +286,3 @@ async def _comes_true(condition: Callable[[], bool], patience_s: float = _ANSWER
             return False
         await asyncio.sleep(0.001)
     return True
-
-
-def loop_orders(prepared: Prepared, places: Sequence[tuple[int, int]], socket_path: Path) -> dict[str, Any]:
-    """Orders for the loop of `prepared`; `places`: where in its segment each driver's context begins, and its size."""
-    configuration, wiring = prepared.configuration, prepared.wiring
-    loop = configuration.loop
-    drivers = [
-        {
-            "name": name,
-            "driver": configuration.drivers[name].driver,
-            "bus": name in wiring.buses,
-            "options": wiring.options[name].model_dump_json(),
-            "context": at,
-            "context_bytes": size,
-            "first_input": wiring.first_input[name],
-            "first_output": wiring.first_output[name],
-        }
-        for name, (at, size) in zip(wiring.drivers, places, strict=True)
-    ]
-    return {
-        "drivers": drivers,
-        "period_ns": loop.period_ns,
-        "cpu": loop.cpu,
-        "priority": loop.priority,
-        "spin_ns": round(loop.spin_us * 1e3),
-        "refuse_without_rights": loop.limits == "hardware",
-        "host": os.getpid(),
-        "socket": str(socket_path),
-    }

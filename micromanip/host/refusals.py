@@ -1,10 +1,14 @@
-"""Why arming, or a reset, was refused, in words: one sentence for each bit that the loop has set."""
+"""Why the loop refused a command, in words: of arming and a reset one sentence for each bit that it has set."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+from micromanip.faults import FaultReport
 from micromanip.rt import states
+from micromanip.rt.states import STATE_NAMES
+from micromanip.settings.schema.model import Configuration
 
 _CELL = {
     states.NOT_READY: "the state is {state}: arming begins in READY, and goes on after a hold",
@@ -27,17 +31,30 @@ _AXIS = {
 }
 
 
-def refusals(bits: int, state: str) -> list[str]:
-    """Reasons of the cell."""
+def refusals(
+    command: int, cell: Any, state: str, configuration: Configuration, faults: Sequence[FaultReport]
+) -> list[str]:
+    """Why the loop refused `command` in `state`; `cell` is its state, of `faults` the last counts."""
+    if command == states.RESET and state == STATE_NAMES[states.FAULT] and (away := _outputs_away(cell, state)):
+        return away
+    if command in (states.BEGIN_PART, states.END_PART) and "part" in configuration.signals:
+        return ["the signal part says which part is being made"]
+    if command == states.END_PART and state == STATE_NAMES[states.TRACKING]:
+        return ["none is being made"]
+    reasons = [f"the state is {state}"]
+    if command == states.ARM:
+        reasons = _of_the_cell(int(cell["refused"]), state)
+        for i, name in enumerate(configuration.axes):
+            bits = int(cell["axis"][i]["refused"])
+            reasons += [text.format(axis=name) for bit, text in _AXIS.items() if bits & bit]
+    return [*reasons, *map(str, faults[-1:])]
+
+
+def _of_the_cell(bits: int, state: str) -> list[str]:
     return [text.format(state=state) for bit, text in _CELL.items() if bits & bit]
 
 
-def output_refusals(cell: Any, state: str) -> list[str]:
-    """Why `reset` can't lead to READY: that says of every output that it rests. `cell` is the loop's state."""
+def _outputs_away(cell: Any, state: str) -> list[str]:
+    """Why `reset` can't lead to READY: that says of every output that it rests."""
     bits = states.LINK_MISSING * int(cell["link_down"] != 0) | states.OUTPUTS_MISSING * int(cell["outputs_taken"] != 0)
-    return refusals(bits, state) or ([_AWAY] if cell["outputs_away"] != 0 else [])
-
-
-def axis_refusals(bits: int, axis: str) -> list[str]:
-    """Reasons of one axis."""
-    return [text.format(axis=axis) for bit, text in _AXIS.items() if bits & bit]
+    return _of_the_cell(bits, state) or ([_AWAY] if cell["outputs_away"] != 0 else [])

@@ -19,7 +19,6 @@ _TIME = "t_s"
 _MAT_BYTES = 2_000_000_000
 """MATLAB's format up to version 7.2 takes no larger variable."""
 
-Columns = Mapping[str, NDArray[Any]]
 Cut = tuple[float, float]
 """From and to, in seconds from the first cycle of the recording."""
 

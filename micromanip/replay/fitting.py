@@ -49,14 +49,12 @@ compiled = Compiler(__file__, allocates=True)
 
 @dataclass(frozen=True)
 class Actuator:
-    """P of one axis: weights (2 ORDER,), first of the past strain, and the Cholesky factor (lower) of their covariance.
-
-    `residual_um` is the rms of what the fit leaves of a row.
+    """P of one axis: weights (2 ORDER,), first of the past strain, and the Cholesky factor (lower) of their
+    covariance.
     """
 
     weights: Array
     spread: Array
-    residual_um: float
 
     def drawn(self, random: np.random.Generator) -> Array:
         """Other weights that the recording allows, stable ones."""
@@ -169,7 +167,7 @@ def _fit_actuator(strain: Array, free: Array, tooth_Hz: float | None, period_s: 
     covariance = residual_um**2 * (inverse.T @ inverse)[: 2 * ORDER, : 2 * ORDER]
     if not np.isfinite(weights).all() or _largest_pole(weights) >= _STABLE:
         return None
-    return Actuator(weights, np.asarray(np.linalg.cholesky(covariance), dtype=float), residual_um)
+    return Actuator(weights, np.asarray(np.linalg.cholesky(covariance), dtype=float))
 
 
 def _largest_pole(weights: Array) -> float:

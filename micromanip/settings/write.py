@@ -78,16 +78,6 @@ def with_hysteresis(text: str, axis: str, model: BaseModel) -> str:
     return edited(text, edit)
 
 
-def with_models(text: str, configuration: Configuration) -> str:
-    """Configuration file `text` with the models of `configuration` in every axis."""
-
-    def edit(document: Any) -> None:
-        for name, axis in configuration.axes.items():
-            _put_models(document["axes"][name], axis)
-
-    return edited(text, edit)
-
-
 def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
     """Configuration file `text` with models, controllers and the note of their commissioning in each of `axes`."""
 
@@ -95,7 +85,11 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
         for name, axis in axes.items():
             section = _own_section(document["axes"], name)
             section["inner"] = _plain(axis.inner.model_dump())
-            _put_models(section, axis)
+            section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
+            if axis.hysteresis_affine is not None:
+                section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
+            if axis.outer is not None:
+                section["outer"] = _plain(axis.outer.model_dump())
             if axis.actuator is not None:
                 section["actuator"] = _plain(axis.actuator.model_dump(exclude_none=True))
             section.pop("coupling", None)
@@ -122,14 +116,6 @@ def with_production(text: str, configuration: Configuration) -> str:
             document["reference"] = _plain(configuration.reference.model_dump(exclude_defaults=True))
 
     return edited(text, edit)
-
-
-def _put_models(section: Any, axis: Axis) -> None:
-    section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
-    if axis.hysteresis_affine is not None:
-        section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
-    if axis.outer is not None:
-        section["outer"] = _plain(axis.outer.model_dump())
 
 
 def write_atomically(file: Path, text: str) -> None:

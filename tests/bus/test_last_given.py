@@ -8,11 +8,15 @@ import time
 import pytest
 
 from micromanip.bus import last_given
-from micromanip.bus.last_given import LastGiven, path_of
+from micromanip.bus.last_given import LastGiven
 from micromanip.errors import PermissionDenied
 
 DEVICE = "udp 10.0.0.5:5005"
 NAMES = ("voltage_x", "voltage_y")
+
+
+def file_in(folder):
+    return folder / "udp_10.0.0.5_5005.given"
 
 
 def reopened(folder, names=NAMES):
@@ -48,9 +52,9 @@ def test_a_slot_that_was_half_written_does_not_count(tmp_path):
     given = LastGiven.open(DEVICE, NAMES, tmp_path)
     given.write([1.0, 2.0])
     given.write([3.0, 4.0])
-    whole = path_of(DEVICE, tmp_path).read_bytes()
+    whole = file_in(tmp_path).read_bytes()
     newest = given._place(given.turn % 2)
-    path_of(DEVICE, tmp_path).write_bytes(whole[:newest] + (99).to_bytes(8, "little") + whole[newest + 8 :])
+    file_in(tmp_path).write_bytes(whole[:newest] + (99).to_bytes(8, "little") + whole[newest + 8 :])
     assert reopened(tmp_path) == [1.0, 2.0]
 
 
@@ -67,16 +71,16 @@ def test_an_earlier_start_of_the_machine_does_not_count(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("content", [b"", b"\0" * 40000, b"[1, 2]", b'{"names": 3}', b'{"names": ["voltage_x"]}'])
 def test_a_file_that_is_damaged_is_replaced(tmp_path, content):
-    path_of(DEVICE, tmp_path).write_bytes(content)
+    file_in(tmp_path).write_bytes(content)
     assert reopened(tmp_path) is None
 
 
 def test_a_link_is_not_followed_and_nothing_is_written_through_it(tmp_path):
     LastGiven.open(DEVICE, NAMES, tmp_path / ".").write([80.0, 20.0])
     elsewhere = tmp_path / "elsewhere"
-    path_of(DEVICE, tmp_path).rename(elsewhere)
+    file_in(tmp_path).rename(elsewhere)
     before = elsewhere.read_bytes()
-    path_of(DEVICE, tmp_path).symlink_to(elsewhere)
+    file_in(tmp_path).symlink_to(elsewhere)
     given = LastGiven.open(DEVICE, NAMES, tmp_path)
     assert given.read() is None
     given.write([1.0, 2.0])
@@ -84,7 +88,7 @@ def test_a_link_is_not_followed_and_nothing_is_written_through_it(tmp_path):
 
 
 def test_a_pipe_in_its_place_hangs_nobody(tmp_path):
-    os.mkfifo(path_of(DEVICE, tmp_path))
+    os.mkfifo(file_in(tmp_path))
     assert reopened(tmp_path) is None
 
 
@@ -95,7 +99,7 @@ def test_what_somebody_else_wrote_counts_only_in_a_folder_of_a_group(tmp_path, m
     folder.mkdir()
     folder.chmod(mode)
     LastGiven.open(DEVICE, NAMES, folder).write([80.0, 20.0])
-    os.chown(path_of(DEVICE, folder), 1234, -1)
+    os.chown(file_in(folder), 1234, -1)
     assert reopened(folder) == ([80.0, 20.0] if believed else None)
 
 

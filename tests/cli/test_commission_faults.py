@@ -9,7 +9,8 @@ import pytest
 
 from micromanip.cli import commission
 from micromanip.design.commission import axis as steps
-from micromanip.design.commission.axis import Watched, commission_axis
+from micromanip.design.commission.axis import commission_axis
+from micromanip.design.commission.watched import Watched
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment

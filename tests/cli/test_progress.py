@@ -13,6 +13,7 @@ from rich.progress import Progress
 from micromanip.cli.progress import Steps, steps
 from micromanip.design.commission import axis as commission_axis
 from micromanip.design.commission import cell as commission_cell
+from micromanip.design.commission import closing
 
 
 @contextlib.contextmanager
@@ -59,7 +60,7 @@ def test_nothing_is_written_where_standard_error_is_no_terminal(capsys):
 def test_the_plan_of_commissioning_has_every_step_that_is_said(monkeypatch):
     """So that a step which is renamed does not fall out of the bar."""
     names = [name.partition(": ")[2] for name, _ in commission_cell.planned(["x"]) if name.startswith("axis x")]
-    said = [constant for module in (commission_axis, commission_cell) for constant in _said(module)]
+    said = [constant for module in (commission_axis, closing, commission_cell) for constant in _said(module)]
     assert set(said) <= {*names, "the cell at rest", "as it will run"}
     assert set(names) <= set(said)
     assert np.unique(names).size == len(names)

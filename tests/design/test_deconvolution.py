@@ -8,7 +8,7 @@ import pytest
 from replay.recorded import recording
 from scipy.signal import butter, dlsim, lfilter, sosfiltfilt
 
-from micromanip.design.deconvolution import SHOWN_S, StepSpectra, _stretches, step_response
+from micromanip.design.deconvolution import SHOWN_S, StepSpectra, _stretches
 from micromanip.design.recorded_run import RecordedRun
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
@@ -29,6 +29,15 @@ def closed_form(t_s):
     after = np.maximum(t_s, 0.0)
     ring = np.cos(fast * after) + DAMPING / np.sqrt(1 - DAMPING**2) * np.sin(fast * after)
     return np.where(t_s > 0, 1 - np.exp(-DAMPING * OMEGA * after) * ring, 0.0)
+
+
+def response(*records):
+    """Step response out of records one behind the other, each an input and an output."""
+    found, begin = StepSpectra(RATE_HZ), 0
+    for u, y in records:
+        found.add(begin + np.arange(len(u)), u, y)
+        begin += len(u) + 100  # more than what is bridged
+    return found.response()
 
 
 def second_order(u):
@@ -63,7 +72,7 @@ def test_a_known_second_order_system():
     """Within 1 % of the closed form everywhere, and the band holds it about as often as it says."""
     inside = []
     for seed in range(12):
-        found = step_response([ordinary(seed, 20.0, 0.02)], RATE_HZ)
+        found = response(ordinary(seed, 20.0, 0.02))
         assert found.problem is None
         assert found.is_whole
         truth = closed_form(found.t_s)
@@ -75,7 +84,7 @@ def test_a_known_second_order_system():
 
 
 def test_more_noise_is_a_wider_band_and_reaches_less_far():
-    quiet, loud = (step_response([ordinary(1, 20.0, noise)], RATE_HZ) for noise in (0.02, 0.2))
+    quiet, loud = (response(ordinary(1, 20.0, noise)) for noise in (0.02, 0.2))
     assert np.mean(loud.high - loud.low) > 4 * np.mean(quiet.high - quiet.low)
     assert loud.reach_Hz < quiet.reach_Hz
 
@@ -90,7 +99,7 @@ def test_more_noise_is_a_wider_band_and_reaches_less_far():
     ],
 )
 def test_what_can_not_be_told_is_said(calm, noise_um, seconds, problem):
-    found = step_response([ordinary(1, seconds, noise_um, calm)], RATE_HZ)
+    found = response(ordinary(1, seconds, noise_um, calm))
     assert found.problem.startswith(problem)
     assert not len(found.response)
 
@@ -99,13 +108,13 @@ def test_pieces_are_not_run_together():
     """Two records one behind the other, between which the position leaps: as good as each by itself."""
     u, y = ordinary(1, 20.0, 0.02)
     half = len(u) // 2
-    found = step_response([(u[:half], y[:half]), (u[half:] + 30.0, y[half:] + 50.0)], RATE_HZ)
+    found = response((u[:half], y[:half]), (u[half:] + 30.0, y[half:] + 50.0))
     assert np.abs(found.response - closed_form(found.t_s)).max() < 0.02
 
 
 def test_a_run_that_is_read_in_parts_answers_as_at_once():
     u, y = ordinary(1, 20.0, 0.02)
-    at_once, in_parts, cycles = step_response([(u, y)], RATE_HZ), StepSpectra(RATE_HZ), np.arange(len(u))
+    at_once, in_parts, cycles = response((u, y)), StepSpectra(RATE_HZ), np.arange(len(u))
     for first in range(0, len(u), 7_777):
         part = slice(first, first + 7_777)
         in_parts.add(cycles[part], u[part], y[part])

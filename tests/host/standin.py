@@ -10,7 +10,7 @@ import numpy as np
 from micromanip.errors import CheckFailed
 from micromanip.host.control.audit import AuditTrail
 from micromanip.host.control.authority import Peer
-from micromanip.host.control.server import Request
+from micromanip.host.control.request import Request
 from micromanip.host.control.verbs import Verbs
 from micromanip.host.recording.recordings import Recordings
 from micromanip.host.shared_memory import STATUS

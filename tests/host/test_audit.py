@@ -14,7 +14,7 @@ from micromanip.errors import CheckFailed
 from micromanip.host.control.audit import AuditTrail, Repeats
 from micromanip.host.control.audit_files import AuditFiles, Keeping
 from micromanip.host.control.authority import Peer
-from micromanip.host.control.server import Request
+from micromanip.host.control.request import Request
 from micromanip.host.control.verbs import noted
 from micromanip.host.state_directory import state_directory
 

@@ -7,7 +7,7 @@ import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.host.control import moving
-from micromanip.host.control.server import Request
+from micromanip.host.control.request import Request
 from micromanip.rt.laws.move import advance_move
 
 from .standin import ALICE, Cell, jogging

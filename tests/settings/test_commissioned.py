@@ -13,7 +13,7 @@ from micromanip.settings.commissioned import changes_since, tuning_hash
 from micromanip.settings.load import load
 from micromanip.settings.schema.actuator import Actuator
 from micromanip.settings.schema.axis import Axis, Commissioned, Inner, SetPoint
-from micromanip.settings.write import with_models
+from micromanip.settings.write import with_tuning
 
 CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 TEXT = CONFIG.read_text(encoding="utf-8")
@@ -122,9 +122,8 @@ def test_a_file_written_and_loaded_again_has_the_same_hash(tmp_path):
         weights = tuple(weight * rng.uniform(0.9, 1.1) for weight in axis.hysteresis.weights)
         hysteresis = axis.hysteresis.model_copy(update={"weights": weights})
         axes[name] = axis.model_copy(update={"outer": outer, "hysteresis": hysteresis})
-    tuned = configuration.model_copy(update={"axes": axes})
     file = tmp_path / "tuned.yaml"
-    file.write_text(with_models(TEXT, tuned), encoding="utf-8")
+    file.write_text(with_tuning(TEXT, axes), encoding="utf-8")
     again = load(file)
     for name, axis in axes.items():
         assert again.axes[name] != axis  # the file keeps fewer digits

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from micromanip.host.refusals import axis_refusals, refusals
+from micromanip.host.refusals import refusals
 from micromanip.rt.arming import forget_checks
 from micromanip.rt.phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from micromanip.rt.states import (
@@ -27,6 +27,7 @@ from micromanip.rt.states import (
 )
 from micromanip.rt.swap import swap_cell
 from micromanip.settings.check import prepare
+from micromanip.settings.load import load
 from micromanip.virtual.cell import VirtualCell
 
 from .protected import course, states, text
@@ -153,7 +154,7 @@ def test_a_session_does_not_arm_on_the_estimate_of_the_one_before(tmp_path, kind
     if refused:
         assert set(rows["state"]) == {READY}
         assert s["axis"]["refused"].tolist() == [STAGE_MISSING, 0, 0]
-        (reason,) = axis_refusals(STAGE_MISSING, "x")
+        (reason,) = refusals(ARM, s, "READY", load(tmp_path / "cell.yaml"), [])
         assert "stage_x is silent" in reason
         assert np.ptp(rows["axis"]["voltage_V"], axis=0).max() == 0.0
     else:
@@ -266,7 +267,7 @@ def test_arming_is_refused_with_its_reason(tmp_path, channel, bits, axis_bits, s
     assert set(rows["state"]) == {READY}
     assert (rows["axis"]["voltage_V"] == 0.0).all()
     assert (s["refused"], s["axis"][1]["refused"], s["axis"][0]["refused"]) == (bits, axis_bits, 0)
-    (reason,) = refusals(int(s["refused"]), "READY") + axis_refusals(int(s["axis"][1]["refused"]), "y")
+    (reason,) = refusals(ARM, s, "READY", prepared.configuration, [])
     assert said in reason
 
 

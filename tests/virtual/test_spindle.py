@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from micromanip.design.commission.axis import Knobs, Watched, commission_axis
+from micromanip.design.commission.axis import commission_axis
+from micromanip.design.commission.knobs import Knobs
+from micromanip.design.commission.watched import Watched
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.reference import File, Hold

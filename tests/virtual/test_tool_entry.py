@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import Plant
 
-from micromanip.design.commission.axis import Knobs, commission_axis
+from micromanip.design.commission.axis import commission_axis
+from micromanip.design.commission.knobs import Knobs
 from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 from matplotlib.figure import Figure
 
-from micromanip.design.commission.axis import Knobs, commission_axis
+from micromanip.design.commission.axis import commission_axis
 from micromanip.design.commission.evidence import Plot
+from micromanip.design.commission.knobs import Knobs
 from micromanip.design.commission.plots import figure_5, loop_plots, measured_response, responses
 from micromanip.design.loops import strain_loop
 from micromanip.settings.check import Prepared

@@ -9,8 +9,8 @@ from pathlib import Path
 from micromanip_drivers.simulated.options import Plant
 
 from micromanip.control.margins import Margins
-from micromanip.design.commission.axis import Knobs
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
+from micromanip.design.commission.knobs import Knobs
 from micromanip.design.describing import harmonics, inverse_operator
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration

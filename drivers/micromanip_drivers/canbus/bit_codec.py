@@ -10,7 +10,7 @@ from micromanip.driver.datagrams import find_code, value_of_code
 
 from .compiled import compiled
 
-_U0, _U8, _BYTE = np.uint64(0), np.uint64(8), np.uint64(255)
+_U0, _BYTE = np.uint64(0), np.uint64(255)
 
 
 @compiled

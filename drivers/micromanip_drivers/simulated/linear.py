@@ -12,15 +12,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.driver import LinearPlant
 
 from . import mechanics
 from .options import Plant
 from .records import CREEP_TIMES_S, SUBSTEPS
-
-Matrix = NDArray[np.float64]
 
 
 def linear_plant(plant: Plant, period_s: float, *, creep: bool) -> LinearPlant:

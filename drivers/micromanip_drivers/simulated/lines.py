@@ -14,10 +14,10 @@ from __future__ import annotations
 from typing import Any
 
 from .compiled import compiled
-from .records import AXIS_LINES, CELL_LINES
+from .records import CELL_LINES
 from .sample import put
 
-_CELL_LINES, _AXIS_LINES = len(CELL_LINES), len(AXIS_LINES)
+_CELL_LINES = len(CELL_LINES)
 
 
 @compiled

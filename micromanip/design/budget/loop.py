@@ -1,6 +1,7 @@
 """Frequency responses of one axis in closed loop: what the path error is of each thing that comes in.
 
-The outer loop as it runs (``rt/laws/estimator.py``, ``lqg.py``), with the estimate x after a sample of every cycle:
+The outer loop as it runs (``rt/laws/estimator.py``, ``rt/laws/lqg.py``), with the estimate x after a sample of every
+cycle:
 
     x = (I - L C) x- + L (y + n),   u = r - K x,   x-+ = A x + B u
 

@@ -12,14 +12,17 @@ from micromanip.settings.schema.model import Configuration
 from ..analysis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment
 from .at_rest import AtRest, look_at_rest
-from .axis import DRAWN, Commissioned, Knobs, Watched, commission_axis
+from .axis import Commissioned, commission_axis
+from .borne import DRAWN
 from .coupled import Coupled, decoupled, look_at_coupling, with_coupling
 from .evidence import Evidence
 from .followed import with_followed_tooth
+from .knobs import Knobs
 from .partial import Stopped
 from .production import Budgeted, Production, in_production, tried
 from .story import evidence
 from .tracking import follow
+from .watched import Watched
 
 _SHARES = (
     ("sensors at rest", 0.1), ("polarity and scale", 0.1), ("major loop", 0.5), ("answer to a step", 0.1),

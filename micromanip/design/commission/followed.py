@@ -31,7 +31,7 @@ def with_followed_tooth(production: Production, again: Callable[[Production], Pr
     wrong = [again(_changed(production, cancels, each, _OFF_PERCENT)) for each in (0.0, RANGE_PERCENT)]
     for trial in (right, *wrong):
         if trial.problem is not None:
-            return _told(production, f"Following the tooth's frequency was tried and left out: {trial.problem}.")
+            return _left_out(production, trial.problem)
     fixed, followed = wrong
     kept = [
         name
@@ -49,7 +49,7 @@ def with_followed_tooth(production: Production, again: Callable[[Production], Pr
         return _told(production, f"{said} It is not followed.")
     settled = right if kept == cancels else again(_changed(production, kept, RANGE_PERCENT, 0.0))
     if settled.problem is not None:
-        return _told(production, f"Following the tooth's frequency was tried and left out: {settled.problem}.")
+        return _left_out(production, settled.problem)
     return _told(settled, f"{said} It is followed over +-{RANGE_PERCENT:g} %: axis {', '.join(kept)}.")
 
 
@@ -63,6 +63,10 @@ def _changed(production: Production, axes: list[str], range_percent: float, off_
         changed = outer.model_copy(update={"oscillation_Hz": said_Hz, "oscillation_range_percent": range_percent})
         configuration = with_axis(configuration, name, outer=changed)
     return replace(production, configuration=configuration)
+
+
+def _left_out(production: Production, problem: str) -> Production:
+    return _told(production, f"Following the tooth's frequency was tried and left out: {problem}.")
 
 
 def _told(production: Production, sentence: str) -> Production:

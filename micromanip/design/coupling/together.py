@@ -28,11 +28,10 @@ _UNSURE = 2.0
 
 @dataclass(frozen=True)
 class Disk:
-    """Gain by which every loop may be wrong, up or down, and phase, all at once; `least_Hz` is where it is least."""
+    """Gain by which every loop may be wrong, up or down, and phase, all at once."""
 
     gain_dB: float
     phase_deg: float
-    least_Hz: float
 
 
 @dataclass(frozen=True)
@@ -80,19 +79,18 @@ def judge_together(frequency_Hz: Array, share: Complex, deviation: Array, loops:
         float(roots[worst]),
         float(frequency_Hz[worst]),
         round(float(angle[-1] - angle[0]) / np.pi),
-        disk_margin(frequency_Hz, coupled * loops.T[:, None, :]),
-        disk_margin(frequency_Hz, own * loops.T[:, None, :]),
+        disk_margin(coupled * loops.T[:, None, :]),
+        disk_margin(own * loops.T[:, None, :]),
     )
 
 
-def disk_margin(frequency_Hz: Array, loop: Complex) -> Disk:
+def disk_margin(loop: Complex) -> Disk:
     """Symmetric disk margin of `loop` (k, n, n), negative feedback, for each loop's own complex factor."""
     own = np.eye(loop.shape[1])
     sizes = structured(np.asarray(np.linalg.inv(own + loop) - 0.5 * own, dtype=np.complex128))
-    worst = int(np.argmax(sizes))
-    alpha = min(1.0 / float(sizes[worst]), 2.0)
+    alpha = min(1.0 / float(sizes.max()), 2.0)
     gain_dB = 20.0 * np.log10((2.0 + alpha) / (2.0 - alpha)) if alpha < 2.0 else np.inf
-    return Disk(float(gain_dB), float(np.degrees(2.0 * np.arctan(0.5 * alpha))), float(frequency_Hz[worst]))
+    return Disk(float(gain_dB), float(np.degrees(2.0 * np.arctan(0.5 * alpha))))
 
 
 def structured(matrices: Complex) -> Array:

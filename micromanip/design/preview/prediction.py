@@ -1,8 +1,8 @@
 """What one axis does on a known deviation: set-point, stage and voltage, by the laws and the model of its file.
 
 The loop is linear as long as no limit holds, so it is its responses from the deviation to set-point and stage
-(``design/budget/loop.py``, with the tracker's predictor of ``tracking.py`` in front), turned into impulse responses
-and convolved with the path:
+(``design/budget/loop.py``, with the tracker's predictor of ``design/budget/tracking.py`` in front), turned into impulse
+responses and convolved with the path:
 
     u = R S T d,   y = G u,   error = d - y
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.margins import grid, refined
-from micromanip.control.outer_gains import OuterGains, augment, observer_gain, outer_gains
+from micromanip.control.outer_gains import OuterGains, StationaryFilter, augment, outer_gains, stationary_filter
 from micromanip.design.loops import stage_loop
 from micromanip.settings.schema.axis import LinearModel, Outer
 
@@ -93,8 +93,8 @@ class Task:
     plant: System
     squared: Array
     """Of the model's response, at the frequencies."""
-    observers: dict[Filter, tuple[Array, float]] = field(default_factory=dict)
-    """The same with every regulator: gain, and the innovation's variance."""
+    filters: dict[Filter, StationaryFilter] = field(default_factory=dict)
+    """The same with every regulator."""
 
     @property
     def at_once(self) -> bool:
@@ -125,11 +125,10 @@ class Task:
     def pair(self, outer: Outer, gains: OuterGains, filtering: Filter) -> Candidate | None:
         """One regulator with one filter; None where it is not worth a closer look."""
         filtered = outer.model_copy(update=filtering.figures)
-        if filtering not in self.observers:
+        if filtering not in self.filters:
             A, _, C, controllable = augment(outer, self.period_s)
-            self.observers[filtering] = observer_gain(filtered, A, C, controllable)
-        observer, variance = self.observers[filtering]
-        with_filter = replace(gains, observer=observer, innovation_variance=variance)
+            self.filters[filtering] = stationary_filter(filtered, A, C, controllable)
+        with_filter = replace(gains, **self.filters[filtering]._asdict())
         loop = stage_loop(with_filter, self.plant, self.sample_cycles, self.late_cycles)
         if np.abs(np.linalg.eigvals(loop.closed())).max() >= 1.0:
             return None

@@ -16,90 +16,26 @@ import numpy as np
 from numba import types
 
 from micromanip.rt.clock import now_ns
-from micromanip.rt.record import record
 from micromanip.rt.records import SIGNAL
 from micromanip.rt.signatures import array_of
 from micromanip.rt.wire.codec import bits_at, put_bits
 from micromanip.rt.wire.datagrams import length_of, receive, send, wait_for_any
-from micromanip.rt.wire.records import BATCH, SOCKET
+from micromanip.rt.wire.records import BATCH
 
 from ..arrivals import note
 from ..compiled import compiled
-from ..compiled_plant import PLANT, advance
+from ..compiled_plant import advance
 from ..path_error import PATH_ERRORS, note_errors
-from .frames import FIELD, FIRST, ONE, PACKET_BYTES, STAMP_BYTES, put_code, put_nearest, value_at
+from .frames import FIRST, ONE, PACKET_BYTES, STAMP_BYTES, put_code, put_nearest, value_at
+from .records import BUS, FAR_NS, MAX_CLIENTS, NOBODY, ODD, SERVED
 
-MAX_BUSES, MAX_CLIENTS, MAX_MESSAGES, MAX_FIELDS = 4, 4, 16, 192
-NOBODY = -1
-"""Sends on a bus that is idle; a client is 0 and up, a message of the devices MAX_CLIENTS and up."""
-ODD = -1
-"""What ``serve`` and ``catch_up`` return where Python has to go on."""
 LATEST_NS = 5_000_000
 """What is worked off later than this is Python's."""
-KINDS, LENGTHS = 3, 65
-"""Classic frames, CAN FD without a second bit rate, and with it; lengths of their data."""
-
 _CLASSIC_PACKET = 24
 _SWITCHES, _EXTENDED, _NOT_PLAIN = 1, 0x80000000, 0x60000000
-_FAR_NS = 1 << 62
 _RESTED_NS = 20_000
 _LOOK_NS = 1_000_000
 """It waits no longer: commands that nobody else waits for are taken."""
-
-CLIENT = record(("waiting", "i8"), ("next", "i8"), ("heard_ns", "i8"), ("dropped", "i8"), ("socket", SOCKET))
-"""A participant in another process: `waiting` packets of a batch, which had come at `heard_ns`, from `next` on."""
-
-MESSAGE = record(
-    ("period_ns", "i8"),
-    ("due_ns", "i8"),
-    ("count", "i8"),
-    ("counter", FIELD),
-    ("field", "i8"),
-    ("fields", "i8"),
-    ("packet", "u1", (PACKET_BYTES,)),
-    ("empty", "u1", (PACKET_BYTES,)),
-    ("bytes", "i8"),
-    ("priority", "i8"),
-    ("duration_ns", "i8"),
-    ("waits", "i8"),
-    ("arrival_ns", "i8"),
-    ("sent", "i8"),
-)
-"""One that the devices send: a node of its own. `packet` is filled, and `waits` for the bus or is on it, from the
-time on when it was due; `empty` is it with zeros for data."""
-
-COMMAND = record(("word", "i8"), ("length", "i8"), ("field", "i8"), ("fields", "i8"))
-"""One that they take, by the identifier's word."""
-
-BUS = record(
-    ("clients", "i8"),
-    ("client", CLIENT, (MAX_CLIENTS,)),
-    ("messages", "i8"),
-    ("message", MESSAGE, (MAX_MESSAGES,)),
-    ("commands", "i8"),
-    ("command", COMMAND, (MAX_MESSAGES,)),
-    ("field", FIELD, (MAX_FIELDS,)),
-    ("fd", "i8"),
-    ("duration_ns", "i8", (2, KINDS, LENGTHS)),
-    ("sender", "i8"),
-    ("end_ns", "i8"),
-    ("free_ns", "i8"),
-    ("frames", "i8"),
-    ("busy_ns", "i8"),
-    ("received", "i8"),
-    ("not_understood", "i8"),
-    ("refused", "i8"),
-    ("heard_ns", "i8"),
-    ("value", "f8", (MAX_FIELDS,)),
-    ("scratch", "u8", (1,)),
-)
-"""A bus with what is on it, by `duration_ns` for standard and extended identifiers; what happened since Python has
-last looked."""
-
-SERVED = record(
-    *PLANT, ("buses", "i8"), ("late_ns", "i8"), ("rested_ns", "i8"), ("descriptors", "i8"), ("timespec", "i8", (2,))
-)
-"""The plant, and how late the latest frame was given to its clients. The first so many `descriptors` are Python's."""
 
 _ARRAYS = (array_of(SERVED), array_of(BUS), types.float64[::1], array_of(SIGNAL), array_of(PATH_ERRORS))
 
@@ -151,7 +87,7 @@ def work_off(d: Any, buses: Any, outputs: Any, signals: Any, errors: Any, now: i
         if not listen(buses[b], now):
             return ODD
     while True:
-        at_ns, first = _FAR_NS, 0
+        at_ns, first = FAR_NS, 0
         for b in range(d["buses"]):
             next_ns = next_event(buses[b])
             if next_ns < at_ns:
@@ -160,7 +96,7 @@ def work_off(d: Any, buses: Any, outputs: Any, signals: Any, errors: Any, now: i
             break
         if now - at_ns > LATEST_NS or not let_happen(d, buses[first], outputs, signals, errors, at_ns, now):
             return ODD
-    next_ns = _FAR_NS
+    next_ns = FAR_NS
     for b in range(d["buses"]):
         next_ns = min(next_ns, next_delivery(buses[b]))
     return next_ns
@@ -219,7 +155,7 @@ def arrival_of(c: Any) -> int:
 @compiled
 def first_arrival(h: Any) -> int:
     """Since when a frame waits for the bus."""
-    first: int = _FAR_NS
+    first: int = FAR_NS
     for m in range(h["messages"]):
         if h["message"][m]["waits"] != 0:
             first = min(first, h["message"][m]["arrival_ns"])
@@ -244,18 +180,18 @@ def next_event(h: Any) -> int:
 def next_delivery(h: Any) -> int:
     """Not later than the next end of a frame that a client waits for."""
     if h["clients"] == 0:
-        return _FAR_NS
+        return FAR_NS
     free_ns = h["free_ns"]
     if h["sender"] != NOBODY:
         free_ns = h["end_ns"]
         if h["sender"] >= MAX_CLIENTS or h["clients"] > 1:
             return int(free_ns)
-    first: int = _FAR_NS
+    first: int = FAR_NS
     for m in range(h["messages"]):
         t = h["message"][m]
         ready_ns = t["arrival_ns"] if t["waits"] != 0 else t["due_ns"]
         first = min(first, max(free_ns, ready_ns) + t["duration_ns"])
-    if h["clients"] > 1 and first_arrival(h) < _FAR_NS:
+    if h["clients"] > 1 and first_arrival(h) < FAR_NS:
         first = min(first, free_ns)
     return first
 
@@ -309,7 +245,7 @@ def sample(d: Any, h: Any, t: Any, outputs: Any, signals: Any, errors: Any) -> b
 @compiled
 def begin(h: Any, at_ns: int) -> None:
     """Give the bus to the lowest identifier that waits."""
-    lowest, duration_ns = _FAR_NS, 0
+    lowest, duration_ns = FAR_NS, 0
     for m in range(h["messages"]):
         t = h["message"][m]
         if t["waits"] != 0 and t["arrival_ns"] <= at_ns and t["priority"] < lowest:

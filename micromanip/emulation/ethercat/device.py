@@ -30,12 +30,12 @@ from micromanip.rt.jit import prepare
 from micromanip.testbus.event_loop import EventLoop
 
 from .controller import system_ns
-from .drive_faults import befall_drive, relieve
-from .faults import KINDS, Absent, Clock, Cut, LeftOp, MailboxSilent, OfDrive, Order, Power, TerminalFault, parsed
+from .faults import KINDS, parsed
 from .line import NEAR, NOWHERE, Line
 from .port import EthernetPort
 from .process_data import Number, numbers, terminal_of
 from .serving import COUNTS, NOBODYS, OF_DRIVE, SERVED, lay_out_readings, outputs_taken, serve
+from .terminal_faults import TerminalFaults
 
 FRAMES = "frames"
 """What the device sends, by the name that commands use."""
@@ -69,6 +69,7 @@ class EthercatDevice:
         self._served = np.zeros(1, SERVED)
         self._served[0]["turn_ns"] = _TURN_NS
         self.slaves.relinked = self._relinked
+        self._faults = TerminalFaults(loop, self._names, self.slaves, self._left_op)
         self.signals: list[str] = []
         self._signal: list[list[tuple[str, bool]]] = []
         self._output: list[list[str | None]] = []
@@ -153,13 +154,11 @@ class EthercatDevice:
         self._silent_until_ns = self._loop.end_ns(for_s)
 
     def reboot(self, for_s: float) -> None:
-        for k in range(len(self._names)):
-            self._switch_off(k)
-            self._loop.call_at(self._loop.now_ns() + round(for_s * 1e9), lambda k=k: self._switch_on(k))  # type: ignore[misc]
+        self._faults.reboot(for_s)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
         if fault.get("kind") in KINDS:
-            self._befall(parsed(dict(fault)))
+            self._faults.befall(parsed(dict(fault)))
             return
         injected = line_fault(dict(fault))
         if not isinstance(injected, _OF_FRAMES):
@@ -167,87 +166,16 @@ class EthercatDevice:
         for line in self._lines:
             line.inject(injected)
 
-    def _cut(self, fault: Cut) -> None:
-        if fault.behind > len(self._names):
-            raise UsageError(f"fault cut: behind {fault.behind} terminals, but there are {len(self._names)}")
-        self.slaves.cuts.add(fault.behind)
-        self.slaves.relink()
-        if fault.for_s is not None:
-            self._loop.call_at(self._loop.now_ns() + round(fault.for_s * 1e9), partial(self._mend, fault.behind))
-
-    def _mend(self, behind: int) -> None:
-        self.slaves.cuts.discard(behind)
-        self.slaves.relink()
-
     def _relinked(self) -> None:
         """Who has a neighbour, and which way frames go, has changed."""
         for port, way in zip(self._served[0]["port"], self.slaves.ways, strict=True):
             port["first"], port["end"], port["out"] = way.first, way.end, way.out
 
-    def _befall(self, fault: TerminalFault | Cut) -> None:
-        if isinstance(fault, Cut):
-            self._cut(fault)
-            return
-        if fault.terminal not in self._names:
-            raise UsageError(f"fault {fault.kind}: there is no terminal {fault.terminal}: {', '.join(self._names)}")
-        k = self._names.index(fault.terminal)
-        application = self.slaves.applications[k]
-        end_ns = self._loop.now_ns() + round((fault.for_s or 0) * 1e9)
-        match fault:
-            case Power():
-                self._switch_off(k)
-                if fault.for_s is not None:
-                    self._loop.call_at(end_ns, lambda: self._switch_on(k))
-            case LeftOp():
-                application.drop(fault.code)
-            case Absent():
-                application.be_absent()
-                if fault.for_s is not None:
-                    self._loop.call_at(end_ns, application.take_part)
-            case Clock():
-                application.drift(fault.ppm, self._loop.now_ns())
-                if fault.for_s is not None:
-                    self._loop.call_at(end_ns, lambda: application.drift(0.0, self._loop.now_ns()))
-            case OfDrive():
-                befall_drive(self.slaves.drives[k], fault)
-                if fault.for_s is not None:
-                    self._loop.call_at(end_ns, partial(relieve, self.slaves.drives[k], fault.kind))
-            case MailboxSilent():
-                application.mailbox_silent = True
-            case Order():
-                if k + 1 == len(self._names):
-                    raise UsageError(f"fault order: behind {fault.terminal} there is no terminal")
-                self._swap(k)
-                if fault.for_s is not None:
-                    self._loop.call_at(end_ns, partial(self._swap, k))
-
-    def _swap(self, k: int) -> None:
-        self.slaves.swap(k, self._loop.now_ns())
-        self.slaves.relink()
-        self._left_op()
-
-    def _switch_off(self, k: int) -> None:
-        self.slaves.controllers[k]["powered"] = 0
-        self.slaves.relink()
-        self._left_op()
-
-    def _switch_on(self, k: int) -> None:
-        self.slaves.applications[k].switch_on(self._loop.now_ns())
-        self.slaves.relink()
-
     def clear(self) -> None:
         for line in self._lines:
             line.clear()
-        self.slaves.cuts.clear()
-        self.slaves.relink()
+        self._faults.clear()
         self._silent_until_ns = 0.0
-        for k, application in enumerate(self.slaves.applications):
-            application.take_part()
-            relieve(self.slaves.drives[k])
-            application.mailbox_silent = False
-            application.drift(0.0, self._loop.now_ns())
-            if not self.slaves.controllers[k]["powered"]:
-                self._switch_on(k)
 
     def report(self) -> dict[str, Any]:
         self._gather()

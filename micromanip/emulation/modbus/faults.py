@@ -1,4 +1,4 @@
-"""Faults of Modbus devices, beside those of every line (``line_faults.py``):
+"""Faults of Modbus devices, beside those of every line (``emulation/line/faults.py``):
 
     exception    requests are answered with exception ``code``: {"inject": "exception", "code": 6, "share": 0.1}
     transaction  answers carry the number of another request; Modbus TCP only

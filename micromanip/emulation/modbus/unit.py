@@ -121,10 +121,6 @@ def _meets(register: DeviceRegister, first: int, count: int) -> bool:
     return register.address < first + count and register.address + register.width > first
 
 
-Units = Mapping[int, ModbusUnit]
-"""By their number on the line."""
-
-
 def unit_of(name: str, keys: Any, behind: Behind) -> ModbusUnit:
     """The unit that a section `units` of the driver's options describes."""
     unit = ModbusUnit(name, behind)

@@ -1,4 +1,4 @@
-// What both pages share: building elements, the theme's button, figures as text.
+// What the pages share: building elements, the theme's button, figures as text.
 
 export const by = (id) => document.getElementById(id);
 

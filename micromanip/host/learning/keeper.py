@@ -64,7 +64,7 @@ class LearningKeeper:
             restarts=RestartLimit(_RESTARTS, _WITHIN_S),
         )  # fmt: skip
         self._next: Memories | None = None
-        self._stopping = self._withdrawing = False
+        self._stopping = False
         self._state = "starting"
         self._parts: dict[str, dict[str, Any]] = {}
         self._made = 0

@@ -29,7 +29,7 @@ MCAP, HDF5 = ".mcap", (".h5", ".hdf5")
 class Extent:
     """What a recording takes: `before_s` of what the ring still holds, and all from then on.
 
-    With `triggers` (their names as in ``window.TRIGGERS``) what was `before_s` before the first of them to `after_s`
+    With `triggers` (names as in ``window.py``) what was `before_s` before the first of them to `after_s`
     after it. With `segment_s` it goes into numbered files of that length; beyond `quota_bytes` the oldest are removed.
     """
 

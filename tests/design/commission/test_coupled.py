@@ -19,7 +19,7 @@ CONFIG = Path(__file__).parents[3] / "config" / "simulated.yaml"
 TUNED = load(CONFIG)
 NAMES = tuple("xyz")
 HERTZ = np.linspace(0.3, 300.0, 200)
-DISK = Disk(6.0, 36.0, 100.0)
+DISK = Disk(6.0, 36.0)
 
 
 def coupled(share=0.05, deviation=1e-4):

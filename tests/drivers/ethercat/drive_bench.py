@@ -76,11 +76,6 @@ class DriveBench(Bench):
         return float(self.line.drives[0]["out"]) * SCALE
 
     @property
-    def target_V(self):
-        """What it was given last."""
-        return float(self.line.applications[0].memory[OUTPUTS + 3 : OUTPUTS + 7].copy().view(np.int32)[0]) * SCALE
-
-    @property
     def ok(self):
         return float(self.sample("amplifier_ok")["value"])
 

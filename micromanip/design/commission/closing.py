@@ -1,0 +1,153 @@
+"""A loop of an axis closed: tuned, measured, and once more from what was measured where that is not as predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.control.outer_gains import outer_gains
+from micromanip.errors import CheckFailed
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.wiring.timing import AT_ONCE
+
+from ..actuation import DELAYS, ORDERS, Actuator
+from ..closed import measure_outer_loop, measure_strain_loop
+from ..experiment import Experiment, with_axis
+from ..judged import analyse_inverse, analyse_strain, slopes_of
+from ..loops import over_path, stage_loop, strain_loop
+from ..response import Wanted, identify
+from ..sensitivity import Sensitivity, judge_loop
+from ..synthesis import OuterDesign, PidDesign, Reach, tune_outer, tune_pid
+from ..tuning import StageModel, with_response
+from .borne import Borne
+from .knobs import Knobs
+from .polarity import Polarity
+
+Array = NDArray[np.float64]
+Say = Callable[[str], None]
+
+BUS_SLOPE = 1.45
+"""The PID holds its margins up to this multiple of the actuator's slope where the samples of a bus show less of it."""
+
+
+def close_strain(
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    actuator: Actuator,
+    polarity: Polarity,
+    left_um: float,
+    seed: int,
+    say: Say,
+    learned: list[str],
+) -> tuple[Actuator, PidDesign, Sensitivity]:
+    """PID for `actuator`, closed, and measured; once more from what was measured where it is not what was predicted."""
+    by_bus = actuator.path != AT_ONCE
+    for again in (False, True):
+        settings = configuration.axes[axis]
+        seen = over_path(actuator.system, actuator.path)
+        hysteresis = settings.hysteresis
+        assert isinstance(hysteresis, PrandtlIshlinskii)
+        _, slopes = slopes_of(settings, actuator.swing_um, analyse_inverse(hysteresis, settings))
+        if by_bus:
+            slopes = (slopes[0], 1.0, max(slopes[-1], BUS_SLOPE))
+        noise_um = polarity.noise_um
+        pid = tune_pid(
+            settings.inner,
+            seen,
+            slopes,
+            careful=by_bus,
+            radius=None if by_bus else actuator.found.radius_at,
+            gain_dB=settings.accept.gain_margin_dB,
+            phase_deg=settings.accept.phase_margin_deg,
+            residual=float(np.clip(noise_um / max(left_um, 1e-6), 0.03, 0.5)),
+        )
+        say("sensitivity of the strain loop")
+        closed = with_axis(configuration, axis, inner=pid.inner)
+        measured = measure_strain_loop(closed, experiment, axis, seed + 10 + again)
+        nominal = pid.margins[slopes.index(1.0)]
+        period_s = configuration.loop.period_ns * 1e-9
+        loop = judge_loop("strain loop", measured, actuator.system, strain_loop(pid.inner, seen), nominal)
+        if loop.agrees or by_bus:
+            return actuator, pid, loop
+        learned.append(loop.sentence)
+        found = identify(measured, period_s, Wanted(ORDERS, DELAYS))
+        if found.problem is not None:
+            learned.append(f"in the closed loop: {found.problem}")
+            break
+        actuator = replace(actuator, found=found)
+    raise CheckFailed(
+        f"axis {axis}: the tuning is withdrawn, the strain loop is not what was predicted: {'; '.join(learned)}. "
+        f"{pid.limited_by[0].upper()}{pid.limited_by[1:]}"
+    )
+
+
+def close_outer(
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    actuator: Actuator,
+    stage: StageModel,
+    knobs: Knobs,
+    seed: int,
+    say: Say,
+    learned: list[str],
+) -> tuple[StageModel, OuterDesign, Sensitivity]:
+    """The same for the outer loop; behind a bus it is judged as it is, by the lines that its samples show."""
+    settings, period_s = configuration.axes[axis], configuration.loop.period_ns * 1e-9
+    for again in (False, True):
+        say("outer loop")
+        hysteresis = settings.hysteresis
+        assert isinstance(hysteresis, PrandtlIshlinskii)
+        strain = analyse_strain(settings, actuator, analyse_inverse(hysteresis, settings)).side
+        hertz = stage.found.measured.frequency_Hz
+        relative = stage.found.radius / np.maximum(np.abs(stage.found.at(hertz)), 1e-12)
+        by_bus = actuator.path.stage_cycles > 1 or actuator.path.stage_late > 0
+        outer = tune_outer(
+            stage.linear,
+            period_s,
+            stage.noise_um if knobs.noise_um is None else knobs.noise_um,
+            unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
+            bears=Borne(stage.linear, strain, actuator, period_s, settings.accept),
+            reach=_reach(settings, period_s),
+            gain_dB=settings.accept.gain_margin_dB,
+            phase_deg=settings.accept.phase_margin_deg,
+            overshoot=0.01 * settings.accept.overshoot_percent,
+            settling_s=1e-3 * settings.accept.settling_ms,
+            bandwidth_Hz=knobs.bandwidth_Hz,
+            oscillation_Hz=knobs.tooth(settings),
+            sample_cycles=actuator.path.stage_cycles,
+            late_cycles=actuator.path.stage_late,
+        )
+        say("sensitivity of the outer loop")
+        closed = with_axis(configuration, axis, outer=outer.outer)
+        measured = measure_outer_loop(closed, experiment, axis, seed + 20 + again)
+        gains, plant = outer_gains(outer.outer, None, period_s), stage.found.system()
+        closed_loop = stage_loop(gains, plant, actuator.path.stage_cycles, actuator.path.stage_late)
+        loop = judge_loop("outer loop", measured, plant, closed_loop, outer.margins)
+        if loop.agrees or by_bus:
+            return stage, outer, loop
+        learned.append(loop.sentence)
+        stage = with_response(stage, measured, period_s)
+        if stage.found.problem is not None:
+            learned.append(f"in the closed loop: {stage.found.problem}")
+            break
+    raise CheckFailed(
+        f"axis {axis}: the tuning is withdrawn, the outer loop is not what was predicted: {'; '.join(learned)}"
+    )
+
+
+def _reach(settings: Axis, period_s: float) -> Reach:
+    low, high = settings.setpoint.range_um
+    nearer = min(settings.centre_um - low, high - settings.centre_um)
+    return Reach(settings.setpoint.slew_um_per_ms * 1e3 * period_s, nearer)
+
+
+def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
+    return np.asarray(np.interp(omega, 2 * np.pi * hertz, values))

@@ -1,0 +1,145 @@
+"""What each verb of the control socket is given."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from micromanip.quantities import Micrometres, Seed
+from micromanip.rt.part import MOST_TOOLS
+from micromanip.rt.record import MAX_AXES
+from micromanip.settings.injected import AMPLITUDE_UM
+from micromanip.settings.moved import Wanted
+from micromanip.settings.schema.base import Flag, Settings
+
+
+class Nothing(Settings):
+    """Fields of a verb that takes none."""
+
+
+class Get(Settings):
+    """Fields of `get`."""
+
+    keys: tuple[str, ...] = Field(default=(), max_length=200, description="Keys or sections; all without one.")
+
+
+class Set(Settings):
+    """Fields of `set`."""
+
+    changes: dict[str, Any] = Field(min_length=1, max_length=200, description="New values by key.")
+
+
+class Save(Settings):
+    """Fields of `save`."""
+
+    force: Flag = Field(default=False, description="Write although the file was changed on disk.")
+
+
+class JogTo(Settings):
+    """Fields of `jog`."""
+
+    axis: str = Field(description="Name of the axis.")
+    by_um: Micrometres | None = Field(default=None, description="From its present target.")
+    to_um: Micrometres | None = Field(default=None, description="Its new target.")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.by_um is None) == (self.to_um is None):
+            raise ValueError("give either by_um or to_um")
+        return self
+
+
+class Inject(Settings):
+    """Fields of `sensitivity`: those of a new measurement, or the number of one that was begun."""
+
+    number: Annotated[int, Field(strict=True, ge=1)] | None = Field(default=None, description="Which one is asked for.")
+    axis: str | None = Field(default=None, description="Name of the axis.")
+    loop: Literal["strain", "stage"] = Field(default="strain", description="Which of its loops.")
+    amplitude_um: Annotated[float, Field(gt=0, le=10)] = Field(
+        default=AMPLITUDE_UM,
+        description="Rms of the multisine on the set-point.",
+    )
+    seed: Seed = Field(default=1, description="Draws its phases.")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.number is None) == (self.axis is None):
+            raise ValueError("give either axis, to begin, or number")
+        return self
+
+
+class Moves(Wanted):
+    """Fields of `move` that begin one."""
+
+    axis: str = Field(description="Name of the axis.")
+
+
+class MoveLook(Settings):
+    """Fields of `move` for one that was begun."""
+
+    number: Annotated[int, Field(strict=True, ge=1)] = Field(description="Which one is asked for.")
+    stop: Flag = Field(default=False, description="Let it come to rest.")
+
+
+class Last(Settings):
+    """Fields of `audit`."""
+
+    last: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(default=20, description="How many entries.")
+
+
+class Forget(Settings):
+    """Fields of `learn_reset`."""
+
+    axes: tuple[str, ...] = Field(default=(), max_length=MAX_AXES, description="Of these axes; all without one.")
+
+
+class BeginPart(Settings):
+    """Fields of `part_begin`."""
+
+    tool: int | None = Field(default=None, ge=1, le=MOST_TOOLS, description="Number of the tool, where it is told.")
+
+
+class Offer(Settings):
+    """Fields of `shadow`."""
+
+    changes: dict[str, Any] = Field(
+        default={}, max_length=200, description="The candidate's values by key; without any: where it stands."
+    )
+
+
+class RecordStart(Settings):
+    """Fields of `record_start`."""
+
+    file: str | None = Field(default=None, description="Name in the folder of recordings; without one, the time.")
+    triggers: tuple[Literal["fault", "overrun", "mark"], ...] = Field(
+        default=(), max_length=3, description="Wait for the first of these."
+    )
+    before_s: Annotated[float, Field(strict=True, ge=0, le=5, allow_inf_nan=False)] = Field(
+        default=0.0, description="Begin so much earlier, s: than now, or than the trigger."
+    )
+    after_s: Annotated[float, Field(strict=True, ge=0, le=3600, allow_inf_nan=False)] | None = Field(
+        default=None, description="End so much later than the trigger, s."
+    )
+    segment_s: Annotated[float, Field(strict=True, ge=1, le=86_400, allow_inf_nan=False)] | None = Field(
+        default=None, description="Begin another file so often, s."
+    )
+    quota_bytes: Annotated[int, Field(strict=True, ge=1_000_000, le=10**16)] | None = Field(
+        default=None, description="Remove the oldest of these files beyond that."
+    )
+
+    @model_validator(mode="after")
+    def _after_a_trigger(self) -> Self:
+        if (self.after_s is None) != (not self.triggers):
+            raise ValueError("triggers and after_s go together: how long to record after the first of them")
+        if (self.segment_s is None) != (self.quota_bytes is None):
+            raise ValueError("segment_s and quota_bytes go together: how long a file is, and how much all may take")
+        if self.segment_s is not None and self.triggers:
+            raise ValueError("segment_s is for a recording without an end, not for one around triggers")
+        return self
+
+
+class RecordMark(Settings):
+    """Fields of `record_mark`."""
+
+    text: str = Field(min_length=1, max_length=500, description="The remark.")

@@ -36,7 +36,10 @@ _SETTLED = 20_000
 
 @dataclass(frozen=True)
 class Found:
-    """Path errors in um rms by axis: without coupling, ignored, decoupled; the added parts; what was predicted."""
+    """Path errors in um rms by axis: without coupling, ignored, decoupled; the added parts; what was predicted.
+
+    `limited`: axes at an end of their range in any of the three runs, which then differ by more than coupling.
+    """
 
     without: Array
     ignored: Array
@@ -45,6 +48,7 @@ class Found:
     left: Array
     predicted: Array
     interaction: float
+    limited: NDArray[np.bool_]
 
 
 def coupled(prepared: Prepared, couplings: Array, flexure: float) -> Prepared:
@@ -86,14 +90,16 @@ def tried(prepared: Prepared, off: tuple[str, ...]) -> Found:
     noted = found.noted(prepared.configuration)
     motion = np.asarray(experiment(noted, SECONDS)["axis"]["stage_um"][_SETTLED::10, :3], dtype=float)
     predicted = costs(noted, found.coupling, motion, 0.1 * noted.loop.rate_hz)
-    errors = [
-        play_without(replace(prepared, configuration=configuration), causes, SECONDS, SEED).error_um
+    played = [
+        play_without(replace(prepared, configuration=configuration), causes, SECONDS, SEED)
         for configuration, causes in ((noted, (*off, COUPLING)), (noted, off), (decoupling(noted), off))
     ]
+    errors = [each.error_um for each in played]
+    limited = np.any([each.limited.any(axis=0) for each in played], axis=0)
     rms = [np.sqrt(np.mean(each**2, axis=0)) for each in errors]
     added, left = (np.sqrt(np.mean((each - errors[0]) ** 2, axis=0)) for each in errors[1:])
     told = np.array([predicted[name].ignored for name in noted.axes])
-    return Found(rms[0], rms[1], rms[2], added, left, told, found.together.interaction)
+    return Found(rms[0], rms[1], rms[2], added, left, told, found.together.interaction, limited)
 
 
 def _numbers(values: Array) -> str:
@@ -119,15 +125,19 @@ def drawn_cells(prepared: Prepared) -> list[str]:
             found.append(tried(cell, NOISE))
         except CheckFailed as problem:
             sys.stderr.write(f"cell {seed}: {problem}\n")
-    added, left, predicted = (
-        np.concatenate([getattr(each, name) for each in found]) for name in ("added", "left", "predicted")
+    free = np.concatenate([~each.limited for each in found])
+    without, ignored, decoupled, added, left, predicted = (
+        np.concatenate([getattr(each, name) for each in found])[free]
+        for name in ("without", "ignored", "decoupled", "added", "left", "predicted")
     )
-    worse = sum(int(np.count_nonzero(each.decoupled > each.ignored)) for each in found)
+    worse = decoupled > ignored
     ratio = predicted / added
     return [
-        f"{len(found)} of {DRAWN} drawn cells, {len(added)} axes: added by coupling median {np.median(added):.3f}, "
+        f"{len(found)} of {DRAWN} drawn cells, {len(added)} axes that no limit held: "
+        f"added by coupling median {np.median(added):.3f}, "
         f"worst {added.max():.3f} um rms; decoupled median {np.median(left):.3f}, worst {left.max():.3f}",
-        f"whole path error with decoupling larger than without on {worse} axes",
+        f"whole path error with decoupling larger than without on {np.count_nonzero(worse)} axes; on "
+        f"{np.count_nonzero(worse & (ignored < without))} of them coupling had taken some of the axis' own error away",
         f"predicted over added: median {np.median(ratio):.2f}, from {ratio.min():.2f} to {ratio.max():.2f}",
         f"largest interaction {max(each.interaction for each in found):.2f}",
     ]

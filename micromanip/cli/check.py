@@ -24,6 +24,7 @@ def command(config: Path, as_json: bool) -> None:
     from micromanip.settings.check import prepare
     from micromanip.settings.commissioned import changes_since
     from micromanip.settings.feedback import feedback_warnings, strain_loops
+    from micromanip.settings.reach import reach_warnings
     from micromanip.settings.wiring.buses import budget as bus_budget
     from micromanip.virtual.cycle_budget import measure
 
@@ -32,6 +33,7 @@ def command(config: Path, as_json: bool) -> None:
     budget = measure(prepared) if wiring.virtual else None
     loop = configuration.loop
     warnings = [*prepared.source.notes, *changes_since(configuration.axes), *feedback_warnings(configuration, wiring)]
+    warnings += reach_warnings(configuration)
     if configuration.learning is not None:
         warnings += memory_warnings(configuration, memory_folder(configuration.learning, prepared.source.path))
     report: dict[str, Any] = {

@@ -108,6 +108,7 @@ def _production(found: CommissionedCell) -> dict[str, Any] | None:
         "tooth_seen_hz": rest.tooth_Hz,
         "path_error_um": {
             name: {"uncompensated_rms": seen.uncompensated_rms, "rms": seen.rms, "max": seen.max}
+            | {"limited_percent": seen.limited_percent}
             for name, seen in production.seen.items()
         },
         "budget": {name: budget.document() for name, budget in production.budgets.items()},

@@ -163,7 +163,8 @@ def _repeated(row: dict[str, Any]) -> str:
     reached = f"sigma {row['true_std_error_um']:.4f} um, {row['true_rms_percent']:.3f} % of the stroke (true position)"
     return (
         f"E, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um, repeated {row['repetitions']} "
-        f"times: {reached}, asked {wanted}; {row['floor_um']:.4f} um of it do not repeat"
+        f"times with {row['feedback_percent']:.3g} % of the feedback: {reached}, asked {wanted}; "
+        f"{row['floor_um']:.4f} um of it do not repeat"
     )
 
 

@@ -3,22 +3,29 @@
 The law is that of learning from part to part (`learning/law.py`) on one period as the part: with the error E_k of
 repetition k at a harmonic of the sine, the correction C_k that was played in it and the measured way T from set-point
 to position, ``E_k + T C_k`` is what would be there uncorrected. Its mean over the repetitions is m, and
-``C = Q W m / T``. T is measured by a sum of sines, at two amplitudes: as far as the two differ it is not known, and Q
-ends where that is more than a fifth. W is Wiener's gain by the spread from repetition to repetition.
+``C = Q W m / T``. T is measured by a sum of sines, at two amplitudes: where the two differ by more than a fifth, as
+beside a sharp resonance, it is not known, and Q is 0. W is the confidence of `learning/spectrum.py`, by harmonics.
+
+What repeats need not be fed back, and feedback makes motion of the gauge's noise. So each sine is learned with all of
+the PID's gains and with shares of them, and E is that of which the gauge tells the least: what repeats of its error by
+its own words, and what does not by the loop (`quiet_loop.py`).
 
 The sine never stops: each repetition follows the one before, and the correction changes over as minimum jerk. A period
 that is continued has no ends, so harmonics are all there is, and no band about them plays noise. What is learned from
-is the gauge, less its own lag; the true position is only told.
+is the gauge, less its own lag and less the lines of the mains that it shows at rest: they would be played as motion.
+The true position is only told.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
@@ -29,7 +36,9 @@ from micromanip.virtual.experiment import VirtualExperiment
 from . import paper
 from .evaluation import SETTLE_S, TUNED, variant_of
 from .experiment import EXCITED, with_reference
+from .learning.spectrum import believed
 from .learning.zero_phase import low_pass
+from .quiet_loop import MAINS_HZ, SHARES, QuietLoop, loop_of
 
 LEARNED = "E"
 REPETITIONS = 8
@@ -40,11 +49,21 @@ SINES = ((1.0, 30.0), (5.0, 30.0), (10.0, 30.0), (50.0, 10.0), (100.0, 10.0), (1
 ASKED_UM = {1.0: 0.010, 5.0: 0.012, 10.0: 0.012, 100.0: 0.020}
 ASKED_PERCENT = {50.0: 0.15, 150.0: 0.30}
 """True sigma, and rms in percent of the stroke: what was to be reached."""
-_LINES_HZ, _LINE_UM = np.arange(10.0, 601.0, 10.0), (0.2, 0.4)
+_LINES_HZ = np.concatenate([np.arange(10.0, 601.0, 10.0), np.arange(650.0, 3001.0, 50.0)])
+_SHAPE = np.where(_LINES_HZ <= 600.0, 1.0, 150.0 / _LINES_HZ)
+_LINE_UM, _MEASURED_S = (0.2, 0.4), 8.0
+"""Of the sum of sines by which T is found: its lines, their relative amplitudes, both amplitudes, and for how long."""
+_RESTED_S = 2.0
 _MOST_OFF, _CORNER = 0.2, 2.0 / 3.0
 _FADE_S, _CHANGED_S = 0.05, 0.2
 """A correction changes over in that time, and has settled after that."""
 _LIMIT_UM = 5.0
+_LAST = 3
+"""A repetition counts for 1 of so many at least: what T is wrong by goes with each, a mean of all would keep it."""
+_SEEN = 4
+"""Repetitions that are told of."""
+_INDEPENDENT = 2.0
+"""Degrees of freedom of a harmonic in one repetition."""
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -59,14 +78,28 @@ class MeasuredWay:
 
     def response(self, hertz: Array) -> Complex:
         """T (n,), straight lines between what was measured."""
-        known, mean = np.append(0.0, _LINES_HZ), np.append(1.0, 0.5 * (self.small + self.large))
+        known, mean = np.append(0.0, _LINES_HZ), np.append(1.0, (self.small + 2.0 * self.large) / 3.0)
         return np.asarray(np.interp(hertz, known, mean.real) + 1j * np.interp(hertz, known, mean.imag))
 
     @property
+    def _known(self) -> NDArray[np.bool_]:
+        """At which lines, and at their neighbours, both amplitudes agree to a fifth."""
+        alike = np.abs(self.large - self.small) <= _MOST_OFF * np.abs(self.small)
+        return np.asarray(minimum_filter(alike, 3, mode="nearest"))
+
+    def share(self, hertz: Array) -> Array:
+        """Q (n,): 0 where T is not known at both lines beside, else 1, falling towards the highest that is known."""
+        known = self._known
+        if not known.any():
+            return np.zeros(len(hertz))
+        highest_hz = float(_LINES_HZ[known].max())
+        beside = np.interp(hertz, np.append(0.0, _LINES_HZ), np.append(known[0], known).astype(float))
+        return np.where((beside == 1.0) & (hertz <= highest_hz), low_pass(hertz, _CORNER * highest_hz), 0.0)
+
+    @property
     def highest_Hz(self) -> float:
-        """Up to where both amplitudes agree to a fifth; 0 where they nowhere do."""
-        off = np.abs(self.large - self.small) / np.abs(self.small)
-        wrong = np.flatnonzero(~(off <= _MOST_OFF))
+        """Up to where it is known without a gap; 0 where it nowhere is."""
+        wrong = np.flatnonzero(~self._known)
         return float(_LINES_HZ[-1] if not len(wrong) else _LINES_HZ[wrong[0] - 1] if wrong[0] else 0.0)
 
 
@@ -76,9 +109,7 @@ class Harmonics:
     def __init__(self, hertz: Array, way: MeasuredWay) -> None:
         """Nothing yet."""
         self._response = way.response(hertz)
-        corner_hz = _CORNER * way.highest_Hz
-        self._low = low_pass(hertz, corner_hz) if corner_hz else np.zeros(len(hertz))
-        self._low[hertz > way.highest_Hz] = 0.0
+        self._low = way.share(hertz)
         self._mean, self._spread = np.zeros(len(hertz), complex), np.zeros(len(hertz))
         self._repetitions = 0
         self.correction = np.zeros(len(hertz), complex)
@@ -87,14 +118,13 @@ class Harmonics:
         """Take the `error` (n,) that was left while `correction` was played."""
         alone = error + self._response * self.correction
         self._repetitions += 1
-        n, before = self._repetitions, self._mean
+        n, before = min(self._repetitions, _LAST), self._mean
         self._mean = before + (alone - before) / n
         if n > 1:
             apart = ((alone - before) * np.conj(alone - self._mean)).real
             self._spread += (apart - self._spread) / (n - 1)
         power = np.abs(self._mean) ** 2
-        chance = np.divide(self._spread, n * power, out=np.ones(len(power)), where=power > 0.0)
-        sure = np.clip(1.0 - chance, 0.0, 1.0)
+        sure = believed(power, self._spread if n > 1 else power, n, _INDEPENDENT)
         self.correction = self._low * sure * self._mean / self._response
 
 
@@ -129,37 +159,76 @@ def repeated(
     progress: Callable[[], None] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """A row for each axis and sine, after `repetitions` of it; `progress` is called after each sine."""
-    ways = measured_ways(configuration, experiment)
-    found = []
-    for frequency_hz, amplitude_um in SINES:
-        found += _sine(configuration, experiment, ways, frequency_hz, amplitude_um, repetitions)
+    loops, found = quiet_loops(configuration, experiment), []
+    tuned = [(share, _with_share(configuration, loops, share)) for share in SHARES]
+    ways = {share: measured_ways(each, experiment) for share, each in tuned}
+    for sine in SINES:
+        tried, problems = [], []
+        for share, each in tuned:
+            try:
+                tried.append(_sine(each, experiment, ways[share], loops, share, *sine, repetitions))
+            except CheckFailed as problem:
+                problems.append(problem)
+        if not tried:
+            raise problems[0]
+        found += [min(of_axis, key=itemgetter(0))[1] for of_axis in zip(*tried, strict=True)]
         progress()
     order = {name: i for i, name in enumerate(configuration.axes)}
     return sorted(found, key=lambda row: order[row["axis"]])
 
 
+def quiet_loops(configuration: Configuration, experiment: VirtualExperiment) -> dict[str, QuietLoop]:
+    """The strain loop of each axis, by the answer of its gauge to the voltage, and by the gauge at rest."""
+    rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
+    turning = _Turning(configuration, experiment, 2.0 * (SETTLE_S + _MEASURED_S) + 1.0)
+    turning.run(SETTLE_S)
+    _, rows = turning.run(_MEASURED_S)
+    resting = np.array(rows["axis"]["strain_um"][:, :count], dtype=float)
+    _, answer = _excited(turning, rate_hz, count, _LINE_UM[0])
+    hertz, found = np.arange(1.0, _LINES_HZ[-1] + 0.5), {}
+    for i, (name, axis) in enumerate(configuration.axes.items()):
+        plant = answer["strain_um"][:, i] / answer["voltage_V"][:, i]
+        inner = variant_of(axis, TUNED, own_pid=False).running_inner
+        loop = loop_of(inner, 1.0 / rate_hz, hertz, _LINES_HZ, plant)
+        found[name] = QuietLoop.of(hertz, loop, resting[:, i], rate_hz)
+    return found
+
+
+def _with_share(configuration: Configuration, loops: dict[str, QuietLoop], share: float) -> Configuration:
+    """`configuration` with `share` of the PID's gains on each axis that bears it."""
+    axes = dict(configuration.axes)
+    for name, axis in configuration.axes.items():
+        if loops[name].bears(share):
+            inner = axis.inner.model_copy(update={"K_V_per_um": share * axis.inner.K_V_per_um})
+            axes[name] = axis.model_copy(update={"inner": inner})
+    return configuration.model_copy(update={"axes": axes})
+
+
 def measured_ways(configuration: Configuration, experiment: VirtualExperiment) -> dict[str, MeasuredWay]:
     """T of each axis, by a sum of sines about the working point at two amplitudes."""
-    rate_hz, window = configuration.loop.rate_hz, round(WINDOW_S * configuration.loop.rate_hz)
-    turning = _Turning(configuration, experiment, len(_LINE_UM) * (SETTLE_S + WINDOW_S) + 1.0)
-    time_s = np.arange(len(turning.table)) / rate_hz
-    count = len(_LINES_HZ)
-    phases = -np.pi * np.arange(count) * np.arange(1, count + 1) / count  # Schroeder's: a low crest
-    wave = np.sum(
-        [np.cos(2.0 * np.pi * f * time_s + phase) for f, phase in zip(_LINES_HZ, phases, strict=True)], axis=0
-    )
-    columns = range(len(configuration.axes))
+    rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
+    turning = _Turning(configuration, experiment, len(_LINE_UM) * (SETTLE_S + _MEASURED_S) + 1.0)
     found = []
-    lines = np.round(_LINES_HZ * WINDOW_S).astype(int)
     for line_um in _LINE_UM:
-        turning.table[turning.at + 1 :, columns] = paper.OFFSET_UM + line_um * wave[turning.at + 1 :, None]
-        turning.run(SETTLE_S)
-        first, rows = turning.run(WINDOW_S)
-        played = np.fft.rfft(line_um * wave[first:][:window])[lines]
-        moved = np.fft.rfft(rows["axis"]["strain_um"], axis=0)[lines]
-        found.append({name: moved[:, i] * _undone(axis, _LINES_HZ) / played
+        played, answer = _excited(turning, rate_hz, count, line_um)
+        found.append({name: answer["strain_um"][:, i] * _undone(axis, _LINES_HZ) / played
                       for i, (name, axis) in enumerate(configuration.axes.items())})  # fmt: skip
     return {name: MeasuredWay(*(each[name] for each in found)) for name in configuration.axes}
+
+
+def _excited(turning: _Turning, rate_hz: int, count: int, line_um: float) -> tuple[Complex, dict[str, Complex]]:
+    """Play the sum of sines on `count` axes: its lines (lines,), and those (lines, count) of what answered."""
+    time_s, number = np.arange(len(turning.table)) / rate_hz, len(_LINES_HZ)
+    phases = -np.pi * np.arange(number) * np.arange(1, number + 1) / number  # Schroeder's: a low crest
+    wave = np.zeros(len(time_s))
+    for f, size, phase in zip(_LINES_HZ, _SHAPE, phases, strict=True):
+        wave += line_um * size * np.cos(2.0 * np.pi * f * time_s + phase)
+    turning.table[turning.at + 1 :, range(count)] = paper.OFFSET_UM + wave[turning.at + 1 :, None]
+    turning.run(SETTLE_S)
+    first, rows = turning.run(_MEASURED_S)
+    lines = np.round(_LINES_HZ * _MEASURED_S).astype(int)
+    answer = {key: np.fft.rfft(rows["axis"][key][:, :count], axis=0)[lines] for key in ("strain_um", "voltage_V")}
+    return np.fft.rfft(wave[first:][: len(rows)])[lines], answer
 
 
 def _undone(axis: Any, hertz: Array) -> Complex:
@@ -169,40 +238,68 @@ def _undone(axis: Any, hertz: Array) -> Complex:
 
 
 def _sine(
-    configuration: Configuration, experiment: VirtualExperiment, ways: dict[str, MeasuredWay], frequency_hz: float,
-    amplitude_um: float, repetitions: int,
-) -> list[dict[str, Any]]:  # fmt: skip
+    configuration: Configuration, experiment: VirtualExperiment, ways: dict[str, MeasuredWay],
+    loops: dict[str, QuietLoop], share: float, frequency_hz: float, amplitude_um: float, repetitions: int,
+) -> list[tuple[float, dict[str, Any]]]:  # fmt: skip
+    """A row for each axis, and the mean square (um^2) of its position's error that the gauge tells of."""
     rate_hz, window = configuration.loop.rate_hz, round(WINDOW_S * configuration.loop.rate_hz)
     pause_s = np.ceil(_CHANGED_S * frequency_hz) / frequency_hz
-    turning = _Turning(configuration, experiment, SETTLE_S + (repetitions + 2) * (WINDOW_S + pause_s) + 2.0 * WINDOW_S)
+    seconds = 2.0 * SETTLE_S + _RESTED_S + (repetitions + 2) * (WINDOW_S + pause_s) + _SEEN * WINDOW_S
+    turning = _Turning(configuration, experiment, seconds)
     turns = round(frequency_hz * WINDOW_S)
     lines = np.arange(turns, window // 2, turns)
     hertz = np.asarray(lines / WINDOW_S, dtype=np.float64)
-    time_s = np.arange(len(turning.table)) / rate_hz
-    sine = paper.OFFSET_UM + amplitude_um * np.sin(2.0 * np.pi * frequency_hz * time_s)
-    # the table begins where the sine is at its working point: no step
+    names = list(configuration.axes)
+    shares = [share if loops[name].bears(share) else 1.0 for name in names]
+    turning.run(SETTLE_S)
+    first, rows = turning.run(_RESTED_S)
+    mains = []
+    for i, name in enumerate(names):
+        # at rest the gauge shows S of what it adds
+        shown = _lines(rows["axis"]["strain_um"][:, i], first, lines, window).mean(axis=0)
+        shown[~np.isin(hertz, MAINS_HZ)] = 0.0
+        mains.append(shown / loops[name].sensitivity(shares[i], hertz))
+    # the sine begins with a window: no step
+    time_s, begins = np.arange(len(turning.table)) / rate_hz, (turning.at // window + 1) * window
+    sine = paper.OFFSET_UM + amplitude_um * np.sin(2.0 * np.pi * frequency_hz * time_s) * (time_s * rate_hz >= begins)
+
+    def left(first: int, rows: NDArray[Any], i: int) -> Complex:
+        """The error (windows, lines) of an axis, as its gauge tells it: less its lag, and what it adds itself."""
+        seen = _lines(rows["axis"]["strain_um"][:, i], first, lines, window) - mains[i]
+        wanted = _lines(sine[first:][: len(rows)], first, lines, window)
+        return np.asarray(wanted - seen * _undone(configuration.axes[names[i]], hertz))
+
     harmonics = {name: Harmonics(hertz, way) for name, way in ways.items()}
     fade = np.array([minimum_jerk(k / (_FADE_S * rate_hz)) for k in range(round(_FADE_S * rate_hz))])
-    now = np.zeros((window, len(harmonics)))
-    turning.table[turning.at + 1 :, range(len(harmonics))] = sine[turning.at + 1 :, None]
-    turning.run(max(SETTLE_S, 1.0 / frequency_hz))
+    now = np.zeros((window, len(names)))
+    turning.table[turning.at + 1 :, range(len(names))] = sine[turning.at + 1 :, None]
+    turning.run(WINDOW_S + max(SETTLE_S, 1.0 / frequency_hz))
     for _ in range(repetitions):
         first, rows = turning.run(WINDOW_S)
-        turned = np.exp(-2j * np.pi * lines * (first % window) / window)
-        for i, (name, axis) in enumerate(configuration.axes.items()):
-            # of the sine itself and of what was measured apart: only the gauge has a lag
-            wanted, seen = (
-                np.fft.rfft(each)[lines] for each in (sine[first:][:window], rows["axis"]["strain_um"][:, i])
-            )
-            harmonics[name].learn((wanted - seen * _undone(axis, hertz)) * turned / window)
+        for i, name in enumerate(names):
+            harmonics[name].learn(left(first, rows, i)[0])
         now = _changed(turning, sine, now, _waves(harmonics, lines, window), fade)
         turning.run(pause_s)
-    first, rows = turning.run(2.0 * WINDOW_S)
-    whole = sine[first:][: 2 * window]
-    return [
-        _row(name, frequency_hz, amplitude_um, repetitions, whole, rows["axis"][:, i], ways[name])
-        for i, name in enumerate(configuration.axes)
-    ]
+    first, rows = turning.run(_SEEN * WINDOW_S)
+    whole = sine[first:][: len(rows)]
+    found: list[tuple[float, dict[str, Any]]] = []
+    for i, name in enumerate(names):
+        expected_um2 = loops[name].motion_um2(shares[i], hertz) + _repeats_um2(left(first, rows, i))
+        row = _row(name, frequency_hz, amplitude_um, repetitions, whole, rows["axis"][:, i], ways[name])
+        found.append((expected_um2, row | {"feedback_percent": 100.0 * shares[i]}))
+    return found
+
+
+def _lines(values: Array, first: int, lines: NDArray[np.int64], window: int) -> Complex:
+    """Lines (windows, lines) of `values`, which begin with row `first` of the table, as if with row 0."""
+    turned = np.exp(-2j * np.pi * lines * (first % window) / window)
+    return np.asarray(np.fft.rfft(values.reshape(-1, window), axis=1)[:, lines] * turned / window)
+
+
+def _repeats_um2(error: Complex) -> float:
+    """Mean square of what is the same in every window of `error` (windows, lines), beyond what chance makes."""
+    power = np.abs(error.mean(axis=0)) ** 2
+    return float(2.0 * np.sum(power * believed(power, error.var(axis=0, ddof=1), len(error), _INDEPENDENT)))
 
 
 def _waves(harmonics: dict[str, Harmonics], lines: NDArray[np.int64], window: int) -> Array:
@@ -231,7 +328,7 @@ def _row(
     way: MeasuredWay,
 ) -> dict[str, Any]:  # fmt: skip
     error, true = wanted - axis["strain_um"], wanted - axis["true_strain_um"]
-    apart = true.reshape(2, -1)
+    apart = true.reshape(_SEEN, -1)
     floor_um = np.sqrt(np.sum((apart - apart.mean(axis=0)) ** 2) / (apart.size - apart.shape[1]))
     return {
         "axis": name, "frequency_hz": frequency_hz, "config": LEARNED, "amplitude_um": amplitude_um,

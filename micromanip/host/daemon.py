@@ -27,6 +27,7 @@ from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import Prepared, refuse_real
 from micromanip.settings.commissioned import changes_since
+from micromanip.settings.reach import reach_warnings
 from micromanip.settings.schema.faults import LOOP_STUCK_S
 from micromanip.settings.text.source import Source
 
@@ -142,7 +143,8 @@ class Daemon:
 
     async def _supervise(self) -> Report:
         rights = missing_rights(int(self._controller.words[w.RIGHTS]))
-        for advice in (*rights, *self._prepared.source.notes, *changes_since(self._prepared.configuration.axes)):
+        notes, configuration = self._prepared.source.notes, self._prepared.configuration
+        for advice in (*rights, *notes, *changes_since(configuration.axes), *reach_warnings(configuration)):
             self._say(f"WARNING: {advice}")
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]

@@ -183,8 +183,10 @@ def _reach(configuration: Configuration) -> Iterator[Finding]:
         if axis.mode == "voltage":
             output = configuration.outputs.get(f"voltage_{name}")
             reachable, unit = (output.range_V if output else (-np.inf, np.inf)), "V"
-        if isinstance(configuration.reference, File):
-            continue
+        if isinstance(configuration.reference, File) or (
+            isinstance(configuration.reference, Tracker) and axis.mode == "stage"
+        ):
+            continue  # `reach_warnings` says of a tracker how far it is followed
         if wanted[0] < reachable[0] - 1e-9 or wanted[1] > reachable[1] + 1e-9:
             yield (
                 ("reference",),

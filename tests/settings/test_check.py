@@ -93,11 +93,6 @@ BROKEN = {
         "voltage_z: {",
         "outputs.voltage_z: another output writes the same channel already",
     ),
-    "reference out of reach": (
-        ("  noise_um: 0.5\n\naxes:", "  noise_um: 0.5\n  range_um: [-400, 300]\n\naxes:"),
-        "reference:",
-        "reference: axis x can't reach it: the reference asks for",
-    ),
     "set-point beyond the model": (
         ("    setpoint: {range_um: [2, 128]", "    setpoint: {range_um: [-5, 128]"),
         "range_um: [-5, 128]",

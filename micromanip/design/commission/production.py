@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.outer_gains import dc_gain
 from micromanip.errors import MicromanipError
+from micromanip.settings.reach import reach_warnings
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
@@ -39,13 +39,22 @@ _SHARE, _NOISES = 0.05, 2.0
 
 @dataclass(frozen=True)
 class PathErrorSeen:
-    """Figures of one axis in um over the time tracked, and what is `left` (n,) over the time (s)."""
+    """Figures of one axis in um over the time tracked, and what is `left` (n,) over the time (s).
+
+    `limited_percent` of the time set-point or voltage was at an end of its range, and nothing was corrected.
+    """
 
     uncompensated_rms: float
     rms: float
     max: float
     t_s: Array
     left: Array
+    limited_percent: float = 0.0
+
+    @property
+    def limited(self) -> str:
+        """What is said of it beside the figures; nothing, where it did not come to that."""
+        return f", at an end of its range {self.limited_percent:.2g} % of the time" if self.limited_percent else ""
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,7 @@ class Production:
             )
         seen, accept = self.seen[axis], self.configuration.axes[axis].accept
         limit = accept.tracking_error_um or float(np.hypot(_SHARE * seen.uncompensated_rms, _NOISES * noise_um))
-        value = f"{told(seen.rms, limit, 3)} um rms, {seen.max:.1f} um at most"
+        value = f"{told(seen.rms, limit, 3)} um rms, {seen.max:.1f} um at most{seen.limited}"
         wanted = (
             f"<= {limit:.3g} um rms, following the tracker for {TRACKED_S - _FADED_IN_S:g} s; "
             f"uncompensated {seen.uncompensated_rms:.0f} um"
@@ -104,7 +113,7 @@ class Production:
             return Section("In production", f"{text} It was ended: {self.problem}")
         seen = self.seen[axis]
         figures = {
-            "path error": f"{seen.rms:.3f} um rms, {seen.max:.2f} um at most",
+            "path error": f"{seen.rms:.3f} um rms, {seen.max:.2f} um at most{seen.limited}",
             "uncompensated": f"{seen.uncompensated_rms:.1f} um rms",
             "told by": "the simulation's truth"
             if self.known
@@ -140,10 +149,8 @@ def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -
         decided.append("The reference is the one of the configuration.")
     else:
         reference = rest.reference()
-        low, high = _reach(configuration)
         axes, said = known_deviations(reference, rest)
-        within = max(reference.range_um[0], low), min(reference.range_um[1], high)
-        reference = reference.model_copy(update={"range_um": within, "axes": axes})
+        reference = reference.model_copy(update={"axes": axes})
         joints = (
             "its joints were not seen to oscillate"
             if rest.joints_Hz is None
@@ -154,7 +161,9 @@ def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -
             f"noise {reference.noise_um:g} um; of the robot, {joints}."
         )
         decided += said
-    return Production(with_reference(with_axes(configuration, mode="stage"), reference), decided=tuple(decided))
+    tracking = with_reference(with_axes(configuration, mode="stage"), reference)
+    decided += [f"{told[0].upper()}{told[1:]}." for told in reach_warnings(tracking)]
+    return Production(tracking, decided=tuple(decided))
 
 
 def _tooth(configuration: Configuration, rest: AtRest) -> str:
@@ -166,16 +175,6 @@ def _tooth(configuration: Configuration, rest: AtRest) -> str:
         )
     seen = f", at rest {rest.tooth_um:.2f} um at {rest.tooth_Hz:g} Hz were seen" if rest.tooth_Hz else ""
     return f"Cancelled is the tooth's frequency, {' and '.join(f'{hertz:g}' for hertz in cancelled)} Hz{seen}."
-
-
-def _reach(configuration: Configuration) -> tuple[float, float]:
-    """Stage positions (um) that every axis reaches, to whole micrometres inwards."""
-    low, high = -np.inf, np.inf
-    for axis in configuration.axes.values():
-        gain = dc_gain(axis.outer)
-        ends = sorted((end - axis.centre_um) * gain for end in axis.setpoint.range_um)
-        low, high = max(low, ends[0]), min(high, ends[1])
-    return float(np.ceil(low)), float(np.floor(high))
 
 
 def tried(
@@ -198,7 +197,8 @@ def tried(
         if not np.isfinite(error).all():
             return replace(production, problem=f"axis {name}: its path error is not known at all times")
         t_s = np.arange(len(error)) / every
-        seen[name] = PathErrorSeen(_rms(moved), _rms(error), float(np.abs(error).max()), t_s, error)
+        limited = 100.0 * float(np.mean(_at_an_end(configuration, name, settled[:, i])))
+        seen[name] = PathErrorSeen(_rms(moved), _rms(error), float(np.abs(error).max()), t_s, error, limited)
     known = all(f"path_error_{name}" in configuration.signals for name in configuration.axes)
     moved_um = np.asarray(settled["stage_um"][:: max(1, round(every / MOVED_HZ)), : len(seen)], dtype=float)
     production = replace(production, configuration=configuration, seen=seen, known=known, moved_um=moved_um)
@@ -208,6 +208,15 @@ def tried(
         return replace(production, budgets={each.axis: each for each in budgeted(configuration, rows)})
     except MicromanipError as problem:
         return replace(production, unbudgeted=str(problem))
+
+
+def _at_an_end(configuration: Configuration, axis: str, rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """In which cycles (n,) the set-point or the voltage of `axis` was at an end of its range."""
+    ends = configuration.axes[axis].setpoint.range_um, configuration.outputs[f"voltage_{axis}"].range_V
+    held = np.zeros(len(rows), dtype=bool)
+    for column, (low, high) in zip(("setpoint_um", "voltage_V"), ends, strict=True):
+        held |= (rows[column] <= low) | (rows[column] >= high)
+    return held
 
 
 def _rms(values: Array) -> float:

@@ -55,18 +55,7 @@ class Bands:
 
     def confidence(self, power: Array, spread: Array, parts: int) -> Array:
         """Share (bands,), 0 to 1, of the mean of `parts` parts that repeats, of its `power` and the `spread`."""
-        single, after = parts < 2, max(1, parts - 1)
-        own = self._independent * (1.0 if single else after)
-        spread = power if single else spread
-        # the median of chi square lies below its mean
-        about = median_filter(spread, _ABOUT, mode="reflect") / (1.0 - 2.0 / (9.0 * own)) ** 3
-        beyond = _times(power * parts, about)
-        sure = beyond > fisher.isf(_CHANCE / max(1, self.count), self._independent, _OF_THEM * own)
-        if single:
-            return np.asarray(np.where(sure, _FIRST_SHARE * (1.0 - 1.0 / np.maximum(beyond, 1.0)), 0.0))
-        itself = _times(power * parts, spread)
-        sure &= itself > fisher.isf(_OWN_CHANCE, self._independent, own)
-        return np.asarray(np.where(sure, 1.0 - 1.0 / np.maximum(np.minimum(beyond, itself), 1.0), 0.0))
+        return believed(power, power if parts < 2 else spread, parts, self._independent)
 
     def gain(self, share: Array, hertz: Array) -> Array:
         """`share` (bands,) at `hertz` (n,): whole in its band, so that a line near an end is, and falling beside it."""
@@ -81,6 +70,24 @@ class Bands:
         """From and to (Hz) of the bands in a row of which something is taken."""
         edges = np.flatnonzero(np.diff(np.concatenate([[0], share > 0.0, [0]])))
         return tuple((float(low * self.width_hz), float(high * self.width_hz)) for low, high in edges.reshape(-1, 2))
+
+
+def believed(power: Array, spread: Array, parts: int, independent: float) -> Array:
+    """Share (n,), 0 to 1, of the mean of `parts` parts that repeats, of its `power` and the `spread`, line by line.
+
+    `independent`: degrees of freedom of each in a part. Of a single part `spread` is its power.
+    """
+    single, after = parts < 2, max(1, parts - 1)
+    own = independent * (1.0 if single else after)
+    # the median of chi square lies below its mean
+    about = median_filter(spread, _ABOUT, mode="reflect") / (1.0 - 2.0 / (9.0 * own)) ** 3
+    beyond = _times(power * parts, about)
+    sure = beyond > fisher.isf(_CHANCE / max(1, len(power)), independent, _OF_THEM * own)
+    if single:
+        return np.asarray(np.where(sure, _FIRST_SHARE * (1.0 - 1.0 / np.maximum(beyond, 1.0)), 0.0))
+    itself = _times(power * parts, spread)
+    sure &= itself > fisher.isf(_OWN_CHANCE, independent, own)
+    return np.asarray(np.where(sure, 1.0 - 1.0 / np.maximum(np.minimum(beyond, itself), 1.0), 0.0))
 
 
 def _times(power: Array, floor: Array) -> Array:

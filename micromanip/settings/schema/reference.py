@@ -117,7 +117,11 @@ class Tracker(Settings):
         default={}, description="What is known of single axes beyond that: `micromanip fit tracker` finds it."
     )
     horizon_ms: Milliseconds = Field(default=20.0, description="Without a sample for longer the last position is held.")
-    range_um: RangeUm = Field(default=(-300.0, 300.0), description="Samples outside are rejected.")
+    range_um: RangeUm = Field(
+        default=(-300.0, 300.0),
+        description="Samples outside are rejected: no such deviation is believed. What is believed and out of an axis' "
+        "reach is followed to the end of its set-point.",
+    )
     jump_um: Distance | None = Field(
         default=50.0, description="A sample that is further from where it is expected is rejected; null: none is."
     )

@@ -31,11 +31,13 @@ def test_a_tuned_cell_follows_its_tracker_with_every_stage():
     assert any("200 Hz" in sentence for sentence in production.decided)
 
 
-def test_it_is_not_asked_for_more_than_every_axis_reaches():
+def test_what_an_axis_does_not_reach_is_believed_all_the_same_and_said():
     setpoint = UNFOLLOWED.axes["y"].setpoint.model_copy(update={"range_um": (46.0, 76.0)})
-    low, high = in_production(with_axis(UNFOLLOWED, "y", setpoint=setpoint), REST).configuration.reference.range_um
-    assert -105.0 < low < -95.0, "20 um of the actuator are 100 of the stage"
-    assert 45.0 < high < 55.0
+    production = in_production(with_axis(UNFOLLOWED, "y", setpoint=setpoint), REST)
+    assert production.configuration.reference.range_um == (-300.0, 300.0)
+    (said,) = (sentence for sentence in production.decided if "reaches" in sentence)
+    assert said.startswith("Axis y reaches -100 to 50 um"), "20 um of the actuator are 100 of the stage"
+    assert said.endswith("with centre_um at the middle of its set-points, 61 um, it would reach -75 to 75 um.")
 
 
 def test_a_tracker_that_the_user_described_stays():
@@ -95,9 +97,9 @@ def load_text(tmp_path, text):
 
 
 def rows(left, moved):
-    made = np.zeros(
-        20_000, [("axis", [(f"{each}_um", "f8") for each in ("path_error", "uncompensated", "stage")], (3,))]
-    )
+    columns = (*(f"{each}_um" for each in ("path_error", "uncompensated", "stage", "setpoint")), "voltage_V")
+    made = np.zeros(20_000, [("axis", [(each, "f8") for each in columns], (3,))])
+    made["axis"]["setpoint_um"] = 66.0
     made["axis"]["path_error_um"], made["axis"]["uncompensated_um"] = left, moved
     made["axis"]["path_error_um"][:10_000] = 50.0  # the correction is faded in
     return made
@@ -115,6 +117,15 @@ def test_the_trial_is_judged_by_what_is_left_of_the_path_error():
     strict = replace(seen, configuration=with_axis(seen.configuration, "y", accept=accept))
     assert not strict.criterion("y", 0.5).passed
     assert strict.criterion("x", 0.5).passed
+
+
+def test_time_at_an_end_of_the_range_is_told_beside_the_figures():
+    made = rows(0.6, 100.0)
+    made["axis"]["setpoint_um"][12_000:13_000, 1] = 128.0
+    made["axis"]["voltage_V"][12_500:13_500, 1] = 150.0
+    seen = tried(in_production(UNFOLLOWED, REST), lambda each: each, lambda *_: made)
+    assert seen.criterion("y", 0.5).value.endswith("0.6 um at most, at an end of its range 15 % of the time")
+    assert seen.criterion("x", 0.5).value.endswith("0.6 um at most")
 
 
 def test_a_trial_that_ends_early_is_no_pass():

@@ -215,7 +215,7 @@ class Compiler:
         return self._decorated(function, None)
 
     def rare(self, function: Function) -> Function:
-        """Decorator of what few cycles call from many places: called where it is, so that the others stay short."""
+        """Decorator of what few cycles call, or of what is long, from many places: called where it is, not built in."""
         return self._decorated(function, None, built_in=False)
 
     def entry(self, signature: Any) -> Callable[[Function], Function]:

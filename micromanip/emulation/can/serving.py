@@ -80,7 +80,7 @@ def is_pythons(d: Any, poll: Any) -> bool:
     return found != 0
 
 
-@compiled
+@compiled.rare
 def work_off(d: Any, buses: Any, outputs: Any, signals: Any, errors: Any, now: int) -> int:
     """What has happened until `now`, on all buses in its order; when somebody waits for the next, or ODD."""
     for b in range(d["buses"]):

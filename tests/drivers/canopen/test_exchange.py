@@ -141,9 +141,14 @@ def test_a_worker_that_was_held_up_misses_no_heartbeat(at):
 
 def test_what_a_node_says_comes_before_what_it_does(at, opened):
     run(opened, PARK, lambda samples: len(samples) >= 6)
-    time.sleep(0.4)  # the amplifier trips, says so, and leaves OPERATIONAL: all is there when the driver looks
-    with pytest.raises(DeviceFault, match=r"amplifier reports emergency 0x8250 \(no outputs in time\)"):
+    wait_for(lambda: at.nodes["amplifier"].state == PRE_OPERATIONAL)  # it has tripped, and said so before
+    time.sleep(0.2)  # until it has said where it is, too: all is there when the driver looks
+
+    def heard():
         opened.receive(Inbox(), time.monotonic_ns())
+
+    with pytest.raises(DeviceFault, match=r"amplifier reports emergency 0x8250 \(no outputs in time\)"):
+        wait_for(heard)
 
 
 def test_rebooted_node(at, opened):

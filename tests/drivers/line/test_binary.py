@@ -109,8 +109,9 @@ def test_a_late_answer_is_no_sample_and_answers_no_other_question():
     begin(one)
     delays[:] = [0.0, 0.0, 0.003, 0.0045, 0.006, 0.009]
     good = late = 0
-    end_s = time.monotonic() + 1.0
-    while time.monotonic() < end_s:
+    end_s = time.monotonic() + 30.0
+    while good <= 60 or late <= 20 or one.counters["late_answers"] <= 20:
+        assert time.monotonic() < end_s, (good, late)
         time.sleep(0.0005)
         before = number[0]
         try:
@@ -122,9 +123,6 @@ def test_a_late_answer_is_no_sample_and_answers_no_other_question():
             assert values == {"strain": 0.5 * number[0]}
             assert number[0] == before + 1
             good += 1
-    assert good > 20
-    assert late > 5
-    assert one.counters["late_answers"] > 5
 
 
 IDENTITY = {"request": "aa 55 00 01", "kind": 0x81, "numbers": {"number": {"at": 4, "type": "uint8", "value": 7}}}

@@ -98,7 +98,9 @@ DRIVE = (
     _on_the_drive("fault", "fault of the drive, 0x3210", "DC link over-voltage"),
     _on_the_drive("torque_off", "safe torque off", "left Operation enabled"),
     _on_the_drive("mode", "the drive shows another mode", "mode"),
-    Case("the drive stays where it is", inject("stuck", terminal="amplifier"), note="held, it is asked for nothing else"),
+    Case(
+        "the drive stays where it is", inject("stuck", terminal="amplifier"), note="held, it is asked for nothing else"
+    ),
     *_FRAMES,
     _LEFT_OP,
     _WITHOUT_POWER,

@@ -25,7 +25,7 @@ def rivals(cpu: int | None, own: int) -> Iterator[str]:
                 continue
             policy = os.sched_getscheduler(pid)
             if _LOOP in command:
-                yield f"so it is of the loop of another cell, process {pid} of `{_command(_parent(pid))}`"
+                yield f"the loop of another cell, process {pid}, is pinned to it, too: `{_command(_parent(pid))}`"
             elif policy in _REAL_TIME:
                 priority = os.sched_getparam(pid).sched_priority
                 yield f"process {pid} is pinned to it with {_REAL_TIME[policy]} {priority}: `{command}`"

@@ -27,7 +27,7 @@ def pinned():
 
 
 def told(cpu, pid, own=0):
-    return [text for text in rivals(cpu, own) if f"process {pid} " in text]
+    return [text for text in rivals(cpu, own) if f"process {pid}" in text]
 
 
 @pytest.mark.live  # processes
@@ -35,7 +35,7 @@ def test_the_loop_of_another_cell_is_named_by_its_command(pinned):
     cpu = max(os.sched_getaffinity(0))
     loop, other = pinned(cpu, "micromanip.host.loop_process"), pinned(cpu, "somebody")
     (found,) = told(cpu, loop)
-    assert found.startswith(f"so it is of the loop of another cell, process {loop} of `")
+    assert found.startswith(f"the loop of another cell, process {loop}, is pinned to it, too: `")
     assert "pytest" in found  # who started it
     assert told(cpu, other) == [], "an ordinary process gives way"
     assert told(cpu, loop, own=loop) == told(cpu + 1, loop) == list(rivals(None, 0)) == []

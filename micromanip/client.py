@@ -15,7 +15,7 @@ import os
 import select
 import socket
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
@@ -24,6 +24,8 @@ from . import replies
 from .errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
 
 _TIMEOUT_S = 10.0
+_LONGER_S = {"record_start": 45.0, "record_stop": 45.0}
+"""Verbs whose answer may take longer: the controller itself gives up on a disk before that."""
 _TRIAL_LOOK_S, _INJECTED_LOOK_S = 0.1, 0.2
 _MEMORIES = 3
 
@@ -79,7 +81,7 @@ class Client:
         self._socket.close()
 
     def request(self, verb: str, **fields: Any) -> Any:
-        """Result of `verb`; raises what the controller answered where it refused."""
+        """Result of `verb`; raises what the controller answered where it refused, DeviceUnavailable with no answer."""
         try:
             asked = json.dumps({"version": 1, "verb": verb, **self._named, **fields}, allow_nan=False).encode() + b"\n"
         except ValueError:
@@ -90,10 +92,24 @@ class Client:
         if self._was_idle():
             self.close()
             self._connect()
-        with contextlib.suppress(ConnectionError):
+        with self._answered(verb), contextlib.suppress(ConnectionError):
             self._socket.sendall(asked)
             line = self._lines.readline()
         return self._result(line)
+
+    @contextlib.contextmanager
+    def _answered(self, verb: str) -> Iterator[None]:
+        """DeviceUnavailable where `verb` is not answered in time; the connection is let go: it may still be."""
+        within_s = _LONGER_S.get(verb, _TIMEOUT_S)
+        self._socket.settimeout(within_s)
+        try:
+            yield
+        except TimeoutError:
+            self.close()
+            raise DeviceUnavailable(
+                f"the controller on {self.path} did not answer {verb} within {within_s:g} s: whether it has done it, "
+                "or will, is not known; `micromanip status` and `micromanip audit` tell"
+            ) from None
 
     def _result(self, line: bytes) -> Any:
         if not line:
@@ -108,6 +124,8 @@ class Client:
 
     def _was_idle(self) -> bool:
         """Whether the controller has said good-bye meanwhile, because nothing was asked for long."""
+        if self._socket.fileno() < 0:  # let go, for want of an answer
+            return True
         poll = select.poll()
         poll.register(self._socket, select.POLLIN)
         with contextlib.suppress(ConnectionError):
@@ -125,7 +143,7 @@ class Client:
         line = b""
         descriptors: list[int] = []
         try:
-            with contextlib.suppress(ConnectionError):
+            with self._answered("telemetry"), contextlib.suppress(ConnectionError):
                 self._socket.sendall(json.dumps({"version": 1, "verb": "telemetry", **self._named}).encode() + b"\n")
                 line, descriptors, _, _ = socket.recv_fds(self._socket, 1 << 16, _MEMORIES)
                 while line and not line.endswith(b"\n"):

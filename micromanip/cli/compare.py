@@ -9,7 +9,7 @@ import click
 
 from .options import StrictCommand, json_option, print_answer
 from .prose import say
-from .results import write_new_page
+from .results import require_new_page, write_new_page
 
 
 @click.command(
@@ -38,8 +38,11 @@ def command(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
 
     from .progress import steps
 
+    both = [open_telemetry(file) for file in (first, second)]
+    if to is not None:
+        require_new_page(to, "--to")
     with steps() as bar:
-        runs = [RecordedRun(open_telemetry(file), bar.say) for file in (first, second)]
+        runs = [RecordedRun(telemetry, bar.say) for telemetry in both]
     for run in runs:
         if told := damage(run):
             say(f"warning: {run.telemetry.file}:{told}", err=True)

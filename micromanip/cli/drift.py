@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
 from .prose import say
+from .results import results_folder
 
 if TYPE_CHECKING:
     from micromanip.design.drift import Check, Judged
@@ -69,22 +71,27 @@ def command(
     from micromanip.design.drift.checking import of_the_model
 
     before = [] if history is None else read_history(history)
-    configuration, checks = _measured(config, axis, amplitude_um, seed, socket_path)
-    period_s = configuration.loop.period_ns * 1e-9
     found, problems, files = [], [], []
-    for check in checks:
+    with contextlib.ExitStack() as places:  # tried before anything moves
         if history is not None:
-            try:
-                append(history, check)
-            except OSError as error:
-                raise system_error(error, history) from None
-        settings = configuration.axes[check.axis]
-        series = [each for each in before if (each.axis, each.tuning) == (check.axis, check.tuning)]
-        judged = judge([*series, check], of_the_model(settings, period_s), settings.accept, false_alarms)
-        found.append(judged)
-        problems += [f"axis {check.axis}: {problem}" for problem in judged.problems]
+            places.enter_context(results_folder(history.parent, "--history"))
         if folder is not None:
-            files += _draw([*series, check], judged, configuration, folder)
+            places.enter_context(results_folder(folder))
+        configuration, checks = _measured(config, axis, amplitude_um, seed, socket_path)
+        period_s = configuration.loop.period_ns * 1e-9
+        for check in checks:
+            if history is not None:
+                try:
+                    append(history, check)
+                except OSError as error:
+                    raise system_error(error, history) from None
+            settings = configuration.axes[check.axis]
+            series = [each for each in before if (each.axis, each.tuning) == (check.axis, check.tuning)]
+            judged = judge([*series, check], of_the_model(settings, period_s), settings.accept, false_alarms)
+            found.append(judged)
+            problems += [f"axis {check.axis}: {problem}" for problem in judged.problems]
+            if folder is not None:
+                files += _draw([*series, check], judged, configuration, folder)
     if as_json:
         print_json({"axes": [_document(*each) for each in zip(checks, found, strict=True)], "problems": problems,
                     "files": [str(file) for file in files]})  # fmt: skip
@@ -151,11 +158,8 @@ def _draw(checks: list[Check], judged: Judged, configuration: Configuration, fol
     from micromanip.design.canvas import save
     from micromanip.design.drift.picture import picture
 
-    from .results import results_folder
-
-    with results_folder(folder):
-        drawn = picture(checks, judged, configuration.axes[judged.axis].accept)
-        return save(drawn, folder, f"drift_{judged.axis}", about=f"tuning {checks[-1].tuning}")
+    drawn = picture(checks, judged, configuration.axes[judged.axis].accept)
+    return save(drawn, folder, f"drift_{judged.axis}", about=f"tuning {checks[-1].tuning}")
 
 
 def _document(check: Check, judged: Judged) -> dict[str, Any]:

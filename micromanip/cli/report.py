@@ -8,7 +8,7 @@ import click
 
 from .options import StrictCommand, json_option, print_answer
 from .prose import say
-from .results import write_new_page
+from .results import require_new_page, write_new_page
 
 
 @click.command("report", cls=StrictCommand, epilog="Example: micromanip report run.mcap --to run.html")
@@ -31,8 +31,10 @@ def command(file: Path, to: Path | None, as_json: bool) -> None:
     from .progress import steps
 
     to = to or file.with_suffix(".html")
+    telemetry = open_telemetry(file)
+    require_new_page(to, "--to")
     with steps() as bar:
-        run = RecordedRun(open_telemetry(file), bar.say)
+        run = RecordedRun(telemetry, bar.say)
         bar.say("drawing")
         figures = run_figures(run)
         responses = {axis: run.axis[axis].steps.response() for axis in run.axes}

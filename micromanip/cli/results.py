@@ -36,20 +36,27 @@ def require_room(folder: Path, what: str) -> None:
 
 
 @contextlib.contextmanager
-def results_folder(folder: Path) -> Iterator[None]:
+def results_folder(folder: Path, option: str = "--out") -> Iterator[None]:
     """`folder` is there and takes files, or an error is raised; one made for nothing is removed again."""
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as problem:
-            raise system_error(problem, f"--out {folder}") from problem
-        require_room(folder, f"--out {folder}")
+            raise system_error(problem, f"{option} {folder}") from problem
+        require_room(folder, f"{option} {folder}")
         yield
     finally:
         for each in made:
             with contextlib.suppress(OSError):  # there is something in it
                 each.rmdir()
+
+
+def require_new_page(place: Path, option: str) -> None:
+    """Raise where no page can be written to `place`: before anything is read for it."""
+    if place.is_symlink() or place.exists():
+        raise _is_there(place, option)
+    require_room(place.parent, str(place))
 
 
 def write_new_page(place: Path, text: str, option: str) -> None:
@@ -58,9 +65,13 @@ def write_new_page(place: Path, text: str, option: str) -> None:
         with place.open("x", encoding="utf-8") as written:
             written.write(text)
     except FileExistsError:
-        raise UsageError(f"{place} is there already: nothing is replaced; name another file with {option}") from None
+        raise _is_there(place, option) from None
     except OSError as problem:
         raise system_error(problem, place) from problem
+
+
+def _is_there(place: Path, option: str) -> UsageError:
+    return UsageError(f"{place} is there already: nothing is replaced; name another file with {option}")
 
 
 def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from micromanip.design.sweep.trial import Trials
     from micromanip.design.sweep.work import Tried
 
+_DATABASE = b"SQLite format 3\0"
+
 
 @click.command(
     "sweep",
@@ -89,6 +91,7 @@ def command(
         _require_table(table)
     for place in (each for each in (out, best, table) if each is not None):
         require_room(place.parent, str(place))
+    _require_results(out)
     trials, about = _prepare(files, config, space, cut)
     about |= {"vary": [str(each) for each in space.dimensions], "seed": seed, "cut": None if cut is None else list(cut)}
     axes = list(trials.base.configuration.axes)
@@ -132,6 +135,17 @@ def command(
         from micromanip.errors import CheckFailed
 
         raise CheckFailed(f"{best} is not written: none of the best {len(found)} that passes the check beats tuning 0")
+
+
+def _require_results(out: Path) -> None:
+    """What is in it is looked at later; what is no database is refused before anything is read or compiled."""
+    if out.is_file() and _head(out) not in (b"", _DATABASE):
+        raise UsageError(f"--out {out} is no file of a sweep; give another name")
+
+
+def _head(file: Path) -> bytes:
+    with file.open("rb") as opened:
+        return opened.read(len(_DATABASE))
 
 
 def _require_table(table: Path) -> None:

@@ -16,13 +16,16 @@ from matplotlib.figure import Figure
 
 COLOURS = ("#2b8cbe", "#d95f0e", "#31a354")
 GREY = "#7f7f7f"
-"""Legible on white and on black."""
+"""Of lines: seen on white and on black."""
+INK = "#7f7f7e"
+"""Of words in a drawing: in the page they have the colour of its text, whether it is light or dark."""
 _DRAWN: Any = {
     "svg.hashsalt": "micromanip",
     "svg.fonttype": "none",
-    "font.size": 9,
+    "font.size": 11,
     "legend.frameon": False,
-    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), GREY),
+    **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.labelcolor", "ytick.labelcolor"), INK),
+    **dict.fromkeys(("axes.edgecolor", "xtick.color", "ytick.color"), GREY),
 }
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1a1a1a; --ground: #fff; --line: #ccc; }
@@ -38,7 +41,7 @@ table.words th { text-align: left; }
 table.words td:first-child { overflow-wrap: normal; }
 table.words td:last-child { min-width: 14rem; }
 .wide { overflow-x: auto; } svg { max-width: 100%; height: auto; }
-@media (max-width: 40rem) { .wide > svg { max-width: none; width: 40rem; }
+@media (max-width: 40rem) { .wide > svg { max-width: none; width: 48rem; }
   .wide table:not(.words) td { white-space: nowrap; } table.words td:last-child { min-width: 22rem; } }
 pre { overflow-x: auto; font-size: .8rem; }
 """
@@ -68,7 +71,7 @@ def section(title: str, about: str, figure: Figure) -> str:
     drawn = io.StringIO()
     with legible():
         figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
-    text = drawn.getvalue()
+    text = drawn.getvalue().replace(INK, "currentColor")
     return f'<h2>{title}</h2><p>{about}</p><div class="wide">{text[text.index("<svg") :]}</div>'
 
 

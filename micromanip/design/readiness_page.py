@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from .page import COLOURS, GREY, drawing, page, section, table
+from .page import COLOURS, INK, drawing, page, section, table
 
 Curves = Mapping[str, tuple[NDArray[Any], NDArray[Any]]]
 """Lateness (us) and share of cycles that were later, by what was measured."""
@@ -70,5 +70,5 @@ def _drawn(at_rest: Curves, under_load: Curves) -> Figure:
             late_us = np.maximum(late_us, _SOONEST_US)
             panels[0, 0].loglog(late_us, share, style, color=colour, label=f"{name}, {when}")
     panels[0, 0].set(xlabel="later than, us", ylabel="share of cycles")
-    panels[0, 0].legend(loc="lower left", frameon=False, labelcolor=GREY)
+    panels[0, 0].legend(loc="lower left", frameon=False, labelcolor=INK)
     return figure

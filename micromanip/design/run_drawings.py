@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from micromanip.rt.states import STATE_NAMES
 
 from .deconvolution import StepResponse
-from .page import COLOURS, GREY, drawing
+from .page import COLOURS, GREY, INK, drawing
 from .recorded_run import RecordedRun
 
 _LINES = 800
@@ -34,7 +34,7 @@ def errors(runs: Sequence[RecordedRun]) -> Figure:
         panel.set(ylabel=_of_run("path error, um", runs, run))
     _one_scale(panels[:, 0])
     panels[-1, 0].set(xlabel="time, s")
-    _legend(panels[0, 0], "upper right")
+    _legend(panels[0, 0])
     return figure
 
 
@@ -53,7 +53,7 @@ def densities(runs: Sequence[RecordedRun]) -> Figure:
         panel.set(xlabel="frequency, Hz", title="" if len(runs) == 1 else axis)
     panels[0, 0].set(ylabel="um / sqrt(Hz)")
     _one_scale(panels[0])
-    _legend(panels[0, 0], "lower left")
+    _legend(panels[0, 0])
     return figure
 
 
@@ -70,7 +70,7 @@ def headroom(runs: Sequence[RecordedRun]) -> Figure:
         panel.set(ylabel=_of_run("voltage left, V", runs, run), ylim=(0, None))
     _one_scale(panels[:, 0])
     panels[-1, 0].set(xlabel="time, s")
-    _legend(panels[0, 0], "upper right")
+    _legend(panels[0, 0])
     return figure
 
 
@@ -85,7 +85,7 @@ def loops(runs: Sequence[RecordedRun]) -> Figure:
             panel.plot(voltage, strain, color=colour, linewidth=0.5, alpha=0.8, label=LETTERS[number])
         panel.set(title=axis, xlabel="voltage, V", ylabel="gauge, um" if place == 0 else "")
     if len(runs) > 1:
-        _legend(panels[0, 0], "upper left")
+        _legend(panels[0, 0])
     return figure
 
 
@@ -105,7 +105,7 @@ def steps(axes: Sequence[str], found: Sequence[Mapping[str, StepResponse]]) -> F
         panel.set(title=axis, xlabel="time, ms", ylabel="gauge over set-point" if place == 0 else "")
     _one_scale(panels[0])
     if len(found) > 1:
-        _legend(panels[0, 0], "lower right")
+        _legend(panels[0, 0])
     return figure
 
 
@@ -124,7 +124,7 @@ def timing(runs: Sequence[RecordedRun]) -> Figure:
             panel.loglog(shown, (count - rank) / count, color=colour, label=label)
         panel.set(xlabel="longer than, us" if len(runs) == 1 else f"{name} longer than, us")
     panels[0, 0].set(ylabel="share of cycles")
-    _legend(panels[0, 0], "lower left")
+    _legend(panels[0, 0])
     return figure
 
 
@@ -137,9 +137,12 @@ def _of_run(label: str, runs: Sequence[RecordedRun], run: RecordedRun) -> str:
     return label if len(runs) == 1 else f"{LETTERS[runs.index(run)]}: {label}"
 
 
-def _legend(panel: Any, place: str) -> None:
+def _legend(panel: Any) -> None:
+    """Above the panel at its right end: in it there are traces everywhere."""
     if panel.get_legend_handles_labels()[0]:
-        panel.legend(loc=place, frameon=False, labelcolor=GREY)
+        panel.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1, frameon=False, labelcolor=INK
+        )
 
 
 def _one_scale(panels: Sequence[Any]) -> None:

@@ -1,7 +1,8 @@
 """The door for drivers: all that a driver's package needs of Micromanip, and the only place it imports from.
 
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/drivers.md)
-    SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
+    SafeOutput, Wire, Enabling                         limits of one of its outputs; where its wire stands; a device
+                                                       that takes its time to come on
     SimulatedAxis, LinearPlant                         what a simulation knows of its plant (`micromanip budget`)
     Compiler, entries, *_SIGNATURE, now_ns,            what it needs if numba compiles it
     sleep_until, minimum_jerk
@@ -29,7 +30,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, worst_case_s
-from micromanip.bus.cyclic import CyclicDriver, Functions, Wire
+from micromanip.bus.cyclic import CyclicDriver, Enabling, Functions, Wire
 from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Load, Outcome, Steady, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 5)
+DRIVER_API = (1, 6)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
@@ -89,6 +90,7 @@ __all__ = [
     "ConfigError",
     "CyclicDriver",
     "DeviceFault",
+    "Enabling",
     "Functions",
     "IdentityMismatch",
     "Inbox",

@@ -31,6 +31,7 @@ from .child import Child, loop_process
 from .loop_orders import loop_orders
 from .parameter_buffers import ParameterBuffers
 from .refusals import refusals
+from .rivals import rivals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
 from .wires import follow, wire_link
 
@@ -111,7 +112,13 @@ class Controller:
         if self.process.starts == 0:
             await self.process.begin()
         if self.process.runs:
-            put_on_cpu(self.process.pid, self.prepared.configuration.loop.cpu)
+            cpu = self.prepared.configuration.loop.cpu
+            put_on_cpu(self.process.pid, cpu)
+            for rival in rivals(cpu, self.process.pid):
+                say(
+                    f"WARNING: CPU {cpu} is this loop's (loop.cpu), and {rival}: both miss their deadlines, and this "
+                    "one may stay STARTING; give one of them another CPU"
+                )
         self.process.hand_on(loop_orders(self.prepared, places, self._socket_path), self._handed_on)
         self._relaying = asyncio.create_task(self._relay())
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))

@@ -150,6 +150,7 @@ class Daemon:
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
         helpers.append(asyncio.create_task(self._verbs.follow_trials()))
         helpers.append(asyncio.create_task(self._trail.tell_repeats()))
+        helpers.append(asyncio.create_task(self._recordings.warn()))
         stopped = asyncio.create_task(self._stop.wait())
         try:
             self._boxes.start()

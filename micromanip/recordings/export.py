@@ -53,6 +53,8 @@ def export(telemetry: Telemetry, to: Path, cut: Cut | None = None, signals: Sequ
         raise system_error(problem, f"--to {to}") from problem
     try:
         rows = writer(telemetry, to, names, cut or (0.0, np.inf))
+        if cut is not None:
+            _require_any(rows, telemetry)
     except BaseException as problem:
         with contextlib.suppress(OSError):
             to.unlink()
@@ -62,6 +64,13 @@ def export(telemetry: Telemetry, to: Path, cut: Cut | None = None, signals: Sequ
             raise system_error(problem, to) from problem
         raise
     return Exported(to, rows, [_TIME, *names], to.stat().st_size)
+
+
+def _require_any(rows: int, telemetry: Telemetry) -> None:
+    if rows == 0:
+        ends = [part["cycle"][[0, -1]] for part in telemetry.parts(["cycle"]) if len(part["cycle"])]
+        length_s = float(ends[-1][1] - ends[0][0]) * telemetry.period_ns * 1e-9 if ends else 0.0
+        raise UsageError(f"{telemetry.file}: no cycle is within --cut; it has {length_s:.6g} s")
 
 
 def _chosen(telemetry: Telemetry, signals: Sequence[str]) -> dict[str, str]:

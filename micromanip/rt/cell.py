@@ -18,7 +18,7 @@ from .checks import arming_step, judge_checks, keep_checks, watch_arming
 from .commands import apply_command
 from .digital_io import is_enabled, read_lines, switch
 from .exchange import ALL_FOLLOW, FIRST_TAKEN
-from .faults import axis_fault, cell_fault
+from .faults import axis_fault, cell_fault, coming_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
 from .part import follow_part, follow_tool
@@ -75,9 +75,9 @@ def watch_drivers(p: Record, s: Record, code: int) -> None:
     state = s["state"]
     parks = (state == RAMPING and s["soft"] == 0) or (state == ARMING and s["phase"] == PARKED)
     moves = is_enabled(s) and not parks
-    cell_fault(p, s, DRIVER_ERROR, code > 0, float(code), 0.0)
-    cell_fault(p, s, LINK_LOST, s["link_down"] != 0 and is_enabled(s), float(-1 - code), 0.0)
-    cell_fault(p, s, OUTPUTS_TAKEN, taken and moves, float(FIRST_TAKEN - code), 0.0)
+    coming_fault(p, s, DRIVER_ERROR, code > 0, float(code), 0.0)
+    coming_fault(p, s, LINK_LOST, s["link_down"] != 0 and is_enabled(s), float(-1 - code), 0.0)
+    coming_fault(p, s, OUTPUTS_TAKEN, taken and moves, float(FIRST_TAKEN - code), 0.0)
 
 
 @compiled

@@ -17,7 +17,7 @@ from micromanip.rt.laws.coordinate_transform import derive_signals
 from .cell import cell_cycle, watch_drivers
 from .clock import now_ns, wait_until
 from .exchange import exchange_all
-from .faults import cell_fault
+from .faults import coming_fault
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
@@ -70,10 +70,10 @@ def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> None:
     many = s["overruns_in_a_row"] >= p["overruns_in_a_row"]
     often = s["overrun_level"] > p["overrun_level"]
     limit = float(p["overruns_in_a_row"]) if many else p["overrun_level"]
-    cell_fault(p, s, OVERRUNS, many or often, float(s["overruns_in_a_row"]) if many else s["overrun_level"], limit)
+    coming_fault(p, s, OVERRUNS, many or often, float(s["overruns_in_a_row"]) if many else s["overrun_level"], limit)
     silent_ns = now - heartbeat_ns
     dead = silent_ns > p["heartbeat_ns"]
-    cell_fault(p, s, HOST_DEAD, dead, silent_ns * 1e-6, p["heartbeat_ns"] * 1e-6)
+    coming_fault(p, s, HOST_DEAD, dead, silent_ns * 1e-6, p["heartbeat_ns"] * 1e-6)
     if dead:
         s["stopping"] = 1
 

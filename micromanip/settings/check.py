@@ -20,7 +20,7 @@ from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, at
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
 from micromanip.settings.text.source import Source
-from micromanip.settings.wiring.buses import bus_findings, rest_findings
+from micromanip.settings.wiring.buses import bus_findings, enabling_findings, rest_findings
 from micromanip.settings.wiring.places import Wiring, driver_options, wire
 from micromanip.settings.wiring.simulated import simulated_findings
 from micromanip.settings.wiring.simulation import build_plant
@@ -127,7 +127,16 @@ def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Findin
     feedback = [] if buses else feedback_findings(configuration, wiring)
     workers = [*_workers(configuration, wiring), *_silence(configuration, wiring)]
     simulated = [*simulated_findings(wiring), *rest_findings(configuration, wiring)]
-    return [*_safety(configuration, wiring), *simulated, *_stability(configuration), *workers, *buses, *feedback]
+    enabling = enabling_findings(configuration, wiring)
+    return [
+        *_safety(configuration, wiring),
+        *simulated,
+        *enabling,
+        *_stability(configuration),
+        *workers,
+        *buses,
+        *feedback,
+    ]
 
 
 def _refuse(source: Source, findings: list[Finding]) -> None:

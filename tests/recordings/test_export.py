@@ -147,3 +147,11 @@ def test_the_command(recorded, tmp_path, capsys):
     }  # fmt: skip
     assert code_of("export", recorded[0], "--to", to) == 64
     assert "nothing is replaced" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", ["csv", "h5"])
+def test_a_part_behind_the_end_is_refused(recorded, tmp_path, ending):
+    file, _ = recorded
+    with pytest.raises(UsageError, match=r"no cycle is within --cut; it has 0\.1501 s$"):
+        export(open_telemetry(file), tmp_path / f"none.{ending}", (5.0, 6.0))
+    assert list(tmp_path.iterdir()) == []

@@ -54,6 +54,7 @@ def test_tracking_ends_in_the_cycle_in_which_they_are_taken(cell):
     cell.code = TAKEN_FROM_SECOND
     cell.step()
     assert (cell.s["state"], cell.s["fault"], cell.s["fault_value"]) == (RAMPING, OUTPUTS_TAKEN, 1.0)
+    assert cell.s["fault_cycle"] == cell.s["cycle"]
 
 
 @pytest.mark.parametrize("command", [HOLD, DISARM])

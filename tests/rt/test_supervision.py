@@ -70,6 +70,7 @@ def test_three_missed_in_a_row_are_a_hold_in_that_cycle(cell, missed):
     assert states == [TRACKING] * (len(missed) - 1) + [HOLDING]
     assert (cell.s["fault"], cell.s["fault_value"], cell.s["fault_limit"]) == (OVERRUNS, sum(missed), 3.0)
     assert cell.s["overruns"] == sum(missed)
+    assert cell.s["fault_cycle"] == cell.s["event"][0]["cycle"] == cell.s["cycle"]  # that of the row that shows it
     after = cell.cycles(400)
     assert after[-1] == FAULT
     assert [state for k, state in enumerate(after) if k == 0 or state != after[k - 1]] == [HOLDING, RAMPING, FAULT]

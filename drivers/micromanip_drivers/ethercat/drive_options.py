@@ -116,8 +116,8 @@ class Drive(Section):
     )
     enable_ms: Time = Field(
         default=500.0,
-        description="From permission to Operation enabled, target taken up; longer: no more until permitted anew. Less "
-        "than `start.enable_s`.",
+        description="From permission to Operation enabled, target taken up; longer: no more until permitted anew. "
+        "`check` sees that it is less than `start.enable_s`.",
     )
     stop: Literal["disable_voltage", "quick_stop"] = Field(
         default="disable_voltage", description="What is sent when the permission goes while it operates."

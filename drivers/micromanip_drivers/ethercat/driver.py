@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Answer, BusError, Channel, ConfigError, Functions, Load, real_because
+from micromanip.driver import Answer, BusError, Channel, ConfigError, Enabling, Functions, Load, real_because
 from micromanip.driver.ethercat import INIT, OP, STATE_MASK, registers
 from micromanip.driver.wire import MOST_BITS, LoopWire, lend, set_lock
 
@@ -131,6 +131,14 @@ class Ethercat(LoopWire):
         fill_drives(c, self.options, image, self.period_ns)
         if lock is not None:
             set_lock(c["lock"], self.period_ns, 1e-3 * lock.time_constant_ms, lock.drift_ppm, lock.within_us)
+
+    @property
+    def enabling(self) -> tuple[Enabling, ...]:
+        """The drives: a drive that is not enabled in time is not tried again until it is permitted anew."""
+        return tuple(
+            Enabling(drive.enable, drive.enable_ms * 1e-3, ("terminals", name, "drive", "enable_ms"))
+            for name, drive in self.options.drives.items()
+        )
 
     @property
     def steers(self) -> bool:

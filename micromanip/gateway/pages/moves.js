@@ -4,6 +4,9 @@ import { by, cell as td, head, rows, short, themeButton } from "./page.js";
 import { Panels } from "./panels.js";
 import { Supervised, isMeant } from "./supervised.js";
 
+const LABELS = {
+  setpoint_um: "set-point", strain_um: "strain gauge", reference_um: "reference", stage_um: "stage", voltage_V: "voltage",
+};
 const LOOK_MS = 250;
 const LIVE_S = 5;
 const LEAD_S = 0.05;
@@ -22,11 +25,11 @@ let running = false, stopping = false;
 let view = { last: null, span_s: LIVE_S, begun: null };
 
 const form = by("move").elements;
-const panels = new Panels(by("plots"), { zoomed: () => {}, wheel: () => {}, whole: live, pointed: () => {} });
-const fields = () => ["setpoint_um", "strain_um", "reference_um", "stage_um", "voltage_V"].map((name, i) => {
+const panels = new Panels(by("plots"), { zoomed: () => {}, wheel: () => {}, whole: live, pointed: () => {} }, true);
+const fields = () => Object.keys(LABELS).map((name, i) => {
   const found = cell.controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
   const isOfStage = ["reference_um", "stage_um"].includes(name);
-  return { ...found, unit: isOfStage ? "µm, stage" : found.unit, colour: `--trace-${(i % 2) + 1}` };
+  return { ...found, label: LABELS[name], unit: isOfStage ? "µm, stage" : found.unit, colour: `--trace-${(i % 2) + 1}` };
 });
 const period = () => cell.controller.period_ns * 1e-9;
 

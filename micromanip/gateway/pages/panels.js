@@ -8,9 +8,13 @@ const STATE_TINT = {
 const KEY = "scope";
 
 export class Panels {
-  /** `zoomed(from, to)` hears of a drag and `wheel(at, factor)` of the wheel, in s; `pointed` of the pointer. */
-  constructor(place, { zoomed, wheel, whole, pointed }) {
+  /** A panel names its traces itself (`label`) where it `hasLegend`; else the readout below does.
+   *
+   * `zoomed(from, to)` hears of a drag and `wheel(at, factor)` of the wheel, in s; `pointed` of the pointer.
+   */
+  constructor(place, { zoomed, wheel, whole, pointed }, hasLegend = false) {
     this.place = place;
+    this.hasLegend = hasLegend;
     this.told = { zoomed, wheel, whole, pointed };
     this.plots = [];
     this.key = "";
@@ -45,6 +49,7 @@ export class Panels {
     const units = [...new Set(fields.map((field) => field.unit))];
     units.forEach((unit, i) => {
       const own = fields.filter((field) => field.unit === unit);
+      if (this.hasLegend) this.place.append(legend(own));
       const plot = new uPlot(this.options(own, unit, i === units.length - 1, units.length), [[], ...own.map(() => [])], this.place);
       this.listen(plot);
       this.plots.push({ plot, own, unit, xs: [], ys: own.map(() => []) });
@@ -219,6 +224,16 @@ export class Panels {
   }
 }
 
+function legend(fields) {
+  return element("div", { className: "legend" }, ...fields.map((field) => element("span", {}, swatch(field), field.label)));
+}
+
+function swatch({ colour }) {
+  const found = element("span", { className: "swatch" });
+  found.style.background = `var(${colour})`;
+  return found;
+}
+
 /** Into `target`, in place: every value, or least and greatest in turn; what is not known becomes a gap. */
 function doubled(target, low, high, isWhole) {
   const n = low.length;
@@ -246,18 +261,18 @@ export function readout(table, fields, times, traces, pointer, cursors, make) {
   const both = a >= 0 && b >= 0;
   const delta = both ? cursors.B - cursors.A : null;
   const of = (time) => (time === null ? "" : moment(time));
+  const titles = ["trace", "unit", "least", "greatest", pointer === null ? "pointer" : of(pointer), `A ${of(cursors.A)}`, `B ${of(cursors.B)}`,
+    both ? `B − A ${seconds(delta, 6)}, ${short(1 / Math.abs(delta))} Hz` : "B − A"];
   make.rows(table, [
-    [make.head("trace"), make.head("unit"), make.head("least", "number"), make.head("greatest", "number"), make.head(pointer === null ? "pointer" : of(pointer), "number"),
-      make.head(`A ${of(cursors.A)}`, "number"), make.head(`B ${of(cursors.B)}`, "number"), make.head(both ? `B − A ${seconds(delta, 6)}, ${short(1 / Math.abs(delta))} Hz` : "B − A", "number")],
+    titles.map((title, i) => make.head(title, i > 1 ? "number" : "")),
     ...fields.map((field) => {
       const [low, high] = extremes(traces[field.name]);
-      const swatch = element("span", { className: "swatch" });
-      swatch.style.background = colour(field.colour);
       const [va, vb] = [value(field.name, a), value(field.name, b)];
       const name = make.cell("");
-      name.append(swatch, field.name);
-      return [name, make.cell(unitText(field.unit)), make.cell(short(low), "number"), make.cell(short(high), "number"), make.cell(short(value(field.name, now)), "number"),
-        make.cell(short(va), "number"), make.cell(short(vb), "number"), make.cell(both ? short(vb - va) : "–", "number")];
+      name.append(swatch(field), field.name);
+      const figures = [low, high, value(field.name, now), va, vb, both ? vb - va : null].map((figure) => make.cell(short(figure), "number"));
+      figures.forEach((figure, i) => (figure.dataset.title = titles[i + 2]));  // where it is narrow, there is no head
+      return [name, make.cell(unitText(field.unit)), ...figures];
     }),
   ]);
 }

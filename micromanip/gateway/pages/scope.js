@@ -12,6 +12,7 @@ const COLOURS = 8;
 const LOOK_MS = 500;
 const READOUT_MS = 200;
 const GROWS_MS = 700;
+const CURSOR_STEPS = 200;
 const make = { rows, cell: td, head };
 
 let controller = null;
@@ -21,6 +22,7 @@ let view = { span_s: 1, last: null };
 let reference = null;
 let frame = null;
 let growing = null;
+let newest = "A";
 let askedMs = 0, readMs = 0, zoomMs = 0;
 window.scopeFrames = [];
 
@@ -344,9 +346,11 @@ by("find").addEventListener("input", () => {
   for (const group of by("fields").children) if (wanted) group.open = true;
 });
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("input:not([type=checkbox]), select, button, summary")) return;
-  const act = {
-    " ": freeze, "+": () => zoom(0.5), "=": () => zoom(0.5), "-": () => zoom(2), ArrowLeft: () => move(-0.25), ArrowRight: () => move(0.25),
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("input:not([type=checkbox]), select, button, summary, a")) return;
+  const isBox = event.target.matches?.("[type=checkbox]");
+  if (isBox && event.key === " ") return;
+  const act = isBox && event.key === "Enter" ? () => event.target.click() : {
+    " ": freeze, "+": () => zoom(0.5), "=": () => zoom(0.5), "-": () => zoom(2), ArrowLeft: () => (event.shiftKey ? shift(-1) : move(-0.25)), ArrowRight: () => (event.shiftKey ? shift(1) : move(0.25)),
     t: () => connection.send({ type: "arm" }),
     n: () => jump(1), p: () => jump(-1),
     a: () => put("A"), b: () => put("B"), c: () => { panels.cursors = { A: null, B: null }; panels.redraw(); showReadout(); },
@@ -355,10 +359,17 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault();
   act();
 });
-function put(name) {
-  panels.cursors[name] = panels.pointer;
+/** Where the pointer is; without one in the middle, from where shift and the arrows move it. */
+function put(name, at = panels.pointer) {
+  if (!frame) return;
+  newest = name;
+  panels.cursors[name] = at ?? (frame.shown[0] + frame.shown[1]) / 2;
   panels.redraw();
   showReadout();
+}
+function shift(direction) {
+  const at = panels.cursors[newest], [from, to] = frame?.shown ?? [0, 0];
+  if (at !== null) put(newest, Math.min(to, Math.max(from, at + (direction * (to - from)) / CURSOR_STEPS)));
 }
 new ResizeObserver(() => {
   spectrum.resize();

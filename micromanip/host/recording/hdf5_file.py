@@ -14,6 +14,7 @@ import contextlib
 import errno
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,14 @@ class Hdf5Recording:
         import h5py  # the extra "recording"
 
         self.file = h5py.File(orders["file"], "x", libver=("v110", "v110"))
+        try:
+            self._describe(orders)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                Path(orders["file"]).unlink()
+            raise
+
+    def _describe(self, orders: Mapping[str, Any]) -> None:
         for name in ("configuration", "sha256", "axes", "period_ns"):
             self.file.attrs[name] = orders[name]
         self.file.attrs["sources"] = sources_of_cycle()

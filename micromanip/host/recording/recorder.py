@@ -1,8 +1,9 @@
 """The recorder process: telemetry ring to a file until its standard input is closed, or the disk takes no more.
 
-Standard output tells the host how far it is, a JSON object a line: ``{"open": true}``, then ``rows`` (written so far),
-``bytes``, ``armed`` (it waits for its trigger) and ``lost`` (overwritten in the ring before they were read); with
-``problem`` where it had to end, and with ``complete`` where the file was closed in order.
+Standard output tells the host how far it is, a JSON object a line: ``{"open": true}``, ``{"begun": true}`` once the
+file has what the rows follow, then ``rows`` (written so far), ``bytes``, ``armed`` (it waits for its trigger) and
+``lost`` (overwritten in the ring before they were read); with ``problem`` where it had to end, and with ``complete``
+where the file was closed in order. What was opened and not begun leaves no file.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import signal
 import sys
 import time
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, NoReturn
 
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
@@ -61,9 +63,17 @@ def main() -> int:
         return 69
     tell(open=True)
     first = told.next()
+    if first is None:  # there was no snapshot to begin with
+        _discard(recording, orders, 0)
+    played = segments.sample_table()
     try:
-        if first is not None:
-            _record(recording, reader, told, _Wanted(orders, first), segments)
+        recording.begin(segments.status.record(STATUS)["snapshot"][0], played if len(played) > 1 else None)
+    except (OSError, RuntimeError) as problem:
+        tell(problem=f"{orders['file']} can't be written: {_said(problem)}")
+        _discard(recording, orders, 69)
+    tell(begun=True)
+    try:
+        _record(recording, reader, told, _Wanted(orders, first), segments)
     except (OSError, RuntimeError) as problem:  # h5py knows both
         return _give_up(recording, reader, _said(problem))
     rows, size = recording.written, recording.size_bytes
@@ -94,8 +104,6 @@ class _Wanted:
 
 def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wanted, segments: Segments) -> None:
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)
-    played = segments.sample_table()
-    recording.begin(status["snapshot"][0], played if len(played) > 1 else None)
     if wanted.before:
         reader.go_back(wanted.position, _SPARE_ROWS)
     window, told_s, newest = wanted.window, 0.0, wanted.first
@@ -126,6 +134,14 @@ def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wan
             name = {"file": str(recording.file)} if isinstance(recording, McapSeries) else {}
             progress = {"rows": recording.written, "bytes": recording.size_bytes, "lost": reader.lost}
             tell(**progress, **name, armed=window.is_armed)
+
+
+def _discard(recording: Recording, orders: Mapping[str, Any], code: int) -> NoReturn:
+    """Take away the file that this process has made, and leave without HDF5, which would write to it once more."""
+    file = recording.file if isinstance(recording, McapSeries) else Path(orders["file"])
+    with contextlib.suppress(OSError):
+        file.unlink(missing_ok=True)
+    os._exit(code)
 
 
 def _give_up(recording: Recording, reader: RingReader, problem: str) -> int:

@@ -44,7 +44,7 @@ _FROM_NOW = Extent()
 _STATE_S, _ARMED_STATE_S = 10.0, 1.0
 """How often the loop's state goes into a file, and how often while a trigger is waited for."""
 _PATIENCE_S, _END_S = 30.0, 1.0
-"""A disk may take so long to open or to end a file; a killed process so long to go."""
+"""A disk may take so long to begin or to end a file; a killed process so long to go. A client waits for longer."""
 
 
 def require_new_file(file: Path, told: str = "--record") -> None:
@@ -98,9 +98,9 @@ class RecorderProcess:
         return self._report
 
     async def start(self) -> None:
-        """Start it, wait until its file is open, and let the loop make the snapshot it begins with.
+        """Start it, wait until its file is open, and has the snapshot that the loop makes for it to begin with.
 
-        Raises CheckFailed where it can't be opened.
+        Raises CheckFailed where that can't be; then there is no process, and no file of it.
         """
         segments, prepared = self._controller.segments, self._controller.prepared
         orders = {
@@ -119,11 +119,16 @@ class RecorderProcess:
         }
         await self._child.start(orders)
         self._answers = self._child.answers()
-        answer = await self._opened()
-        if "open" not in answer:
-            await self._kill()
-            raise CheckFailed(f"nothing is recorded: {answer.get('problem', 'the recorder ended at once')}")
-        self._child.tell(await self._controller.snapshot())
+        until_s = time.monotonic() + _PATIENCE_S
+        try:
+            await self._hear("open", until_s)
+            self._child.tell(await self._snapshot())
+            await self._hear("begun", until_s)
+        except BaseException:
+            self._child.end_orders()  # one that has opened its file takes it away
+            if not await self._child.wait(_END_S):
+                await self._kill()
+            raise
         self._report["state"] = "recording"
         self._report["waits_for"] = list(self._extent.triggers)
         self._following = asyncio.create_task(self._follow())
@@ -163,20 +168,31 @@ class RecorderProcess:
     def _told(self) -> str:
         return f"recorded {self._report['rows']} cycles to {self._file}, {self._report['dropped']} lost"
 
-    async def _opened(self) -> Mapping[str, Any]:
-        """Its first word, nothing if it has none; the loop gets its sign of life meanwhile."""
+    async def _snapshot(self) -> int:
+        try:
+            return await self._controller.snapshot()
+        except CheckFailed as problem:
+            state = self._controller.state
+            raise CheckFailed(f"nothing is recorded, as the state is {state}: {problem}; try again later") from None
 
-        async def first_word() -> Mapping[str, Any]:
+    async def _hear(self, word: str, until_s: float) -> None:
+        """Wait for its next word; the loop gets its sign of life meanwhile. Raises CheckFailed where it is another."""
+
+        async def next_word() -> Mapping[str, Any]:
             return await anext(self._answers, {})
 
-        hearing = asyncio.create_task(first_word())
-        for _ in range(round(_PATIENCE_S / 0.02)):
+        hearing = asyncio.create_task(next_word())
+        while time.monotonic() < until_s:
             self._controller.beat()
             done, _ = await asyncio.wait({hearing}, timeout=0.02)
             if done:
-                return hearing.result()
+                said = hearing.result()
+                if word not in said:
+                    raise CheckFailed(f"nothing is recorded: {said.get('problem', 'the recorder ended at once')}")
+                return
         hearing.cancel()
-        return {"problem": f"{self._file} could not be opened within {_PATIENCE_S:g} s: does its disk hang?"}
+        why = f"{self._file} was not begun within {_PATIENCE_S:g} s: does its disk hang, or is this machine overloaded?"
+        raise CheckFailed(f"nothing is recorded: {why}")
 
     async def _keep_states(self) -> None:
         """Let the loop copy its state again and again: a replay may begin at each."""

@@ -11,11 +11,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
 from micromanip.host.state_directory import state_directory
 from micromanip.replies import Marked, Recorded
 from micromanip.rt import mailbox as w
 
+from .place import lack, looked_at
 from .recording import MCAP, Extent, RecorderProcess, require_new_file
 from .series import numbered
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from micromanip.host.controller import Controller
 
 _NAME_CHARACTERS = 100
+_LOOK_S = 5.0
+"""A folder that takes longer to be looked at is refused."""
 _NOTHING = "nothing is being recorded; `micromanip record start` begins"
 
 
@@ -40,6 +43,19 @@ class Recordings:
         self._folder = default_folder() if folder is None else folder
         self._current: RecorderProcess | None = None
         self._ended = False
+
+    async def warn(self) -> None:
+        """At the start: say why nothing could be recorded to the folder. Nothing is made there, nothing raised."""
+        found: list[str | None] = []
+        try:
+            await looked_at(lambda: found.append(lack(self._folder)), self._folder, _LOOK_S)
+        except (DeviceUnavailable, OSError) as problem:
+            found = [str(problem)]
+        if found[0] is not None:
+            self._say(
+                f"WARNING: recordings go to {self._folder}, and {found[0]}: `record start` will fail, or soon end; "
+                "mend that, or name another folder, `run --recordings`"
+            )
 
     def report(self) -> Recorded | None:
         """How far the present, or else the last recording is; None where there was none."""
@@ -62,18 +78,13 @@ class Recordings:
         Raises UsageError for a name that is a place, or taken, PermissionDenied, DeviceUnavailable, and CheckFailed
         while something is recorded already, or the controller ends.
         """
-        if self._ended:
-            raise CheckFailed("record start refused: the controller is ending")
-        if self._current is not None and self._current.runs:
-            raise CheckFailed(f"{self._current.report()['file']} is being recorded; stop that first: record stop")
+        self._require_idle()
         file = self._folder / (_checked(name) if name else f"{datetime.now():%Y-%m-%d_%H-%M-%S}{MCAP}")
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as problem:
-            raise system_error(problem, self._folder) from problem
         if extent.segment_s is not None and file.suffix != MCAP:
             raise UsageError(f"{file.name}: a recording in segments is MCAP, {MCAP}")
-        require_new_file(file if extent.segment_s is None else numbered(file, 1), "record start:")
+        first = file if extent.segment_s is None else numbered(file, 1)
+        await looked_at(lambda: self._make_room_for(first), self._folder, _LOOK_S)
+        self._require_idle()  # another may have begun meanwhile
         return await self.begin(file, extent)
 
     async def stop(self) -> Recorded:
@@ -99,6 +110,19 @@ class Recordings:
         self._ended = True
         current = self._current
         return None if current is None or not current.runs else await current.stop()
+
+    def _make_room_for(self, file: Path) -> None:
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            raise system_error(problem, self._folder) from problem
+        require_new_file(file, "record start:")
+
+    def _require_idle(self) -> None:
+        if self._ended:
+            raise CheckFailed("record start refused: the controller is ending")
+        if self._current is not None and self._current.runs:
+            raise CheckFailed(f"{self._current.report()['file']} is being recorded; stop that first: record stop")
 
     def _running(self) -> RecorderProcess:
         if self._current is None or not self._current.runs:

@@ -107,6 +107,7 @@ def _raised(box: Box) -> list[Moment]:
     trip, moments, told = box.trip, [], False
     for event in box.events:
         code, cycle = int(event["code"]), int(event["cycle"])
+        # of a box of an older version a fault may be noted at the cycle before
         own = code == trip["number"] and abs(cycle - trip["cycle"]) <= 1
         told |= own
         if len(box.rows) and not box.rows["cycle"][0] - 1 <= cycle <= box.rows["cycle"][-1]:

@@ -206,6 +206,9 @@ def test_the_command(recording, tmp_path, capsys):
     said = capsys.readouterr().err
     assert f"{space}:2: axes.x.inner.Tii_ms: there is no Tii_ms; did you mean Ti_ms?" in said
     assert code_of("sweep", recording, "--out", tmp_path / "none.sqlite") == 64
+    (tmp_path / "text").write_text("{}")
+    assert code_of("sweep", recording, "--vary", "axes.x.inner.K_V_per_um=.4:.8", "--out", tmp_path / "text") == 64
+    assert (tmp_path / "text").read_text() == "{}"
     assert "nothing is varied: give --vary KEY=LOW:HIGH, or --space FILE.yaml" in capsys.readouterr().err
 
 

@@ -11,6 +11,8 @@ from pydantic import ValidationError
 from micromanip.bus.ethercat.frames import unframed
 from micromanip.bus.ethercat.registers import AL_STATUS, ARMW, BRD, DC_SYSTEM, LRW, NOP
 from micromanip.errors import ConfigError
+from micromanip.settings.check import prepare
+from tools.bus_faults.ethercat_cells import drive_cell
 
 from .bench import AMPLIFIER, GAUGE, PERIOD_NS, options
 from .drive_bench import DRIVE, drive
@@ -149,3 +151,24 @@ def test_the_drive_of_the_page_is_accepted():
     driver = Ethercat(options(terminals=terminals), PERIOD_NS)
     assert driver.outputs == ("voltage_x", "amplifier_enable", "amplifier_reset")
     assert "amplifier_ok_x" in driver.inputs
+
+
+def test_a_cell_waits_for_longer_than_its_drives_take_to_come_on(tmp_path):
+    """Or the drive would still be on its way when the start gives up; also where neither key is written down."""
+    file, key = tmp_path / "cell.yaml", "drivers.cell.terminals.amplifier.drive"
+
+    def refused(old, new):
+        file.write_text(drive_cell().replace(old, new))
+        with pytest.raises(ConfigError) as found:
+            prepare(file)
+        return str(found.value)
+
+    both = "enable_ms is 300 ms, start.enable_s 0.3 s: "
+    line = drive_cell().splitlines().index("          enable_ms: 250") + 1
+    assert refused("enable_ms: 250", "enable_ms: 300").startswith(f"{file}:{line}: {key}.enable_ms: {both}")
+    assert f"{key}.enable_ms: enable_ms is 500 ms" in refused("          enable_ms: 250\n", "")
+    assert "start.enable_s longer than 0.25 s, or enable_ms less than 100 ms" in refused("enable_s: 0.3, ", "")
+    unbound = refused("amplifier_enable: {driver: cell}, amplifier_reset", "amplifier_reset")
+    assert f"{key}: no switch writes channel amplifier_enable" in unbound
+    file.write_text(drive_cell())
+    prepare(file)

@@ -1,0 +1,51 @@
+"""Two loops on one CPU: the second says who has it."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from micromanip.host.rivals import rivals
+
+HELD = "import os; os.sched_setaffinity(0, {%d}); %s; print(flush=True); input()"
+
+
+@pytest.fixture
+def pinned():
+    """Starts a process that is pinned to a CPU, its last argument a module's name, after one more call."""
+    started = []
+
+    def start(cpu, name, more="0"):
+        command = [sys.executable, "-S", "-c", HELD % (cpu, more), name]
+        started.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
+        return started[-1].pid if started[-1].stdout.readline() == b"\n" else None
+
+    yield start
+    for each in started:
+        each.communicate(b"\n")
+
+
+def told(cpu, pid, own=0):
+    return [text for text in rivals(cpu, own) if f"process {pid}" in text]
+
+
+@pytest.mark.live  # processes
+def test_the_loop_of_another_cell_is_named_by_its_command(pinned):
+    cpu = max(os.sched_getaffinity(0))
+    loop, other = pinned(cpu, "micromanip.host.loop_process"), pinned(cpu, "somebody")
+    (found,) = told(cpu, loop)
+    assert found.startswith(f"the loop of another cell, process {loop}, is pinned to it, too: `")
+    assert "pytest" in found  # who started it
+    assert told(cpu, other) == [], "an ordinary process gives way"
+    assert told(cpu, loop, own=loop) == told(cpu + 1, loop) == list(rivals(None, 0)) == []
+
+
+@pytest.mark.live  # a process
+def test_so_is_what_has_a_real_time_priority(pinned):
+    cpu = max(os.sched_getaffinity(0))
+    pid = pinned(cpu, "somebody", "os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))")
+    if pid is None:
+        pytest.skip("a real-time priority takes rights")
+    (found,) = told(cpu, pid)
+    assert found.startswith(f"process {pid} is pinned to it with SCHED_RR 1: `")

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tools.running_controller import Running, command_line, until
+from tools.running_controller import Running, calm, command_line, until
+
+from .whole_module import tracking_until_the_end
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for the groups
@@ -30,7 +32,6 @@ def memory_files():
 @pytest.fixture
 def run(tmp_path):
     """Starts a controller: ``run(text, "--duration", "3")``."""
-    gc.collect()
     before = memory_files()
     started = []
 
@@ -43,11 +44,20 @@ def run(tmp_path):
     left = [{pid: command_line(pid) for pid in each.kill()} for each in started]
     for each in started:
         each.release()
-    gc.collect()
     assert all(ended), f"the test left a host running: {left}"
     assert not any(left), f"processes left behind: {left}"
     until(lambda: not any(each.socket.exists() for each in started), "a control socket is left behind", 5.0)
+    if len(memory_files()) > len(before):
+        gc.collect()
     assert len(memory_files()) <= len(before)
+
+
+@pytest.fixture(scope="session")
+def measured_cell(tmp_path_factory):
+    """One controller for all whose moves and injections last for seconds: it runs half as often as others."""
+    text = calm(("rate_hz: 10000", "rate_hz: 5000"))
+    with tracking_until_the_end(tmp_path_factory.mktemp("measured"), text) as cell:
+        yield cell
 
 
 @pytest.fixture

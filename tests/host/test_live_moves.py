@@ -4,20 +4,17 @@ import pytest
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
-from tools.running_controller import calm, until
-
-from .whole_module import tracking_until_the_end
+from tools.running_controller import until
 
 pytestmark = [pytest.mark.live, pytest.mark.realtime]  # a loop that misses many cycles takes longer than it may
 SINE = {"axis": "x", "kind": "sine", "amplitude_um": 5.0, "frequency_Hz": 2.0, "seconds": 20.0}
 
 
 @pytest.fixture(scope="module")
-def holding(tmp_path_factory):
-    with tracking_until_the_end(tmp_path_factory.mktemp("moves"), calm()) as cell:
-        with Client(cell.socket) as client:
-            client.hold()
-        yield cell
+def holding(measured_cell):
+    with Client(measured_cell.socket) as client:
+        client.hold()
+    return measured_cell
 
 
 def state(cell):

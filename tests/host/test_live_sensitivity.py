@@ -11,18 +11,17 @@ from micromanip.cli.main import cli
 from micromanip.client import Client
 from micromanip.control.injection import FADE_S, LEAD_S, PERIOD_S, PERIODS
 from micromanip.errors import CheckFailed
-from tools.running_controller import PATIENCE_S, calm, until
-
-from .whole_module import tracking_until_the_end
+from tools.running_controller import PATIENCE_S, until
 
 pytestmark = [pytest.mark.live, pytest.mark.realtime]  # a loop that misses many cycles gives no spectra
 SECONDS = 2 * FADE_S + LEAD_S + PERIODS * PERIOD_S
 
 
 @pytest.fixture(scope="module")
-def tracking(tmp_path_factory):
-    with tracking_until_the_end(tmp_path_factory.mktemp("sensitivity"), calm()) as cell:
-        yield cell
+def tracking(measured_cell):
+    with Client(measured_cell.socket) as client:
+        track(client)
+    return measured_cell
 
 
 def level(cell, axis=0):

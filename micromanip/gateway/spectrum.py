@@ -68,7 +68,7 @@ def spectrum(values: Array, rate_Hz: float) -> Spectrum | None:
     hann, flat_top = _window(_HANN, segment), _window(_FLAT_TOP, segment)
     power = _averaged(values, hann) / (rate_Hz * (hann**2).sum())
     flat = _averaged(values, flat_top) / flat_top.sum() ** 2
-    frequency = np.fft.rfftfreq(segment, 1.0 / rate_Hz)
+    frequency = np.arange(len(power), dtype=np.float64) * (rate_Hz / segment)
     return Spectrum(frequency, np.sqrt(power), _lines(power, np.sqrt(2.0 * flat), rate_Hz / segment), averages)
 
 

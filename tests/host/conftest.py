@@ -7,9 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.running_controller import Running, calm, command_line, until
-
-from .whole_module import tracking_until_the_end
+from tools.running_controller import Running, command_line, until
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for the groups
@@ -50,14 +48,6 @@ def run(tmp_path):
     if len(memory_files()) > len(before):
         gc.collect()
     assert len(memory_files()) <= len(before)
-
-
-@pytest.fixture(scope="session")
-def measured_cell(tmp_path_factory):
-    """One controller for all whose moves and injections last for seconds: it runs half as often as others."""
-    text = calm(("rate_hz: 10000", "rate_hz: 5000"))
-    with tracking_until_the_end(tmp_path_factory.mktemp("measured"), text) as cell:
-        yield cell
 
 
 @pytest.fixture

@@ -126,7 +126,7 @@ def small_disk(folder, size):
 
 @pytest.mark.parametrize("size", ["1m", *further("4m")])
 def test_full_disk(run, tmp_path, size):
-    """A real one where we may mount it; elsewhere `test_file_that_may_not_grow` stands for it."""
+    """A real one where we may mount it; elsewhere the file that may not grow, above, stands for it."""
     disk = tmp_path / "disk"
     disk.mkdir()
     with small_disk(disk, size) as keeper:

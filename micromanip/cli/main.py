@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import gc
 import importlib
 import io
 import json
@@ -20,6 +22,7 @@ from .prose import say
 
 # Our matrices are small: more threads gain nothing, and beside another busy process they spin it ten times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+atexit.register(gc.freeze)  # Python's last look for garbage would go through all that was imported
 
 GROUPS = {
     "The running cell": {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,22 +10,12 @@ import numpy as np
 from micromanip.settings.schema.accept import Accept
 
 from .analysis import AxisAnalysis
+from .criterion import Criterion
 from .describing import LimitCycle
 from .loops import Margins, Sample, worst
 
 _LOST = 0.2
 """A played cell has lost its path where the rms error is above this share of the movement."""
-
-
-@dataclass(frozen=True)
-class Criterion:
-    """``name`` of what was judged, whether it ``passed``, the ``value`` found and the ``limit`` in words."""
-
-    axis: str
-    name: str
-    passed: bool
-    value: str
-    limit: str
 
 
 def criteria(analysis: AxisAnalysis) -> list[Criterion]:

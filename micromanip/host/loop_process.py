@@ -112,7 +112,7 @@ def _warm(control: Any, status: Any, samples: Any, spin_ns: int) -> None:
 
 @contextlib.contextmanager
 def without_blas() -> Iterator[None]:
-    """Numba asks scipy for BLAS when it is first used: a third of what loading the loop takes, and the loop calls none.
+    """Numba asks scipy for BLAS when it first compiles: a third of what that loads, and the loop calls none.
 
     What is compiled for this process then can't call it either: `np.dot` and `@` are refused.
     """
@@ -138,8 +138,7 @@ def _compile(orders: dict[str, Any]) -> None:
     """The loop, and on another CPU at the same time what the drivers have; both are in the cache from then on."""
     child = None if compiled.keeps(run_loop) else os.fork()
     if child != 0:
-        with contextlib.nullcontext() if _may_call_blas(orders) else without_blas():
-            prepare(run_loop)
+        prepare(run_loop)
         if child is not None:
             os.waitpid(child, 0)
         return
@@ -170,8 +169,9 @@ def main() -> int:
     samples = segments.sample_table()
     Compiler.tell = staticmethod(_tell_compiling)
     try:
-        _compile(orders)
-        drivers, opened, steering_ns = _drivers(orders, segments)
+        with contextlib.nullcontext() if _may_call_blas(orders) else without_blas():
+            _compile(orders)
+            drivers, opened, steering_ns = _drivers(orders, segments)
         _warm(control, status, samples, orders["spin_ns"])
         segments.ring.bytes()[::4096] = 0
         rights = enter_real_time(orders["cpu"], orders["priority"])
@@ -180,6 +180,7 @@ def main() -> int:
     except MicromanipError as problem:
         sys.stderr.write(f"{problem}\n")
         return problem.exit_code
+    gc.freeze()  # nor is anything garbage at the end, where Python would look through all of it: a tenth of a second
     words = status["words"]
     words[RIGHTS] = rights
     status["state"][0]["state"] = READY

@@ -84,14 +84,28 @@ def _in_spite_of_the_disk(_cache: Any) -> Iterator[None]:
         yield
 
 
+def _loaded(cache: Any, signature: Any, target: Any) -> Any:
+    """Machine code from the disk, None where there is none.
+
+    Numba's own method first gathers all that it could compile: a seventh of a controller's start, for nothing. Where it
+    does compile it gathers that anyway.
+    """
+    from numba.core.runtime import rtsys
+
+    rtsys.initialize(target)  # of all that, what machine code may call
+    with cache._guard_against_spurious_io_errors():
+        return cache._load_overload(signature, target)
+
+
 @functools.cache
 def _numba() -> Any:
-    """numba, told to put up with the disk, and not to write so much."""
+    """numba, told to put up with the disk, not to write so much, and to load only what it is to load."""
     import numba
     from numba.core import caching
 
     # numba's own place for this, which it fills on Windows only; elsewhere a disk that fills would end the program
     caching.Cache._guard_against_spurious_io_errors = _in_spite_of_the_disk  # type: ignore[assignment,method-assign]
+    caching.Cache.load_overload = _loaded  # type: ignore[method-assign]
     # before each of its passes numba writes out the types of all arguments: ours are records of hundreds of fields
     numba.types.Record.__repr__ = functools.cache(numba.types.Record.__repr__)  # type: ignore[method-assign]
     return numba

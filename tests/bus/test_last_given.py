@@ -35,13 +35,19 @@ def test_what_was_given_is_there_for_the_next_one(tmp_path):
 
 
 def test_a_writer_that_was_killed_leaves_whole_values(tmp_path):
+    begun, begins = os.pipe()
     child = os.fork()
     if not child:
         given, k = LastGiven.open(DEVICE, NAMES, tmp_path), 0.0
         while True:
             k += 1.0
             given.write([k, -k])
-    time.sleep(0.3)
+            if k == 1.0:
+                os.write(begins, b"\0")
+    os.read(begun, 1)
+    time.sleep(0.1)
+    for end in (begun, begins):
+        os.close(end)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     x, y = reopened(tmp_path)

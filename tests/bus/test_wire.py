@@ -176,17 +176,18 @@ def test_a_link_that_was_cut_for_longer_than_the_ramp(tmp_path, bus):
         judge(cell, bus, to_rest=False)
 
 
-@pytest.mark.parametrize("keeps_image", [True, False])
 @pytest.mark.parametrize("bus", BUSES)
-def test_a_worker_that_was_dead_for_longer_than_the_ramp(tmp_path, bus, keeps_image):
-    """Only the worker was killed, or the host with it."""
+def test_a_worker_that_was_dead_for_longer_than_the_ramp(tmp_path, bus):
+    """Only the worker was killed, and then the host with it."""
     with held(tmp_path, bus) as cell:
-        cell.device.figures()
-        cell.kill()
-        time.sleep(3 * RAMP_S)
-        cell.begin(keeps_image=keeps_image)
-        cell.until(lambda: cell.worker.safe.state == RESTING, HELD_V)
-        judge(cell, bus)
+        for keeps_image in (True, False):
+            cell.hold()
+            cell.device.figures()
+            cell.kill()
+            time.sleep(3 * RAMP_S)
+            cell.begin(keeps_image=keeps_image)
+            cell.until(lambda: cell.worker.safe.state == RESTING, HELD_V)
+            judge(cell, bus)
 
 
 @pytest.mark.parametrize("bus", ["modbus", "gcs"])
@@ -200,13 +201,15 @@ def test_a_device_that_can_be_asked_is_led_on_from_what_it_says(tmp_path, bus):
         judge(cell, bus)
 
 
-@pytest.mark.parametrize("stop_s", [0.05, 0.5])
 @pytest.mark.parametrize("bus", BUSES)
-def test_a_loop_that_stood_still_and_goes_on_where_it_likes(tmp_path, bus, stop_s):
+def test_a_loop_that_stood_still_and_goes_on_where_it_likes(tmp_path, bus):
+    """Before it is taken for dead, and after."""
     with held(tmp_path, bus) as cell:
-        cell.device.figures()
-        time.sleep(stop_s)
-        for wanted_V in (RANGE_V[1], RANGE_V[0], HELD_V):
-            end = time.monotonic() + 0.2
-            cell.until(lambda until=end: time.monotonic() > until, wanted_V)
-        judge(cell, bus, to_rest=False)
+        for stop_s in (0.05, 0.5):
+            cell.device.figures()
+            time.sleep(stop_s)
+            for wanted_V in (RANGE_V[1], RANGE_V[0], HELD_V):
+                end = time.monotonic() + 0.2
+                cell.until(lambda until=end: time.monotonic() > until, wanted_V)
+            judge(cell, bus, to_rest=False)
+            cell.hold()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import welch
 
 from micromanip.gateway.spectrum import on_grid, spectrum
 
@@ -35,6 +36,16 @@ def test_the_density_of_white_noise_holds_its_variance():
     assert np.sqrt(np.mean(found.density[2:-2] ** 2)) == pytest.approx(level, rel=0.03)
     assert np.trapezoid(found.density**2, found.frequency_Hz) == pytest.approx(0.09, rel=0.03)
     assert found.lines == []
+
+
+@pytest.mark.parametrize("count", [64, 100, 1001, 20_000])
+def test_the_density_is_scipys(count):
+    """Whose Welch takes as long to import as all else of the gateway."""
+    values = np.random.default_rng(count).normal(5.0, 1.0, count)
+    found = spectrum(values, RATE_HZ)
+    frequency, power = welch(values, RATE_HZ, "hann", round(RATE_HZ / found.frequency_Hz[1]))
+    assert found.frequency_Hz == pytest.approx(frequency)
+    assert found.density == pytest.approx(np.sqrt(power), rel=1e-9)
 
 
 def test_skipped_cycles_are_drawn_straight():

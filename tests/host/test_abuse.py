@@ -122,7 +122,7 @@ def test_second_daemon_is_refused(cell, run):
 
 
 def test_commands_from_beginning_to_end(run):
-    """READY, refused, arm, TRACKING, disarm, READY again; each state told as it is."""
+    """READY, refused, arm, TRACKING, disarm, READY again; each state told as it is, and that it is gone."""
     cell = run(changed(LEISURELY, *WAITING)).reach("READY")
     with Client(cell.socket) as client:
         with pytest.raises(CheckFailed, match=r"^reset refused: the state is READY$"):
@@ -137,13 +137,6 @@ def test_commands_from_beginning_to_end(run):
         report = client.status()
         assert report["state"] == "TRACKING"
         assert json.loads(json.dumps(report, allow_nan=False)) == report
-    assert cell.end() == 0
-
-
-def test_client_of_a_controller_that_ends(run):
-    cell = run(changed(LEISURELY, *WAITING)).reach("READY")
-    with Client(cell.socket) as client:
-        assert client.status()["state"] == "READY"
         assert cell.end() == 0
         with pytest.raises(DeviceUnavailable, match=r"^the controller on .* went away$"):
             client.status()

@@ -8,7 +8,7 @@ import pytest
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, DeviceUnavailable
-from tools.running_controller import QUICK, WAITING, calm, rows_of, simulated, until
+from tools.running_controller import LEISURELY, QUICK, WAITING, calm, changed, rows_of, simulated, until
 
 
 @pytest.mark.thorough  # in virtual time: tests/virtual/test_arming.py
@@ -76,7 +76,7 @@ def manager(manager, monkeypatch):
 
 def test_all_that_say_ready_agree(run, manager, tmp_path):
     """`status`, the printed line, the service manager: and whoever arms as soon as the loop turns is not refused."""
-    cell = run(calm(*WAITING), "--record", str(tmp_path / "run.h5"))
+    cell = run(changed(LEISURELY, *WAITING), "--record", str(tmp_path / "run.h5"))
     until(lambda: cell.socket.exists(), cell.last_words)
     seen = set()
 
@@ -103,7 +103,7 @@ def test_all_that_say_ready_agree(run, manager, tmp_path):
 
 
 def test_arm_a_moment_before_ready_waits_for_it(run, manager, tmp_path):
-    cell = run(calm(*WAITING), "--record", str(tmp_path / "run.h5")).watch()
+    cell = run(changed(LEISURELY, *WAITING), "--record", str(tmp_path / "run.h5")).watch()
     until(lambda: cell.cycles > 0, cell.last_words)
     with suppress(DeviceUnavailable), Client(cell.socket) as client:
         client.arm()

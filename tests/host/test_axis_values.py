@@ -1,7 +1,6 @@
 """What `status` tells of each axis, from rows of the telemetry ring: known or not, and over which time."""
 
 import re
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -215,9 +214,11 @@ def test_windows_are_what_numpy_makes_of_the_values_in_them(gaps, piece, seconds
         assert window[name] == pytest.approx(value, rel=1e-6, abs=1e-4), name
 
 
-def test_the_ring_is_read_once_and_a_report_is_up_to_date(prepared):
+def test_the_ring_is_read_once_and_a_report_is_up_to_date(prepared, monkeypatch):
+    now_ns = 5_000_000_000
+    monkeypatch.setattr(statistics, "time", SimpleNamespace(monotonic_ns=lambda: now_ns))
     ring = np.zeros(1, RING)[0]
-    ring["rows"]["time_ns"] = time.monotonic_ns()
+    ring["rows"]["time_ns"] = now_ns
     controller = SimpleNamespace(prepared=prepared, ring=ring, status=np.zeros(1, STATUS)[0])
     gathered = statistics.Gathered(controller)
     for row in range(2):

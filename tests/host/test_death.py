@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 import time
 from pathlib import Path
 
@@ -10,12 +9,11 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.records import CONTEXT
 
-from micromanip.host.control.socket_file import remove_stale
 from micromanip.host.shared_memory import Segment
 from micromanip.host.trips.store import Box, trips
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
-from tools.running_controller import SLOW, WAITING, calm, descriptor_of, rows_of, until
+from tools.running_controller import LEISURELY, SLOW, WAITING, calm, changed, descriptor_of, rows_of, until
 
 from .black_boxes import PERIOD_MS, assert_whole, box_of, explained, folder
 
@@ -62,21 +60,6 @@ def test_host_killed_while_tracking(run):
     assert "X-101 no sign of life" in explained(cell)
     silent_s = (rows["time_ns"][rows["fault"] == HOST_DEAD][0] - cell.control["words"][w.HEARTBEAT_NS]) * 1e-9
     assert silent_s >= 0.999  # it is not given up sooner than its limit
-
-
-def test_host_killed_and_another_started_at_once(run):
-    """The old loop, still on its way to park, must not take the new host's socket away."""
-    cell = run(calm()).reach("TRACKING")
-    cell.process.kill()
-    cell.wait()
-    remove_stale(cell.socket)  # what a new host does, and then:
-    with socket.socket(socket.AF_UNIX) as new:
-        new.bind(str(cell.socket))
-        new.listen()
-        assert cell.state != "OFF", "the loop was gone before there was a new socket"
-        cell.gone()
-        assert cell.socket.is_socket()
-    cell.socket.unlink()
 
 
 @pytest.mark.thorough  # the whole machine's stall, which follows, is that of the host, too
@@ -148,7 +131,7 @@ def test_loop_killed_while_tracking(run):
 
 def test_loop_that_stands_still(run):
     """Alive, but it does not turn: ended by the host, outputs brought to their safe value."""
-    cell = run(calm()).reach("TRACKING")
+    cell = run(LEISURELY).reach("TRACKING")
     os.kill(cell.loop, signal.SIGSTOP)
     assert cell.wait() == 1
     lines = [line for line in cell.said.splitlines() if "X-105" in line]
@@ -168,9 +151,9 @@ def test_both_killed(run):
 
     Nobody tells the black box of it: that no cycle passes any more tells enough.
     """
-    cell = run(calm(*WAITING)).reach("READY")
+    cell = run(changed(LEISURELY, *WAITING)).reach("READY")
     until(lambda: cell.child("trips.process"), cell.last_words)
-    cell.go_on(5000)
+    cell.go_on(100)
     loop = cell.loop
     os.kill(loop, signal.SIGSTOP)  # or it would see the host's death and end in order
     cell.process.kill()
@@ -179,32 +162,9 @@ def test_both_killed(run):
     cell.gone()
     assert box_of(cell).trip["code"] == "X-104"
     assert cell.socket.is_socket()  # stale: nobody was left to remove it
-    again = run(calm(*WAITING), "--socket", str(cell.socket)).reach("READY")
+    again = run(changed(LEISURELY, *WAITING), "--socket", str(cell.socket)).reach("READY")
     assert again.end() == 0
     assert not cell.socket.exists()
-
-
-def test_stall_is_counted_and_told_under_simulation_limits(run):
-    cell = run(calm()).reach("TRACKING")
-    before = int(cell.status["words"][w.OVERRUNS])
-    cell.stall(0.05)
-    cell.go_on(3000)
-    assert cell.state == "TRACKING"
-    rows = rows_of(cell.ring)
-    late = rows[np.argmax(rows["periods"])]
-    assert late["periods"] > 300
-    assert late["lateness_ns"] > 30_000_000
-    assert rows["axis"]["voltage_V"].min() >= -20.0
-    assert rows["axis"]["voltage_V"].max() <= 150.0
-    assert np.abs(np.diff(rows["axis"]["voltage_V"], axis=0)).max() <= SLEW_V * (1 + 1e-9)
-    assert cell.status["words"][w.OVERRUNS] - before >= late["periods"] - 1
-    cycle = rows["cycle"]
-    assert (np.diff(cycle) == rows["periods"][1:]).all()  # the missed cycles are skipped, not made up
-    assert cell.end() == 0
-    assert cell.report["state"] == "OFF"
-    assert cell.report["faults"] == []
-    assert cell.report["overruns"] >= late["periods"] - 1
-    assert cell.report["lateness_ns"]["max"] >= late["lateness_ns"]
 
 
 @pytest.mark.realtime  # another stall of 15 ms is a fault before its time

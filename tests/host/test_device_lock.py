@@ -19,9 +19,9 @@ from micromanip.bus.device_lock import DeviceLocks
 from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied
 from micromanip.settings.check import prepare
 from tools.bus_faults.ethercat_cells import ring_cell
-from tools.running_controller import LOCKS_ELSEWHERE, WAITING, calm, changed
+from tools.running_controller import LEISURELY, LOCKS_ELSEWHERE, WAITING, changed
 
-BENCH = ("    driver: simulated\n", "    driver: simulated\n    device: bench\n")
+BENCH = ("driver: simulated,", "driver: simulated, device: bench,")
 
 
 def test_second_is_refused_with_the_first_ones_number(tmp_path):
@@ -222,7 +222,7 @@ def test_second_daemon_and_an_orphaned_loop(run, tmp_path):
     """The loop of a killed host still moves the outputs: nobody else may, until it has ended too."""
     folder = tmp_path / "locks"
     elsewhere = {"prefix": (sys.executable, "-c", LOCKS_ELSEWHERE, str(folder))}
-    text = changed(calm(*WAITING), BENCH)
+    text = changed(LEISURELY, *WAITING, BENCH)
     first = run(text, **elsewhere).reach("READY")
     second = run(text, **elsewhere)
     assert second.wait() == 69
@@ -231,7 +231,7 @@ def test_second_daemon_and_an_orphaned_loop(run, tmp_path):
         "left); stop it first\n"
     )
     assert second.report.keys() == {"error", "exit_code"}
-    first.go_on(100)
+    first.go_on(20)
     assert first.state == "READY"
 
     loop = first.loop

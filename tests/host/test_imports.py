@@ -53,17 +53,25 @@ assert controller.make_safe() == {"cell": 0}
 
 
 def test_the_loop_loads_no_linear_algebra():
-    """Which numba would look for as it loads the loop's code; afterwards a driver may import it."""
+    """Which numba would look for as it compiles; nor all that numba can compile, where the loop's code is kept."""
     program = """
 from micromanip.host.loop_process import run_loop, without_blas
-from micromanip.rt.jit import prepare
+from micromanip.rt.jit import Compiler, prepare
+had_to_be_compiled = []
+Compiler.tell = staticmethod(had_to_be_compiled.append)
 with without_blas():
     prepare(run_loop)
 before = "scipy.linalg" in sys.modules
+assert had_to_be_compiled or "numba.np.linalg" not in sys.modules
 import scipy.linalg
 assert not before
 """
     assert loaded(program, ["numba", "scipy.linalg"]) == ["numba", "scipy.linalg"]
+
+
+@pytest.mark.parametrize("module", ["micromanip.catalogue.refreshing", "micromanip.gateway.serving"])
+def test_who_only_shows_loads_no_scipy(module):
+    assert loaded(f"import {module}", ("numba", "scipy")) == []
 
 
 def test_a_worker_ramps_its_outputs_to_rest_without_one():

@@ -3,6 +3,7 @@
 import json
 import signal
 import stat
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -82,6 +83,13 @@ def test_refused_as_a_whole(cell, client):
 
 def test_socket_as_configured(cell):
     assert stat.S_IMODE(cell.socket.stat().st_mode) == 0o600
+
+
+def test_no_linear_algebra_is_locked_into_memory(cell):
+    """Which the host needs for the driver's context, and with its work space is 130 MB."""
+    libraries = Path(f"/proc/{cell.loop}/maps").read_text()
+    assert "numpy" in libraries
+    assert "scipy/linalg" not in libraries
 
 
 def test_hang_up_reloads(cell, client):

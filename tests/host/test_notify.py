@@ -9,7 +9,7 @@ import time
 import pytest
 
 from micromanip.host.notify import ServiceManager
-from tools.running_controller import calm, until
+from tools.running_controller import LEISURELY, until
 
 
 def test_each_message_is_one_datagram(manager):
@@ -108,7 +108,7 @@ def test_controller_tells_its_life(run, manager, monkeypatch):
     """READY with the loop running, fed, its state followed, a reload answered, the end announced."""
     monkeypatch.setenv("NOTIFY_SOCKET", manager.path)
     monkeypatch.setenv("WATCHDOG_USEC", "2000000")
-    cell = run(calm())  # arms by itself
+    cell = run(LEISURELY)  # arms by itself
     until(lambda: "READY=1" in manager(), cell.last_words)
     assert cell.watch().cycles > 0
     first = manager().index("READY=1")

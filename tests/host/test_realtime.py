@@ -2,11 +2,9 @@
 
 import ctypes
 import mmap
-import signal
 from pathlib import Path
 
 from micromanip.host.realtime import clean_code
-from tools.running_controller import WAITING, simulated
 
 SMAPS = """\
 7f1000000000-7f1000200000 r-xp 00000000 fe:00 7 /site/llvmlite/binding/libllvmlite.so
@@ -46,12 +44,3 @@ def test_what_was_written_to_is_known_to_this_kernel(tmp_path):
     mapped[5] = 1
     assert protect(ctypes.c_void_p(first), ctypes.c_size_t(len(mapped)), mmap.PROT_READ) == 0
     assert clean_code(str(file), Path("/proc/self/smaps").read_text()) == []
-
-
-def test_no_linear_algebra_is_locked_into_memory(run):
-    """Which the host needs for the driver's context, and with its work space is 130 MB."""
-    cell = run(simulated(*WAITING)).reach("READY")
-    libraries = Path(f"/proc/{cell.loop}/maps").read_text()
-    assert "numpy" in libraries
-    assert "scipy/linalg" not in libraries
-    assert cell.end(signal.SIGTERM) == 0

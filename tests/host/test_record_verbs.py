@@ -33,7 +33,7 @@ def missing(rows):
 
 
 def test_start_mark_stop(run, tmp_path):
-    """A recording that reaches back, one that waits for a mark, one that the end of the run ends."""
+    """A recording that reaches back, one that waits for a mark, one whose disk is full, one that the run's end ends."""
     cell = run(calm(), "--recordings", str(tmp_path / "kept")).reach("TRACKING")
     cell.go_on(12_000)
     with Client(cell.socket) as client:
@@ -78,36 +78,31 @@ def test_start_mark_stop(run, tmp_path):
         assert at - 3000 <= rows["cycle"][0] <= at - 3000 + rows["periods"][0] + dropped
         assert at + 2000 - 1000 <= rows["cycle"][-1] <= at + 2000  # an overrun may skip the last of them
 
-        client.record_start("plain.h5")
-        with pytest.raises(UsageError, match="takes no marks"):
-            client.record_mark("none")
-        assert [e["verb"] for e in client.audit()["entries"] if e["accepted"] and "record" in e["verb"]] == [
-            "record_start", "record_mark", "record_stop", "record_start", "record_mark", "record_start",
-        ]  # fmt: skip
-    assert cell.end() == 0
-    assert missing(all_rows(tmp_path / "kept" / "plain.h5")) <= cell.report["recording"]["dropped"]
-    assert open_telemetry(tmp_path / "kept" / "plain.h5").end["complete"]
-
-
-def test_a_disk_that_takes_no_more(run):
-    """The recording ends and is told, the control goes on; another recording may begin."""
-    cell = run(calm(), "--record", "run.mcap").reach("TRACKING")
-    with Client(cell.socket) as client:
+        client.record_start("limited")
+        limited = tmp_path / "kept" / "limited.mcap"
         until(lambda: client.status()["recording"]["rows"] > 3000, cell.last_words)
-        size = (cell.folder / "run.mcap").stat().st_size + 300_000
+        size = limited.stat().st_size + 300_000
         resource.prlimit(cell.child("recording.recorder"), resource.RLIMIT_FSIZE, (size, size))
         until(lambda: client.status()["recording"]["state"] == "failed", cell.last_words)
         found = client.status()["recording"]
-        assert f"run.mcap: {os.strerror(errno.EFBIG)}, nothing more is recorded" in found["message"]
+        assert f"limited.mcap: {os.strerror(errno.EFBIG)}, nothing more is recorded" in found["message"]
         assert f"WARNING: {found['message']}" in cell.said
-        rows = all_rows(cell.folder / "run.mcap")
+        rows = all_rows(limited)
         assert len(rows) == found["rows"]
         assert missing(rows) <= found["dropped"]
         cell.go_on(10_000)
         assert cell.state == "TRACKING"
-        client.record_start("again")
+
+        client.record_start("plain.h5")
         until(lambda: client.status()["recording"]["rows"] > 1000, cell.last_words)
+        with pytest.raises(UsageError, match="takes no marks"):
+            client.record_mark("none")
+        assert [e["verb"] for e in client.audit()["entries"] if e["accepted"] and "record" in e["verb"]] == [
+            "record_start", "record_mark", "record_stop", "record_start", "record_mark", "record_start", "record_start",
+        ]  # fmt: skip
     assert cell.end() == 0
+    assert missing(all_rows(tmp_path / "kept" / "plain.h5")) <= cell.report["recording"]["dropped"]
+    assert open_telemetry(tmp_path / "kept" / "plain.h5").end["complete"]
     assert cell.report["recording"]["state"] == "complete"
     assert "Traceback" not in cell.said
 

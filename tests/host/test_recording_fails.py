@@ -4,6 +4,7 @@ import errno
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ import pytest
 
 from micromanip.client import Client
 from micromanip.errors import MicromanipError
+from micromanip.host.control.socket_file import remove_stale
 from micromanip.host.recording.hdf5_file import Hdf5Recording
 from micromanip.host.recording.recording import require_new_file
 from micromanip.host.recording.unclosed import checksum, close_unclosed
@@ -24,23 +26,10 @@ from micromanip.rt.telemetry import ROW
 from tests.further import further
 from tools.running_controller import calm, until
 
+from .recorded import recorded_rows, recording_of
+
 GONE_ON_CYCLES = 20_000
 """Two seconds: more than the loop lives without a sign of life of its host."""
-
-
-def rows_of(file):
-    """The rows of a recording, opened as anybody would; each cycle is there once, in order."""
-    with h5py.File(file) as recording:
-        rows = recording["rows"][:]
-        assert recording["state"][0]["cycle"] < rows["cycle"][0]
-        assert set(rows["version"]) <= set(recording["parameters"]["version"])
-    assert (np.diff(rows["cycle"]) == rows["periods"][1:]).all()
-    return rows
-
-
-def recording_of(cell):
-    with Client(cell.socket) as client:
-        return client.status()["recording"]
 
 
 def end_failed(cell, said):
@@ -64,60 +53,60 @@ def end_failed(cell, said):
     return report["recording"]
 
 
-def test_status_tells_how_far_a_recording_is(run):
-    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
-    until(lambda: recording_of(cell)["rows"] > 1000, cell.last_words)
-    found = recording_of(cell)
-    assert (found["file"], found["state"], found["message"]) == ("run.h5", "recording", None)
-    assert cell.end() == 0
-    found = cell.report["recording"]
-    assert (found["state"], found["message"]) == ("complete", None)
-    rows = rows_of(cell.folder / "run.h5")
-    assert found["rows"] == len(rows)
-    assert found["dropped"] == np.sum(np.diff(rows["cycle"]) - rows["periods"][1:])
+def test_host_and_recorder_killed_and_another_host_started_at_once(run):
+    """Nobody is left to close the file: our own reader takes it as it is, others once it is mended.
 
-
-def test_recorder_killed(run):
-    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
-    until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
-    os.kill(cell.child("recording.recorder"), signal.SIGKILL)
-    until(lambda: "WARNING: the recorder of run.h5 died, nothing more is recorded" in cell.said, cell.last_words)
-    until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
-    rows = rows_of(cell.folder / "run.h5")  # also while the controller runs
-    assert len(rows) >= 5000
-    assert end_failed(cell, "the recorder of run.h5 died")["rows"] <= len(rows)
-    assert len(read_table(cell.folder / "run.h5")["voltage_V_x"]) == len(rows)
-
-
-def test_host_and_recorder_killed(run):
-    """Nobody is left to close the file: our own reader takes it as it is, others once it is mended."""
+    The old loop, still on its way to park, must not take the new host's socket away.
+    """
     cell = run(calm(), "--record", "run.h5").reach("TRACKING")
     until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
     cell.process.send_signal(signal.SIGSTOP)
     os.kill(cell.child("recording.recorder"), signal.SIGKILL)
     cell.process.kill()
     cell.wait()
-    cell.gone()
+    remove_stale(cell.socket)  # what a new host does, and then:
+    with socket.socket(socket.AF_UNIX) as new:
+        new.bind(str(cell.socket))
+        new.listen()
+        assert cell.state != "OFF", "the loop was gone before there was a new socket"
+        cell.gone()
+        assert cell.socket.is_socket()
+    cell.socket.unlink()
     file = cell.folder / "run.h5"
     assert len(read_table(file)["t_s"]) >= 5000
     assert close_unclosed(file)
-    assert len(rows_of(file)) >= 5000
+    assert len(recorded_rows(file)) >= 5000
 
 
-def test_file_that_may_not_grow(run):
-    """Every user can have that: a limit of the size of files."""
-    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+def test_file_that_may_not_grow_and_then_a_recorder_killed(run):
+    """Every user can have that: a limit of the size of files. What is recorded next fails in its own way."""
+    cell = run(calm(), "--record", "run.h5", "--recordings", "kept").reach("TRACKING")
     until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
     size = (cell.folder / "run.h5").stat().st_size + 2_000_000
     resource.prlimit(cell.child("recording.recorder"), resource.RLIMIT_FSIZE, (size, size))
     until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
-    found = end_failed(cell, f"run.h5: {os.strerror(errno.EFBIG)}")
-    rows = rows_of(cell.folder / "run.h5")
+    found = recording_of(cell)
+    assert f"run.h5: {os.strerror(errno.EFBIG)}, nothing more is recorded" in found["message"]
+    assert f"WARNING: {found['message']}" in cell.said
+    rows = recorded_rows(cell.folder / "run.h5")
     assert found["rows"] == len(rows) > 5000
     with h5py.File(cell.folder / "run.h5") as recording:
         assert not recording.attrs["complete"]
         assert recording.attrs["problem"].decode() == os.strerror(errno.EFBIG)
     assert (cell.folder / "run.h5").stat().st_size <= size
+    cell.go_on(GONE_ON_CYCLES)
+
+    with Client(cell.socket) as client:
+        client.record_start("next.h5")
+    file = cell.folder / "kept" / "next.h5"
+    until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
+    os.kill(cell.child("recording.recorder"), signal.SIGKILL)
+    until(lambda: "next.h5 died, nothing more is recorded" in cell.said, cell.last_words)
+    until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
+    rows = recorded_rows(file)  # also while the controller runs
+    assert len(rows) >= 5000
+    assert end_failed(cell, "the recorder of kept/next.h5 died")["rows"] <= len(rows)
+    assert len(read_table(file)["voltage_V_x"]) == len(rows)
 
 
 @contextmanager
@@ -137,7 +126,7 @@ def small_disk(folder, size):
 
 @pytest.mark.parametrize("size", ["1m", *further("4m")])
 def test_full_disk(run, tmp_path, size):
-    """A real one where we may mount it; elsewhere `test_file_that_may_not_grow` stands for it."""
+    """A real one where we may mount it; elsewhere the file that may not grow, above, stands for it."""
     disk = tmp_path / "disk"
     disk.mkdir()
     with small_disk(disk, size) as keeper:
@@ -148,7 +137,7 @@ def test_full_disk(run, tmp_path, size):
         until(lambda: recording_of(cell)["state"] == "failed", cell.last_words)
         found = end_failed(cell, f"{disk}/run.h5: {os.strerror(errno.ENOSPC)}")
         seen = f"/proc/{keeper}/root{disk}/run.h5"
-        rows = rows_of(seen)
+        rows = recorded_rows(seen)
         assert found["rows"] == len(rows) >= 1000
         assert len(read_table(type(tmp_path)(seen))["t_s"]) == len(rows)
 
@@ -174,7 +163,7 @@ def some_rows(first, count):
 
 KILLED = """
 import os, sys, numpy as np
-from host.test_recording_fails import begun, some_rows, slots
+from tests.host.test_recording_fails import begun, some_rows, slots
 recording, first = begun(sys.argv[1]), 1
 while True:
     recording.append(some_rows(first, 700), slots())

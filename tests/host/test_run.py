@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tools.running_controller import WAITING, Running, simulated
+from tools.running_controller import QUICK, WAITING, Running, simulated
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
 
@@ -13,7 +13,7 @@ DURATIONS = {"p50", "p99", "p99_9", "p99_99", "max"}
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
-    cell = Running(tmp_path_factory.mktemp("run"), simulated(), "--duration", "7")
+    cell = Running(tmp_path_factory.mktemp("run"), simulated(*QUICK), "--duration", "5")
     try:
         assert cell.wait() == 0, cell.said
         return cell.report  # nothing but one JSON document on standard output, or this fails
@@ -80,7 +80,7 @@ def test_without_arm_on_start_it_waits_in_ready(run):
     section = '    commissioned: {hash: "0123456789abcdef", report: report.html, date: 2026-11-21}\n'
     text = simulated(*WAITING)
     at = text.index("    mode: stage", text.index("\naxes:"))
-    cell = run(text[:at] + section + text[at:], "--duration", "1")
+    cell = run(text[:at] + section + text[at:], "--duration", "0.3")
     assert cell.wait() == 0, cell.said
     warnings = [line for line in cell.said.splitlines() if "commissioned" in line]
     assert warnings == [

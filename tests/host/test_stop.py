@@ -15,6 +15,10 @@ from micromanip.rt.states import RAMPING
 from tests.further import further
 from tools.running_controller import as_from_a_terminal, calm, rows_of, simulated, until
 
+from .recorded import recorded_rows, recording_of
+
+SLEW_V = 4.0  # 40 V/ms, a cycle
+
 
 def interrupt(cell):
     """Ctrl-C as a terminal sends it: to the whole foreground process group."""
@@ -30,34 +34,41 @@ def assert_stopped_cleanly(cell):
     assert not cell.socket.exists()
 
 
-def test_stall_on_the_way_to_park(run):
+def test_a_stall_is_counted_and_told_under_simulation_limits_and_neither_another_nor_ctrl_c_cuts_the_ramp_short(run):
     """The loop is late for longer than the whole ramp: the outputs still get to park before OFF, and not in a step."""
     cell = run(calm()).reach("TRACKING")
-    interrupt(cell)
-    cell.reach("RAMPING")
-    until(lambda: rows_of(cell.ring)["phase"][-1] == PARKING, "the correction to be faded out")
-    cell.stall(0.7)
-    assert_stopped_cleanly(cell)
+    before = int(cell.status["words"][w.OVERRUNS])
+    cell.stall(0.05)
+    cell.go_on(3000)
+    assert cell.state == "TRACKING"
     rows = rows_of(cell.ring)
-    voltage = rows["axis"]["voltage_V"][rows["phase"] == PARKING]
-    fastest = 1.875 * voltage.max() / 5000  # of a minimum-jerk course of 0.5 s, a cycle
-    assert not rows["axis"]["voltage_V"][-1].any(), f"OFF with {rows['axis']['voltage_V'][-1]} V on the outputs"
-    assert np.abs(np.diff(voltage, axis=0)).max() <= 1.1 * fastest
+    late = rows[np.argmax(rows["periods"])]
+    assert late["periods"] > 300
+    assert late["lateness_ns"] > 30_000_000
+    assert rows["axis"]["voltage_V"].min() >= -20.0
+    assert rows["axis"]["voltage_V"].max() <= 150.0
+    assert np.abs(np.diff(rows["axis"]["voltage_V"], axis=0)).max() <= SLEW_V * (1 + 1e-9)
+    assert cell.status["words"][w.OVERRUNS] - before >= late["periods"] - 1
+    assert (np.diff(rows["cycle"]) == rows["periods"][1:]).all()  # the missed cycles are skipped, not made up
 
-
-def test_ctrl_c_again_and_again_does_not_cut_the_ramp_short(run):
-    cell = run(calm()).reach("TRACKING")
     assert os.getpgid(cell.loop) != cell.process.pid  # the loop is out of Ctrl-C's reach
     interrupt(cell)
     cell.reach("RAMPING")
     interrupt(cell)
     interrupt(cell)
+    until(lambda: rows_of(cell.ring)["phase"][-1] == PARKING, "the correction to be faded out")
+    cell.stall(0.7)
     assert_stopped_cleanly(cell)
     assert cell.status["words"][w.FINISHED] == 1
     rows = rows_of(cell.ring)
     assert np.count_nonzero(rows["state"] == RAMPING) > 1000
-    assert not rows["axis"]["voltage_V"][-1].any()
+    voltage = rows["axis"]["voltage_V"][rows["phase"] == PARKING]
+    fastest = 1.875 * voltage.max() / 5000  # of a minimum-jerk course of 0.5 s, a cycle
+    assert not rows["axis"]["voltage_V"][-1].any(), f"OFF with {rows['axis']['voltage_V'][-1]} V on the outputs"
+    assert np.abs(np.diff(voltage, axis=0)).max() <= 1.1 * fastest
     assert cell.report["recording"] is None
+    assert cell.report["overruns"] >= late["periods"] - 1
+    assert cell.report["lateness_ns"]["max"] >= late["lateness_ns"]
 
 
 @pytest.mark.parametrize("state", ["ARMING", *further("READY")])
@@ -89,7 +100,11 @@ def test_ctrl_c_before_the_configuration_is_read(run):
 
 
 def test_sigterm_with_a_recording_and_clients_on_the_line(run):
+    """`status` and the report at the end tell how far the recording is."""
     cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+    until(lambda: recording_of(cell)["rows"] > 1000, cell.last_words)
+    found = recording_of(cell)
+    assert (found["file"], found["state"], found["message"]) == ("run.h5", "recording", None)
     with cell.talk() as idle, cell.talk() as busy, cell.talk() as deaf:
         assert busy.ask(b'{"version": 1, "verb": "status"}')["result"]["state"] == "TRACKING"
         deaf.socket.setblocking(False)
@@ -101,6 +116,10 @@ def test_sigterm_with_a_recording_and_clients_on_the_line(run):
     assert_stopped_cleanly(cell)
     assert "recorded" in cell.said
     assert "0 lost" in cell.said
+    found, rows = cell.report["recording"], recorded_rows(cell.folder / "run.h5")
+    assert (found["state"], found["message"]) == ("complete", None)
+    assert found["rows"] == len(rows)
+    assert found["dropped"] == np.sum(np.diff(rows["cycle"]) - rows["periods"][1:])
 
 
 SWALLOWED = """

@@ -100,29 +100,66 @@ KICK, ATTEMPTS = 20, 5
 """A stall of the machine of more periods than that is a kick of its own: the swap is done once more, so many times."""
 
 
+async def swapped_rows(prepared, controller):
+    """Rows around each of SWAPS, and back again in between."""
+    rows = {}
+    for name, updates in SWAPS.items():
+        new = variant(prepared, **updates)
+        for _ in range(ATTEMPTS):
+            await pass_cycles(controller, 3000)
+            before = int(controller.words[w.VERSION_ACTIVE])
+            await controller.apply(replace(prepared, parameters=new))
+            assert controller.words[w.VERSION_ACTIVE] == before + 1
+            await pass_cycles(controller, 2000)
+            assert controller.state == "TRACKING", (name, controller.faults())
+            assert controller.faults() == []
+            near = rows_of(controller.ring)[-10_000:]
+            rows[name] = near[(near["version"] >= before) & (near["state"] == TRACKING)]
+            await controller.apply(prepared)
+            if rows[name]["periods"].max() <= KICK:
+                break
+    return rows
+
+
+async def recorded(controller, file, during):
+    """Record while `during(controller)` goes on: (what the recorder said, rows seen beside it, the file)."""
+    recorder = RecorderProcess(controller, file, print)
+    await recorder.start()
+    beside, seen = RingReader(controller.ring), []
+
+    async def follow():
+        while True:
+            seen.append(beside.read())
+            await asyncio.sleep(0.02)
+
+    following = asyncio.create_task(follow())
+    try:
+        await during(controller)
+    finally:
+        said = await recorder.stop()
+        following.cancel()
+    assert beside.lost == 0, "the test's own reader was too slow"
+    return said, np.concatenate(seen), file
+
+
 @pytest.fixture(scope="module")
-def swapped(prepared, tmp_path_factory):
-    """Rows around each of SWAPS, all made in one run, and back again in between."""
-    sets = {name: variant(prepared, **updates) for name, updates in SWAPS.items()}
+def one_run(prepared, tmp_path_factory):
+    """Recordings without a swap and over many, and then the rows around single swaps."""
+    folder = tmp_path_factory.mktemp("one_run")
+    new = prepared.parameters.copy()
+
+    async def quick_swaps(controller):
+        for k in range(20):
+            new[0]["axis"]["pid"]["K_V_per_um"] = 0.4 + 0.01 * k
+            await controller.apply(replace(prepared, parameters=new))
+        await pass_cycles(controller, 2000)
 
     async def main():
-        rows = {}
-        async with tracking(prepared, tmp_path_factory.mktemp("swap")) as controller:
-            for name, new in sets.items():
-                for _ in range(ATTEMPTS):
-                    await pass_cycles(controller, 3000)
-                    before = int(controller.words[w.VERSION_ACTIVE])
-                    await controller.apply(replace(prepared, parameters=new))
-                    assert controller.words[w.VERSION_ACTIVE] == before + 1
-                    await pass_cycles(controller, 2000)
-                    assert controller.state == "TRACKING", (name, controller.faults())
-                    assert controller.faults() == []
-                    near = rows_of(controller.ring)[-10_000:]
-                    rows[name] = near[(near["version"] >= before) & (near["state"] == TRACKING)]
-                    await controller.apply(prepared)
-                    if rows[name]["periods"].max() <= KICK:
-                        break
-        return rows
+        async with tracking(prepared, folder) as controller:
+            calm = await recorded(controller, folder / "calm.h5", lambda _: pass_cycles(controller, 8000))
+            quick = await recorded(controller, folder / "quick.h5", quick_swaps)
+            await controller.apply(prepared)
+            return {"calm": calm, "quick": quick, "swaps": await swapped_rows(prepared, controller)}
 
     return asyncio.run(main())
 
@@ -132,9 +169,9 @@ SETTLED = 500
 
 
 @pytest.mark.parametrize("name", SWAPS)
-def test_swap_while_tracking(swapped, name):
+def test_swap_while_tracking(one_run, name):
     """At a cycle boundary, all at once, without a step."""
-    rows = swapped[name]
+    rows = one_run["swaps"][name]
     assert set(rows["state"]) == {TRACKING}
     first = int(rows["version"][0])
     at = int(np.argmax(rows["version"] == first + 1))
@@ -152,36 +189,8 @@ def test_swap_while_tracking(swapped, name):
     assert error_um.max(initial=0.0) < 20.0, "but for what a stall of the machine left behind"
 
 
-def record(prepared, folder, during):
-    """Record while `during(controller)` goes on: (what the recorder said, rows seen beside it, the file)."""
-    file = folder / "run.h5"
-
-    async def main():
-        async with tracking(prepared, folder) as controller:
-            recorder = RecorderProcess(controller, file, print)
-            await recorder.start()
-            beside, seen = RingReader(controller.ring), []
-
-            async def follow():
-                while True:
-                    seen.append(beside.read())
-                    await asyncio.sleep(0.02)
-
-            following = asyncio.create_task(follow())
-            try:
-                await during(controller)
-            finally:
-                said = await recorder.stop()
-                following.cancel()
-            assert beside.lost == 0, "the test's own reader was too slow"
-            return said, np.concatenate(seen)
-
-    said, seen = asyncio.run(main())
-    return said, seen, file
-
-
-def test_recording_has_every_cycle(prepared, tmp_path):
-    said, seen, file = record(prepared, tmp_path, lambda controller: pass_cycles(controller, 8000))
+def test_recording_has_every_cycle(prepared, one_run):
+    said, seen, file = one_run["calm"]
     with h5py.File(file) as recording:
         rows, state = recording[ROWS][:], recording[STATE][0]
         assert recording.attrs["configuration"] == prepared.source.text
@@ -214,7 +223,11 @@ def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
         await controller.apply(replace(prepared, parameters=new))
         await pass_cycles(controller, 4000)
 
-    said, _, file = record(prepared, tmp_path, during)
+    async def main():
+        async with tracking(prepared, tmp_path) as controller:
+            return await recorded(controller, tmp_path / "run.h5", during)
+
+    said, _, file = asyncio.run(main())
     assert said.endswith(", 0 lost")
     with h5py.File(file) as recording:
         rows, sets = recording[ROWS][:], recording[PARAMETERS][:]
@@ -224,17 +237,9 @@ def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
     assert (np.diff(rows["version"]) >= 0).all()
 
 
-def test_recording_over_quick_swaps_has_every_set(prepared, tmp_path):
+def test_recording_over_quick_swaps_has_every_set(one_run):
     """A row's version names a set in the file, however quickly they followed each other."""
-    new = prepared.parameters.copy()
-
-    async def during(controller):
-        for k in range(20):
-            new[0]["axis"]["pid"]["K_V_per_um"] = 0.4 + 0.01 * k
-            await controller.apply(replace(prepared, parameters=new))
-        await pass_cycles(controller, 2000)
-
-    _, _, file = record(prepared, tmp_path, during)
+    _, _, file = one_run["quick"]
     with h5py.File(file) as recording:
         rows, sets = recording[ROWS][:], recording[PARAMETERS][:]
     assert rows["version"][-1] == 21

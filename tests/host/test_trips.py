@@ -11,7 +11,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.host.trips.store import Box, trips
 from micromanip.rt.states import RAMPING, TRACKING
-from tools.running_controller import calm, reset, until
+from tools.running_controller import LEISURELY, calm, reset, until
 
 from .black_boxes import assert_whole, box_of, explained, folder
 
@@ -65,20 +65,9 @@ def test_trip_is_on_disk_before_a_reset(run):
     assert [file.name for file in folder(cell).iterdir()] == [file.name for file in trips(folder(cell))]
 
 
-def test_black_box_killed_between_its_halves(run):
-    """The half that it had written is completed by the one that follows."""
-    cell = run(failing(2.3)).reach("TRACKING")
-    until(lambda: trips(folder(cell)), cell.last_words)
-    os.kill(cell.child("trips.process"), signal.SIGKILL)
-    assert not box_of(cell, complete=False).meta["complete"]
-    assert_whole(box_of(cell), 2000.0, 500.0)
-    cell.end()
-    assert [trip["complete"] for trip in cell.report["trips"]] == [True]
-
-
 def test_black_box_that_keeps_dying(run):
     """Started again three times, then given up, and said so; the loop does not care, nor does a reset wait."""
-    cell = run(calm()).reach("TRACKING")
+    cell = run(LEISURELY).reach("TRACKING")
     for _ in range(4):
         os.kill(until(lambda: cell.child("trips.process"), cell.last_words), signal.SIGKILL)
         until(lambda: not cell.child("trips.process"), "its end")
@@ -88,10 +77,17 @@ def test_black_box_that_keeps_dying(run):
     assert cell.end() == 0
 
 
-def test_host_gone_while_another_fault_is_latched(run):
-    """What ends the run is told, and kept, as well: it would look as if the first fault had."""
-    cell = run(failing(2.3)).reach("FAULT")
+def test_black_box_killed_between_its_halves_and_the_host_gone_while_a_fault_is_latched(run):
+    """The half that it had written is completed by the one that follows.
+
+    What ends the run is told, and kept, as well: it would look as if the first fault had.
+    """
+    cell = run(failing(2.3)).reach("TRACKING")
     until(lambda: trips(folder(cell)), cell.last_words)
+    os.kill(cell.child("trips.process"), signal.SIGKILL)
+    assert not box_of(cell, complete=False).meta["complete"]
+    assert_whole(box_of(cell), 2000.0, 500.0)
+    cell.reach("FAULT")
     until(lambda: "X-201 axis y: " in cell.said, cell.last_words)
     os.kill(cell.process.pid, signal.SIGSTOP)
     try:
@@ -101,6 +97,7 @@ def test_host_gone_while_another_fault_is_latched(run):
         os.kill(cell.process.pid, signal.SIGCONT)
     assert cell.wait() == 1
     assert [fault[:5] for fault in cell.report["faults"]] == ["X-201", "X-101"]
+    assert [trip["complete"] for trip in cell.report["trips"]] == [True, True]
     said = cell.said.splitlines()
     assert len([line for line in said if "X-101 no sign of life from the host" in line]) == 1
     assert said[-1].startswith("micromanip: ended by X-101 after X-201 on axis y, as said above; ")

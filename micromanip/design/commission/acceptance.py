@@ -7,7 +7,8 @@ import numpy as np
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..analysis import AxisAnalysis
-from ..criteria import Criterion, criteria, told
+from ..criteria import criteria, told
+from ..criterion import Criterion
 from ..evaluation import Run
 from ..sensitivity import AGREEMENT, Sensitivity
 from ..step import RISE_S, STEP_UM

@@ -19,7 +19,7 @@ from micromanip.settings.schema.model import Configuration
 from ..coupling.cost import Cost, costs, loop_of
 from ..coupling.measured import Coupling, measure_coupling
 from ..coupling.together import Together, judge_together, relative_gain
-from ..criteria import Criterion
+from ..criterion import Criterion
 from ..experiment import Experiment, with_axis
 from .evidence import Curve, Evidence, Plot, Section, Table
 from .production import MOVED_HZ, Production

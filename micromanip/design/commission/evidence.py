@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..criteria import Criterion
+from ..criterion import Criterion
 
 Array = NDArray[np.float64]
 

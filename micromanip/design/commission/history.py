@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..criteria import Criterion
+from ..criterion import Criterion
 from .evidence import Evidence
 
 ELEMENT = "findings"

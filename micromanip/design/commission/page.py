@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 
-from ..criteria import Criterion
+from ..criterion import Criterion
 from . import verdict
 from .drawing import figure_json, style
 from .evidence import Evidence, Plot, Section

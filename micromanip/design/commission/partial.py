@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from micromanip.errors import CheckFailed
 
-from ..criteria import Criterion
+from ..criterion import Criterion
 from .evidence import Evidence, Section
 
 if TYPE_CHECKING:

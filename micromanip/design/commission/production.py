@@ -19,7 +19,8 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
 from ..budget.budget import AxisBudget
-from ..criteria import Criterion, told
+from ..criteria import told
+from ..criterion import Criterion
 from ..experiment import Experiment, with_axes, with_reference
 from .at_rest import AtRest
 from .composition import TITLE, composition

@@ -14,7 +14,7 @@ import pytest
 from micromanip.design.commission.evidence import Curve, Evidence, Plot, Section, Table
 from micromanip.design.commission.history import compared, earlier_reports
 from micromanip.design.commission.report import write_report
-from micromanip.design.criteria import Criterion
+from micromanip.design.criterion import Criterion
 
 NASTY = """<script>alert("x")</script> & <b title='y'>"""
 T = np.linspace(0.0, 1.0, 50)

@@ -109,7 +109,7 @@ def test_gaps_of_the_clock_are_longer_than_its_readings():
 @pytest.mark.live
 def test_the_loop_is_run_and_every_cycle_is_counted(monkeypatch, capsys):
     monkeypatch.setattr(timed, "_CONTROLLERS", ())  # those of other tests, beside us
-    found = timed.measure(Loop(cpu=max(os.sched_getaffinity(0)), limits="simulation", spin_us=20), 0, 1.0, print)
+    found = timed.measure(Loop(cpu=max(os.sched_getaffinity(0)), limits="simulation", spin_us=20), 0, 0.5, print)
     for condition in (found.at_rest, found.under_load):
         assert condition.loop.cycles > 1000
         assert condition.loop.compute.sum() == pytest.approx(

@@ -1,0 +1,16 @@
+"""One thing that was judged: a page or a catalogue reads such findings without what it takes to make them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """``name`` of what was judged, whether it ``passed``, the ``value`` found and the ``limit`` in words."""
+
+    axis: str
+    name: str
+    passed: bool
+    value: str
+    limit: str

@@ -67,14 +67,23 @@ class Memories:
             self._shelves[name].clear()
             self._barred.discard(name)
 
-    def put_aside(self, axes: list[str]) -> list[str]:
-        """Play nothing more of `axes`, and begin anew: the files stay, under another name; those. MicromanipError."""
+    def put_aside(self, axes: list[str]) -> tuple[list[str], dict[str, str]]:
+        """Play nothing more of `axes`, and begin anew: the files stay, under the names that are returned.
+
+        An axis of which one can't be put aside neither learns nor plays; why, by its name.
+        """
+        kept: list[str] = []
+        problems: dict[str, str] = {}
         for name in axes:
             self._shelves[name].clear()
-        files = [file for name in axes for file in memory_files(self._folder, name)]
-        for file in files:
-            put_aside(file)
-        return [file.name for file in files]
+            self._barred.discard(name)
+            for file in memory_files(self._folder, name):
+                try:
+                    kept.append(put_aside(file).name)
+                except MicromanipError as problem:
+                    self._barred.add(name)
+                    problems[name] = str(problem)
+        return kept, problems
 
     @property
     def tool(self) -> int:

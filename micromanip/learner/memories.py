@@ -100,8 +100,10 @@ class Memories:
 
     def move_to(self, now: Conditions) -> str | None:
         """Go by the memories that fit `now`; a sentence where others are played then, or none instead of some."""
-        before, self.now = self._files(), now
-        after, old = self._files(), self._gone_by
+        before, last, self.now = self._files(), self.now, now
+        after = self._files()
+        # a temperature that creeps was that of the last sentence, a tool may have been another one since
+        old = self._gone_by if self._gone_by.tool == last.tool else last
         if after == before:
             return None
         self._gone_by = now

@@ -1,9 +1,11 @@
 """What was learned before a fault goes out of the way, whatever state the folder is in."""
 
+import numpy as np
 import pytest
 
-from micromanip.design.learning.memory import memory_file
+from micromanip.design.learning.memory import Learned, Memory, memory_file
 from micromanip.learner.memories import Memories
+from micromanip.learner.shelf import Conditions
 from micromanip.settings.check import prepare
 
 from .production import text
@@ -51,3 +53,13 @@ def test_one_that_cannot_be_put_aside_is_not_gone_by_and_does_not_keep_the_other
     assert files == ["y.tool3.npz.before_fault", "z.npz.before_fault"]
     assert list(problems) == ["y"]
     assert memories._barred == {"y"}
+
+
+def test_a_tool_that_is_back_is_told_instead_of_the_one_before_it(kept):
+    memories, folder = kept
+    one = Memory("c", "z", "t", 1000.0, 0.0, np.zeros(9), Learned.nothing(9), tool=1)
+    memories._shelves["z"].put(memory_file(folder, "z", 1), one)
+    told = [memories.move_to(Conditions(tool)) for tool in (1, 2, 3, 1)]
+    assert told[1].startswith("tool 2 instead of tool 1: axis z has no memory of that")
+    assert told[2] is None
+    assert told[3].startswith("tool 1 instead of tool 3: axis z goes by what was learned then")

@@ -67,14 +67,23 @@ class Memories:
             self._shelves[name].clear()
             self._barred.discard(name)
 
-    def put_aside(self, axes: list[str]) -> list[str]:
-        """Play nothing more of `axes`, and begin anew: the files stay, under another name; those. MicromanipError."""
+    def put_aside(self, axes: list[str]) -> tuple[list[str], dict[str, str]]:
+        """Play nothing more of `axes`, and begin anew: the files stay, under the names that are returned.
+
+        An axis of which one can't be put aside neither learns nor plays; why, by its name.
+        """
+        kept: list[str] = []
+        problems: dict[str, str] = {}
         for name in axes:
             self._shelves[name].clear()
-        files = [file for name in axes for file in memory_files(self._folder, name)]
-        for file in files:
-            put_aside(file)
-        return [file.name for file in files]
+            self._barred.discard(name)
+            for file in memory_files(self._folder, name):
+                try:
+                    kept.append(put_aside(file).name)
+                except MicromanipError as problem:
+                    self._barred.add(name)
+                    problems[name] = str(problem)
+        return kept, problems
 
     @property
     def tool(self) -> int:
@@ -91,8 +100,10 @@ class Memories:
 
     def move_to(self, now: Conditions) -> str | None:
         """Go by the memories that fit `now`; a sentence where others are played then, or none instead of some."""
-        before, self.now = self._files(), now
-        after, old = self._files(), self._gone_by
+        before, last, self.now = self._files(), self.now, now
+        after = self._files()
+        # a temperature that creeps was that of the last sentence, a tool may have been another one since
+        old = self._gone_by if self._gone_by.tool == last.tool else last
         if after == before:
             return None
         self._gone_by = now

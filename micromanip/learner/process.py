@@ -85,14 +85,15 @@ class Learning:
         self._new = True
 
     def put_aside(self, axes: list[str]) -> None:
-        """Nothing that was learned of `axes` before a fault of theirs is gone by; it stays, under another name."""
+        """Nothing that was learned of `axes` before a fault of theirs is gone by; it stays, under another name.
+
+        The host goes on to play nothing of an axis of which that was not told.
+        """
         self._gathering.drop()
-        files: list[str] = []
-        try:
-            files += self._memories.put_aside(axes)
-        except MicromanipError as problem:
-            tell(warning=str(problem))
-        tell(aside=axes, files=files)
+        files, problems = self._memories.put_aside(axes)
+        for name, problem in problems.items():
+            tell(warning=f"{problem}; nothing is learned or played of axis {name}")
+        tell(aside=[name for name in axes if name not in problems], files=files)
         self._new = True
 
     def warm(self, temperature_C: float | None) -> None:

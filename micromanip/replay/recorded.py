@@ -122,7 +122,7 @@ class Recorded:
             yield rows
 
     def _as(self, records: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[Any]:
-        """A copy of `records` as `dtype`; fields by their names, those that are not there are 0."""
+        """A copy of `records` as `dtype`; fields by their names, those that are not there are 0, places of none."""
         found = np.zeros(records.shape, dtype)
         if records.dtype == dtype:  # but for its alignment, which compiled code asks for
             found[...] = records
@@ -134,6 +134,8 @@ class Recorded:
 def _carry(old: NDArray[Any], new: NDArray[Any], path: str, unlike: list[str]) -> None:
     """Fields of `old` to those of `new` that are called so; `unlike` gets those that have no counterpart."""
     theirs, ours = set(old.dtype.names or ()), set(new.dtype.names or ())
+    for name in ours - theirs:
+        _unwire(new, name)
     for name in sorted(theirs ^ ours):
         if (note := f"{path}.{name}") not in unlike:
             unlike.append(note)
@@ -145,6 +147,15 @@ def _carry(old: NDArray[Any], new: NDArray[Any], path: str, unlike: list[str]) -
                 new[name] = old[name]
             elif (note := f"{path}.{name}") not in unlike:
                 unlike.append(note)
+
+
+def _unwire(records: NDArray[Any], name: str) -> None:
+    """No signal and no output stands in the field `name`, nor in what it has within: 0 would be the first of them."""
+    inner = records.dtype[name].base.names or ()
+    if name in _PLACES and not inner:
+        records[name] = -1
+    for each in inner:
+        _unwire(records[name], each)
 
 
 def _fill_in(rows: NDArray[Any]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from micromanip.rt.laws.estimator import output
 from micromanip.rt.laws.reference import position
 from micromanip.rt.laws.sensor import is_on
-from micromanip.rt.laws.tooth import tooth_Hz
+from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
 from .digital_io import asks_feed_hold, is_enabled
 from .figures import path_error
@@ -70,9 +70,9 @@ ROW = record(
 )
 """One cycle of telemetry; ``compute_ns`` is the time of the cycle before, what an axis does not have is NaN.
 ``notch_um`` is what the notch took from the PID's error, ``tooth_Hz`` the frequency that the outer loop has found
-where it follows the tooth's, NaN where it does not, ``conditions`` has one bit per code of ``states`` that is
-raised, ``fresh`` and ``lines`` have the bits above. With the loop's state before it a row says all that came in:
-``micromanip.replay`` runs the cycle again on that."""
+where it follows the tooth's, NaN where it does not, or has given it up. ``conditions`` has one bit per code of
+``states`` that is raised, ``fresh`` and ``lines`` have the bits above. With the loop's state before it a row says all
+that came in: ``micromanip.replay`` runs the cycle again on that."""
 
 
 @compiled
@@ -140,7 +140,8 @@ def _axis_row(p: Record, a: Record, signals: Any, row: Record, now_ns: int) -> N
     row["true_stage_um"] = _value(signals, p["true_stage"])
     row["path_error_um"], row["uncompensated_um"] = path_error(p, a, signals)
     row["notch_um"] = a["pid"]["notch_um"]
-    row["tooth_Hz"] = tooth_Hz(p["outer"], a["estimator"], p["cycles_per_ns"]) if stage else math.nan
+    follows = stage and a["estimator"]["given_up"] == FOLLOWS
+    row["tooth_Hz"] = tooth_Hz(p["outer"], a["estimator"], p["cycles_per_ns"]) if follows else math.nan
     row["strain_age_ns"] = _age(a["strain"], p["strain"])
     row["stage_age_ns"] = _age(a["stage"], p["stage"])
     row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])

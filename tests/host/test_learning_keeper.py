@@ -242,7 +242,8 @@ def test_what_was_learned_before_a_fault_of_the_axis_is_not_played_any_more_and_
     look(kept, loop)
     look(kept, loop)
     assert loop.numbers.tolist() == [2, 0, 2]
-    hear(kept, loop, {"aside": ["y"], "files": ["y.npz"]})
+    hear(kept, loop, {"aside": ["y"], "files": ["y.npz.before_fault.2"]})
+    assert (kept.noted[-1]["old"], kept.noted[-1]["new"]) == ("y.npz", "y.npz.before_fault.2")
     look(kept, loop)
     assert kept.status()["axes"]["y"]["generation"] is None
     hear(kept, loop, shown(kept, loop, 0.3, 3))  # learned since

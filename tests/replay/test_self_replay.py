@@ -14,6 +14,7 @@ from micromanip.recordings import open_telemetry
 from micromanip.recordings.export import export
 from micromanip.recordings.filed import FILED_PARAMETERS
 from micromanip.replay import replay
+from micromanip.replay.recorded import Recorded
 from micromanip.rt.states import (
     ARM,
     DISARM,
@@ -230,6 +231,31 @@ def test_records_of_another_version_are_carried_over_by_name(short, tmp_path):
     outcome = replay(replace(telemetry, state=old))
     assert (outcome.cycles, outcome.difference) == (3000, None)
     assert outcome.is_other_version
+
+
+def without(records, *names):
+    """`records` as a version had them that did not know the fields `names`, wherever they stand."""
+    if records.dtype.names is None:
+        return records
+    kept = {name: without(records[name], *names) for name in records.dtype.names if name not in names}
+    fields = [(name, each.dtype, each.shape[records.ndim :]) for name, each in kept.items()]
+    older = np.zeros(records.shape, fields)
+    for name, each in kept.items():
+        older[name] = each
+    return older
+
+
+def test_what_an_older_version_did_not_know_is_not_wired(short, tmp_path):
+    """The first signal is no tool, and the first output no reset, because the parameters do not speak of them."""
+    prepared, rows = short
+    telemetry = recording(tmp_path / "run.mcap", prepared, rows[:100])
+    unknown = ("tool", "stated_tool", "learned_tool", "amplifier_reset", "reset_cycles", "stage", "horizon_cycles")
+    older = Recorded(replace(telemetry, parameters=[without(each, *unknown) for each in telemetry.parameters]))
+    (found,) = older.parameters.values()
+    assert (found[0]["tool"]["signal"], found[0]["amplifier_reset"]) == (-1, -1)
+    assert found[0]["axis"]["stage"].tolist() == [-1, -1, -1]
+    assert (found[0]["stated_tool"], found[0]["reset_cycles"]) == (0, 0)
+    assert "parameters.tool" in older.unlike
 
 
 def test_what_cannot_be_replayed_says_why(short, tmp_path):

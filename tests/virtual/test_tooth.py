@@ -58,6 +58,8 @@ def test_a_speed_out_of_reach_is_told_once_and_left_alone(tmp_path):
     for _, _, found_Hz, said_Hz in warnings:
         assert (found_Hz, said_Hz) == pytest.approx((206.0, 200.0))
     assert (cell.state[0]["axis"]["estimator"]["given_up"] != FOLLOWS).all()
+    assert np.isnan(rows["tooth_Hz"][-1]).all(), "nothing was found there"
+    assert np.isfinite(rows["tooth_Hz"][0, :3]).all()
     assert left == pytest.approx(fixed, rel=0.05), "as it was before"
     steps, usual = (np.abs(np.diff(each["setpoint_um"], axis=0))[2000:].max(axis=0) for each in (rows, before))
     assert (steps[:3] <= 1.5 * usual[:3]).all(), "no step where it was given up"

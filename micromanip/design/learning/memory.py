@@ -34,6 +34,7 @@ _READ = (1, FORMAT)
 """The first knew neither tool nor temperature: it is of no tool that was told."""
 _TOLD = "memory.json"
 _MOST_BYTES = 500_000_000
+_MOST_ASIDE = 9
 
 
 @dataclass(frozen=True)
@@ -130,10 +131,15 @@ def memory_files(folder: Path, axis: str) -> list[Path]:
     return sorted(file for file in folder.glob("*.npz") if named.fullmatch(file.name))
 
 
-def put_aside(file: Path) -> None:
-    """Keep a memory under a name that nobody takes it from. MicromanipError where it can't be."""
+def put_aside(file: Path) -> Path:
+    """Keep a memory under a name that nobody takes it from, nor is another's; that. MicromanipError where it can't be.
+
+    Of more than `_MOST_ASIDE` the last gives way: a cell that trips after each part does not fill the disk.
+    """
+    first = file.with_name(file.name + ASIDE)
+    names = [first, *(first.with_name(f"{first.name}.{k}") for k in range(2, _MOST_ASIDE + 1))]
     try:
-        file.replace(file.with_name(file.name + ASIDE))
+        return file.replace(next((name for name in names if not name.exists()), names[-1]))
     except OSError as problem:
         raise system_error(problem, file) from None
 

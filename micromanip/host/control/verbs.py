@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
@@ -181,7 +182,13 @@ class Verbs:
         if tool is not None or self.learning is not None:
             changed = await self._keeper().state_tool(tool or 0)
         before = self._controller.state
-        await self._controller.command(states.BEGIN_PART)
+        try:
+            await self._controller.command(states.BEGIN_PART)
+        except CheckFailed:
+            for change in changed:
+                with contextlib.suppress(CheckFailed):  # why the part was refused matters more
+                    await self._keeper().state_tool(change["old"])
+            raise
         return None, [*changed, Change(key="state", old=before, new=self._controller.state)]
 
     def _keeper(self) -> LearningKeeper:

@@ -185,7 +185,9 @@ class LearningKeeper:
         elif "aside" in said:
             self._aside(said["aside"])
             if said["files"]:
-                await self._note([Change(key="learning", old=file, new=file + ASIDE) for file in said["files"]])
+                await self._note(
+                    [Change(key="learning", old=file.partition(ASIDE)[0], new=file) for file in said["files"]]
+                )
         elif "moved" in said:
             self._say(said["moved"])
             await self._note([Change(key="learning", old=None, new=said["moved"])])
@@ -319,7 +321,7 @@ class LearningKeeper:
         code = KINDS[fault[0]].code
         text = (
             f"axis {name} had the fault {code}: what was learned of it before is not played any more; it is kept in "
-            f"{memory_folder(self._learning, self._controller.prepared.source.path)} as {name}*.npz{ASIDE}"
+            f"{memory_folder(self._learning, self._controller.prepared.source.path)} as {name}*.npz{ASIDE}*"
         )
         self._say(text)
         await self._note([Change(key=f"learning.{name}", old=before, new=text)])

@@ -24,7 +24,8 @@ def lag_columns(x: Any, step: float, lagged: Any) -> None:
     """Fill `lagged` (n, k) with ``x`` (n, k) behind a first-order lag of `step` per sample, one sample late."""
     samples, columns = x.shape
     deviation = np.zeros(columns)
-    lagged[0] = x[0]
+    for j in range(columns):
+        lagged[0, j] = x[0, j]
     for k in range(1, samples):
         for j in range(columns):
             deviation[j] = step * (x[k - 1, j] - x[0, j]) - (step - 1.0) * deviation[j]

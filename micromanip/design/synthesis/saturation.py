@@ -58,7 +58,9 @@ def comes_to_rest(gains: OuterGains, states: int, reach: Reach, period_s: float)
 def _largest(A: Any, B: Any, C: Any, K: Any, L: Any, x: Any, slew_um: float, range_um: float, count: int) -> float:
     """Largest output towards the end of `count` cycles, from the state `x` (n,), which the filter knows."""
     size, begin = len(x), (1.0 - _LOOKED_AT) * count
-    estimate, later, other = x.copy(), np.empty(size), np.empty(size)
+    estimate, later, other = np.empty(size), np.empty(size), np.empty(size)
+    for i in range(size):
+        estimate[i] = x[i]
     u = largest = 0.0
     for cycle in range(count):
         y = expected = 0.0
@@ -77,7 +79,8 @@ def _largest(A: Any, B: Any, C: Any, K: Any, L: Any, x: Any, slew_um: float, ran
                 real += A[i, j] * x[j]
                 expected += A[i, j] * estimate[j]
             later[i], other[i] = real, expected
-        x[:], estimate[:] = later, other
+        for i in range(size):
+            x[i], estimate[i] = later[i], other[i]
         if cycle >= begin:
             largest = max(largest, abs(y))
     return largest

@@ -18,6 +18,7 @@ def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI, about: str = 
     """
     if about:
         figure.supxlabel(about, fontsize="x-small", color="dimgrey")
+    lay_out(figure, dpi)
     files = [folder / f"{name}.png", folder / f"{name}.svg"]
     for file in files:
         try:
@@ -27,6 +28,15 @@ def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI, about: str = 
             file.unlink(missing_ok=True)
             raise
     return files
+
+
+def lay_out(figure: Figure, dpi: float) -> None:
+    """Place the panels of `figure` once; each file of it would be laid out, and drawn in vain, by itself."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        figure.dpi = dpi
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def panels(count: int, title: str, height: float = 1.0) -> tuple[Figure, Any]:

@@ -22,6 +22,7 @@ from .experiment import Experiment, with_axes, with_reference
 from .hysteresis import predict
 from .tuning import record_hysteresis
 
+CREEP_S = 60.0
 _COLOURS = {"A": "tab:blue", "B": "tab:red", "C": "tab:green"}
 
 Array = NDArray[np.float64]
@@ -99,7 +100,7 @@ def input_output(runs: list[Run], axis: int) -> Figure:
 
 def creep(configuration: Configuration, experiment: Experiment, axis: int) -> Figure:
     """Position after a step, open loop (creeping) and under integral action."""
-    seconds, rate = 60.0, configuration.loop.rate_hz
+    seconds, rate = CREEP_S, configuration.loop.rate_hz
     every = rate // 1000
     open_loop = with_reference(
         with_axes(configuration, mode="voltage"), Step(source="step", offset_um=20.0, step_um=90.0)

@@ -13,6 +13,7 @@ normal distribution is a sensible start. The memory moves to ``(u_k, y_k)`` afte
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,7 +105,8 @@ def accumulate(
     for k in range(len(u)):
         if restarts[k]:
             y_memory = target[k - 1]
-            kept[:] = 0.0
+            for i in range(size):
+                kept[i] = 0.0
         d, h = (u[k] - u_memory) / scale[0], (y_memory - scale[1] * u_memory) / scale[2]
         total, feedback = y_memory + theta[size - 1] * d, 0.0
         row[size - 1] = d
@@ -123,8 +125,8 @@ def accumulate(
             row[i] += feedback * kept[i]
         error = weight[k] * (total - target[k])
         cost += error * error
-        if not np.isfinite(cost):
-            return np.inf
+        if not math.isfinite(cost):
+            return math.inf
         if weight[k] != 0.0:
             for i in range(size):
                 value = weight[k] * row[i]
@@ -134,7 +136,8 @@ def accumulate(
                     A[i, j] += value * row[j]
         if moves[k]:
             u_memory, y_memory = u[k], total
-            kept[:] = row
+            for i in range(size):  # numba takes longer to compile an assignment of slices
+                kept[i] = row[i]
     return cost
 
 

@@ -14,7 +14,10 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from .canvas import lay_out
+
 COLOURS = ("#2b8cbe", "#d95f0e", "#31a354")
+_SVG_DPI = 72
 GREY = "#7f7f7f"
 """Of lines: seen on white and on black."""
 INK = "#7f7f7e"
@@ -70,6 +73,7 @@ def section(title: str, about: str, figure: Figure) -> str:
     """A drawing with its headline and a sentence about it; on a narrow screen it is shifted, and stays legible."""
     drawn = io.StringIO()
     with legible():
+        lay_out(figure, _SVG_DPI)
         figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
     text = drawn.getvalue().replace(INK, "currentColor")
     return f'<h2>{title}</h2><p>{about}</p><div class="wide">{text[text.index("<svg") :]}</div>'

@@ -104,16 +104,21 @@ class Telemetry:
 
     def column(self, path: str) -> NDArray[Any]:
         """One column, whole, in its own type. CheckFailed where that is too much, or the file is damaged."""
-        found: list[NDArray[Any]] = []
+        return self.columns(path)[path]
+
+    def columns(self, *paths: str) -> dict[str, NDArray[Any]]:
+        """Several at once: the file is read, and its blocks are unpacked, once for all of them."""
+        found: dict[str, list[NDArray[Any]]] = {path: [] for path in paths}
         total = 0
-        for part in self.parts([path]):
-            found.append(part[path])
-            total += len(found[-1])
+        for part in self.parts(list(paths)):
+            for path, values in found.items():
+                values.append(part[path])
+            total += len(part[paths[0]])
             if total > _MOST_VALUES:
                 raise CheckFailed(
                     f"{self.file}: {total} rows are more than can be read; cut it: micromanip export --cut"
                 )
-        return np.concatenate(found) if found else np.empty(0)
+        return {path: np.concatenate(values) if values else np.empty(0) for path, values in found.items()}
 
     def _reading(self, path: str) -> Callable[[], Array]:
         return lambda: np.asarray(self.column(path), dtype=float)

@@ -182,8 +182,8 @@ def test_what_fails_after_its_document_adds_none(monkeypatch, capsys):
 @pytest.mark.parametrize(
     "arguments",
     [
-        *further((("check", CONFIG),)),
-        pytest.param(("check", CONFIG, "--json"), marks=pytest.mark.long),
+        *further((("check", CONFIG),), (("check", CONFIG, "--json"),)),
+        ("drivers", "--json"),
         ("--help",),
         ("get", "--help"),
     ],

@@ -264,13 +264,15 @@ def test_an_experiment_that_was_not_recorded_moves_on_to_nothing(tmp_path, monke
 
 
 @pytest.mark.long
-def test_figures_on_a_full_disk_do_not_cost_the_table(tmp_path, capsys):
+def test_figures_on_a_full_disk_do_not_cost_the_table(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
+    monkeypatch.setattr(paper, "FAST_HZ", ())
     with no_file_above(20_000):
         assert code_of("evaluate", SIMULATED, "--axis", "x", "--out", tmp_path / "out", "--json") == 69
     done = capsys.readouterr()
     assert "the figures are not complete" in done.err
     report = json.loads(done.out)
-    assert len(report["rows"]) == 12
+    assert {row["config"] for row in report["rows"]} == set("ABCD")
     assert all(Path(file).stat().st_size <= 20_000 for file in report["figures"])
 
 

@@ -39,6 +39,12 @@ _FLOOR_SHARE, _STANDS_OUT, _ROOM = 0.25, 10.0, 2.0
 that the path may go."""
 
 
+_COLUMNS = (
+    *("deviation_age_ns", "voltage_V", "setpoint_um", "deviation_um", "stage_um"),
+    *("true_stage_um", "path_error_um", "uncompensated_um"),
+)
+
+
 @dataclass(frozen=True)
 class Stretch:
     """Columns of one axis in consecutive cycles (n,), what was skipped filled with the row before it; um and s."""
@@ -76,7 +82,7 @@ def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: s
 
     Raises CheckFailed where it is too short, or no tracker's samples came in it.
     """
-    cycle, state, version = (telemetry.column(name) for name in ("cycle", "state", "version"))
+    cycle, state, version = telemetry.columns("cycle", "state", "version").values()
     tracking = np.flatnonzero(state == TRACKING)
     if not len(tracking):
         raise CheckFailed(f"{telemetry.file}: the cell does not track in it: there is no path error to budget")
@@ -93,13 +99,14 @@ def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: s
     wanted = np.arange(first, last + 1)
     rows = np.searchsorted(cycle, wanted, side="right") - 1
     place = telemetry.axes.index(axis)
+    columns = telemetry.columns("time_ns", *(f"axis.{place}.{name}" for name in ("fresh", *_COLUMNS)))
 
     def column(name: str) -> Array:
-        return np.asarray(telemetry.column(f"axis.{place}.{name}"), dtype=float)
+        return np.asarray(columns[f"axis.{place}.{name}"], dtype=float)
 
-    time_ns = telemetry.column("time_ns").astype(float)
+    time_ns = columns["time_ns"].astype(float)
     time_s = (time_ns - time_ns[rows[0]]) * 1e-9
-    fresh = (telemetry.column(f"axis.{place}.fresh").astype(int) & DEVIATION_FRESH) != 0
+    fresh = (columns[f"axis.{place}.fresh"].astype(int) & DEVIATION_FRESH) != 0
     fresh &= (np.arange(len(cycle)) >= rows[0]) & (np.arange(len(cycle)) <= rows[-1])
     age_s = column("deviation_age_ns") * 1e-9
     settings, voltage, setpoint = configuration.axes[axis], column("voltage_V"), column("setpoint_um")

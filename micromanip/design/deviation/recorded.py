@@ -16,12 +16,13 @@ _EVEN = 0.25
 def recorded_samples(telemetry: Telemetry, axis: str) -> tuple[NDArray[np.float64], float]:
     """Samples (n,), um, of `axis` and their rate (Hz). Raises CheckFailed where no tracker's samples are in it."""
     place = telemetry.axes.index(axis)
-    fresh = (telemetry.column(f"axis.{place}.fresh").astype(int) & DEVIATION_FRESH) != 0
+    names = (f"axis.{place}.fresh", f"axis.{place}.deviation_age_ns", "time_ns", f"axis.{place}.deviation_um")
+    word, age_ns, time_ns, deviation_um = telemetry.columns(*names).values()
+    fresh = (word.astype(int) & DEVIATION_FRESH) != 0
     if np.count_nonzero(fresh) < 2:
         raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} came in it")
-    age_ns = telemetry.column(f"axis.{place}.deviation_age_ns")[fresh].astype(np.int64)
-    taken_ns = telemetry.column("time_ns")[fresh].astype(np.int64) - age_ns
-    samples = np.asarray(telemetry.column(f"axis.{place}.deviation_um")[fresh], dtype=float)
+    taken_ns = time_ns[fresh].astype(np.int64) - age_ns[fresh].astype(np.int64)
+    samples = np.asarray(deviation_um[fresh], dtype=float)
     between = np.diff(taken_ns)
     usual = float(np.median(between))
     gaps = np.flatnonzero(np.abs(between - usual) > _EVEN * usual) + 1

@@ -20,6 +20,19 @@ Array = NDArray[np.float64]
 
 
 @compiled
+def lag_columns(x: Any, step: float, lagged: Any) -> None:
+    """Fill `lagged` (n, k) with ``x`` (n, k) behind a first-order lag of `step` per sample, one sample late."""
+    samples, columns = x.shape
+    deviation = np.zeros(columns)
+    for j in range(columns):
+        lagged[0, j] = x[0, j]
+    for k in range(1, samples):
+        for j in range(columns):
+            deviation[j] = step * (x[k - 1, j] - x[0, j]) - (step - 1.0) * deviation[j]
+            lagged[k, j] = deviation[j] + x[0, j]
+
+
+@compiled
 def _plays(
     u: Any,
     du: Any,

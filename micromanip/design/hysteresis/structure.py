@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
-from .kernel import respond
+from .kernel import lag_columns, respond
 from .shapings import Shaping
 
 Array = NDArray[np.float64]
@@ -25,9 +24,9 @@ Array = NDArray[np.float64]
 def lag(x: Array, time_constant_s: float, step_s: float) -> Array:
     """First-order lag along the first axis, at rest at its first value; as the loop steps it, one sample late."""
     step = -np.expm1(-step_s / time_constant_s)
-    deviation = x - x[:1]
-    late = np.concatenate([np.zeros_like(deviation[:1]), deviation[:-1]])
-    return np.asarray(lfilter([step], [1.0, step - 1.0], late, axis=0) + x[:1])
+    lagged = np.empty(x.shape)
+    lag_columns(x.reshape(len(x), -1), step, lagged.reshape(len(x), -1))
+    return lagged
 
 
 @dataclass(frozen=True)

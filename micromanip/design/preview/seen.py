@@ -33,22 +33,23 @@ def recorded_path(telemetry: Telemetry, axes: Sequence[str]) -> PathDeviation:
         raise CheckFailed(
             f"{telemetry.file}: axis {missing[0]} is not in it; its axes are {', '.join(telemetry.axes) or 'none'}"
         )
-    now_s = telemetry.column("time_ns").astype(float) * 1e-9
+    places = {axis: f"axis.{telemetry.axes.index(axis)}" for axis in axes}
+    of_axis = ("deviation_age_ns", "deviation_um", "fresh")
+    columns = telemetry.columns("time_ns", *(f"{place}.{name}" for place in places.values() for name in of_axis))
+    now_s = columns["time_ns"].astype(float) * 1e-9
     found = []
     for axis in axes:
-        path = f"axis.{telemetry.axes.index(axis)}"
-        age_ns, values = (
-            np.asarray(telemetry.column(f"{path}.{name}"), dtype=float) for name in ("deviation_age_ns", "deviation_um")
-        )
-        fresh = (telemetry.column(f"{path}.fresh").astype(int) & DEVIATION_FRESH) != 0
+        place = places[axis]
+        age_ns, values = (np.asarray(columns[f"{place}.{name}"], dtype=float) for name in of_axis[:2])
+        fresh = (columns[f"{place}.fresh"].astype(int) & DEVIATION_FRESH) != 0
         fresh &= np.isfinite(values) & np.isfinite(age_ns)
         if np.count_nonzero(fresh) < 2:
             raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} in it")
         taken, first = np.unique((now_s - 1e-9 * age_ns)[fresh], return_index=True)
         found.append((taken, values[fresh][first]))
     time_s = found[0][0]
-    columns = [np.interp(time_s, taken, values) for taken, values in found]
-    return PathDeviation(telemetry.file, tuple(axes), time_s - time_s[0], np.column_stack(columns))
+    seen = [np.interp(time_s, taken, values) for taken, values in found]
+    return PathDeviation(telemetry.file, tuple(axes), time_s - time_s[0], np.column_stack(seen))
 
 
 def on_grid(path: PathDeviation, rate_hz: float) -> tuple[Array, list[str]]:

@@ -191,10 +191,11 @@ def _candidates(task: _Task) -> list[Candidate]:
         form = pid_response(row, task.actuator.period_s, task.omega) / unit
         even = pid_response(row, task.actuator.period_s, task.even) / unit
         forms, far = form * task.G, np.abs(form) * task.radius
-        near = np.abs(1.0 + _GAINS[:, None] * forms) - _GAINS[:, None] * far
-        peaks = 1.0 / np.maximum(near.min(axis=1), 1e-3)
         highest = _lost(forms) / (10.0 ** (task.gain_dB / 20.0) * max(task.slopes))
         highest = min(highest, _FASTEST / task.fast(form))
+        tried = _GAINS[: max(0, np.searchsorted(_GAINS, highest, "right") + max(shifts)), None]
+        near = np.abs(1.0 + tried * forms) - tried * far
+        peaks = 1.0 / np.maximum(near.min(axis=1), 1e-3)
         for i, gain in enumerate(_GAINS):
             reached = [i + shift for shift in shifts]
             if min(reached) < 0 or max(reached) >= len(_GAINS) or gain > highest:

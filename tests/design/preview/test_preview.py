@@ -27,12 +27,12 @@ def test_the_verdict_holds_where_the_path_is_played(tmp_path, seed, verdict):
 class Recorded:
     """As much of a recording as a path takes of it."""
 
-    columns: dict
+    values: dict
     axes: tuple = ("x", "y")
     file: Path = Path("run.mcap")
 
-    def column(self, path):
-        return self.columns[path]
+    def columns(self, *paths):
+        return {path: self.values[path] for path in paths}
 
 
 def recording(cycles=4000, every=10, age_ns=1_000_000):
@@ -62,7 +62,7 @@ def test_a_recording_without_the_axis_or_its_samples_is_told():
     with pytest.raises(CheckFailed, match=r"run\.mcap: axis q is not in it; its axes are x, y"):
         recorded_path(recording(), ["q"])
     silent = recording()
-    silent.columns["axis.1.fresh"] = np.ones(4000, dtype=int)
+    silent.values["axis.1.fresh"] = np.ones(4000, dtype=int)
     with pytest.raises(CheckFailed, match="axis y: no samples of deviation_y in it"):
         recorded_path(silent, ["x", "y"])
 

@@ -1,0 +1,39 @@
+"""Compiles all that has the cycle of the cell built in, by one process, before `make test` starts many.
+
+    python -m tools.compiled
+
+The loop, its copy in virtual time, the replay of rows and the shadow of a tuning consist of the same laws. Numba keeps
+machine code of each, but what it finds out about a law (two thirds of the time) only within a process: four processes
+would find it out four times, each worker of pytest once more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from micromanip_drivers.simulated.driver import SimulatedCell
+
+from micromanip.replay.fitting import displacements
+from micromanip.replay.kernel import replay_rows
+from micromanip.rt.jit import Compiled, prepare
+from micromanip.rt.loop import run_loop
+from micromanip.rt.record import MAX_AXES
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
+from micromanip.rt.shadow import shadow_cycle, start_shadow, takes_back
+from micromanip.rt.swap import swap_cell
+from micromanip.rt.virtual import run_virtual
+
+
+def main() -> None:
+    """Compile, or find it in the cache."""
+    prepare(run_loop, run_virtual, replay_rows, displacements)
+    SimulatedCell(SimulatedCell.Options(), 100_000).functions()
+    Compiled.laws_compiled = True  # as the tests call a law
+    p, s = (np.zeros(2, kind) for kind in (CELL_PARAMETERS, CELL_STATE))
+    start_shadow(p[0], p[1], s[0], s[1])
+    shadow_cycle(p[0], p[1], s[0], s[1], np.zeros((0, MAX_AXES)), 0)
+    takes_back(p[0], s[0])
+    swap_cell(p[0], p[1], s[0])
+
+
+if __name__ == "__main__":
+    main()

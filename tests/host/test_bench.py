@@ -46,7 +46,7 @@ def test_what_this_machine_lacks_is_named(monkeypatch):
 def test_unknown_benchmark_is_wrong_usage():
     done = bench("--only", "speed")
     assert done.returncode == 64
-    assert "cycle, lateness, offline, startup" in done.stderr
+    assert "cycle, cycle_laws, lateness, offline, startup" in done.stderr
 
 
 def test_outside_the_source_tree_it_says_so(monkeypatch, tmp_path):

@@ -60,13 +60,16 @@ def track(client):
 
 
 def where_the_machine_lets_it(attempt):
-    """What `attempt()` returns; once more where it is refused, as it should be, since cycles were missed meanwhile."""
+    """What `attempt()` returns; once more where it is refused, as it should be: the machine stood still, so that
+    cycles were missed, or samples too old.
+    """
     end = time.monotonic() + PATIENCE_S
     while True:
         try:
             return attempt()
         except CheckFailed as refused:
-            if "of the cycles were missed" not in str(refused) or time.monotonic() > end:
+            stood = any(why in str(refused) for why in ("of the cycles were missed", "is not usable"))
+            if not stood or time.monotonic() > end:
                 raise
 
 

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
 SAVED = re.compile(r"[Ss]ave (?:this|it) as `(?P<file>out/\w+\.py)`")
 NOT_TYPED = re.compile(
-    r"sudo |git clone|micromanip (run|status|arm|commission|evaluate)\b"
+    r"sudo |git clone|micromanip (run|status|arm|commission|evaluate|part)\b"
     r"|look\.py|--model best|turns|network|x\.yaml|model_1hz"
 )
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")

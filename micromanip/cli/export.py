@@ -32,7 +32,7 @@ def command(file: Path, to: Path, cut: tuple[float, float] | None, signals: str 
     chosen = [name.strip() for name in (signals or "").split(",") if name.strip() not in ("", "t_s")]
     telemetry = open_telemetry(file)
     done = export(telemetry, to, cut, chosen)
-    warn_of_damage(telemetry, file)
+    warn_of_damage(telemetry)
     print_answer(
         {"file": str(done.file), "rows": done.rows, "columns": done.columns, "bytes": done.bytes},
         lambda _: say(f"{done.rows} cycles to {done.file}, {done.bytes / 1e6:.1f} MB"),

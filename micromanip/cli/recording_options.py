@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -50,10 +49,10 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def warn_of_damage(telemetry: Telemetry, file: Path) -> None:
+def warn_of_damage(telemetry: Telemetry) -> None:
     """On standard error, where a recording lacks something."""
     if told := telemetry.damage():
-        say(f"warning: {file}: {told}", err=True)
+        say(f"warning: {telemetry.file}: {told}", err=True)
 
 
 def tell(records: Iterable[Any]) -> None:

@@ -51,7 +51,7 @@ def command(file: Path, config: Path | None, cut: tuple[float, float] | None, as
 
     Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
     telemetry = open_telemetry(file)
-    warn_of_damage(telemetry, file)
+    warn_of_damage(telemetry)
     found = replay(telemetry)
     difference = found.difference
     document = {

@@ -40,8 +40,7 @@ def sensitivity(share: float, loop: Complex) -> Complex:
 
 def loop_of(inner: Inner, period_s: float, hertz: Array, known_hz: Array, plant: Complex) -> Complex:
     """L (n,) at `hertz`, of what was measured at `known_hz` from voltage (V) to gauge (um); below them, the first."""
-    measured = np.interp(hertz, known_hz, plant.real) + 1j * np.interp(hertz, known_hz, plant.imag)
-    return np.asarray(pid_response(inner, period_s, 2.0 * np.pi * hertz) * measured)
+    return np.asarray(pid_response(inner, period_s, 2.0 * np.pi * hertz) * np.interp(hertz, known_hz, plant))
 
 
 @dataclass(frozen=True)
@@ -65,8 +64,7 @@ class QuietLoop:
 
     def sensitivity(self, share: float, hertz: Array) -> Complex:
         """S (m,) at `hertz` (m,) with `share` of the gains."""
-        loop = np.interp(hertz, self.hertz, self.loop.real) + 1j * np.interp(hertz, self.hertz, self.loop.imag)
-        return sensitivity(share, np.asarray(loop))
+        return sensitivity(share, np.interp(hertz, self.hertz, self.loop))
 
     def motion_um2(self, share: float, learned_hz: Array) -> float:
         """Mean square of the position at rest with `share` of the gains, but for lines (m,) that are learned."""

@@ -79,7 +79,7 @@ class MeasuredWay:
     def response(self, hertz: Array) -> Complex:
         """T (n,), straight lines between what was measured."""
         known, mean = np.append(0.0, _LINES_HZ), np.append(1.0, (self.small + 2.0 * self.large) / 3.0)
-        return np.asarray(np.interp(hertz, known, mean.real) + 1j * np.interp(hertz, known, mean.imag))
+        return np.asarray(np.interp(hertz, known, mean))
 
     @property
     def _known(self) -> NDArray[np.bool_]:

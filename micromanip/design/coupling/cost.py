@@ -96,5 +96,5 @@ def costs(configuration: Configuration, coupling: Coupling, motion_um: Array, ra
 def over(coupling: Coupling, i: int, j: int, hertz: Array) -> Complex:
     """C_ij at `hertz` (k,): between its lines; as at rest below ``AT_REST_HZ``, and as the last line above them."""
     lines, share = coupling.frequency_Hz, coupling.share[i, j]
-    between = np.interp(hertz, lines, share.real) + 1j * np.interp(hertz, lines, share.imag)
+    between = np.interp(hertz, lines, share)
     return np.asarray(np.where(hertz <= AT_REST_HZ, coupling.rest[i, j], between))

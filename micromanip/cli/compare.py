@@ -38,9 +38,9 @@ def command(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
 
     from .progress import steps
 
-    both = [open_telemetry(file) for file in (first, second)]
     if to is not None:
         require_new_page(to, "--to")
+    both = [open_telemetry(file) for file in (first, second)]
     with steps() as bar:
         runs = [RecordedRun(telemetry, bar.say) for telemetry in both]
     for run in runs:

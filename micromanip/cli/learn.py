@@ -90,11 +90,12 @@ def update(
     from micromanip.design.learning.learner import Learner
 
     from .progress import steps
+    from .results import results_folder
 
     learner = Learner(folder, limit_um, search_s, tolerance_um)
     told: list[dict[str, Any]] = []
     try:
-        with steps() as bar:
+        with results_folder(folder, "--memory"), steps() as bar:
             for file in files:
                 told += _learn_from(file, only, learner, begin_s, seconds, bar.say)
     finally:  # of what was learned before something is refused, too

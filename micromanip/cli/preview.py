@@ -56,14 +56,16 @@ def command(
     from micromanip.design.preview.preview import preview_of
     from micromanip.design.preview.seen import seen_path
 
-    from .results import Pictures
+    from .results import Pictures, require_room
 
     prepared = prepare_and_warn(config)
     axes = list(prepared.configuration.axes)
     if only != "all" and only not in axes:
         raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(axes)}")
-    if offset_file is not None and offset_file.exists():
-        raise UsageError(f"--offset {offset_file} is there already: nothing is replaced; name another file")
+    if offset_file is not None:
+        if offset_file.exists():
+            raise UsageError(f"--offset {offset_file} is there already: nothing is replaced; name another file")
+        require_room(offset_file.parent, f"--offset {offset_file}")
     path = seen_path(file, axes if only == "all" else [only])
     with Pictures(folder) as pictures:
         found = preview_of(prepared, path, reserve_um, tolerance_um, corner_hz)

@@ -31,8 +31,8 @@ def command(file: Path, to: Path | None, as_json: bool) -> None:
     from .progress import steps
 
     to = to or file.with_suffix(".html")
-    telemetry = open_telemetry(file)
     require_new_page(to, "--to")
+    telemetry = open_telemetry(file)
     with steps() as bar:
         run = RecordedRun(telemetry, bar.say)
         bar.say("drawing")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 LATEST = "latest"
 _PROBE = bytes(4096)
+_PAGES = (".html", ".htm")
 
 
 def require_room(folder: Path, what: str) -> None:
@@ -53,7 +54,9 @@ def results_folder(folder: Path, option: str = "--out") -> Iterator[None]:
 
 
 def require_new_page(place: Path, option: str) -> None:
-    """Raise where no page can be written to `place`: before anything is read for it."""
+    """Raise where no page can be written to `place`, or nobody would open it as one: before anything is read for it."""
+    if place.suffix.lower() not in _PAGES:
+        raise UsageError(f"{option} {place}: a page is HTML: name a file that ends with .html")
     if place.is_symlink() or place.exists():
         raise _is_there(place, option)
     require_room(place.parent, str(place))

@@ -92,6 +92,7 @@ def test_what_can_not_be_done_is_told_in_one_sentence_and_leaves_nothing(recordi
             "there is no axis q in one.mcap",
         ),
         (("update", "one.mcap", "--memory", memory, "--axis", "y"), CheckFailed, "there is no memory of axis y yet"),
+        (("update", "one.mcap", "--memory", "/dev/null/learned", *begun), UsageError, "--memory /dev/null/learned: "),
         (("status", "--memory", memory), CheckFailed, "no such folder"),
         (("export", "--memory", memory, "--axis", "y", "--to", tmp_path / "y.csv"), CheckFailed, "no such memory"),
     ):

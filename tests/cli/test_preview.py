@@ -56,6 +56,7 @@ def test_what_can_not_be_previewed_is_told(tmp_path):
     for arguments, kind, message in (
         ((file, "--config", CONFIG, "--axis", "q"), UsageError, "there is no axis q"),
         ((file, "--config", CONFIG, "--offset", file), UsageError, "is there already: nothing is replaced"),
+        ((file, "--config", CONFIG, "--offset", tmp_path / "gone" / "o.csv"), UsageError, "--offset"),
         ((file, "--config", CONFIG, "--reserve", "70"), CheckFailed, "a reserve of 70 um leaves nothing"),
         ((tmp_path / "gone.csv", "--config", CONFIG), CheckFailed, "no such file"),
         ((CONFIG, "--config", CONFIG), CheckFailed, "simulated.yaml"),

@@ -52,6 +52,13 @@ def test_a_place_that_takes_nothing_is_refused_before_the_work(command, place, c
     assert "bug" not in line
 
 
+@pytest.mark.parametrize("name", ["page.txt", "page", ""])
+@pytest.mark.parametrize("command", [("report", "run.mcap"), ("compare", "a.mcap", "b.mcap")])
+def test_a_page_that_no_browser_would_open_is_refused_before_anything_is_read(command, name, capsys):
+    assert code_of(*command, "--to", name) == 64
+    assert "a page is HTML: name a file that ends with .html" in capsys.readouterr().err
+
+
 def test_a_folder_on_a_full_disk_is_refused_before_the_work(tmp_path, capsys, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -12,6 +12,7 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry, open_telemetry
 from micromanip.recordings.path_deviation import PathDeviation, read_path_deviation
 from micromanip.recordings.reading import is_recording
+from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 
 Array = NDArray[np.float64]
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 _LONGEST_S = 3600.0
 _COARSE_HZ = 50.0
 """Rows that come more rarely show nothing of the robot's joints."""
+_MOST_TRACKED = 0.9
+"""Share of tracked rows from which on the start of a run, where the cell arms, is not worth a word."""
 
 
 def seen_path(file: Path, axes: Sequence[str]) -> PathDeviation:
@@ -49,7 +52,18 @@ def recorded_path(telemetry: Telemetry, axes: Sequence[str]) -> PathDeviation:
         found.append((taken, values[fresh][first]))
     time_s = found[0][0]
     seen = [np.interp(time_s, taken, values) for taken, values in found]
-    return PathDeviation(telemetry.file, tuple(axes), time_s - time_s[0], np.column_stack(seen))
+    notes = _not_tracked(telemetry)
+    return PathDeviation(telemetry.file, tuple(axes), time_s - time_s[0], np.column_stack(seen), notes)
+
+
+def _not_tracked(telemetry: Telemetry) -> tuple[str, ...]:
+    """What is to be said of rows in which the cell followed nothing: the robot may have stood, or gone elsewhere."""
+    tracked = np.asarray(telemetry.column("state")) == TRACKING
+    share = float(np.mean(tracked))
+    if share > _MOST_TRACKED:
+        return ()
+    where = f"did not track in {100 * (1 - share):.0f} % of its rows" if share else "tracked in none of its rows"
+    return (f"{telemetry.file}: the cell {where}: what was seen there need not be the path",)
 
 
 def on_grid(path: PathDeviation, rate_hz: float) -> tuple[Array, list[str]]:

@@ -9,6 +9,7 @@ import pytest
 from micromanip.design.preview.seen import on_grid, recorded_path
 from micromanip.errors import CheckFailed
 from micromanip.recordings.path_deviation import PathDeviation
+from micromanip.rt.states import ARMING, TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.check import prepare
 from tools.check_preview import compare
@@ -31,6 +32,9 @@ class Recorded:
     axes: tuple = ("x", "y")
     file: Path = Path("run.mcap")
 
+    def column(self, path):
+        return self.values[path]
+
     def columns(self, *paths):
         return {path: self.values[path] for path in paths}
 
@@ -40,7 +44,7 @@ def recording(cycles=4000, every=10, age_ns=1_000_000):
     at = np.arange(cycles)
     fresh = np.where(at % every == 3, DEVIATION_FRESH, 0)
     taken_s = (at - (at - 3) % every) * 1e-4 - 1e-9 * age_ns
-    columns = {"time_ns": 7_000_000_000 + at * 100_000}
+    columns = {"time_ns": 7_000_000_000 + at * 100_000, "state": np.full(cycles, TRACKING)}
     for k, hertz in enumerate((1.0, 2.0)):
         columns |= {
             f"axis.{k}.fresh": fresh | 1,
@@ -56,6 +60,17 @@ def test_what_the_tracker_saw_counts_when_it_was_taken():
     first_s = 3e-4 - 1e-3
     for column, hertz in zip(path.deviation_um.T, (2.0, 1.0), strict=True):
         np.testing.assert_allclose(column, 100.0 * np.sin(2.0 * np.pi * hertz * (path.time_s + first_s)), atol=1e-6)
+
+
+def test_rows_in_which_the_cell_tracked_nothing_are_told():
+    seen = recording()
+    assert recorded_path(seen, ["x"]).notes == ()
+    seen.values["state"][:1000] = ARMING
+    (note,) = recorded_path(seen, ["x"]).notes
+    assert "did not track in 25 % of its rows" in note
+    seen.values["state"][:] = ARMING
+    (note,) = recorded_path(seen, ["x"]).notes
+    assert "tracked in none of its rows" in note
 
 
 def test_a_recording_without_the_axis_or_its_samples_is_told():

@@ -466,6 +466,10 @@ def test_a_move_is_made_after_a_question_only_while_held_and_its_response_is_rea
         browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))")
         browser.until(f"{said}.startsWith('the move was stopped')")
         assert mover.asked[-1][2] == {"number": 1, "stop": True}
+        browser.until(f"!{begin}.disabled")
+        browser.value("window.fetch = () => Promise.reject(new TypeError('Failed to fetch'))")  # the gateway is killed
+        browser.value(f"{begin}.click(); document.querySelector('#question [value=yes]').click()")
+        browser.until(f"{said}.includes('whether this was done is not known')")
         for width in (390, 1280):
             browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
             assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"

@@ -83,6 +83,8 @@ export async function post(path, document) {
     method: "POST",
     headers: { "content-type": "application/json", authorization: `Bearer ${token()}` },
     body: JSON.stringify(document),
+  }).catch(() => {
+    throw new Error("The gateway does not answer: whether this was done is not known.");
   });
   if (response.ok) return response;
   const said = await response.json().catch(() => ({ error: `the gateway answers ${response.status}` }));

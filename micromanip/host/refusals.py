@@ -54,7 +54,7 @@ def awaited(cell: Any, configuration: Configuration) -> list[str] | None:
     for i in range(len(configuration.axes)):
         axis = cell["axis"][i]
         found &= _comes_yet(int(axis["refused"]), axis, _SENSORS, _AXIS_LINES)
-    return _arming(cell, states.STATE_NAMES[states.READY], configuration) if found else None
+    return _arming(cell, STATE_NAMES[states.READY], configuration) if found else None
 
 
 def _comes_yet(bits: int, state: Any, sensors: int, lines: Mapping[int, str]) -> bool:

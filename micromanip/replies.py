@@ -297,7 +297,7 @@ class Status(TypedDict):
     `axes` is what each axis does now; `path_error_um` are figures since tracking began; `faults` are those that are
     latched, for people, `fault_reports` the same as data, the one that ends the run last;
     `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded, `trend` where none is
-    kept, `learning` where nothing is learned.
+    kept, `learning` where nothing is learned; `arming_awaits` is what `arm_on_start` waits for, None where it does not.
     """
 
     state: str
@@ -320,6 +320,7 @@ class Status(TypedDict):
     recording: Recorded | None
     trend: TrendKept | None
     learning: LearningStatus | None
+    arming_awaits: list[str] | None
 
 
 class AxisLearning(TypedDict):

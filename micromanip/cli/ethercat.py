@@ -49,7 +49,7 @@ def esi(file: Path, product: int | None, as_json: bool) -> None:
     from micromanip.bus.ethercat.esi import read_esi
     from micromanip.errors import UsageError
 
-    devices = [each for each in read_esi(file) if product in (None, each.product)]
+    devices = read_esi(file, product)
     if not devices:
         raise UsageError(f"{file} has no device with the product code 0x{product:x}; without --product all are listed")
     print_answer([_document(each) for each in devices], lambda _: _show(devices), as_json)
@@ -82,7 +82,8 @@ def _show(devices: Sequence[EsiDevice]) -> None:
     if len(devices) > 1:
         table = Figures("product", "revision", "name", "outputs", "inputs", "clock")
         for each in devices:
-            numbers = (f"0x{each.product:x}", f"0x{each.revision:x}", each.name)
+            revision = "any" if each.revision is None else f"0x{each.revision:x}"
+            numbers = (f"0x{each.product:x}", revision, each.name)
             table.add_row(
                 *numbers, *(str(len(p)) for p in (each.outputs, each.inputs)), "yes" if each.has_clock else "no"
             )

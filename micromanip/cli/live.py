@@ -104,7 +104,7 @@ def summary(report: Status) -> None:
 def status(report: Status) -> None:
     """State, faults, what each axis does, and the figures of the run, on standard output."""
     console = out_console()
-    console.print(state_line(report), *faults(report))
+    console.print(state_line(report), *faults(report), *arms_by_itself(report))
     console.print(values(report), *_figures(report))
 
 
@@ -118,6 +118,15 @@ def figures(report: Status) -> Group:
 def faults(report: Status) -> list[Text]:
     """What is latched, and what to do."""
     return [Text(fault, style="bold red") for fault in report["faults"]]
+
+
+def arms_by_itself(report: Status) -> list[Text]:
+    """That it moves without being asked again, and what it still waits for."""
+    awaits = report.get("arming_awaits")  # a controller of an older version has not heard of it
+    if awaits is None:
+        return []
+    told = "arms by itself (arm_on_start) as soon as this is over; `micromanip disarm` calls it off:"
+    return [Text("\n  ".join((told, *awaits)), style="bold yellow")]
 
 
 def _figures(report: Status) -> list[RenderableType]:
@@ -197,7 +206,8 @@ def watched(report: Status) -> Group:
         signals.add_row(name, f"{signal['rate_hz']:.0f}", *ages, str(signal["lost"]), str(signal["late"]))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
     shown = (values(report), *_figures(report), signals)
-    return Group(state_line(report), *faults(report), *shown, Text(running, style="dim"))
+    above = (state_line(report), *faults(report), *arms_by_itself(report))
+    return Group(*above, *shown, Text(running, style="dim"))
 
 
 def state_line(report: Status) -> Text:

@@ -15,7 +15,7 @@ from micromanip.bus.ethercat.al_states import (
 )
 from micromanip.bus.ethercat.coe import abort_in_words
 from micromanip.bus.ethercat.esi import TYPES as ESI_TYPES
-from micromanip.bus.ethercat.esi import EsiDevice, EsiEntry, EsiPdo, read_esi
+from micromanip.bus.ethercat.esi import EsiDevice, EsiEntry, EsiPdo, esi_products, read_esi
 from micromanip.bus.ethercat.frames import (
     DATAGRAM_BYTES,
     HEADER_BYTES,
@@ -49,6 +49,7 @@ __all__ = [
     "abort_in_words",
     "al_code_in_words",
     "coe",
+    "esi_products",
     "framed",
     "read_esi",
     "registers",

@@ -16,6 +16,7 @@ from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.replies import Link
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
+    ARM,
     COMMAND_NAMES,
     FAULT,
     PROMOTE,
@@ -30,7 +31,7 @@ from micromanip.settings.check import Prepared
 from .child import Child, loop_process
 from .loop_orders import loop_orders
 from .parameter_buffers import ParameterBuffers
-from .refusals import refusals
+from .refusals import Refused, awaited, refusals
 from .rivals import rivals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
 from .wires import follow, wire_link
@@ -180,7 +181,7 @@ class Controller:
         self.control["words"][w.HEARTBEAT_NS] = time.monotonic_ns()
 
     async def command(self, command: int) -> None:
-        """Give a command (`states.ARM` ...) and wait for its outcome; CheckFailed where it was refused."""
+        """Give a command (`states.ARM` ...) and wait for its outcome; Refused where the loop does not obey."""
         if not ((command == STOP and self._turns) or await self._is_ready()):
             raise CheckFailed(f"{COMMAND_NAMES[command]} refused: the controller is still starting")
         async with self._commands:
@@ -197,7 +198,8 @@ class Controller:
             if not self.words[w.COMMAND_ACCEPTED]:
                 cell, configuration = self.status["state"][0], self.prepared.configuration
                 why = refusals(command, cell, before, configuration, self.faults())
-                raise CheckFailed(f"{COMMAND_NAMES[command]} refused: {'; '.join(why)}")
+                yet = awaited(cell, configuration) if command == ARM else None
+                raise Refused(f"{COMMAND_NAMES[command]} refused: {'; '.join(why)}", yet)
 
     def _refuse_dead(self, what: str) -> None:
         if (death := self.death) is not None:

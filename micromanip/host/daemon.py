@@ -32,6 +32,7 @@ from micromanip.settings.schema.faults import LOOP_STUCK_S
 from micromanip.settings.text.source import Source
 
 from . import journal
+from .arm_on_start import ArmOnStart
 from .child import Child
 from .control.audit import AuditTrail
 from .control.authority import Peer
@@ -100,8 +101,16 @@ class Daemon:
         self._trail = AuditTrail(state_directory(), say)
         self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
         self._recordings = Recordings(self._controller, options.recordings, say)
+        self._arming = ArmOnStart(self._controller, partial(self._trail.note, Peer("configuration"), "arm"), say)
         self._verbs = Verbs(
-            self._controller, self._trail, self._report, self._boxes.settle, self._in_force, say, self._recordings
+            self._controller,
+            self._trail,
+            self._report,
+            self._boxes.settle,
+            self._in_force,
+            say,
+            self._recordings,
+            self._arming.leave_to,
         )
         self._learning = self._learner()
         self._reloading: asyncio.Task[None] | None = None
@@ -162,7 +171,7 @@ class Daemon:
             if await self._workers.in_hand(over) and await self._controller.wires_follow(over):
                 self._tell_ready()
                 if self._prepared.configuration.arm_on_start:
-                    await self._verbs.ask("arm", Peer("configuration"))
+                    await self._arming.arm(over)
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
             if not ended.done():
                 await self._end(ended)
@@ -252,7 +261,8 @@ class Daemon:
             self._show(self._report())
             self._boxes.announce()
             latched = "".join(f": {fault}" for fault in self._controller.faults()[-1:])
-            self._service.status(self._controller.state + latched + self._unrecorded())
+            waits = "; arms by itself as soon as it can" if self._arming.awaits is not None else ""
+            self._service.status(self._controller.state + latched + waits + self._unrecorded())
             self._looks += 1
             await asyncio.sleep(_LOOK_S)
 
@@ -260,7 +270,8 @@ class Daemon:
         links = {**self._workers.report(), **self._controller.wires()}
         learning = None if self._learning is None else self._learning.status()
         recording = self._recordings.report()
-        return report(self._controller, self._gathered, self._boxes.report(), links, recording, learning)
+        awaits = self._arming.awaits
+        return report(self._controller, self._gathered, self._boxes.report(), links, recording, learning, awaits)
 
     def _learner(self) -> LearningKeeper | None:
         """Who learns from part to part, where the configuration says so."""

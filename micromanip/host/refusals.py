@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from micromanip.errors import CheckFailed
 from micromanip.faults import FaultReport
 from micromanip.rt import states
 from micromanip.rt.states import STATE_NAMES
@@ -19,6 +20,9 @@ _CELL = {
     "`micromanip status`",
     states.INTERLOCK_MISSING: "the signal interlock is not 1: is the guard closed?",
 }
+_LINES = {states.ENABLE_MISSING: "enable", states.INTERLOCK_MISSING: "interlock"}
+_AXIS_LINES = {states.AMPLIFIER_MISSING: "amplifier_ok", states.TEMPERATURE_MISSING: "temperature_ok"}
+_SENSORS = states.STRAIN_MISSING | states.STAGE_MISSING | states.REFERENCE_MISSING
 _AWAY = "a device of a bus has not taken its safe values yet: see `micromanip status`"
 _AXIS = {
     states.STRAIN_MISSING: "strain_{axis} is not valid, or stuck: check the gauge and its cable",
@@ -29,6 +33,36 @@ _AXIS = {
     states.TEMPERATURE_MISSING: "temperature_ok_{axis} is not 1: let the amplifier cool down",
     states.NOT_RESUMABLE: "axis {axis} is held with its voltage frozen: disarm it first",
 }
+
+
+class Refused(CheckFailed):
+    """The loop refused a command, and changed nothing."""
+
+    def __init__(self, text: str, awaits: list[str] | None = None) -> None:
+        """`awaits`: what an arming lacks, where that is nothing but samples which may yet come (`awaited`)."""
+        super().__init__(text)
+        self.awaits = awaits
+
+
+def awaited(cell: Any, configuration: Configuration) -> list[str] | None:
+    """What a refused arming lacks where time alone may mend it; None where anything else was in its way.
+
+    A sensor may become valid. A line (enable, guard, amplifier) may have to say its first word; one that says 0, or has
+    fallen silent, is somebody's no, and so is a fault, a link that was lost since READY, or any state but READY.
+    """
+    found = _comes_yet(int(cell["refused"]), cell, 0, _LINES)
+    for i in range(len(configuration.axes)):
+        axis = cell["axis"][i]
+        found &= _comes_yet(int(axis["refused"]), axis, _SENSORS, _AXIS_LINES)
+    return _arming(cell, STATE_NAMES[states.READY], configuration) if found else None
+
+
+def _comes_yet(bits: int, state: Any, sensors: int, lines: Mapping[int, str]) -> bool:
+    said_no = any(
+        bits & bit and state[name]["time_ns"] != 0 and not (state[name]["bad"] == 0 and state[name]["value"] > 0.5)
+        for bit, name in lines.items()
+    )
+    return not said_no and bits & ~(sensors | sum(lines)) == 0
 
 
 def refusals(
@@ -43,11 +77,16 @@ def refusals(
         return ["none is being made"]
     reasons = [f"the state is {state}"]
     if command == states.ARM:
-        reasons = _of_the_cell(int(cell["refused"]), state)
-        for i, name in enumerate(configuration.axes):
-            bits = int(cell["axis"][i]["refused"])
-            reasons += [text.format(axis=name) for bit, text in _AXIS.items() if bits & bit]
+        reasons = _arming(cell, state, configuration)
     return [*reasons, *map(str, faults[-1:])]
+
+
+def _arming(cell: Any, state: str, configuration: Configuration) -> list[str]:
+    reasons = _of_the_cell(int(cell["refused"]), state)
+    for i, name in enumerate(configuration.axes):
+        bits = int(cell["axis"][i]["refused"])
+        reasons += [text.format(axis=name) for bit, text in _AXIS.items() if bits & bit]
+    return reasons
 
 
 def _of_the_cell(bits: int, state: str) -> list[str]:

@@ -151,6 +151,7 @@ def report(
     links: Mapping[str, Link] | None = None,
     recording: Recorded | None = None,
     learning: LearningStatus | None = None,
+    arming_awaits: list[str] | None = None,
 ) -> Status:
     """The whole report of a run, up to now; `trips` are those that have a black box, `links` the buses."""
     gathered.gather()
@@ -176,6 +177,7 @@ def report(
         "recording": recording,
         "trend": gathered.trend(),
         "learning": learning,
+        "arming_awaits": arming_awaits,
     }
 
 

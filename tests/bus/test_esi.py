@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.bus.ethercat.esi import read_esi
+from micromanip.bus.ethercat.esi import esi_products, read_esi
 from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, terminal_keys
 from micromanip.errors import ConfigError, MicromanipError
 
@@ -100,6 +100,100 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path, old, new, line, said):
         read(tmp_path, ONE.replace(old, new))
     assert str(refused.value).startswith(f"{tmp_path / 'device.xml'}:{line}: ")
     assert any(each in str(refused.value) for each in said.split("|"))
+
+
+MAKERS = """\
+<?xml version="1.0" encoding="{encoding}"?>
+<!-- one file for a whole series, as makers of terminals write them -->
+<EtherCATInfo xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="EtherCATInfo.xsd" \
+Version="1.6">
+  <Vendor FileVersion="3"><Id>#x0000BEEF</Id><Name>Meßtechnik GmbH</Name><ImageData16x14>424D</ImageData16x14></Vendor>
+  <Descriptions>
+    <Groups><Group SortOrder="8"><Type>AnaIn</Type><Name LcId="1033"><![CDATA[Analogue inputs]]></Name></Group></Groups>
+    <Devices>
+      <Device Invisible="1"><Type>Coupler without a code</Type></Device>
+      <Device><Type ProductCode="#x0c1e3052" RevisionNo="oops">Broken neighbour</Type></Device>
+      <Device Physics="YY">
+        <Type ProductCode="#x0C1F3052" RevisionNo="#x00110000" CheckRevisionNo="EQ_OR_G">M3102</Type>
+        <HideType RevisionNo="#x00100000"/>
+        <Name LcId="1031"><![CDATA[M3102 2K. Ana. Eingang ±10V]]></Name>
+        <Name LcId=" 1033 "><![CDATA[M3102 2Ch. Ana. Input +/-10V, (DIFF)]]></Name>
+        <Info><StateMachine><Timeout><PreopTimeout>2000</PreopTimeout></Timeout></StateMachine></Info>
+        <GroupType>AnaIn</GroupType>
+        <Profile><ProfileNo>5001</ProfileNo><Dictionary><DataTypes>
+          <DataType><Name>DT_GRAD</Name><BaseType>INT</BaseType><BitSize>16</BitSize></DataType>
+          <DataType><Name>DT_LOOP</Name><BaseType>DT_LOOP</BaseType><BitSize>16</BitSize></DataType>
+        </DataTypes></Dictionary></Profile>
+        <Fmmu>Outputs</Fmmu><Fmmu>Inputs</Fmmu><Fmmu>MBoxState</Fmmu>
+        <Sm MinSize="#x28" MaxSize="128" DefaultSize="128" StartAddress="#x1000" ControlByte="#x26" Enable="#x01">\
+MBoxOut</Sm>
+        <Sm StartAddress="#x1180" ControlByte="#x20" Enable="1">Inputs</Sm>
+        <TxPdo Fixed="true" Sm="3" SU="0">
+          <Index DependOnSlot="false">#x1A01</Index><Name LcId="1031">Wert</Name><Name LcId="1033">AI Compact</Name>
+          <Exclude>#x1A00</Exclude><Exclude>6658</Exclude>
+          <Entry><Index>#x6000</Index><SubIndex>#x11</SubIndex><BitLen>16</BitLen><Name>Value</Name>\
+<DataType DScale="+/-10">int</DataType></Entry>
+          <Entry><Index>#x6000</Index><SubIndex>18</SubIndex><BitLen>16</BitLen><Name>Grad</Name>\
+<DataType>DT_GRAD</DataType></Entry>
+          <Entry><Index>#x6000</Index><SubIndex>19</SubIndex><BitLen>16</BitLen><Name>Loop</Name>\
+<DataType>DT_LOOP</DataType></Entry>
+        </TxPdo>
+        <TxPdo Fixed="1" Sm=""><Index>#x1A00</Index><Name>AI Standard</Name></TxPdo>
+        <Mailbox DataLinkLayer="1"><CoE SdoInfo="1" CompleteAccess="0"/></Mailbox>
+        <Dc><OpMode><Name>FreeRun</Name><AssignActivate>#x0</AssignActivate></OpMode></Dc>
+        <Eeprom><ByteSize>2048</ByteSize><ConfigData>0500</ConfigData></Eeprom>
+      </Device>
+      <Device><Type ProductCode="202321999">M3103</Type><Slots SlotPdoIncrement="1"/></Device>
+    </Devices>
+  </Descriptions>
+</EtherCATInfo>
+"""
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        MAKERS.format(encoding="UTF-8").replace("\n", "\r\n").encode(),
+        MAKERS.format(encoding="utf-8").encode("utf-8-sig"),
+        MAKERS.format(encoding="UTF-16").encode("utf-16"),
+        MAKERS.format(encoding="ISO-8859-1").encode("latin-1"),
+        MAKERS.format(encoding="windows-1252").encode("cp1252"),
+        re.sub(r"<(/?)([A-Z])", r"<\1e:\2", MAKERS.format(encoding="UTF-8")).replace("xmlns:xsi", "xmlns:e").encode(),
+    ],
+    ids=["dos", "bom", "utf-16", "latin-1", "windows", "namespace"],
+)
+def test_files_as_makers_write_them(tmp_path, data):
+    """A whole series in one file, some of it not as it should be: a terminal is read in spite of its neighbours."""
+    (tmp_path / "device.xml").write_bytes(data)
+    with pytest.raises(ConfigError, match=r"device\.xml:8: ProductCode '' is no number"):
+        read_esi(tmp_path / "device.xml")
+    (device,) = read_esi(tmp_path / "device.xml", 0x0C1F3052)
+    assert (device.vendor, device.revision) == (0xBEEF, 0x110000)
+    assert device.name == "M3102 2Ch. Ana. Input +/-10V, (DIFF)", "the English of its names"
+    assert (device.has_coe, device.maps, device.has_clock, device.has_slots) == (True, False, True, False)
+    compact, standard = device.inputs
+    assert (compact.index, compact.name, compact.sync_manager) == (0x1A01, "AI Compact", 3)
+    assert (compact.excludes, compact.fixed, standard.sync_manager) == ({0x1A00, 6658}, True, None)
+    assert [(entry.subindex, entry.type) for entry in compact.entries] == [(17, "INT"), (18, "INT"), (19, "DT_LOOP")]
+    assert [(each.kind, each.start, each.bytes) for each in device.sync_managers] == [
+        ("MBoxOut", 0x1000, 128),
+        ("Inputs", 0x1180, 0),
+    ]
+    (other,) = read_esi(tmp_path / "device.xml", 202321999)
+    assert (other.revision, other.has_slots) == (None, True)
+    assert "  revision" not in "".join(lines_of(*terminal_keys(other, set()))), "any will do"
+    with pytest.raises(ConfigError, match=r"device\.xml:9: RevisionNo 'oops' is no number"):
+        read_esi(tmp_path / "device.xml", 0x0C1E3052)
+    assert read_esi(tmp_path / "device.xml", 7) == []
+    assert esi_products(tmp_path / "device.xml") == [202321999, 0x0C1E3052, 0x0C1F3052]
+
+
+def test_a_file_that_only_refers_to_another(tmp_path):
+    """ETG.2000 lets a maker split a series into files."""
+    with pytest.raises(
+        ConfigError, match=r"device\.xml:1: there is no <Device> .*; it refers to another file: more\.xml$"
+    ):
+        read(tmp_path, ONE[: ONE.index("<Descr")] + "<InfoReference>more.xml</InfoReference></EtherCATInfo>")
 
 
 def test_a_file_that_is_not_there_and_a_folder(tmp_path):

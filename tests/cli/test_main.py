@@ -54,12 +54,15 @@ def test_no_controller_is_69_and_says_the_next_step(verb, tmp_path, capsys):
 
 def test_a_good_configuration(capsys):
     assert code_of("check", CONFIG) == 0
-    assert ": good" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert ": good" in out
+    assert "arms by itself as soon as READY, or within 30 s of it" in out
     assert code_of("check", CONFIG, "--json") == 0
     report = json.loads(capsys.readouterr().out)
     assert report["ok"] is True
     assert report["rate_hz"] == 10_000
     assert 0 < report["cycle_us"]
+    assert report["arm_on_start"] == {"within_s": 30.0}
     assert set(report["axes"]) == {"x", "y", "z"}
 
 

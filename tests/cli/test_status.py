@@ -114,6 +114,17 @@ def test_a_fault_is_red_on_a_terminal_and_plain_where_nobody_wants_colours(playe
     assert "31m" not in plain
 
 
+def test_that_it_arms_by_itself_is_said_before_the_values(played, capsys):
+    played.status |= {"state": "READY", "arming_awaits": ["strain_x is not valid, or stuck: check the gauge"]}
+    main(["status", "--socket", str(played.path)])
+    out = capsys.readouterr().out
+    assert "arms by itself" in out
+    assert out.index("READY") < out.index("strain_x is not valid") < out.index("position, um")
+    played.status["arming_awaits"] = None
+    main(["status", "--socket", str(played.path)])
+    assert "arms by itself" not in capsys.readouterr().out
+
+
 def test_json_is_what_the_controller_answered(played, capsys):
     main(["status", "--socket", str(played.path), "--json"])
     assert json.loads(capsys.readouterr().out) == played.status

@@ -87,7 +87,7 @@ class Cell:
         self.config = folder / "cell.yaml"
         self.config.write_text(text or SIMULATED.read_text())
         self.controller = StandIn(prepare(self.config), state)
-        self.said, self.told = [], []
+        self.said, self.told, self.operated = [], [], []
         self.trail = AuditTrail(folder / "state", self.said.append)
         self.verbs = Verbs(
             self.controller,
@@ -97,6 +97,7 @@ class Cell:
             self.told.append,
             lambda told: self.said.append(str(told)),
             Recordings(self.controller, folder / "recordings", self.said.append),
+            lambda request: self.operated.append(request.verb),
         )
         self.table = self.verbs.table()
 

@@ -14,7 +14,7 @@ release=$(cat "$VM_HOME/complete")
 programs=$VM_HOME/programs
 firmware=()
 find_program() { # as installed, else as fetched
-    command -v "$1" || find "$programs"/{bin,sbin,usr/bin} -name "$1" | head -1
+    command -v "$1" || find "$programs"/{bin,sbin,usr/bin} -name "$1" 2>/dev/null | head -1
 }
 qemu=$(find_program qemu-system-x86_64)
 busybox=$(find_program busybox)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
 import logging
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from micromanip.driver import CLASSIC_LENGTHS, FD_LENGTHS, ConfigError, did_you_
 logging.getLogger("cantools").addHandler(logging.NullHandler())
 
 _MOST_BYTES = 20_000_000
+_BYTE_ORDER_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
 
 class Database:
@@ -22,15 +25,17 @@ class Database:
 
     def __init__(self, file: Path) -> None:
         self.name = file.name
+        text = ""
         try:
             require_regular(file, _MOST_BYTES)
-            self._database: Any = cantools.database.load_file(file, database_format="dbc")
+            text = _decoded(file.read_bytes())
+            self._database: Any = cantools.database.load_string(text, database_format="dbc")
         except OSError as error:
             raise ConfigError(f"database: {file} can't be read: {error.strerror}") from error
         except UnsupportedDatabaseFormatError as error:
-            raise ConfigError(f"database: {file} is not a DBC file: {error.e_dbc}") from error
+            raise ConfigError(_located(file, text, str(error.e_dbc))) from error
         except cantools.Error as error:  # signals that overlap, or lie outside of their message
-            raise ConfigError(f"database: {file}: {error}") from error
+            raise ConfigError(_located(file, text, str(error))) from error
 
     def by_identifier(self) -> dict[tuple[int, bool], Any]:
         """The messages by (identifier, extended)."""
@@ -51,6 +56,29 @@ class Database:
             if other is not message and identity(other) == identity(message):
                 both = f"{message.name} and {other.name} both have the identifier {message.frame_id:#x} in {self.name}"
                 raise ConfigError(f"{key}: {both}: frames can't be told apart")
+
+
+def _decoded(data: bytes) -> str:
+    """As programs save them: by a byte-order mark, in UTF-8, or that of Windows in the west; no end mark of DOS."""
+    encoding = next((name for mark, name in _BYTE_ORDER_MARKS if data.startswith(mark)), "utf-8")
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", errors="replace")
+    return text.rstrip("\x1a\0")
+
+
+def _located(file: Path, text: str, why: str) -> str:
+    """What cantools says against a file, behind the line that it names, or that of the message that it names."""
+    line = None
+    if found := re.search(r" at line (\d+)", why):
+        line = int(found[1])
+    elif (named := re.search(r"\bmessage (\w+)", why)) and (
+        at := re.search(rf"(?m)^\s*BO_\s+\d+\s+{named[1]}\b", text)
+    ):
+        line = 1 + text.count("\n", 0, at.end())
+    what = "it is not a DBC file" if "syntax" in why else "it makes no sense"
+    return f"database: {file}{f':{line}' if line else ''}: {what}: {' '.join(why.split())}"
 
 
 def signal(key: str, message: Any, name: str) -> Any:

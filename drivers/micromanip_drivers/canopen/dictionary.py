@@ -13,6 +13,8 @@ from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, OD
 
 from micromanip.driver import ConfigError, did_you_mean, require_regular
 
+from .eds_text import objects_of
+
 logging.getLogger("canopen").addHandler(logging.NullHandler())  # what goes wrong comes as an exception
 
 _NUMBER = re.compile(r"^(?:0x)?([0-9A-Fa-f]{4})(?:sub([0-9A-Fa-f]{1,2}))?$")
@@ -95,7 +97,7 @@ def _parsed(file: Path, node_id: int) -> ObjectDictionary:
         require_regular(file, _MOST_BYTES)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # the library's own, where it logs
-            objects = import_od(str(file), node_id)
+            objects = import_od(objects_of(file), node_id)
     except OSError as problem:
         raise ConfigError(f"EDS file {file} can't be read: {problem.strerror}") from problem
     except (configparser.Error, UnicodeDecodeError, ValueError, KeyError, TypeError, ObjectDictionaryError) as problem:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.driver import ConfigError
-from micromanip.driver.ethercat import ESI_TYPES, EsiDevice, EsiEntry, EsiPdo, read_esi
+from micromanip.driver.ethercat import ESI_TYPES, EsiDevice, EsiEntry, EsiPdo, esi_products, read_esi
 
 from .options import InputPdo, OutputPdo, Terminal
 
@@ -19,10 +19,11 @@ def compare_with_file(name: str, terminal: Terminal, folder: Path) -> None:
     path = folder / terminal.esi
     key = f"terminals.{name}"
     try:
-        devices = read_esi(path)
+        devices = read_esi(path, terminal.product)
+        products = esi_products(path) if not devices else ()
     except ConfigError as problem:
         raise ConfigError(f"{key}.esi: {problem}") from problem
-    device = _device(key, terminal, devices, path)
+    device = _device(key, terminal, devices, products, path)
     for where, what, line in differences(terminal, device):
         raise ConfigError(f"{key}.{where}: {what} ({path}:{line})")
 
@@ -48,11 +49,11 @@ def _of_direction(
     for name, pdo in pdos.items():
         if pdo.pdo not in by_index:
             listed = ", ".join(f"0x{index:04x}" for index in by_index) or "none"
-            yield (
-                f"{direction}.{name}.pdo",
-                f"there is no PDO 0x{pdo.pdo:04x} among its {direction}: {listed}",
-                device.line,
+            modules = (
+                "; it has slots, and PDOs of their modules are not read: leave esi out" if device.has_slots else ""
             )
+            what = f"there is no PDO 0x{pdo.pdo:04x} among its {direction}: {listed}{modules}"
+            yield f"{direction}.{name}.pdo", what, device.line
     taken = {found.index for _, _, found in known}
     for name, pdo, found in known:
         if clash := found.excludes & taken - {found.index}:
@@ -93,18 +94,24 @@ def _entry_words(entry: EsiEntry) -> str:
     return f"0x{entry.index:04x}:{entry.subindex:02x} of {entry.bits} bits, {entry.name or 'a gap'} ({entry.type})"
 
 
-def _device(key: str, terminal: Terminal, devices: Sequence[EsiDevice], path: Path) -> EsiDevice:
-    """That of the file which the terminal is; of several revisions its own, or the newest where any will do."""
-    of_product = [each for each in devices if (each.vendor, each.product) == (terminal.vendor, terminal.product)]
-    if not of_product:
-        listed = ", ".join(sorted({f"0x{each.vendor:x}:0x{each.product:x}" for each in devices})[:8])
-        wrong = "vendor" if all(each.vendor != terminal.vendor for each in devices) else "product"
-        asked = f"0x{terminal.vendor:x}:0x{terminal.product:x}"
-        raise ConfigError(f"{key}.{wrong}: there is no device {asked} (vendor:product) in {path}; it has {listed}")
-    found = [each for each in of_product if terminal.revision in (None, each.revision)]
+def _device(
+    key: str, terminal: Terminal, devices: Sequence[EsiDevice], products: Sequence[int], path: Path
+) -> EsiDevice:
+    """That of the file which the terminal is; of several revisions its own, or the newest where any will do.
+
+    `devices` are those of its product, `products` those that the file has where there is none.
+    """
+    if not devices:
+        listed = ", ".join(f"0x{each:x}" for each in products[:8]) or "none"
+        raise ConfigError(f"{key}.product: there is no device 0x{terminal.product:x} in {path}; it has {listed}")
+    if devices[0].vendor != terminal.vendor:
+        raise ConfigError(f"{key}.vendor: 0x{terminal.vendor:x}, but {path} is of 0x{devices[0].vendor:x}")
+    found = [
+        each for each in devices if None in (terminal.revision, each.revision) or terminal.revision == each.revision
+    ]
     if not found:
-        listed = ", ".join(f"0x{each.revision:x}" for each in of_product)
+        listed = ", ".join(f"0x{each.revision:x}" for each in devices)
         raise ConfigError(
-            f"{key}.revision: 0x{terminal.revision:x}, but the file has {listed} ({path}:{of_product[0].line})"
+            f"{key}.revision: 0x{terminal.revision:x}, but the file has {listed} ({path}:{devices[0].line})"
         )
-    return max(found, key=lambda each: each.revision)
+    return max(found, key=lambda each: -1 if each.revision is None else each.revision)

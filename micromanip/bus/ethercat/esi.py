@@ -6,7 +6,7 @@ harm. A document type, and with it any entity of the file's own, is refused: suc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -16,9 +16,10 @@ from micromanip.errors import ConfigError, system_error
 
 MOST_BYTES = 64 * 1024 * 1024
 _MOST_DEEP = 100
+_ENGLISH = "1033"
 TYPES = {
-    "SINT": "int8", "USINT": "uint8", "BYTE": "uint8", "BITARR8": "uint8",
-    "INT": "int16", "UINT": "uint16", "WORD": "uint16", "BITARR16": "uint16",
+    "SINT": "int8", "USINT": "uint8", "BYTE": "uint8", "BITARR8": "uint8", "BIT8": "uint8",
+    "INT": "int16", "UINT": "uint16", "WORD": "uint16", "BITARR16": "uint16", "BIT16": "uint16",
     "INT24": "int24", "UINT24": "uint24",
     "DINT": "int32", "UDINT": "uint32", "DWORD": "uint32", "BITARR32": "uint32", "REAL": "float32",
     "LINT": "int64", "ULINT": "uint64", "LWORD": "uint64", "LREAL": "float64",
@@ -28,7 +29,10 @@ TYPES = {
 
 @dataclass(frozen=True)
 class EsiEntry:
-    """An object in a PDO, index 0 for a gap; `line` is its line in the file."""
+    """An object in a PDO, index 0 for a gap; `line` is its line in the file.
+
+    `type` is one of `TYPES` also where the file names a type of its own that is one of them.
+    """
 
     index: int
     subindex: int
@@ -69,11 +73,15 @@ class EsiSyncManager:
 
 @dataclass(frozen=True)
 class EsiDevice:
-    """A kind of terminal; `outputs` are the PDOs that it receives (``RxPdo``), `inputs` those that it sends."""
+    """A kind of terminal; `outputs` are the PDOs that it receives (``RxPdo``), `inputs` those that it sends.
+
+    `revision` is None where the file has none: it is about all of them. A terminal that `has_slots` has more PDOs:
+    those of the modules in them.
+    """
 
     vendor: int
     product: int
-    revision: int
+    revision: int | None
     name: str
     outputs: Sequence[EsiPdo]
     inputs: Sequence[EsiPdo]
@@ -81,6 +89,7 @@ class EsiDevice:
     has_coe: bool
     maps: bool
     has_clock: bool
+    has_slots: bool
     line: int
 
 
@@ -112,11 +121,11 @@ class _Read:
             self.deep += 1
             if self.deep > _MOST_DEEP:
                 raise self.error(parser.CurrentLineNumber, f"elements lie in each other more than {_MOST_DEEP} deep")
-            self.lines[self.builder.start(name, attributes)] = parser.CurrentLineNumber
+            self.lines[self.builder.start(_local(name), attributes)] = parser.CurrentLineNumber
 
         def end(name: str) -> None:
             self.deep -= 1
-            self.builder.end(name)
+            self.builder.end(_local(name))
 
         def refuse(*_: object) -> None:
             raise self.error(parser.CurrentLineNumber, "a document type (<!DOCTYPE) is refused: ESI files have none")
@@ -155,8 +164,11 @@ class _Read:
         return self.number(parent if found is None else found, _text(found), name, most, default)
 
 
-def read_esi(path: Path) -> Sequence[EsiDevice]:
-    """All devices of a file. Raises ConfigError with file and line, another MicromanipError if it can't be opened."""
+def read_esi(path: Path, product: int | None = None) -> Sequence[EsiDevice]:
+    """All devices of a file, or those with one product code, whatever the others are like; that may be none.
+
+    Raises ConfigError with file and line, another MicromanipError if it can't be opened.
+    """
     read = _Read(path)
     root = read.document()
     if root.tag != "EtherCATInfo":
@@ -165,20 +177,40 @@ def read_esi(path: Path) -> Sequence[EsiDevice]:
     if vendor is None:
         raise read.error(read.lines[root], "<EtherCATInfo> has no <Vendor>")
     number = read.child_number(vendor, "Id", 0xFFFF_FFFF)
-    devices = [_device(read, number, each) for each in root.iterfind("Descriptions/Devices/Device")]
-    if not devices:
-        raise read.error(read.lines[root], "there is no <Device> in <Descriptions> <Devices>")
-    return devices
+    found = root.findall("Descriptions/Devices/Device")
+    if not found:
+        other = root.find("InfoReference")
+        where = "" if other is None else f"; it refers to another file: {_text(other)[:80]}"
+        raise read.error(read.lines[root], f"there is no <Device> in <Descriptions> <Devices>{where}")
+    return [_device(read, number, each) for each in found if product is None or _product(read, each) == product]
+
+
+def esi_products(path: Path) -> Sequence[int]:
+    """The product codes in a file, as far as it has them. Raises as `read_esi`."""
+    read = _Read(path)
+    codes = (_product(read, each) for each in read.document().iterfind("Descriptions/Devices/Device"))
+    return sorted({code for code in codes if code is not None})
+
+
+def _product(read: _Read, device: Element) -> int | None:
+    """Its product code; None where it has none that can be read."""
+    kind = device.find("Type")
+    try:
+        return None if kind is None else read.number(kind, kind.get("ProductCode"), "ProductCode", 0xFFFF_FFFF)
+    except ConfigError:
+        return None
 
 
 def _device(read: _Read, vendor: int, element: Element) -> EsiDevice:
     kind, coe = element.find("Type"), element.find("Mailbox/CoE")
     if kind is None:
         raise read.error(read.lines[element], "<Device> has no <Type>")
-    product, revision = (
-        read.number(kind, kind.get(name), name, 0xFFFF_FFFF, default)
-        for name, default in (("ProductCode", None), ("RevisionNo", 0))
-    )
+    product = read.number(kind, kind.get("ProductCode"), "ProductCode", 0xFFFF_FFFF)
+    revision = kind.get("RevisionNo")
+    own_types = {
+        _text(each.find("Name")): _text(each.find("BaseType"))
+        for each in element.iterfind("Profile/Dictionary/DataTypes/DataType")
+    }
     managers = [
         EsiSyncManager(
             _text(each),
@@ -189,25 +221,26 @@ def _device(read: _Read, vendor: int, element: Element) -> EsiDevice:
     return EsiDevice(
         vendor=vendor,
         product=product,
-        revision=revision,
-        name=_text(element.find("Name")) or _text(kind),
-        outputs=[_pdo(read, pdo) for pdo in element.iterfind("RxPdo")],
-        inputs=[_pdo(read, pdo) for pdo in element.iterfind("TxPdo")],
+        revision=None if revision is None else read.number(kind, revision, "RevisionNo", 0xFFFF_FFFF),
+        name=_name(element) or _text(kind),
+        outputs=[_pdo(read, pdo, own_types) for pdo in element.iterfind("RxPdo")],
+        inputs=[_pdo(read, pdo, own_types) for pdo in element.iterfind("TxPdo")],
         sync_managers=managers,
         has_coe=coe is not None,
         maps=coe is not None and _is_true(coe.get("PdoConfig")),
         has_clock=element.find("Dc") is not None,
+        has_slots=element.find("Slots") is not None,
         line=read.lines[element],
     )
 
 
-def _pdo(read: _Read, element: Element) -> EsiPdo:
-    manager = element.get("Sm")
+def _pdo(read: _Read, element: Element, own_types: Mapping[str, str]) -> EsiPdo:
+    manager = (element.get("Sm") or "").strip()
     return EsiPdo(
         read.child_number(element, "Index", 0xFFFF),
-        _text(element.find("Name")),
-        list(_entries(read, element)),
-        None if manager is None else read.number(element, manager, "Sm", 0xFF),
+        _name(element),
+        list(_entries(read, element, own_types)),
+        None if not manager else read.number(element, manager, "Sm", 0xFF),
         _is_true(element.get("Fixed")),
         _is_true(element.get("Mandatory")),
         frozenset(read.number(each, each.text, "Exclude", 0xFFFF) for each in element.iterfind("Exclude")),
@@ -215,16 +248,35 @@ def _pdo(read: _Read, element: Element) -> EsiPdo:
     )
 
 
-def _entries(read: _Read, pdo: Element) -> Iterator[EsiEntry]:
+def _entries(read: _Read, pdo: Element, own_types: Mapping[str, str]) -> Iterator[EsiEntry]:
     for element in pdo.iterfind("Entry"):
         yield EsiEntry(
             read.child_number(element, "Index", 0xFFFF),
             read.child_number(element, "SubIndex", 0xFF, 0),
             read.child_number(element, "BitLen", 0xFFFF),
-            _text(element.find("Name")),
-            _text(element.find("DataType")),
+            _name(element),
+            _type(_text(element.find("DataType")), own_types),
             read.lines[element],
         )
+
+
+def _type(said: str, own_types: Mapping[str, str]) -> str:
+    """That which a type of the file's own is based on, if it is one."""
+    known = (each for each in (said, own_types.get(said, "")) if each.upper() in TYPES)
+    return next((each.upper() for each in known), said)
+
+
+def _name(element: Element) -> str:
+    """The English one of its names, or the first."""
+    names = element.findall("Name")
+    return _text(
+        next((each for each in names if each.get("LcId", "").strip() == _ENGLISH), names[0] if names else None)
+    )
+
+
+def _local(name: str) -> str:
+    """A tag without the prefix of its namespace."""
+    return name.rpartition(":")[2]
 
 
 def _text(element: Element | None) -> str:

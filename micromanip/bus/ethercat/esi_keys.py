@@ -13,7 +13,9 @@ _GAP_TYPES = {8: "uint8", 16: "uint16", 24: "uint24", 32: "uint32", 64: "uint64"
 
 def terminal_keys(device: EsiDevice, taken: set[str]) -> tuple[str, dict[str, Any]]:
     """Name and keys of a terminal, as ``drivers.NAME.terminals`` has them; fields get names that are not `taken`."""
-    keys: dict[str, Any] = {"vendor": device.vendor, "product": device.product, "revision": device.revision}
+    keys: dict[str, Any] = {"vendor": device.vendor, "product": device.product}
+    if device.revision is not None:
+        keys["revision"] = device.revision
     for direction, pdos in (("outputs", device.outputs), ("inputs", device.inputs)):
         assigned = [pdo for pdo in pdos if pdo.sync_manager is not None]
         names: set[str] = set()
@@ -35,7 +37,7 @@ def not_mapped(device: EsiDevice) -> Iterator[tuple[EsiPdo, EsiEntry]]:
 
 def lines_of(name: str, keys: dict[str, Any]) -> Sequence[str]:
     """The same as lines of YAML, below ``terminals:``."""
-    lines = [f"{name}:", *(f"  {key}: 0x{keys[key]:x}" for key in ("vendor", "product", "revision"))]
+    lines = [f"{name}:", *(f"  {key}: 0x{keys[key]:x}" for key in ("vendor", "product", "revision") if key in keys)]
     for direction in ("outputs", "inputs"):
         pdos = keys.get(direction, {})
         lines += [f"  {direction}:"] if pdos else []

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from micromanip import replies
@@ -77,13 +78,15 @@ class Verbs:
         tell: Callable[[Source], None],
         say: Callable[[str | FaultReport], None],
         recordings: Recordings,
+        operated: Callable[[Request], None],
     ) -> None:
         """`before_reset` returns when what is known of a fault is kept, or raises CheckFailed: not yet.
 
-        `tell` hears of each configuration that has come into force; `say` gets messages for people.
+        `tell` hears of each configuration that has come into force; `say` gets messages for people;
+        `operated` hears of each request to operate the cell, before anything is done about it.
         """
         self._before_reset, self._say, self._recordings = before_reset, say, recordings
-        self._controller, self._trail, self._status = controller, trail, status
+        self._controller, self._trail, self._status, self._operated = controller, trail, status, operated
         self._outcomes: deque[Outcome] = deque()
         self._tuning = Tuning(controller, tell, self._happened)
         self.put_again = self._tuning.put_again
@@ -111,7 +114,7 @@ class Verbs:
             "learn_reset": self._learn_reset,
         }
         stops = ("disarm", "hold")
-        return {
+        verbs = {
             "status": observing(self._answer_status),
             "telemetry": observing(self._telemetry),
             "configuration": observing(self._configuration),
@@ -124,6 +127,17 @@ class Verbs:
             "move": operating(self._move),
             **{name: operating(noted(self._trail, act), stops=name in stops) for name, act in operations.items()},
         }
+        return {name: verb if name.startswith("record_") else self._heard(verb) for name, verb in verbs.items()}
+
+    def _heard(self, verb: Verb) -> Verb:
+        """The same; `operated` hears of it where it takes the right to operate. To record is not to operate a cell."""
+
+        async def act(request: Request) -> Any:
+            if verb.right(request) is Right.OPERATE:
+                self._operated(request)
+            return await verb.act(request)
+
+        return replace(verb, act=act)
 
     async def ask(self, verb: str, peer: Peer) -> Any:
         """The answer to a verb without fields, asked in the name of `peer`, and noted as any other."""

@@ -119,6 +119,11 @@ class Start(Settings):
     settle_s: SecondsOrZero = Field(default=0.2, description="Rest at the working point, while the estimators settle.")
     authority_s: RampSeconds = Field(default=0.5, description="Time in which the correction is faded in.")
     ramp_s: RampSeconds = Field(default=0.5, description="Time from any voltage to the park voltage.")
+    arm_within_s: NewStart[SecondsOrZero] = Field(
+        default=30.0,
+        description="`arm_on_start` waits so long after READY for sensors that have not sent a valid sample yet, and "
+        "gives up for good; 0 does not wait.",
+    )
 
     @model_validator(mode="after")
     def _sweep_below_resonance(self) -> Self:
@@ -292,7 +297,10 @@ class Configuration(Settings):
     learning: NewStart[Learning | None] = Field(
         default=None, description="Learn from part to part what of the path error repeats, and play it; null: neither."
     )
-    arm_on_start: NewStart[Flag] = Field(default=False, description="Arm as soon as READY; for simulated drivers only.")
+    arm_on_start: NewStart[Flag] = Field(
+        default=False,
+        description="Arm by itself, once, when READY or within `start.arm_within_s` of it; simulated drivers only.",
+    )
     simulation: NewStart[Simulation | None] = Field(
         default=None,
         description="The plant behind the devices that `micromanip simulate-device` plays; besides `driver` "

@@ -7,6 +7,7 @@ from pathlib import Path
 import can
 import cantools
 import pytest
+from micromanip_drivers.canbus.database import Database
 from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 from pydantic import ValidationError
 
@@ -270,8 +271,8 @@ def test_extended_identifiers_are_kept_apart(folder, peer):
     ("text", "words"),
     [
         (None, "database: .*broken.dbc can't be read: No such file"),
-        ("BO_ 1 Plain 8 A\n", "database: .*broken.dbc is not a DBC file: Invalid syntax at line 1, column 13"),
-        (DBC.replace("16|8@1-", "8|8@1-"), "database: .*broken.dbc.*overlapping in message Plain"),
+        ("BO_ 1 Plain 8 A\n", r"database: .*broken.dbc:1: it is not a DBC file: Invalid syntax at line 1, column 13"),
+        (DBC.replace("16|8@1-", "8|8@1-"), r"database: .*broken.dbc:\d+: .*overlapping in message Plain"),
     ],
 )
 def test_a_file_that_can_not_be_used(tmp_path, text, words):
@@ -279,6 +280,33 @@ def test_a_file_that_can_not_be_used(tmp_path, text, words):
         (tmp_path / "broken.dbc").write_text(text)
     with pytest.raises(ConfigError, match=words):
         CanBus(options("broken.dbc"), tmp_path)
+
+
+FOREIGN = DBC + 'CM_ "Dehnungsmeßstreifen, µm";\n'
+
+
+@pytest.mark.parametrize(
+    "saved",
+    [
+        FOREIGN.encode("utf-8"),
+        FOREIGN.encode("utf-8-sig"),
+        FOREIGN.encode("utf-16"),
+        FOREIGN.encode("cp1252"),
+        FOREIGN.replace("\n", "\r\n").encode("cp1252") + b"\x1a",
+        cantools.database.load_string(FOREIGN, "dbc").as_dbc_string().encode("cp1252"),
+    ],
+    ids=["utf-8", "bom", "utf-16", "windows", "dos", "cantools"],
+)
+def test_a_file_as_another_program_saves_it(tmp_path, saved):
+    def messages():
+        found = Database(tmp_path / "any.dbc").by_identifier()
+        return {key: (m.name, m.length, [(s.name, s.start, s.scale) for s in m.signals]) for key, m in found.items()}
+
+    (tmp_path / "any.dbc").write_text(DBC)
+    plain = messages()
+    assert plain
+    (tmp_path / "any.dbc").write_bytes(saved)
+    assert messages() == plain
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,10 @@ import shutil
 import canopen
 import pytest
 import yaml
-from canopen.objectdictionary import import_od
+from canopen.objectdictionary import ODVariable, import_od
 from micromanip_drivers.canbus.plan import PackPlan, UnpackPlan
 from micromanip_drivers.canopen import options as module
+from micromanip_drivers.canopen.dictionary import Dictionary
 from micromanip_drivers.canopen.driver import CanOpen
 from pydantic import ValidationError
 
@@ -126,12 +127,72 @@ def test_files_that_are_no_eds(folder):
     missing = r"^nodes\.sensor\.eds: EDS file .*nothing\.eds can't be read: No such file"
     refused(missing, nodes__sensor__eds="can/nothing.eds")
     refused(r"sensor\.txt: a file of CANopen objects ends in \.eds", nodes__sensor__eds="can/sensor.txt")
-    for text in ("no ini file", "[DeviceInfo]\n", "[1000]\nObjectType=0x7\n", "[1000\n", "[1A00]\nParameterName\n"):
+    for text in ("no ini file", "[DeviceInfo]\n", "[1000\n"):
         (folder / "can/broken.eds").write_text(text)
-        broken = r"^nodes\.sensor\.eds: .*broken\.eds is not a valid EDS file: "
+        broken = r"^nodes\.sensor\.eds: .*broken\.eds is not a valid EDS file: it describes no objects"
         refused(broken, folder, nodes__sensor__eds="can/broken.eds")
     (folder / "can/broken.eds").write_bytes(bytes(range(128, 256)))
     refused("is not a valid EDS file", folder, nodes__sensor__eds="can/broken.eds")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "written", "line", "said"),
+    [
+        (r"\Z", "[2100]\nParameterName\n", 706, "'ParameterName' in [2100] is no KEY=VALUE"),
+        (r"\Z", "[1000]\n", 705, "[1000] is there already, in line 74"),
+        (r"\Z", "[2100]\nObjectType=0x7\n", 705, "[2100] has no ParameterName"),
+        (r"\Z", "[2100Sub1]\nParameterName=a\n", 705, "[2100sub1] belongs to [2100], which is not there"),
+        (r"AccessType=ro\n", "", 74, "[1000] has no AccessType"),
+        (r"DataType=0x0007\n", "DataType=0xUNSIGNED\n", 77, "DataType '0xUNSIGNED' in [1000] is no number"),
+        (r"DataType=0x0007\n", "DataType=7\ndatatype=7\n", 78, "DataType is in [1000] twice"),
+    ],
+)
+def test_what_is_wrong_in_an_eds_is_told_with_its_line(tmp_path, pattern, written, line, said):
+    file = tmp_path / "sensor.eds"
+    file.write_text(re.sub(pattern, written, (EDS / "sensor.eds").read_text(), count=1))
+    with pytest.raises(ConfigError, match=re.escape(f"{file}:{line}: {said}")):
+        Dictionary(file, 5)
+
+
+def of_other_programs(text):
+    """The file of the example as other programs would have saved it."""
+    for keys in (str.lower, str.upper):
+        yield re.sub(r"(?m)^\w+=", lambda key, to=keys: to(key[0]), text).encode()
+    for sections in (str.lower, str.upper):
+        yield re.sub(r"(?m)^\[.*\]", lambda head, to=sections: to(head[0]), text).encode()
+    yield re.sub(r"(?m)^(\w+)=(.*)$", r"  \1 = \2  ; note", text).encode()
+    yield (text.replace("\n", "\r\n") + "\x1a").encode("utf-8-sig")
+    yield text.encode("utf-16")
+    yield text.replace("VendorName=micromanip", "VendorName=Müller Meßtechnik").encode("latin-1")
+    yield re.sub(r"DataType=0x(\w+)", lambda t: f"DataType={int(t[1], 16):04d}", text).encode()
+    yield text.replace("0x", "0X").replace("VendorNumber=0XFFFF0001", "VendorNumber=").encode()
+    yield re.sub(r"Dummy000\d=.*\n", "", text).encode() + b"[Comments]\nLines=3\nLine1=two are missing\n"
+
+
+@pytest.mark.parametrize("program", range(11))
+def test_an_eds_of_another_program_says_the_same(tmp_path, program):
+    def objects(data):
+        (tmp_path / "sensor.eds").write_bytes(data)
+        found = Dictionary(tmp_path / "sensor.eds", 5).objects
+        return [
+            (v.index, v.subindex, v.name, v.data_type, v.access_type, v.pdo_mappable, v.default)
+            for entry in found.values()
+            for v in ([entry] if isinstance(entry, ODVariable) else entry.subindices.values())
+            if v.index >= 0x1000
+        ]
+
+    text = (EDS / "sensor.eds").read_text()
+    same = objects(text.encode())
+    assert len(same) > 60
+    assert objects(list(of_other_programs(text))[program]) == same
+
+
+def test_a_domain_may_leave_out_what_all_domains_are(tmp_path):
+    """CiA 306: an object of the kind DOMAIN is of that type too, and may be read and written."""
+    text = (EDS / "sensor.eds").read_text() + "\n[2100]\nParameterName=Program\nObjectType=0x2\n"
+    (tmp_path / "sensor.eds").write_text(text)
+    variable = Dictionary(tmp_path / "sensor.eds", 5).variable(0x2100)
+    assert (variable.data_type, variable.access_type) == (0xF, "rw")
 
 
 def test_objects_that_are_missing_or_too_many(folder):

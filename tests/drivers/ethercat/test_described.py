@@ -35,7 +35,7 @@ def test_the_example_agrees_with_the_sample(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "at", "said"),
     [
-        ("product: 0x1004\n", "product: 0x1009\n", "product: 0x1009", "there is no device 0x4d4d:0x1009"),
+        ("product: 0x1004\n", "product: 0x1009\n", "product: 0x1009", "there is no device 0x1009 in "),
         ("revision: 1\n", "revision: 2\n", "revision: 2", "0x2, but the file has 0x1"),
         ("pdo: 0x1601", "pdo: 0x1602", "pdo: 0x1602", "there is no PDO 0x1602 among its outputs: 0x1600, 0x1601"),
         (
@@ -96,6 +96,17 @@ def test_a_pdo_that_may_be_mapped_need_not_be_mapped_whole(tmp_path):
         ((key, what, _),) = differences(some, of_tracker(tmp_path, change))
         assert key == "inputs.deviation.fields"
         assert "missing behind is 0x6001:01" in what
+
+
+def test_a_file_without_a_revision_is_about_all_of_them(tmp_path):
+    prepare(with_files(tmp_path, sample=SAMPLE.read_text().replace(' RevisionNo="#x00000001"', "")))
+
+
+def test_a_terminal_with_slots_has_pdos_that_its_file_has_not(tmp_path):
+    device = of_tracker(tmp_path, ("<Mailbox>", "<Slots/><Mailbox>"))
+    ((key, what, _),) = differences(terminal(inputs={"more": {"pdo": 0x1A10, "fields": COUNT}}), device)
+    assert key == "inputs.more.pdo"
+    assert what.endswith("it has slots, and PDOs of their modules are not read: leave esi out")
 
 
 def test_what_else_a_terminal_has_not(tmp_path):

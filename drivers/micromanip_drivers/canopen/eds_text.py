@@ -1,0 +1,141 @@
+"""An EDS file as programs write them, brought into the form that canopen reads; what is wrong in it, with its line.
+
+Makers write sections and keys in any case, indent them, save them by DOS, Windows or with a byte-order mark, and leave
+empty what they do not use. canopen would refuse some of that and, worse, leave objects out in silence. Sections that do
+not describe objects are left out here: nothing of them is used.
+"""
+
+from __future__ import annotations
+
+import codecs
+import io
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from micromanip.driver import ConfigError
+
+_SECTION = re.compile(r"\[\s*([^\]]*?)\s*\]")
+_OBJECT = re.compile(r"([0-9a-f]{1,4})(?:(sub)([0-9a-f]{1,2})|(name))?", re.IGNORECASE)
+_DUMMIES = "DummyUsage"
+_KEYS = {
+    name.lower(): name
+    for name in (
+        *("ParameterName", "ObjectType", "DataType", "AccessType", "PDOMapping", "CompactSubObj", "StorageLocation"),
+        *("LowLimit", "HighLimit", "DefaultValue", "ParameterValue", "Factor", "Description", "Unit", "NrOfEntries"),
+        *(f"Dummy{number:04d}" for number in range(1, 8)),
+    )
+}
+_NUMBERS = (
+    "ObjectType",
+    "DataType",
+    "PDOMapping",
+    "CompactSubObj",
+    "NrOfEntries",
+    *map("Dummy{:04d}".format, range(1, 8)),
+)
+_VARIABLE, _DOMAIN, _WITH_SUBS = 7, 2, (8, 9)
+_BYTE_ORDER_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+
+
+@dataclass
+class _Section:
+    """A section by canopen's name for it, with its line; values by canopen's names of the keys."""
+
+    name: str
+    line: int
+    values: dict[str, str] = field(default_factory=dict)
+
+
+def objects_of(file: Path) -> io.StringIO:
+    """The sections of `file` that describe objects, each object before its parts, for ``canopen.import_od``.
+
+    Raises ConfigError, as ``file:line: what``, for what is there twice, is missing or no number; OSError.
+    """
+    sections = _sections(file, _decoded(file.read_bytes()))
+    for section in sections.values():
+        _complete(file, section, sections)
+    text = io.StringIO("[DeviceInfo]\n")  # which canopen would miss
+    text.seek(0, io.SEEK_END)
+    for section in sorted(sections.values(), key=lambda each: len(each.name) > len("1000")):
+        text.write(f"[{section.name}]\n" + "".join(f"{key}={value}\n" for key, value in section.values.items()))
+    text.seek(0)
+    text.name = file.name
+    return text
+
+
+def _decoded(data: bytes) -> str:
+    """In the encoding that its mark names, else UTF-8, else Latin-1, which takes any text."""
+    marked = next((name for mark, name in _BYTE_ORDER_MARKS if data.startswith(mark)), None)
+    try:
+        return data.decode(marked or "utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _sections(file: Path, text: str) -> dict[str, _Section]:
+    sections: dict[str, _Section] = {}
+    section: _Section | None = None
+    for line, said in enumerate(text.rstrip("\x1a\0").splitlines(), 1):
+        stripped = re.sub(r"(^|\s);.*", "", said).strip()
+        if not stripped or stripped.startswith("#"):
+            continue
+        if head := _SECTION.fullmatch(stripped):
+            section = None
+            if (name := _named(head[1])) is not None:
+                if name in sections:
+                    raise ConfigError(f"{file}:{line}: [{name}] is there already, in line {sections[name].line}")
+                section = sections[name] = _Section(name, line)
+        elif section is not None:
+            _take(file, line, section, stripped)
+    return sections
+
+
+def _named(said: str) -> str | None:
+    """A section that is used, as canopen calls it; None for any other."""
+    if said.lower() == _DUMMIES.lower():
+        return _DUMMIES
+    if (found := _OBJECT.fullmatch(said)) is None:
+        return None
+    index, sub, subindex, name = found.groups()
+    return index.upper() + (f"sub{subindex.upper()}" if sub else "Name" if name else "")
+
+
+def _take(file: Path, line: int, section: _Section, said: str) -> None:
+    key, equals, value = (part.strip() for part in said.partition("="))
+    if not equals or not key:
+        raise ConfigError(f"{file}:{line}: {said[:40]!r} in [{section.name}] is no KEY=VALUE")
+    key = _KEYS.get(key.lower(), key)
+    if key in section.values:
+        raise ConfigError(f"{file}:{line}: {key} is in [{section.name}] twice")
+    if key in _NUMBERS:
+        if not value:
+            return
+        try:
+            value = str(int(value, 10 if value.isdigit() else 0))  # leading zeros do no harm
+        except ValueError:
+            raise ConfigError(f"{file}:{line}: {key} {value[:40]!r} in [{section.name}] is no number") from None
+    section.values[key] = value
+
+
+def _complete(file: Path, section: _Section, sections: dict[str, _Section]) -> None:
+    """Put in what may be left out (CiA 306), and refuse where more is."""
+    name, values = section.name, section.values
+    if name == _DUMMIES:
+        values.update({f"Dummy{n:04d}": values.get(f"Dummy{n:04d}", "0") for n in range(1, 8)})
+        return
+    index = name.partition("sub")[0].removesuffix("Name")
+    if len(index) != len("1000"):  # a type of some editor's own
+        return
+    if index not in sections:
+        raise ConfigError(f"{file}:{section.line}: [{name}] belongs to [{index}], which is not there")
+    wanted = ["NrOfEntries"] if name.endswith("Name") else ["ParameterName"]
+    kind = int(values.get("ObjectType", _VARIABLE))
+    if kind == _DOMAIN:
+        values.setdefault("DataType", str(0xF))
+        values.setdefault("AccessType", "rw")
+    if not name.endswith("Name") and (kind not in _WITH_SUBS or "CompactSubObj" in values):
+        wanted += ["DataType", "AccessType"]
+    for key in wanted:
+        if not values.get(key):
+            raise ConfigError(f"{file}:{section.line}: [{name}] has no {key}")

@@ -6,6 +6,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.place import Finding
 from micromanip.settings.wiring.places import Wiring
 
+from .ages import age_warnings
 from .commissioned import changes_since
 from .feedback import feedback_warnings
 from .reach import reach_warnings
@@ -17,4 +18,5 @@ def advice(configuration: Configuration, wiring: Wiring) -> list[Finding]:
         *changes_since(configuration.axes),
         *feedback_warnings(configuration, wiring),
         *reach_warnings(configuration),
+        *age_warnings(configuration),
     ]

@@ -131,10 +131,9 @@ class Daemon:
                 self._say(f"WARNING: {NO_NICE}")
             async with self._workers:
                 refuse_real(self._prepared)
-                warnings = await asyncio.to_thread(
-                    lambda: self._prepared.warnings
-                )  # the loop process imports meanwhile
-                await self._snapshot.keep(self._prepared.source)  # before the loop looks for signs of life
+                # while the loop process imports, and before it looks for signs of life
+                warnings = await asyncio.to_thread(lambda: self._prepared.warnings)
+                await self._snapshot.keep(self._prepared.source)
                 await self._controller.start(ready=False, say=self._say)
                 return await self._supervise(warnings)
         finally:

@@ -22,9 +22,7 @@ def command(config: Path, as_json: bool) -> None:
     from micromanip.design.learning.usable import memory_warnings
     from micromanip.host.learning.folder import memory_folder
     from micromanip.settings.check import prepare
-    from micromanip.settings.commissioned import changes_since
-    from micromanip.settings.feedback import feedback_warnings, strain_loops
-    from micromanip.settings.reach import reach_warnings
+    from micromanip.settings.feedback import strain_loops
     from micromanip.settings.wiring.buses import budget as bus_budget
     from micromanip.virtual.cycle_budget import measure
 
@@ -32,9 +30,8 @@ def command(config: Path, as_json: bool) -> None:
     configuration, wiring = prepared.configuration, prepared.wiring
     budget = measure(prepared) if wiring.virtual else None
     loop = configuration.loop
-    warnings = [*prepared.source.notes, *changes_since(configuration.axes), *feedback_warnings(configuration, wiring)]
-    warnings += reach_warnings(configuration)
-    if configuration.learning is not None:
+    warnings = prepared.warnings
+    if configuration.learning is not None:  # of a cell that runs, the learning process tells it
         warnings += memory_warnings(configuration, memory_folder(configuration.learning, prepared.source.path))
     report: dict[str, Any] = {
         "ok": True,

@@ -49,7 +49,7 @@ def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_jso
         "recorded_limits": [met._asdict() for met in found.recorded_limits],
         "stopped_s": found.stopped_s,
         "stops_share": found.stops,
-        "notes": [f"{file}: {change}" for change in changes_since(recorded.axes)],
+        "notes": [f"{file}: {change}" for _, change in changes_since(recorded.axes)],
     }
     print_answer(document, _show, as_json)
     sys.exit(0 if found.stopped_s is None else 1)

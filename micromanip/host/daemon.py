@@ -26,8 +26,6 @@ from micromanip.replies import Status
 from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import Prepared, refuse_real
-from micromanip.settings.commissioned import changes_since
-from micromanip.settings.reach import reach_warnings
 from micromanip.settings.schema.faults import LOOP_STUCK_S
 from micromanip.settings.text.source import Source
 
@@ -142,19 +140,20 @@ class Daemon:
                 self._say(f"WARNING: {NO_NICE}")
             async with self._workers:
                 refuse_real(self._prepared)
-                await self._snapshot.keep(self._prepared.source)  # before the loop looks for signs of life
+                # while the loop process imports, and before it looks for signs of life
+                warnings = await asyncio.to_thread(lambda: self._prepared.warnings)
+                await self._snapshot.keep(self._prepared.source)
                 await self._controller.start(ready=False, say=self._say)
-                return await self._supervise()
+                return await self._supervise(warnings)
         finally:
             control_socket.close()
             await self._snapshot.settle()
             await self._trail.close()
 
-    async def _supervise(self) -> Report:
+    async def _supervise(self, warnings: list[str]) -> Report:
         rights = missing_rights(int(self._controller.words[w.RIGHTS]))
-        notes, configuration = self._prepared.source.notes, self._prepared.configuration
-        for advice in (*rights, *notes, *changes_since(configuration.axes), *reach_warnings(configuration)):
-            self._say(f"WARNING: {advice}")
+        for warning in (*rights, *warnings):
+            self._say(f"WARNING: {warning}")
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
         helpers.append(asyncio.create_task(self._verbs.follow_trials()))

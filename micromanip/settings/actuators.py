@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from micromanip.rt.laws.estimator import INPUT_HISTORY
 from micromanip.settings.schema.model import Configuration
-
-Finding = tuple[tuple[str | int, ...], str]
+from micromanip.settings.text.place import Finding
 
 _FASTEST = 0.45
 """Highest frequency of a filter as a share of the rate: beyond, no sample shows its upper half."""

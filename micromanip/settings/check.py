@@ -1,24 +1,25 @@
-"""What no section can know alone: names that must match, set-points that must be reachable, safety rules."""
+"""What no section can know alone: names that must match, stability, safety rules."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.outer_gains import dc_gain, outer_gains
+from micromanip.control.outer_gains import outer_gains
 from micromanip.control.predictor import tracker_gain
 from micromanip.control.tooth import followed_radius
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.compile.reference import load_samples
-from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.text.place import Finding
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.buses import bus_findings, enabling_findings, rest_findings
 from micromanip.settings.wiring.places import Wiring, driver_options, wire
@@ -26,15 +27,16 @@ from micromanip.settings.wiring.simulated import simulated_findings
 from micromanip.settings.wiring.simulation import build_plant
 
 from .actuators import actuator_findings
+from .advice import advice
 from .couplings import coupling_findings
 from .feedback import feedback_findings
 from .load import validate_document
 from .names import name_findings
+from .reach import reach_findings
 
 _NO_SOLUTION = (np.linalg.LinAlgError, ValueError, FloatingPointError)
 _LATE_PERIODS = 5
 """A loop may be late by so many periods without losing its outputs."""
-Finding = tuple[tuple[str | int, ...], str]
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,20 @@ class Prepared:
     wiring: Wiring
     parameters: NDArray[Any]
     samples: NDArray[np.float64]
+
+    @cached_property
+    def advice(self) -> list[Finding]:
+        """What is told of it, each at its key; takes some 50 ms where strain loops are closed."""
+        return advice(self.configuration, self.wiring)
+
+    @property
+    def warnings(self) -> list[str]:
+        """A line each: older names in the file first, then the advice."""
+        return [*self.source.notes, *self.source.sentences(self.advice)]
+
+    def warnings_since(self, before: Prepared) -> list[str]:
+        """The same without the advice that holds of `before`, too."""
+        return [*self.source.notes, *self.source.sentences(each for each in self.advice if each not in before.advice)]
 
 
 def prepare(file: Path, seed: int | None = None) -> Prepared:
@@ -88,7 +104,7 @@ def validate(source: Source) -> Configuration:
         source,
         [
             *name_findings(configuration),
-            *_reach(configuration),
+            *reach_findings(configuration),
             *_machine(configuration),
             *_learning(configuration),
             *actuator_findings(configuration),
@@ -142,66 +158,6 @@ def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Findin
 def _refuse(source: Source, findings: list[Finding]) -> None:
     if findings:
         raise source.errors(findings)
-
-
-def excursion(reference: Reference) -> tuple[float, float]:
-    """Lowest and highest value the reference can take."""
-    if isinstance(reference, Tracker):
-        return reference.range_um
-    if isinstance(reference, Jog):
-        return reference.range_um
-    if isinstance(reference, Step):
-        ends = (reference.offset_um, reference.offset_um + reference.step_um)
-        return min(ends), max(ends)
-    if isinstance(reference, Sines):
-        reach = sum(abs(sine.amplitude_um) for sine in reference.sines)
-        return reference.offset_um - reach, reference.offset_um + reach
-    return (reference.offset_um, reference.offset_um) if isinstance(reference, Hold) else (0.0, 0.0)
-
-
-def _reach(configuration: Configuration) -> Iterator[Finding]:
-    low, high = excursion(configuration.reference)
-    for name, axis in configuration.axes.items():
-        reachable, unit = axis.setpoint.range_um, "um"
-        if not isinstance(axis.hysteresis, NoModel) and axis.mode != "voltage":
-            least, most = axis.hysteresis.range_um
-            if least > reachable[0] or most < reachable[1]:
-                yield (
-                    ("axes", name, "setpoint", "range_um"),
-                    f"{list(reachable)} um goes beyond the hysteresis model's range_um {[least, most]}",
-                )
-            if isinstance(axis.hysteresis, PrandtlIshlinskii):
-                lowest, highest = attainable_um(axis.hysteresis)
-                if least < lowest or most > highest:
-                    yield (
-                        ("axes", name, "hysteresis", "range_um"),
-                        f"{[least, most]} um is more than the tanh shaping can reach: {lowest:.4g} to {highest:.4g} um",
-                    )
-        wanted = low, high
-        if axis.mode == "stage":
-            gain = dc_gain(axis.outer)
-            if not (np.isfinite(gain) and gain):
-                yield (
-                    ("axes", name, "outer", "model"),
-                    f"its steady gain is {gain:g}; the stage must follow the set-point",
-                )
-                continue
-            wanted = axis.centre_um + low / gain, axis.centre_um + high / gain
-        elif isinstance(configuration.reference, Tracker):
-            wanted = axis.centre_um + low, axis.centre_um + high
-        if axis.mode == "voltage":
-            output = configuration.outputs.get(f"voltage_{name}")
-            reachable, unit = (output.range_V if output else (-np.inf, np.inf)), "V"
-        if isinstance(configuration.reference, File) or (
-            isinstance(configuration.reference, Tracker) and axis.mode == "stage"
-        ):
-            continue  # `reach_warnings` says of a tracker how far it is followed
-        if wanted[0] < reachable[0] - 1e-9 or wanted[1] > reachable[1] + 1e-9:
-            yield (
-                ("reference",),
-                f"axis {name} can't reach it: the reference asks for {wanted[0]:.4g}..{wanted[1]:.4g} {unit} "
-                f"of the actuator, its range is {reachable[0]:.4g}..{reachable[1]:.4g} {unit}",
-            )
 
 
 def _machine(configuration: Configuration) -> Iterator[Finding]:

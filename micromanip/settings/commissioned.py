@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from micromanip.settings.schema.axis import HASH_DIGITS, Axis
 from micromanip.settings.text.digits import rounded
+from micromanip.settings.text.place import Finding
 from micromanip.settings.text.renames import first_names
 
 
@@ -24,17 +25,18 @@ def tuning_hash(axis: Axis) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 
 
-def changes_since(axes: Mapping[str, Axis]) -> list[str]:
-    """A sentence for each axis whose tuning is not the one that its report is about.
+def changes_since(axes: Mapping[str, Axis]) -> Iterator[Finding]:
+    """Each axis whose tuning is not the one that its report is about.
 
     A report is about both loops, so it stays that of its axis in any mode.
     """
-    return [
-        f"axis {name} was changed after it was commissioned (report {axis.commissioned.report}, "
-        f"{axis.commissioned.date}): commission it again, or remove the section commissioned"
-        for name, axis in axes.items()
-        if axis.commissioned is not None and axis.commissioned.hash not in _hashes(axis)
-    ]
+    for name, axis in axes.items():
+        if axis.commissioned is not None and axis.commissioned.hash not in _hashes(axis):
+            yield (
+                ("axes", name, "commissioned"),
+                f"axis {name} was changed after it was commissioned (report {axis.commissioned.report}, "
+                f"{axis.commissioned.date}): commission it again, or remove the section commissioned",
+            )
 
 
 def _hashes(axis: Axis) -> set[str]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from micromanip.settings.schema.model import Configuration
-
-Finding = tuple[tuple[str | int, ...], str]
+from micromanip.settings.text.place import Finding
 
 
 def coupling_findings(configuration: Configuration) -> Iterator[Finding]:

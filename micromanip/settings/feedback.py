@@ -29,10 +29,9 @@ from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.axis import Axis, Inner
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.place import Finding
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_timing, sensor_timing, signal_timing
-
-Finding = tuple[tuple[str | int, ...], str]
 
 LEAST_DEG, RESERVE_DEG = 20.0, 30.0
 """A strain loop with less phase margin is refused; told of below the second."""
@@ -143,24 +142,23 @@ def _impossible(configuration: Configuration, wiring: Wiring) -> Iterator[Findin
             yield ("axes", name, "inner"), f"{problem} ({_shown(strain)})"
 
 
-def feedback_warnings(configuration: Configuration, wiring: Wiring) -> list[str]:
+def feedback_warnings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
     """What works, but not well."""
-    told = []
     for loop in strain_loops(configuration, wiring):
         if LEAST_DEG <= loop.phase_deg < RESERVE_DEG:
-            told.append(
-                f"axes.{loop.axis}.inner: the strain loop has only {loop.phase_deg:.0f} deg of phase margin at "
+            yield (
+                ("axes", loop.axis, "inner"),
+                f"the strain loop has only {loop.phase_deg:.0f} deg of phase margin at "
                 f"{loop.crossover_Hz:.0f} Hz over {loop.path}, {1e3 * loop.path_s:.2g} ms; K_V_per_um: "
-                f"{fitting_gain(configuration, wiring, loop.axis):.2g} would leave {RESERVE_DEG:g}"
+                f"{fitting_gain(configuration, wiring, loop.axis):.2g} would leave {RESERVE_DEG:g}",
             )
         band_Hz = configuration.axes[loop.axis].faults.oscillation.band_Hz
         if loop.swing_Hz < band_Hz[0]:
-            told.append(
-                f"axes.{loop.axis}.faults.oscillation.band_Hz: over {loop.path} the strain loop would swing near "
-                f"{loop.swing_Hz:.0f} Hz, below {list(band_Hz)}; "
-                f"[{0.5 * loop.swing_Hz:.0f}, {2 * loop.swing_Hz:.0f}] sees it"
+            yield (
+                ("axes", loop.axis, "faults", "oscillation", "band_Hz"),
+                f"over {loop.path} the strain loop would swing near {loop.swing_Hz:.0f} Hz, below {list(band_Hz)}; "
+                f"[{0.5 * loop.swing_Hz:.0f}, {2 * loop.swing_Hz:.0f}] sees it",
             )
-    return told
 
 
 def fitting_gain(configuration: Configuration, wiring: Wiring, name: str) -> float:

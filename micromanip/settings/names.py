@@ -8,13 +8,13 @@ from micromanip.errors import nearest
 from micromanip.settings.schema.frame import PREFIX
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog, Tracker
+from micromanip.settings.text.place import Finding
 
 _ROLES = (
     *("strain", "stage", "deviation", "acceleration", "true_strain", "true_stage", "path_error", "uncompensated"),
     *("amplifier_ok", "temperature_ok"),
 )
 _LINES = ("enable", "interlock", "retracted", "part", "tool", "temperature")
-Finding = tuple[tuple[str | int, ...], str]
 
 
 def name_findings(configuration: Configuration) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""How far a stage goes, and what of a tracker's range it can't follow: told, not refused.
+"""What a set-point can reach: a reference that asks for more is refused, the range of a tracker is told of.
 
 The range of a tracker says which deviations are believed. One that is believed and out of reach is followed to the end
 of the set-point's range and back from there; were it refused, the path would be lost instead (X-301).
@@ -6,27 +6,73 @@ of the set-point's range and back from there; were it refused, the path would be
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import numpy as np
+
 from micromanip.control.outer_gains import dc_gain
 from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.hysteresis import NoModel, PrandtlIshlinskii, attainable_um
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from micromanip.settings.text.place import Finding
 
 _WORTH = 1.1
 """How much more must be reached on the nearer side before another working point is advised."""
 
 
-def stage_reach_um(axis: Axis, centre_um: float | None = None) -> tuple[float, float]:
-    """Lowest and highest stage position (um) by the model of `axis`, without force; another `centre_um` on request."""
-    gain, centre_um = dc_gain(axis.outer), axis.centre_um if centre_um is None else centre_um
-    low, high = sorted((end - centre_um) * gain for end in axis.setpoint.range_um)
-    return low, high
+def reach_findings(configuration: Configuration) -> Iterator[Finding]:
+    """Set-points beyond the hysteresis model, models beyond themselves, and a reference that no set-point gives."""
+    reference = configuration.reference
+    low, high = _excursion(reference)
+    for name, axis in configuration.axes.items():
+        reachable, unit = axis.setpoint.range_um, "um"
+        if not isinstance(axis.hysteresis, NoModel) and axis.mode != "voltage":
+            least, most = axis.hysteresis.range_um
+            if least > reachable[0] or most < reachable[1]:
+                yield (
+                    ("axes", name, "setpoint", "range_um"),
+                    f"{list(reachable)} um goes beyond the hysteresis model's range_um {[least, most]}",
+                )
+            if isinstance(axis.hysteresis, PrandtlIshlinskii):
+                lowest, highest = attainable_um(axis.hysteresis)
+                if least < lowest or most > highest:
+                    yield (
+                        ("axes", name, "hysteresis", "range_um"),
+                        f"{[least, most]} um is more than the tanh shaping can reach: {lowest:.4g} to {highest:.4g} um",
+                    )
+        wanted = low, high
+        if axis.mode == "stage":
+            gain = dc_gain(axis.outer)
+            if not (np.isfinite(gain) and gain):
+                yield (
+                    ("axes", name, "outer", "model"),
+                    f"its steady gain is {gain:g}; the stage must follow the set-point",
+                )
+                continue
+            if isinstance(reference, Tracker):
+                continue  # `reach_warnings`
+            wanted = axis.centre_um + low / gain, axis.centre_um + high / gain
+        elif isinstance(reference, Tracker):
+            wanted = axis.centre_um + low, axis.centre_um + high
+        if axis.mode == "voltage":
+            output = configuration.outputs.get(f"voltage_{name}")
+            reachable, unit = (output.range_V if output else (-np.inf, np.inf)), "V"
+        if isinstance(reference, File):
+            continue
+        if wanted[0] < reachable[0] - 1e-9 or wanted[1] > reachable[1] + 1e-9:
+            yield (
+                ("reference",),
+                f"axis {name} can't reach it: the reference asks for {wanted[0]:.4g}..{wanted[1]:.4g} {unit} "
+                f"of the actuator, its range is {reachable[0]:.4g}..{reachable[1]:.4g} {unit}",
+            )
 
 
-def reach_warnings(configuration: Configuration) -> list[str]:
-    """A sentence for each axis in mode stage that reaches less than the tracker may ask for."""
-    reference, told = configuration.reference, []
+def reach_warnings(configuration: Configuration) -> Iterator[Finding]:
+    """Each axis in mode stage that reaches less than the tracker may ask for."""
+    reference = configuration.reference
     if not isinstance(reference, Tracker):
-        return []
+        return
     for name, axis in configuration.axes.items():
         if axis.mode != "stage":
             continue
@@ -41,9 +87,31 @@ def reach_warnings(configuration: Configuration) -> list[str]:
                 f"; with centre_um at the middle of its set-points, {middle_um:.3g} um, it would reach {lowest:.0f} to "
                 f"{highest:.0f} um"
             )
-        told.append(
+        yield (
+            ("axes", name, "setpoint", "range_um"),
             f"axis {name} reaches {low:.0f} to {high:.0f} um by its model, without force, of the "
             f"{reference.range_um[0]:g} to {reference.range_um[1]:g} um of reference.range_um: beyond, its set-point "
-            f"stays at its end and the rest of the deviation is left{advice}"
+            f"stays at its end and the rest of the deviation is left{advice}",
         )
-    return told
+
+
+def stage_reach_um(axis: Axis, centre_um: float | None = None) -> tuple[float, float]:
+    """Lowest and highest stage position (um) by the model of `axis`, without force; another `centre_um` on request."""
+    gain, centre_um = dc_gain(axis.outer), axis.centre_um if centre_um is None else centre_um
+    low, high = sorted((end - centre_um) * gain for end in axis.setpoint.range_um)
+    return low, high
+
+
+def _excursion(reference: Reference) -> tuple[float, float]:
+    """Lowest and highest value the reference can take."""
+    if isinstance(reference, Tracker):
+        return reference.range_um
+    if isinstance(reference, Jog):
+        return reference.range_um
+    if isinstance(reference, Step):
+        ends = (reference.offset_um, reference.offset_um + reference.step_um)
+        return min(ends), max(ends)
+    if isinstance(reference, Sines):
+        reach = sum(abs(sine.amplitude_um) for sine in reference.sines)
+        return reference.offset_um - reach, reference.offset_um + reach
+    return (reference.offset_um, reference.offset_um) if isinstance(reference, Hold) else (0.0, 0.0)

@@ -49,7 +49,7 @@ def test_only_the_named_axis_is_changed_and_comments_stay(commissioned):
     y = tuned.axes["y"]
     (run,) = (commissioned.folder / "out").glob("[0-9]*-y")  # whatever is commissioned into the same folder later
     assert commissioned.folder / "out" / y.commissioned.report == run / "report.html"
-    assert changes_since(tuned.axes) == []
+    assert list(changes_since(tuned.axes)) == []
     assert y.outer is not None
     assert y.hysteresis_affine is not None
 

@@ -11,8 +11,20 @@ from micromanip.host.learning.keeper import LearningKeeper
 from micromanip.host.parameter_buffers import ParameterBuffers
 from micromanip.host.shared_memory import CONTROL, STATUS, Segments
 from micromanip.rt import mailbox as w
+from micromanip.rt.faults import note
 from micromanip.rt.laws.learned import FINISHED, PATH_LEFT, PLAYS
-from micromanip.rt.states import FOLLOWING_ERROR, REFERENCE_LOST, TRACKING
+from micromanip.rt.states import (
+    COASTING,
+    DRIVER_ERROR,
+    FOLLOWING_ERROR,
+    INTERLOCK_OPEN,
+    RAMPS,
+    REFERENCE_LOST,
+    SATURATED,
+    STRAIN_INVALID,
+    TRACKING,
+    WARN,
+)
 from micromanip.settings.check import prepare
 from micromanip.settings.commissioned import tuning_hash
 from tools.running_controller import simulated
@@ -217,6 +229,15 @@ def test_what_ends_early_is_told_once_for_all_axes_and_its_refusal_is_only_noted
     assert [each["key"] for each in kept.noted] == ["learning.y", "learning.z", "learning.y", "learning.x"]
 
 
+def faulted(loop, cycle, *faults):
+    """The first of `faults`, each a code and an axis, is latched."""
+    cell = loop.status["state"][0]
+    cell["fault"], cell["fault_axis"], cell["fault_cycle"] = *faults[0], cycle
+    for code, axis in faults:
+        note(cell, code, axis, 1.0, 0.5, RAMPS)
+        cell["event"]["cycle"][(cell["events"] - 1) % len(cell["event"])] = cycle
+
+
 def drops(kept, loop):
     asyncio.run(kept._drop_faulty(["x", "y", "z"], loop.status["state"][0]))
 
@@ -224,11 +245,10 @@ def drops(kept, loop):
 def test_what_was_learned_before_a_fault_of_the_axis_is_not_played_any_more_and_said_once(kept, loop):
     hear(kept, loop, shown(kept, loop, 0.1))
     look(kept, loop)
-    cell = loop.status["state"][0]
-    cell["fault"], cell["fault_axis"], cell["fault_cycle"] = REFERENCE_LOST, 1, 900
+    faulted(loop, 900, (REFERENCE_LOST, 1))
     drops(kept, loop)
     assert not kept.said, "the tracker's beam is not the axis"
-    cell["fault"], cell["fault_cycle"] = FOLLOWING_ERROR, 1000
+    faulted(loop, 1000, (FOLLOWING_ERROR, 1))
     for _ in range(3):
         drops(kept, loop)
     look(kept, loop)
@@ -250,6 +270,23 @@ def test_what_was_learned_before_a_fault_of_the_axis_is_not_played_any_more_and_
     look(kept, loop)
     look(kept, loop)
     assert loop.numbers.tolist() == [3, 3, 3]
+
+
+def test_every_axis_that_faults_in_the_same_cycle_loses_what_was_learned_of_it(kept, loop):
+    """Though one fault alone is latched, and the loop tells of more that are not the axes'."""
+    hear(kept, loop, shown(kept, loop, 0.1))
+    look(kept, loop)
+    faulted(loop, 500, (DRIVER_ERROR, -1), (STRAIN_INVALID, 0))
+    drops(kept, loop)
+    assert not kept.said, "no axis changes for want of its driver"
+    faulted(loop, 900, (STRAIN_INVALID, 1))
+    faulted(loop, 1000, (REFERENCE_LOST, 0), (FOLLOWING_ERROR, 2), (INTERLOCK_OPEN, -1), (SATURATED, 0))
+    note(loop.status["state"][0], COASTING, 1, 1.0, 0.5, WARN)
+    for _ in range(3):
+        drops(kept, loop)
+    look(kept, loop)
+    assert loop.numbers.tolist() == [0, 1, 0]
+    assert [said.split(":")[0] for said in kept.said] == ["axis z had the fault X-213", "axis x had the fault X-214"]
 
 
 def test_another_temperature_than_the_memorys_is_not_played_to_though_nobody_learns_any_more(kept, loop):

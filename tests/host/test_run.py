@@ -1,9 +1,11 @@
 """``micromanip run --json``: the document that other tools rely on."""
 
+import json
 import math
 
 import pytest
 
+from micromanip.cli.main import main
 from tools.running_controller import QUICK, WAITING, Running, simulated
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
@@ -75,18 +77,34 @@ def test_signals_have_their_rates_and_ages(report):
         assert figures["lost"] == 0  # the simulation takes no sample while the loop is away
 
 
-def test_without_arm_on_start_it_waits_in_ready(run):
-    """And a tuning that its report is not about is said in one line."""
+def test_without_arm_on_start_it_waits_in_ready(run, capsys):
+    """And it tells of its configuration what `check` does, at each line of it, in the same order."""
     section = '    commissioned: {hash: "0123456789abcdef", report: report.html, date: 2026-11-21}\n'
+    older = ("schema_version: 2", "schema_version: 1"), ("control_weight:", "effort:")
+    weak = ("range_um: [2, 128], slew", "range_um: [46, 128], slew")
+    aged = ("deviation_z: {driver: cell, max_age_us: 3000}", "deviation_z: {driver: cell, max_age_us: 50000}")
     text = simulated(*WAITING)
+    for old, new in (*older, weak, aged):
+        assert old in text
+        text = text.replace(old, new)
     at = text.index("    mode: stage", text.index("\naxes:"))
     cell = run(text[:at] + section + text[at:], "--duration", "0.3")
     assert cell.wait() == 0, cell.said
-    warnings = [line for line in cell.said.splitlines() if "commissioned" in line]
-    assert warnings == [
-        "WARNING: axis x was changed after it was commissioned (report report.html, 2026-11-21): "
-        "commission it again, or remove the section commissioned"
+    main(["check", str(cell.config), "--json"])
+    told = json.loads(capsys.readouterr().out)["warnings"]
+    assert [line for line in cell.said.splitlines() if str(cell.config) in line] == [
+        f"WARNING: {each}" for each in told
     ]
+    keys = [each.removeprefix(f"{cell.config}:").split(": ")[1] for each in told]
+    assert [keys[0], *keys[2:]] == [
+        "axes.x.outer.effort",
+        *(f"axes.{axis}.setpoint.range_um" for axis in "xyz"),
+        "reference.horizon_ms",
+    ]
+    assert told[1].endswith(
+        "axes.x.commissioned: axis x was changed after it was commissioned (report report.html, 2026-11-21): "
+        "commission it again, or remove the section commissioned"
+    )
     assert cell.report["state"] == "OFF"
     assert cell.report["path_error_um"]["x"] == {"uncompensated_rms": None, "rms": None, "max": None}
     assert "TRACKING" not in cell.said

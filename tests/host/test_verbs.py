@@ -194,8 +194,19 @@ def test_report_that_no_longer_fits(tmp_path):
     cell = Cell(tmp_path, text.replace("  x:\n", f"  x:\n{note}"))
     assert cell("set", changes={"axes.y.inner.K_V_per_um": 0.5})["warnings"] == []
     (warning,) = cell("set", changes={K: 0.5})["warnings"]
-    assert warning.startswith("axis x was changed after it was commissioned (report report.html, 2026-11-01)")
+    assert warning.startswith(
+        "axes.x.commissioned: axis x was changed after it was commissioned (report report.html, 2026-11-01)"
+    )
     assert cell("set", changes={K: 0.4})["warnings"] == []
+
+
+def test_advice_comes_with_the_swap_that_asks_for_it(tmp_path):
+    """Once, though the file's line is gone with the swap."""
+    cell = Cell(tmp_path, SIMULATED.read_text(), "READY")
+    (warning,) = cell("set", changes={"signals.deviation_z.max_age_us": 50e3})["warnings"]
+    assert warning.startswith("reference.horizon_ms: 20 ms are less than the 50 ms")
+    assert cell("set", changes={"axes.y.authority_percent": 50})["warnings"] == []
+    assert cell("set", changes={"signals.deviation_z.max_age_us": 3000})["warnings"] == []
 
 
 def test_diff(cell):

@@ -136,7 +136,7 @@ def test_no_word_about_an_axis_that_is_as_it_was_or_was_never_commissioned(tmp_p
     file.write_text(commissioned(tuning_hash(AXIS)), encoding="utf-8")
     configuration = load(file)
     assert configuration.axes["x"].commissioned is not None
-    assert changes_since(configuration.axes) == []
+    assert list(changes_since(configuration.axes)) == []
 
 
 @pytest.mark.parametrize("wrong", ["0123", "0123456789ABCDEF", "0123456789abcdeg"])
@@ -155,9 +155,10 @@ def test_check_warns_in_one_line_and_passes(tmp_path, capsys, arguments):
     file.write_text(commissioned(STRANGE), encoding="utf-8")
     main(["check", str(file), *arguments])
     said = capsys.readouterr()
+    line = next(i for i, text in enumerate(file.read_text().splitlines(), 1) if "commissioned:" in text)
     sentence = (
-        "axis x was changed after it was commissioned (report report.html, 2026-11-21): "
-        "commission it again, or remove the section commissioned"
+        f"{file}:{line}: axes.x.commissioned: axis x was changed after it was commissioned (report report.html, "
+        "2026-11-21): commission it again, or remove the section commissioned"
     )
     assert said.err == f"WARNING: {sentence}\n"
     if arguments:

@@ -72,4 +72,4 @@ def test_a_report_is_about_the_coupling_that_was_measured():
     before = prepared(plain).configuration.axes["x"]
     assert tuning_hash(before) == before.commissioned.hash
     assert tuning_hash(coupled.configuration.axes["x"]) != before.commissioned.hash
-    assert any("axis x was changed" in said for said in changes_since(coupled.configuration.axes))
+    assert any("axis x was changed" in said for _, said in changes_since(coupled.configuration.axes))

@@ -32,7 +32,7 @@ def workers(result):
 
 def warnings(result):
     """What `set` answers beside the changes: which axis is not as it was commissioned."""
-    return changes_since(result.configuration.axes)
+    return list(changes_since(result.configuration.axes))
 
 
 READERS = (loop, workers, warnings)

@@ -32,10 +32,11 @@ def played(prepared):
 
 
 def test_it_is_told_how_far_each_axis_reaches(weak):
-    (said,) = reach_warnings(weak.configuration)
+    ((key, said),) = reach_warnings(weak.configuration)
+    assert key == ("axes", "x", "setpoint", "range_um")
     assert said.startswith("axis x reaches -100 to 310 um by its model, without force, of the -300 to 300 um")
     assert said.endswith("with centre_um at the middle of its set-points, 87 um, it would reach -205 to 205 um")
-    assert reach_warnings(prepare(CONFIG).configuration) == []
+    assert list(reach_warnings(prepare(CONFIG).configuration)) == []
 
 
 def test_a_path_out_of_reach_is_not_lost(weak):

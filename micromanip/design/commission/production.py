@@ -163,7 +163,7 @@ def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -
         )
         decided += said
     tracking = with_reference(with_axes(configuration, mode="stage"), reference)
-    decided += [f"{told[0].upper()}{told[1:]}." for told in reach_warnings(tracking)]
+    decided += [f"{told[0].upper()}{told[1:]}." for _, told in reach_warnings(tracking)]
     return Production(tracking, decided=tuple(decided))
 
 

@@ -46,7 +46,6 @@ from micromanip.rt.states import (
 )
 from micromanip.settings.change import WEAKENS, demands
 from micromanip.settings.check import Prepared, revise, validate, validate_with_options
-from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import validate_document
 from micromanip.settings.moved import Wanted
 from micromanip.settings.schema.key import DISARM
@@ -108,7 +107,7 @@ class Tuning:
     async def set(self, wanted: Mapping[str, Any]) -> Swap:
         """Change the values of some keys; UsageError, ConfigError or CheckFailed says each reason why not."""
         async with self._changing():
-            return await self._swap("set", await self._with(wanted))
+            return await self._told("set", await self._with(wanted))
 
     async def jog(self, axis: str, *, by_um: float | None, to_um: float | None) -> tuple[Jogged, Change]:
         """Send `axis` to another target while TRACKING; CheckFailed or ConfigError says why not."""
@@ -123,7 +122,7 @@ class Tuning:
             present_um = reference.target_um.get(axis, reference.offset_um)
             target_um = present_um + (by_um or 0.0) if to_um is None else to_um
             key = f"reference.target_um.{axis}"
-            await self._swap("jog", await self._with({key: target_um}))
+            await self._transact("jog", await self._with({key: target_um}))
             return Jogged(axis=axis, target_um=target_um), Change(key=key, old=present_um, new=target_um)
 
     async def inject(self, axis: str, loop: str, amplitude_um: float, seed: int) -> Injected:
@@ -174,7 +173,7 @@ class Tuning:
         """Take over the file as it is now; errors as `set`, and nothing changed where one key of it can't be taken."""
         async with self._changing():
             source = await asyncio.to_thread(Source.read, self._file.path)
-            swap = await self._swap("reload", source)
+            swap = await self._told("reload", source)
             self._keep(source)
             return swap
 
@@ -225,12 +224,12 @@ class Tuning:
             why = "a candidate takes live values only" if verb == "shadow" else f"the state is {state}"
             raise CheckFailed(f"nothing was changed, {why}: {'; '.join(refused)}")
 
-    async def _swap(self, verb: str, source: Source) -> Swap:
-        old = self._prepared.configuration
-        prepared, version = await self._transact(verb, source)
-        new = prepared.configuration
-        since = [text for text in changes_since(new.axes) if text not in changes_since(old.axes)]
-        return Swap(version=version, changed=changes(old, new), warnings=[*source.notes, *since])
+    async def _told(self, verb: str, source: Source) -> Swap:
+        """Put `source` in force; what that changed, and what is told of it that was not told before."""
+        old = self._prepared
+        new, version = await self._transact(verb, source)
+        warnings = await asyncio.to_thread(new.warnings_since, old)
+        return Swap(version=version, changed=changes(old.configuration, new.configuration), warnings=warnings)
 
     async def save(self, *, force: bool) -> Saved:
         """Write the running values into the file.

@@ -25,7 +25,7 @@ from micromanip.host.controller import Controller
 from micromanip.replies import AxisLearning, Change, LearningStatus
 from micromanip.rt import mailbox as w
 from micromanip.rt.laws.learned import BROKEN_OFF, OTHER_TOOL, PART_ENDED, PATH_LEFT
-from micromanip.rt.states import NO_FAULT, REFERENCE_LOST, TRACKING
+from micromanip.rt.states import NO_FAULT, REFERENCE_LOST, TRACKING, WARN
 from micromanip.settings.schema.learning import Learning
 
 from ..shared_memory import Segment
@@ -69,7 +69,8 @@ class LearningKeeper:
         self._parts: dict[str, dict[str, Any]] = {}
         self._made = 0
         self._forget: set[str] = set()
-        self._fault: tuple[int, int, int] | None = None
+        self._faulted: dict[str, int] = {}
+        """By the axis: the cycle of the last fault for which its memory was put aside."""
         self._thermometer = Thermometer(controller.prepared)
         self._told_C: float | None = None
         self._ended: dict[str, int] = {}
@@ -307,24 +308,35 @@ class LearningKeeper:
     async def _drop_faulty(self, axes: Sequence[str], cell: Any) -> None:
         """An axis that had a fault is perhaps another one now: what was learned of it before is not played any more.
 
-        The tracker's beam is not the axis.
+        All axes that had one in the cycle of the latched fault, which must be an axis': after a link or a driver was
+        lost they are as they were. The tracker's beam is not the axis.
         """
-        fault = int(cell["fault"]), int(cell["fault_axis"]), int(cell["fault_cycle"])
-        if fault[0] in (NO_FAULT, REFERENCE_LOST) or fault == self._fault or not 0 <= fault[1] < len(axes):
+        if cell["fault"] == NO_FAULT or cell["fault_axis"] < 0:
             return
-        self._fault, name = fault, axes[fault[1]]
-        self._correction.dropped.add(name)
-        self._child.tell({"aside": [name]})  # those of other tools, too
-        before = self._correction.memories.generations.get(name)
-        if before is None:
-            return
-        code = KINDS[fault[0]].code
-        text = (
-            f"axis {name} had the fault {code}: what was learned of it before is not played any more; it is kept in "
-            f"{memory_folder(self._learning, self._controller.prepared.source.path)} as {name}*.npz{ASIDE}*"
-        )
-        self._say(text)
-        await self._note([Change(key=f"learning.{name}", old=before, new=text)])
+        cycle = int(cell["fault_cycle"])
+        faults = {
+            axes[event["axis"]]: KINDS[int(event["code"])].code
+            for event in cell["event"][: int(cell["events"])]
+            if event["cycle"] == cycle
+            and event["axis"] >= 0
+            and event["reaction"] != WARN
+            and event["code"] != REFERENCE_LOST
+        }
+        for name, code in faults.items():
+            if self._faulted.get(name) == cycle:
+                continue
+            self._faulted[name] = cycle
+            self._correction.dropped.add(name)
+            self._child.tell({"aside": [name]})  # those of other tools, too
+            before = self._correction.memories.generations.get(name)
+            if before is None:
+                continue
+            text = (
+                f"axis {name} had the fault {code}: what was learned of it before is not played any more; it is kept "
+                f"in {memory_folder(self._learning, self._controller.prepared.source.path)} as {name}*.npz{ASIDE}*"
+            )
+            self._say(text)
+            await self._note([Change(key=f"learning.{name}", old=before, new=text)])
 
     def _aside(self, names: Sequence[str]) -> None:
         """The process knows nothing of them any more: what it shows from now on is new."""

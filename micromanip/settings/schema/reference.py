@@ -116,7 +116,10 @@ class Tracker(Settings):
     axes: dict[str, AxisDeviation] = Field(
         default={}, description="What is known of single axes beyond that: `micromanip fit tracker` finds it."
     )
-    horizon_ms: Milliseconds = Field(default=20.0, description="Without a sample for longer the last position is held.")
+    horizon_ms: Milliseconds = Field(
+        default=20.0,
+        description="Without a sample for longer the last position is held; no less than max_age_us of the signals.",
+    )
     range_um: RangeUm = Field(
         default=(-300.0, 300.0),
         description="Samples outside are rejected: no such deviation is believed. What is believed and out of an axis' "

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from .shape import Shape
 
 Path = tuple[str | int, ...]
+Finding = tuple[Path, str]
+"""What is to be said of a key, and the key."""
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from . import hints
-from .place import Path, Place, locate
+from .place import Finding, Path, Place, locate
 from .shape import Shape
-
-Finding = tuple[Path, str]
 
 # Errors that say "not the right type, value or size"; the shape of the place has better words for what is expected.
 _UNEXPECTED = re.compile(

@@ -14,7 +14,7 @@ from micromanip.errors import ConfigError
 from micromanip.files.regular_file import open_regular
 
 from . import renames, yaml_nodes
-from .place import Path
+from .place import Finding, Path
 from .yaml_text import Problem
 
 _MAX_BYTES = 1_000_000  # a configuration has some 10 kB; whoever names a recording by mistake gets an answer at once
@@ -93,6 +93,10 @@ class Source:
         """Several things that are wrong, each at its key path."""
         paths = [(tuple(path.split(".")) if isinstance(path, str) else tuple(path), text) for path, text in findings]
         return self.report(Problem(self._line(path), path, _one_line(text)) for path, text in paths)
+
+    def sentences(self, findings: Iterable[Finding]) -> list[str]:
+        """What is no error, a line each, in the order in which it was found."""
+        return [self._sentence(Problem(self._line(path), path, _one_line(text))) for path, text in findings]
 
     def report(self, problems: Iterable[Problem]) -> ConfigError:
         """Problems in the order of the file, a line each."""

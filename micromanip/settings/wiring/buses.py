@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from micromanip.bus.device_identity import identities
 from micromanip.bus.driver import Load
 from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text.place import Finding
 
 from .places import Wiring
-
-Finding = tuple[tuple[str | int, ...], str]
 
 _POSITIONS = ("strain_", "stage_", "deviation_", "tracker_")
 

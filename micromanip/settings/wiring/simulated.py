@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from .places import Wiring
+from micromanip.settings.text.place import Finding
 
-Finding = tuple[tuple[str | int, ...], str]
+from .places import Wiring
 
 
 def simulated_findings(wiring: Wiring) -> Iterator[Finding]:

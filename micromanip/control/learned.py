@@ -64,9 +64,7 @@ def rows_to_play(
     return rows
 
 
-def fill_learned(
-    p: Any, number: int, axis: int, rows: int, played: Played, loop_hz: float, first: int = 0
-) -> None:
+def fill_learned(p: Any, number: int, axis: int, rows: int, played: Played, loop_hz: float, first: int = 0) -> None:
     """Let the axis' record `p` (of LEARNED_PARAMETERS) play half of `rows` rows; `number` 0: none any more."""
     p["number"], p["rows"], p["column"], p["first"], p["repeats"] = number, rows // 2, axis, first, played.repeats
     p["fade_cycles"] = max(1, round(FADE_S * loop_hz))

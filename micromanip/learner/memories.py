@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.control.learned import RECOGNISED_S, WIRED_SEARCH_S, rows_to_play
+from micromanip.control.learned import FADE_S, RECOGNISED_S, WIRED_SEARCH_S, rows_to_play
 from micromanip.design.learning.law import Update, updated
 from micromanip.design.learning.learner import begun, way_of
 from micromanip.design.learning.memory import Memory, memory_files, put_aside, read_memory, remove_memory, write_memory
@@ -203,7 +203,9 @@ class Memories:
         if not len(played):
             return 0.0
         cycles = int(part.rows["cycle"][played[0]]) - part.first
-        return max(0.0, cycles / self._configuration.loop.rate_hz - at_s)
+        from_s = max(0.0, cycles / self._configuration.loop.rate_hz - at_s)
+        # the rows go on beyond a period, and the next one may be the first that is played to
+        return 0.0 if self._learning.repeats and from_s > 2.0 * FADE_S else from_s
 
     def _run(self, name: str, part: MadePart) -> Run:
         axis = part.rows["axis"][:, list(self._configuration.axes).index(name)]

@@ -165,7 +165,7 @@ def test_whatever_is_held_and_whenever_it_stays_within_its_limit_and_makes_no_st
     may = own + 3.0 * FADING * limit_um / it.fade + 1e-9 * limit_um
     last = 0.0
     for cycles, deed in deeds:
-        if deed == "hold" and (it.s["changed"] == 1.0 and it.s["number"] == it.number or not it.s["level"]):
+        if deed == "hold" and ((it.s["changed"] == 1.0 and it.s["number"] == it.number) or not it.s["level"]):
             it.hold(tables[it.number % 2])
         elif deed == "late":
             it.p["begun_cycle"] += cycles

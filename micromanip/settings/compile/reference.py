@@ -71,8 +71,8 @@ def load_samples(configuration: Configuration, source: Source) -> NDArray[np.flo
     """
     reference, learning = configuration.reference, configuration.learning
     if learning is not None:
-        rows = 2 * round(learning.seconds * configuration.loop.rate_hz)
-        return np.zeros((2 * rows if learning.repeats else rows, MAX_AXES))
+        halves = 4 if learning.repeats else 2
+        return np.zeros((halves * round(learning.seconds * configuration.loop.rate_hz), MAX_AXES))
     if not isinstance(reference, File):
         return np.zeros((1, MAX_AXES))
     path = Path(source.path).parent / reference.path

@@ -352,7 +352,7 @@ def _changed(turning: _Turning, columns: list[int], sine: Array, before: Array, 
     share = np.ones(len(at))
     share[: len(fade)] = fade[: len(at)]
     old, new = before[at % len(before)], after[at % len(after)]
-    turning.table[np.ix_(at, columns)] = sine[at, None] + old + share[:, None] * (new - old)
+    turning.table[at[:, None], columns] = sine[at, None] + old + share[:, None] * (new - old)
     return after
 
 

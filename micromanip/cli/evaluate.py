@@ -113,7 +113,9 @@ def command(
         say(f"{what}: sigma {sigma:.3f} um ({where} position)")
     for row in fast:
         what = f"{row['config']}, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um"
-        if row["true_std_error_um"] is None:
+        if row["refused"] is not None:
+            say(f"{what}: {row['refused']}")
+        elif row["true_std_error_um"] is None:
             say(f"{what}: sigma {row['std_error_um']:.3f} um (measured position)")
         else:
             share = f"{row['true_rms_percent']:.2f} % of the stroke"
@@ -158,6 +160,11 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
 def _repeated(row: dict[str, Any]) -> str:
     """A row of E, beside what was asked of it."""
+    if row["refused"] is not None:
+        return (
+            f"E, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um: not played, "
+            f"{row['refused']}"
+        )
     asked_um, asked = row["asked_true_std_error_um"], row["asked_true_rms_percent"]
     wanted = f"at most {asked_um:.3f} um" if asked_um is not None else f"at most {asked:.2f} %"
     reached = f"sigma {row['true_std_error_um']:.4f} um, {row['true_rms_percent']:.3f} % of the stroke (true position)"

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import Configuration
@@ -63,6 +64,24 @@ class Run:
             "true_std_error_um": _known(true_settled.std()),
             "true_max_error_um": _known(np.abs(true_settled).max()),
         }
+
+
+@dataclass(frozen=True)
+class Faulted:
+    """A sine that ended in a fault."""
+
+    config: str
+    frequency_hz: float
+    why: str
+
+    def figures(self, name: str) -> dict[str, Any]:
+        """The row of the fast sines' table for one axis: none."""
+        unknown = (
+            "std_error_um", "max_error_um", "max_error_with_start_um", "true_std_error_um", "true_max_error_um",
+            "true_rms_percent",
+        )  # fmt: skip
+        told = {"axis": name, "frequency_hz": self.frequency_hz, "config": self.config, "amplitude_um": paper.FAST_UM}
+        return told | dict.fromkeys(unknown) | {"refused": self.why}
 
 
 def _known(value: np.floating[Any]) -> float | None:
@@ -132,11 +151,21 @@ def evaluate_fast(
     own_pid: bool = False,
     tuned: bool = False,
     progress: Callable[[], None] = lambda: None,
-) -> list[Run]:
-    """C, and with `tuned` D, on a sine of ``paper.FAST_UM`` at each of ``paper.FAST_HZ``; `progress` after each."""
-    configs = ("C", *([TUNED] if tuned else []))
-    sines = [(frequency_hz, paper.FAST_UM, FAST_WINDOW_S) for frequency_hz in paper.FAST_HZ]
-    return _played(configuration, experiment, configs, own_pid, sines, progress)
+) -> list[Run | Faulted]:
+    """C, and with `tuned` D, on a sine of ``paper.FAST_UM`` at each of ``paper.FAST_HZ``; `progress` after each.
+
+    A stage that resonates at one of them may not bear it: the others are played all the same.
+    """
+    found: list[Run | Faulted] = []
+    for config in ("C", *([TUNED] if tuned else [])):
+        for frequency_hz in paper.FAST_HZ:
+            sine = (frequency_hz, paper.FAST_UM, FAST_WINDOW_S)
+            try:
+                found += _played(configuration, experiment, (config,), own_pid, [sine], progress)
+            except CheckFailed as problem:
+                found.append(Faulted(config, frequency_hz, str(problem)))
+                progress()
+    return found
 
 
 def _played(
@@ -161,13 +190,20 @@ def _played(
     return runs
 
 
-def fast_table(runs: list[Run], configuration: Configuration) -> list[dict[str, Any]]:
-    """Rows of `evaluate_fast` as those of `table`, with the true error's rms in percent of the stroke."""
+def fast_table(runs: Sequence[Run | Faulted], configuration: Configuration) -> list[dict[str, Any]]:
+    """Rows of `evaluate_fast` as those of `table`, with the true error's rms in percent of the stroke.
+
+    Of a sine that ended in a fault there is no figure, and ``refused`` is the reason.
+    """
     rows = []
     for i, name in enumerate(configuration.axes):
         for run in sorted(runs, key=lambda each: (each.frequency_hz, each.config)):
+            if isinstance(run, Faulted):
+                rows.append(run.figures(name))
+                continue
             rms_um = np.sqrt(np.mean(run.true_error_um(i)[run.settled :] ** 2))
             share = {
+                "refused": None,
                 "amplitude_um": paper.FAST_UM,
                 "true_rms_percent": _known(100.0 * rms_um / (2.0 * paper.FAST_UM)),
             }

@@ -13,7 +13,7 @@ its own words, and what does not by the loop (`quiet_loop.py`).
 The sine never stops: each repetition follows the one before, and the correction changes over as minimum jerk. A period
 that is continued has no ends, so harmonics are all there is, and no band about them plays noise. What is learned from
 is the gauge, less its own lag and less the lines of the mains that it shows at rest: they would be played as motion.
-The true position is only told.
+The true position is only told. A sine that the stage would not bear (`stage_swing.py`) is not played to its axis.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from .experiment import EXCITED, with_reference
 from .learning.spectrum import believed
 from .learning.zero_phase import low_pass
 from .quiet_loop import MAINS_HZ, SHARES, QuietLoop, loop_of
+from .stage_swing import StageSwing
 
 LEARNED = "E"
 REPETITIONS = 8
@@ -141,6 +142,11 @@ class _Turning:
         self._cell.arm()
 
     @property
+    def parameters(self) -> Any:
+        """What the cell runs on."""
+        return self._cell.parameters[0]
+
+    @property
     def at(self) -> int:
         """Row of the table that was played last."""
         cell = self._cell.state[0]
@@ -160,17 +166,21 @@ def repeated(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """A row for each axis and sine, after `repetitions` of it; `progress` is called after each sine."""
     loops, found = quiet_loops(configuration, experiment), []
+    swings = stage_swings(configuration, experiment)
     tuned = [(share, _with_share(configuration, loops, share)) for share in SHARES]
     ways = {share: measured_ways(each, experiment) for share, each in tuned}
     for sine in SINES:
+        refused = {name: why for name, swing in swings.items() if (why := swing.refusal(*sine)) is not None}
+        found += [_refused(name, *sine, repetitions, why) for name, why in refused.items()]
+        borne = [name for name in configuration.axes if name not in refused]
         tried, problems = [], []
-        for share, each in tuned:
+        for share, each in tuned if borne else ():
             try:
-                tried.append(_sine(each, experiment, ways[share], loops, share, *sine, repetitions))
+                tried.append(_sine(each, experiment, borne, ways[share], loops, share, *sine, repetitions))
             except CheckFailed as problem:
                 problems.append(problem)
-        if not tried:
-            raise problems[0]
+        if problems and not tried:
+            found += [_refused(name, *sine, repetitions, str(problems[0])) for name in borne]
         found += [min(of_axis, key=itemgetter(0))[1] for of_axis in zip(*tried, strict=True)]
         progress()
     order = {name: i for i, name in enumerate(configuration.axes)}
@@ -191,6 +201,24 @@ def quiet_loops(configuration: Configuration, experiment: VirtualExperiment) -> 
         inner = variant_of(axis, TUNED, own_pid=False).running_inner
         loop = loop_of(inner, 1.0 / rate_hz, hertz, _LINES_HZ, plant)
         found[name] = QuietLoop.of(hertz, loop, resting[:, i], rate_hz)
+    return found
+
+
+def stage_swings(configuration: Configuration, experiment: VirtualExperiment) -> dict[str, StageSwing]:
+    """How far the stage goes, of each axis that has a capacitive sensor."""
+    rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
+    turning = _Turning(configuration, experiment, 2.0 * SETTLE_S + _RESTED_S + _MEASURED_S + 1.0)
+    turning.run(SETTLE_S)
+    _, rows = turning.run(_RESTED_S)
+    rest_um = np.median(rows["axis"]["stage_um"][:, :count], axis=0)
+    played, answer = _excited(turning, rate_hz, count, _LINE_UM[0])
+    answers = answer["stage_um"] / played[:, None]
+    found = {}
+    for i, name in enumerate(configuration.axes):
+        axis = turning.parameters["axis"][i]
+        if axis["stage"] >= 0:
+            low_um, high_um = axis["stage_range_um"]
+            found[name] = StageSwing(_LINES_HZ, answers[:, i], float(rest_um[i]), (float(low_um), float(high_um)))
     return found
 
 
@@ -227,7 +255,9 @@ def _excited(turning: _Turning, rate_hz: int, count: int, line_um: float) -> tup
     turning.run(SETTLE_S)
     first, rows = turning.run(_MEASURED_S)
     lines = np.round(_LINES_HZ * _MEASURED_S).astype(int)
-    answer = {key: np.fft.rfft(rows["axis"][key][:, :count], axis=0)[lines] for key in ("strain_um", "voltage_V")}
+    answer = {
+        key: np.fft.rfft(rows["axis"][key][:, :count], axis=0)[lines] for key in ("strain_um", "stage_um", "voltage_V")
+    }
     return np.fft.rfft(wave[first:][: len(rows)])[lines], answer
 
 
@@ -238,10 +268,13 @@ def _undone(axis: Any, hertz: Array) -> Complex:
 
 
 def _sine(
-    configuration: Configuration, experiment: VirtualExperiment, ways: dict[str, MeasuredWay],
+    configuration: Configuration, experiment: VirtualExperiment, names: list[str], ways: dict[str, MeasuredWay],
     loops: dict[str, QuietLoop], share: float, frequency_hz: float, amplitude_um: float, repetitions: int,
 ) -> list[tuple[float, dict[str, Any]]]:  # fmt: skip
-    """A row for each axis, and the mean square (um^2) of its position's error that the gauge tells of."""
+    """A row for each axis of `names`, and the mean square (um^2) of its position's error that the gauge tells of.
+
+    The other axes stay at rest.
+    """
     rate_hz, window = configuration.loop.rate_hz, round(WINDOW_S * configuration.loop.rate_hz)
     pause_s = np.ceil(_CHANGED_S * frequency_hz) / frequency_hz
     seconds = 2.0 * SETTLE_S + _RESTED_S + (repetitions + 2) * (WINDOW_S + pause_s) + _SEEN * WINDOW_S
@@ -249,14 +282,14 @@ def _sine(
     turns = round(frequency_hz * WINDOW_S)
     lines = np.arange(turns, window // 2, turns)
     hertz = np.asarray(lines / WINDOW_S, dtype=np.float64)
-    names = list(configuration.axes)
+    columns = [list(configuration.axes).index(name) for name in names]
     shares = [share if loops[name].bears(share) else 1.0 for name in names]
     turning.run(SETTLE_S)
     first, rows = turning.run(_RESTED_S)
     mains = []
     for i, name in enumerate(names):
         # at rest the gauge shows S of what it adds
-        shown = _lines(rows["axis"]["strain_um"][:, i], first, lines, window).mean(axis=0)
+        shown = _lines(rows["axis"]["strain_um"][:, columns[i]], first, lines, window).mean(axis=0)
         shown[~np.isin(hertz, MAINS_HZ)] = 0.0
         mains.append(shown / loops[name].sensitivity(shares[i], hertz))
     # the sine begins with a window: no step
@@ -265,27 +298,27 @@ def _sine(
 
     def left(first: int, rows: NDArray[Any], i: int) -> Complex:
         """The error (windows, lines) of an axis, as its gauge tells it: less its lag, and what it adds itself."""
-        seen = _lines(rows["axis"]["strain_um"][:, i], first, lines, window) - mains[i]
+        seen = _lines(rows["axis"]["strain_um"][:, columns[i]], first, lines, window) - mains[i]
         wanted = _lines(sine[first:][: len(rows)], first, lines, window)
         return np.asarray(wanted - seen * _undone(configuration.axes[names[i]], hertz))
 
-    harmonics = {name: Harmonics(hertz, way) for name, way in ways.items()}
+    harmonics = {name: Harmonics(hertz, ways[name]) for name in names}
     fade = np.array([minimum_jerk(k / (_FADE_S * rate_hz)) for k in range(round(_FADE_S * rate_hz))])
     now = np.zeros((window, len(names)))
-    turning.table[turning.at + 1 :, range(len(names))] = sine[turning.at + 1 :, None]
+    turning.table[turning.at + 1 :, columns] = sine[turning.at + 1 :, None]
     turning.run(WINDOW_S + max(SETTLE_S, 1.0 / frequency_hz))
     for _ in range(repetitions):
         first, rows = turning.run(WINDOW_S)
         for i, name in enumerate(names):
             harmonics[name].learn(left(first, rows, i)[0])
-        now = _changed(turning, sine, now, _waves(harmonics, lines, window), fade)
+        now = _changed(turning, columns, sine, now, _waves(harmonics, lines, window), fade)
         turning.run(pause_s)
     first, rows = turning.run(_SEEN * WINDOW_S)
     whole = sine[first:][: len(rows)]
     found: list[tuple[float, dict[str, Any]]] = []
     for i, name in enumerate(names):
         expected_um2 = loops[name].motion_um2(shares[i], hertz) + _repeats_um2(left(first, rows, i))
-        row = _row(name, frequency_hz, amplitude_um, repetitions, whole, rows["axis"][:, i], ways[name])
+        row = _row(name, frequency_hz, amplitude_um, repetitions, whole, rows["axis"][:, columns[i]], ways[name])
         found.append((expected_um2, row | {"feedback_percent": 100.0 * shares[i]}))
     return found
 
@@ -313,13 +346,13 @@ def _waves(harmonics: dict[str, Harmonics], lines: NDArray[np.int64], window: in
     return np.asarray(found)
 
 
-def _changed(turning: _Turning, sine: Array, before: Array, after: Array, fade: Array) -> Array:
-    """Play `after` (window, axes) on top of `sine` in the place of `before`, from now on; `after`."""
+def _changed(turning: _Turning, columns: list[int], sine: Array, before: Array, after: Array, fade: Array) -> Array:
+    """Play `after` (window, columns) on top of `sine` in the place of `before`, from now on; `after`."""
     at = np.arange(turning.at + 1, len(turning.table))
     share = np.ones(len(at))
     share[: len(fade)] = fade[: len(at)]
     old, new = before[at % len(before)], after[at % len(after)]
-    turning.table[at, : before.shape[1]] = sine[at, None] + old + share[:, None] * (new - old)
+    turning.table[at[:, None], columns] = sine[at, None] + old + share[:, None] * (new - old)
     return after
 
 
@@ -336,6 +369,24 @@ def _row(
         "true_std_error_um": float(true.std()), "true_max_error_um": float(np.abs(true).max()),
         "true_rms_percent": float(100.0 * np.sqrt(np.mean(true**2)) / (2.0 * amplitude_um)),
         "floor_um": float(floor_um), "known_to_hz": way.highest_Hz,
+        "refused": None, **_asked(frequency_hz),
+    }  # fmt: skip
+
+
+def _refused(name: str, frequency_hz: float, amplitude_um: float, repetitions: int, why: str) -> dict[str, Any]:
+    """A row without figures, of a sine that was not played."""
+    figures = (
+        "std_error_um", "max_error_um", "true_std_error_um", "true_max_error_um", "true_rms_percent", "floor_um",
+        "known_to_hz", "feedback_percent",
+    )  # fmt: skip
+    return {
+        "axis": name, "frequency_hz": frequency_hz, "config": LEARNED, "amplitude_um": amplitude_um,
+        "repetitions": repetitions, **dict.fromkeys(figures), "refused": why, **_asked(frequency_hz),
+    }  # fmt: skip
+
+
+def _asked(frequency_hz: float) -> dict[str, float | None]:
+    return {
         "asked_true_std_error_um": ASKED_UM.get(frequency_hz),
         "asked_true_rms_percent": ASKED_PERCENT.get(frequency_hz),
-    }  # fmt: skip
+    }

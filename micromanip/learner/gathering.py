@@ -54,10 +54,17 @@ class _Open:
 
 
 class Gathering:
-    """Takes rows as they come, gives parts."""
+    """Takes rows as they come, gives parts; of a path that repeats each period is one."""
 
-    def __init__(self, seconds: float, search_s: float, recognised_s: float, period_s: float) -> None:
-        """A part takes `seconds`, and began within `search_s`; it can be recognised by `recognised_s` of it."""
+    def __init__(
+        self, seconds: float, search_s: float, recognised_s: float, period_s: float, *, repeats: bool = False
+    ) -> None:
+        """A part takes `seconds`, and began within `search_s`; it can be recognised by `recognised_s` of it.
+
+        One that `repeats` is followed by the next until it ends.
+        """
+        self._period = round(seconds / period_s) if repeats else None
+        self._next: int | None = None
         self._whole = round((seconds + search_s + AFTER_S) / period_s)
         self._least = round((seconds - search_s) / period_s)
         self._seen = round((recognised_s + search_s + AFTER_S) / period_s)
@@ -92,11 +99,29 @@ class Gathering:
         self._last = bool(runs[-1]), bool(turn[-1]), self.tool
         for k in np.flatnonzero(ends):
             cycle = int(rows["cycle"][k])
+            self._go_on(cycle, was_tool)
             yield from self._ended(cycle, "the tool was changed" if others[k] and not begins[k] else "it ended")
             if begins[k] and tracks[k]:
                 self.parts += 1
                 self._open.append(_Open(self.parts, cycle, int(tools[k])))
+                self._next = None if self._period is None else cycle + self._period
+            was_tool = int(tools[k])
+        self._go_on(int(rows["cycle"][-1]), self.tool)
         self._let_go()
+
+    def _go_on(self, cycle: int, tool: int) -> None:
+        """Open the periods that have begun before `cycle` since the last did."""
+        while self._next is not None and self._period is not None and self._next < cycle:
+            self.parts += 1
+            self._open.append(_Open(self.parts, self._next, tool, recognised=True))
+            self._next += self._period
+
+    def move(self, cycles: int) -> None:
+        """By so much later the periods begin that are being made, and those that come."""
+        for part in self._open:
+            part.begun += cycles
+        if self._next is not None:
+            self._next += cycles
 
     def recognisable(self) -> Iterator[MadePart]:
         """Each part once, when enough of it has been made to know it by its path."""
@@ -125,9 +150,15 @@ class Gathering:
         return int(self._rows[-1]["cycle"][-1]) if self._rows else -1
 
     def _ended(self, cycle: int, why: str) -> Iterator[str]:
-        """No part goes on beyond `cycle`: one that has not lasted long enough is not finished."""
+        """No part goes on beyond `cycle`: one that has not lasted long enough is not finished.
+
+        A path that repeats ends where it does, and that is not told.
+        """
+        repeated, self._next = self._next is not None, None
         for part in [part for part in self._open if cycle - part.begun < self._least]:
             self._open.remove(part)
+            if repeated:
+                continue
             lasted_s = (cycle - part.begun) * self._period_s
             yield f"part {part.number} was not finished, {why} after {lasted_s:.2f} s: nothing is learned from it"
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.control.learned import RECOGNISED_S, rows_to_play
+from micromanip.control.learned import FADE_S, RECOGNISED_S, WIRED_SEARCH_S, rows_to_play
 from micromanip.design.learning.law import Update, updated
 from micromanip.design.learning.learner import begun, way_of
 from micromanip.design.learning.memory import Memory, memory_files, put_aside, read_memory, remove_memory, write_memory
@@ -24,9 +24,6 @@ from micromanip.settings.schema.model import Configuration
 from .gathering import MadePart
 from .shelf import UNKNOWN, Conditions, Shelf
 
-_WIRED_SEARCH_S = 0.05
-"""The signal says to the cycle when a part begins; machines do not."""
-
 
 class Memories:
     """Those of the axes of one configuration."""
@@ -36,7 +33,9 @@ class Memories:
         self._configuration, self._learning, self._folder = configuration, learning, folder
         wired = "part" in configuration.signals
         self.search_s = 0.0 if wired else learning.search_s
-        self._found_within_s = _WIRED_SEARCH_S if wired else learning.search_s
+        self._found_within_s = WIRED_SEARCH_S if wired else learning.search_s
+        self.begun: dict[str, int] = {}
+        """By the axis: the cycle in which the part began that it learned from last, by its path."""
         self._ways = {name: way_of(configuration, name) for name in configuration.axes}
         self._shelves = {name: Shelf(folder, name, learning.temperature_K) for name in self._ways}
         self._has_tool, self._is_measured = (name in configuration.signals for name in ("tool", "temperature"))
@@ -149,10 +148,10 @@ class Memories:
             seen = replace(memory, path_um=memory.path_um[: round(RECOGNISED_S * memory.rate_hz)])
             run = self._run(name, part)
             try:
-                at_s = found_at(seen, run, self._about_s(part), self.search_s, self._learning.tolerance_um)
+                at_s = found_at(seen, run, self._about_s(part), self._found_within_s, self._learning.tolerance_um)
             except CheckFailed:
                 continue
-            found[name] = part.first + round(at_s * self._configuration.loop.rate_hz)
+            found[name] = self._cycle(part, at_s)
         return found
 
     def rows(self) -> Any:
@@ -163,7 +162,7 @@ class Memories:
         rate_hz = next((memory.rate_hz for memory in known.values()), loop_hz)
         return rows_to_play(
             {axes.index(name): (each.now.correction_um, each.path_um) for name, each in known.items()},
-            rate_hz, loop_hz,
+            rate_hz, loop_hz, repeats=self._learning.repeats,
         )  # fmt: skip
 
     @property
@@ -174,6 +173,9 @@ class Memories:
 
     def _about_s(self, part: MadePart) -> float:
         return (part.begun - part.first) / self._configuration.loop.rate_hz
+
+    def _cycle(self, part: MadePart, at_s: float) -> int:
+        return part.first + round(at_s * self._configuration.loop.rate_hz)
 
     def _updated(self, name: str, part: MadePart, made_with: Conditions) -> tuple[Update, Path]:
         if made_with.unknown:
@@ -187,9 +189,11 @@ class Memories:
         made: Part = run.part(tracker, at_s, seconds)
         if memory is None:
             warm_C = made_with.temperature_C
-            memory = begun(self._configuration, name, made, at_s, made_with.tool, warm_C)
+            repeats = self._learning.repeats
+            memory = begun(self._configuration, name, made, at_s, made_with.tool, warm_C, repeats=repeats)
         from_s = self._played_from_s(name, part, at_s)
         update = updated(memory, made, way, self._learning.limit_um, run.what, from_s, own=True)
+        self.begun[name] = self._cycle(part, at_s)
         return replace(update, memory=_warmed(update.memory, made_with)), file
 
     def _played_from_s(self, name: str, part: MadePart, at_s: float) -> float:
@@ -199,7 +203,9 @@ class Memories:
         if not len(played):
             return 0.0
         cycles = int(part.rows["cycle"][played[0]]) - part.first
-        return max(0.0, cycles / self._configuration.loop.rate_hz - at_s)
+        from_s = max(0.0, cycles / self._configuration.loop.rate_hz - at_s)
+        # the rows go on beyond a period, and the next one may be the first that is played to
+        return 0.0 if self._learning.repeats and from_s > 2.0 * FADE_S else from_s
 
     def _run(self, name: str, part: MadePart) -> Run:
         axis = part.rows["axis"][:, list(self._configuration.axes).index(name)]

@@ -53,7 +53,10 @@ class Learning:
         self._reader = reader
         self._memories = Memories(configuration, learning, Path(orders["folder"]))
         period_s = configuration.loop.period_ns * 1e-9
-        self._gathering = Gathering(learning.seconds, self._memories.search_s, RECOGNISED_S, period_s)
+        self._gathering = Gathering(
+            learning.seconds, self._memories.search_s, RECOGNISED_S, period_s, repeats=learning.repeats
+        )
+        self._repeats, self._passed_over = learning.repeats, 0
         self._room = np.frombuffer(Segment.attach(orders["rows"], writable=True).memory, np.float64)
         self._room_is_free, self._staged, self._new = True, 0, True
         self._temperature_C: float | None = orders["temperature_C"]
@@ -110,7 +113,7 @@ class Learning:
             for unfinished in self._gathering.add(rows):
                 tell(part=self._gathering.parts, unfinished=unfinished)
         for part in self._gathering.recognisable():
-            if self._memories.search_s:
+            if self._memories.search_s or self._repeats:
                 tell(part=part.number, begun=self._memories.recognised(part))
 
     def _move(self) -> None:
@@ -124,6 +127,8 @@ class Learning:
         self._is_first = False
 
     def _learn(self, part: MadePart) -> None:
+        if self._repeats and part.number == self._passed_over:
+            return
         told, refused = {}, {}
         for name, found in self._memories.learn(part, self._take, self._temperature_C):
             if isinstance(found, Update):
@@ -132,6 +137,15 @@ class Learning:
                 refused[name] = str(found)
         self._new = self._new or bool(told)
         tell(part=part.number, learned=told, refused=refused)
+        if self._repeats and told:
+            self._follow_periods(part, list(told))
+
+    def _follow_periods(self, part: MadePart, axes: list[str]) -> None:
+        """When the periods really begin, which nobody else says; in the next one the memory is still the old one."""
+        begun = {name: self._memories.begun[name] for name in axes}
+        self._gathering.move(round(float(np.median(list(begun.values())))) - part.begun)
+        self._passed_over = part.number + 1
+        tell(part=part.number, begun=begun)
 
     def _stage(self) -> None:
         """Show the host what is to be played from now on, once it has taken what was shown before."""

@@ -82,7 +82,7 @@ def test_what_is_undone_brings_the_position_to_the_reference(report):
     for axis in "xyz":
         assert sigma[axis, 100.0, "D"] <= 0.12 < sigma[axis, 100.0, "C"] / 5.0
     for row in report["fast"]:
-        assert set(row) == KEYS | {"amplitude_um", "true_rms_percent"}
+        assert set(row) == KEYS | {"amplitude_um", "true_rms_percent", "refused"}
         assert row["true_rms_percent"] >= 100.0 * row["true_std_error_um"] / (2.0 * row["amplitude_um"])
         if row["config"] == "D":
             assert row["true_rms_percent"] <= {50.0: 0.16, 100.0: 0.25, 150.0: 0.35}[row["frequency_hz"]]

@@ -34,7 +34,7 @@ from micromanip.errors import CheckFailed
 from .memory import Learned, Memory
 from .part import Part
 from .spectrum import Bands
-from .zero_phase import answered, filtered, low_pass
+from .zero_phase import answered, circulated, filtered, low_pass
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -110,7 +110,7 @@ def updated(
     if forgotten:
         now, before = memory.before or Learned.nothing(len(part.error_um)), None
     else:
-        now, before = _learned(memory.now, part, way, bands, limit_um, memory.axis), memory.now
+        now, before = _learned(memory, part, way, bands, limit_um), memory.now
     error_um, interval_um = _rms(blocks)
     told = {"file": what, "part": part.name, "generation": memory.generation, "verdict": verdict, "error_um": error_um,
             "error_least_um": interval_um[0], "error_most_um": interval_um[1],
@@ -119,7 +119,7 @@ def updated(
         memory, now=now, before=before, blocks_um2=blocks if played else memory.blocks_um2,
         generation=memory.generation + 1, story=(*memory.story, told)[-_TOLD:],
     )  # fmt: skip
-    without_um = float(np.sqrt(np.mean(filtered(_alone(part, way), part.rate_hz, partial(_low, way)) ** 2)))
+    without_um = float(np.sqrt(np.mean(filtered(_alone(memory, part, way), part.rate_hz, partial(_low, way)) ** 2)))
     return Update(kept, verdict, forgotten, error_um, without_um, interval_um)
 
 
@@ -156,17 +156,19 @@ def contraction(way: Way, bands: Bands, share: Array) -> float:
     return float(np.max(gain * way.off(hertz), initial=0.0))
 
 
-def _alone(part: Part, way: Way) -> Array:
-    """The error (n,) that would have been there without what was played."""
-    return part.error_um + answered(part.played_um, part.rate_hz, way.response)
+def _alone(memory: Memory, part: Part, way: Way) -> Array:
+    """The error (n,) that would have been there without what was played; before a part with an end nothing was."""
+    before_um = part.before_um if memory.repeats else part.before_um[:0]
+    moved = answered(np.concatenate([before_um, part.played_um]), part.rate_hz, way.response)
+    return part.error_um + moved[len(before_um) :]
 
 
 def _low(way: Way, hertz: Array) -> Array:
     return low_pass(hertz, _CORNER * way.highest_Hz)
 
 
-def _learned(now: Learned, part: Part, way: Way, bands: Bands, limit_um: float, axis: str) -> Learned:
-    alone = _alone(part, way)
+def _learned(memory: Memory, part: Part, way: Way, bands: Bands, limit_um: float) -> Learned:
+    now, axis, alone = memory.now, memory.axis, _alone(memory, part, way)
     parts = min(now.parts + 1, _MOST_PARTS)
     mean = now.mean_um + (alone - now.mean_um) / parts
     # Welford's update of the variance, line by line
@@ -182,7 +184,8 @@ def _learned(now: Learned, part: Part, way: Way, bands: Bands, limit_um: float, 
             f"axis {axis}: the update would leave {left:.2f} of an error from part to part, on a plant that "
             "is not ruled out: not below 1, so it is not applied"
         )
-    correction = filtered(mean, part.rate_hz, _played(way, bands, share))
+    through = circulated if memory.repeats else filtered
+    correction = through(mean, part.rate_hz, _played(way, bands, share))
     peak = float(np.abs(correction).max())
     if peak > limit_um:
         raise CheckFailed(

@@ -41,12 +41,12 @@ def way_of(configuration: Configuration, name: str) -> Transfer:
 
 def begun(
     configuration: Configuration, name: str, part: Part, begin_s: float, tool: int = 0,
-    temperature_C: float | None = None,
+    temperature_C: float | None = None, *, repeats: bool = False,
 ) -> Memory:  # fmt: skip
     """A memory that knows its part only, and how it was made."""
     return Memory(
         cell_name(configuration), name, tuning_hash(configuration.axes[name]), part.rate_hz, begin_s, part.path_um,
-        Learned.nothing(len(part.path_um)), tool=tool, temperature_C=temperature_C,
+        Learned.nothing(len(part.path_um)), tool=tool, temperature_C=temperature_C, repeats=repeats,
     )  # fmt: skip
 
 

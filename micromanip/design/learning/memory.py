@@ -65,7 +65,8 @@ class Memory:
 
     `before` is what was played before `now`, None where nothing was; `generation` counts what was played, `story` has
     an entry for each part. `tool` is the number of the tool that it was learned with, 0 where none was told;
-    `temperature_C` that of the cell in the parts' mean, None where nobody measures it.
+    `temperature_C` that of the cell in the parts' mean, None where nobody measures it. What `repeats` goes round and
+    round: its end is its beginning.
     """
 
     cell: str
@@ -81,6 +82,7 @@ class Memory:
     story: tuple[Mapping[str, Any], ...] = ()
     tool: int = 0
     temperature_C: float | None = None
+    repeats: bool = False
 
     @property
     def seconds(self) -> float:
@@ -150,7 +152,7 @@ def write_memory(file: Path, memory: Memory) -> None:
         "format": FORMAT, "cell": memory.cell, "axis": memory.axis, "tuning": memory.tuning, "path": memory.path,
         "rate_hz": memory.rate_hz, "begin_s": memory.begin_s, "generation": memory.generation, "now": _told(memory.now),
         "before": None if memory.before is None else _told(memory.before), "story": list(memory.story),
-        "tool": memory.tool, "temperature_C": memory.temperature_C,
+        "tool": memory.tool, "temperature_C": memory.temperature_C, "repeats": memory.repeats,
     }  # fmt: skip
     arrays = {"path_um": memory.path_um, "blocks_um2": memory.blocks_um2, **_arrays("now", memory.now)}
     if memory.before is not None:
@@ -207,7 +209,7 @@ def _memory(arrays: Mapping[str, NDArray[Any]]) -> Memory:
         _learned("now", told["now"], arrays),
         None if told["before"] is None else _learned("before", told["before"], arrays),
         int(told["generation"]), arrays["blocks_um2"], tuple(told["story"]), int(told.get("tool", 0)),
-        None if warm is None else float(warm),
+        None if warm is None else float(warm), bool(told.get("repeats", False)),
     )  # fmt: skip
     if memory.path != told["path"] or not memory.rate_hz > 0.0:
         raise ValueError("its path is not the one that it names")

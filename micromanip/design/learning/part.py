@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -35,19 +35,25 @@ GRID_HZ = 1000.0
 """A memory has about so many values a second."""
 _PASSED, _MARGIN_S = 0.25, 0.5
 """Of the grid's rate, where the low pass before it has its corner; what is used beyond both ends, where there is."""
+FELT_S = 0.2
+"""So long the stage feels what was played; what came before that is over."""
 _MOST_MISSED, _MOST_LIMITED = 0.05, 0.001
 _LEAST_BEFORE_S, _LEAST_S = 0.5, 2.0
 
 
 @dataclass(frozen=True)
 class Part:
-    """One axis during one part, `rate_hz` values (n,) a second, um; `missed` is the share of cycles that were."""
+    """One axis during one part, `rate_hz` values (n,) a second, um; `missed` is the share of cycles that were.
+
+    `before_um` (m,) is what was played in the `FELT_S` before it.
+    """
 
     rate_hz: float
     path_um: Array
     error_um: Array
     played_um: Array
     missed: float
+    before_um: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def name(self) -> str:
@@ -111,7 +117,7 @@ class Run:
         passing = partial(low_pass, corner_hz=_PASSED * rate_hz)
 
         def thinned(x: Array) -> Array:
-            return filtered(x, 1.0 / self.period_s, passing)[::step][ahead : ahead + count]
+            return filtered(x, 1.0 / self.period_s, passing)[::step][: ahead + count]
 
         # differences first: both sides of them move far while cycles are missed, and they hardly
         seen = (self.path(self.time_s) - self.stage_um, self.reference_um - self._predicted(tracker))
@@ -119,7 +125,9 @@ class Run:
         within = (self.time_s >= begin_s) & (self.time_s < begin_s + seconds)
         missed = 1.0 - np.count_nonzero(within) / round(seconds / self.period_s)
         self._require_good(missed, float(np.mean(self.limited[within])))
-        return Part(rate_hz, thinned(self.path(grid)), error, played, max(0.0, missed))
+        path = thinned(self.path(grid))
+        felt = played[max(0, ahead - round(FELT_S * rate_hz)) : ahead]
+        return Part(rate_hz, path[ahead:], error[ahead:], played[ahead:], max(0.0, missed), felt)
 
     def _predicted(self, tracker: AxisTracker) -> Array:
         """What the predictor made of the samples, at each row (n,)."""

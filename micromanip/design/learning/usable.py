@@ -19,6 +19,12 @@ def require_usable(memory: Memory, configuration: Configuration, name: str, file
     memory.require(cell_name(configuration), name, tuning_hash(configuration.axes[name]), str(file))
     learning = configuration.learning
     assert learning is not None
+    if memory.repeats != learning.repeats:
+        which = ("of a part with an end", "of a path that repeats")
+        raise CheckFailed(
+            f"{file}: this memory is {which[memory.repeats]}, learning.repeats says {str(learning.repeats).lower()}: "
+            "learn anew, after `micromanip learn reset`"
+        )
     if abs(memory.seconds - learning.seconds) * memory.rate_hz > _CYCLES:
         raise CheckFailed(
             f"{file}: this memory is of a part of {memory.seconds:g} s, learning.seconds says {learning.seconds:g}: "

@@ -34,6 +34,11 @@ def filtered(x: Array, rate_hz: float, response: Response) -> Array:
     return _through(np.pad(x, len(x), "symmetric"), rate_hz, response)[len(x) :][: len(x)]
 
 
+def circulated(x: Array, rate_hz: float, response: Response) -> Array:
+    """`x` (n,), one period of what goes round and round, behind `response`."""
+    return _through(x, rate_hz, response)
+
+
 def answered(x: Array, rate_hz: float, response: Response) -> Array:
     """What `response` makes of `x` (n,) with nothing before it and nothing after."""
     return _through(np.pad(x, (0, len(x))), rate_hz, response)[: len(x)]

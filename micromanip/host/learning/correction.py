@@ -2,7 +2,8 @@
 
 The rows are written while nothing is played, and nothing can be: no set of parameters that the loop may come to names a
 memory then. They are announced by a set that does, which comes into force as any other. Whoever dies meanwhile leaves
-a set in force that plays nothing.
+a set in force that plays nothing. A path that repeats is played to without a stop: there the rows come into the half of
+the samples that the loop does not play.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.learned import Played, fill_learned
+from micromanip.control.learned import WIRED_SEARCH_S, Played, fill_learned
 from micromanip.rt.laws.learned import PLAYS
 from micromanip.settings.check import Prepared
 from micromanip.settings.commissioned import tuning_hash
@@ -66,8 +67,14 @@ class Correction:
     def __init__(self, prepared: Prepared, learning: Learning, table: Array) -> None:
         """`table` are the shared samples; nothing is played yet."""
         wired = "part" in prepared.configuration.signals
-        self._played = Played(learning.limit_um, learning.tolerance_um, 0.0 if wired else learning.search_s)
+        search_s = 0.0 if wired else learning.search_s
+        if learning.repeats:
+            search_s = max(search_s, WIRED_SEARCH_S)
+        self._played = Played(learning.limit_um, learning.tolerance_um, search_s, learning.repeats)
         self._table, self._last = table, 0
+        self._places = 2 if learning.repeats else 1
+        self.rows = len(table) // self._places
+        """Of a memory; of a path that repeats the table has room for two, of which the loop plays one."""
         self._begun: dict[str, int] = {}
         self.number = 0
         """Of what may be played; 0: nothing."""
@@ -78,7 +85,7 @@ class Correction:
         self._within_K = learning.temperature_K
         self.dropped: set[str] = set()
         """Axes whose memories are not to be played, whatever they are."""
-        self.memories = Memories(np.zeros_like(table))
+        self.memories = Memories(np.zeros_like(table[: self.rows]))
 
     def withdraw(self) -> None:
         """Nothing may be played, by the next set of parameters."""
@@ -87,12 +94,29 @@ class Correction:
     def hold(self, memories: Memories) -> None:
         """Play these from the next set of parameters on.
 
-        Only while the loop reads none: it plays nothing, and the set in force has no number.
+        Only while the loop reads none: it plays nothing, and the set in force has no number. Where the path repeats:
+        while `may_hold`.
         """
-        self.memories, self._begun = memories, {}
-        self._table[:] = memories.rows
+        self.memories = memories
+        if not self._played.repeats:
+            self._begun = {}
         self._last += 1
+        self._table[self._first : self._first + self.rows] = memories.rows
         self.number = self._last
+
+    @property
+    def _first(self) -> int:
+        """Where the rows of the last memory are."""
+        return self._last % self._places * self.rows
+
+    def may_hold(self, numbers: Any, states: Any) -> bool:
+        """Whether the loop plays nothing but the last memory, and can come to nothing else.
+
+        `numbers` are those of the set in force, `states` (of LEARNED_STATE) those of the axes.
+        """
+        silent = (states["level"] == 0.0) & (states["why"] != PLAYS)
+        passed = (states["number"] == self._last) & (states["changed"] == 1.0)
+        return bool(np.isin(numbers, (0, self._last)).all() and (silent | passed).all())
 
     def forget(self, axis: str) -> None:
         """There is none of `axis` any more; what comes next is new."""
@@ -120,7 +144,7 @@ class Correction:
         for i, name in enumerate(prepared.configuration.axes):
             p = parameters[0]["axis"][i]["learned"]
             plays = not candidate and self.may_play(prepared.configuration, name)
-            fill_learned(p, self.number if plays else 0, i, len(self._table), self._played, loop_hz)
+            fill_learned(p, self.number if plays else 0, i, self.rows, self._played, loop_hz, self._first)
             p["begun_cycle"] = self._begun.get(name, -1)
         return parameters
 

@@ -56,8 +56,9 @@ class LearningKeeper:
         `note` writes into the audit trail, `say` tells people.
         """
         self._controller, self._learning, self._put, self._note, self._say = controller, learning, put, note, say
-        self._room = Segment.create("micromanip-learned", controller.segments.samples.memory.size())
-        self._correction = Correction(controller.prepared, learning, controller.segments.sample_table())
+        table = controller.segments.sample_table()
+        self._correction = Correction(controller.prepared, learning, table)
+        self._room = Segment.create("micromanip-learned", table[: self._correction.rows].nbytes)
         controller.added = self._correction.added
         self._child = Child(
             "micromanip.learner.process", (controller.segments.ring.descriptor, self._room.descriptor),
@@ -217,7 +218,7 @@ class LearningKeeper:
     def _taken(self, said: dict[str, Any]) -> Memories | None:
         """The rows that were shown, None where they can't be played."""
         copied = self._room.bytes().copy()
-        rows = copied.view(np.float64).reshape(self._controller.segments.sample_table().shape)
+        rows = copied.view(np.float64).reshape(self._correction.rows, -1)
         # shown before it had put aside what it was told to
         axes = {name: each for name, each in said["axes"].items() if name not in self._correction.dropped}
         found = Memories(
@@ -291,8 +292,9 @@ class LearningKeeper:
     async def _put_in_force(self, cell: Any, learned: Any) -> None:
         """Hand a new memory over; after another tuning was put in force, the present one again."""
         correction, in_force = self._correction, self._controller.buffers.in_force
+        repeats = self._learning.repeats
         # what is of another tool than that of the part is not played to it: that may change in the middle of it
-        if in_force is None or (self._is_made(cell) and in_force["learned_tool"] == cell["tool"]):
+        if in_force is None or (not repeats and self._is_made(cell) and in_force["learned_tool"] == cell["tool"]):
             return
         playing = in_force["axis"]["learned"]["number"][: len(learned)]
         configuration = self._controller.prepared.configuration
@@ -300,6 +302,9 @@ class LearningKeeper:
         if self._next is None:
             if list(playing) != should:
                 await self._put(lambda: None)
+        elif repeats:
+            if correction.may_hold(playing, learned) and not self._controller.buffers.is_unconfirmed:
+                await self._put(self._hold_next)
         elif playing.any() or self._controller.buffers.is_unconfirmed:
             await self._put(correction.withdraw)
         elif is_silent(learned):

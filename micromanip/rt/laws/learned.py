@@ -10,6 +10,8 @@ resumed.
 Where the beginning of a part is known to the cycle, ``search_cycles`` is 0. Else the host finds it by the path and
 tells it as ``begun_cycle``; nothing is played before it has: it is believed of the part that began within
 ``search_cycles`` of it.
+
+A part whose path repeats without a stop is played to as `periodic.py` says.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ not that of the memory."""
 LEARNED_PARAMETERS = record(
     ("number", "i8"),
     ("rows", "i8"),
+    ("repeats", "i8"),
+    ("first", "i8"),
     ("column", "i8"),
     ("fade_cycles", "i8"),
     ("begun_cycle", "i8"),
@@ -40,7 +44,8 @@ LEARNED_PARAMETERS = record(
     ("cycles_per_s", "f8"),
 )
 """``rows`` 0 is none. ``number`` tells one memory from the next; 0 plays nothing, and ends what is played softly. Later
-than ``latest_cycles`` after its part nothing begins."""
+than ``latest_cycles`` after its part nothing begins. ``repeats``: the part is a path that repeats, its rows begin with
+``first`` of the samples; ``begun_cycle`` is that of any of its periods then."""
 LEARNED_STATE = record(
     ("part_begun", "i8"),
     ("other_tool", "i8"),
@@ -48,12 +53,18 @@ LEARNED_STATE = record(
     ("part", "i8"),
     ("begun_cycle", "i8"),
     ("why", "i8"),
+    ("first", "i8"),
+    ("old_first", "i8"),
+    ("old_begun_cycle", "i8"),
     ("level", "f8"),
+    ("changed", "f8"),
     ("apart_um", "f8"),
 )
 """``part_begun``: the cycle in which the part that runs began, -1 where none does, left here by the cell, as is
 ``other_tool``: not 0 where the memory is of another one; ``part`` the last that a correction began with,
-``begun_cycle`` its first row; ``apart_um`` how far the reference was from the path when it was last looked at."""
+``begun_cycle`` its first row; ``apart_um`` how far the reference was from the path when it was last looked at. Of a
+path that repeats ``part`` is the period that runs, ``first`` its rows, ``old_first`` and ``old_begun_cycle`` what was
+played before that, and ``changed`` (0 to 1) how far the one has taken the place of the other."""
 
 
 @compiled

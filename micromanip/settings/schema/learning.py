@@ -26,7 +26,12 @@ class Learning(Settings):
         "the state directory.",
     )
     seconds: Annotated[float, Field(strict=True, ge=2, le=120, allow_inf_nan=False)] = Field(
-        description="How long a part takes, from its beginning."
+        description="How long a part takes, from its beginning; with `repeats` a period."
+    )
+    repeats: bool = Field(
+        default=False,
+        description="The path goes round and round without a stop, from the beginning of the part to its end: each "
+        "period is learned from, and played to.",
     )
     limit_um: Annotated[float, Field(strict=True, gt=0, le=50, allow_inf_nan=False)] = Field(
         default=5.0, description="A correction that would be larger is not played."

@@ -1,5 +1,7 @@
 """The update, in closed form: what it leaves, what it refuses, and when it goes back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -75,6 +77,35 @@ def test_what_is_left_follows_the_closed_form(wrong, gain):
         rest = np.abs(np.array(played) - 1.0 / (1.0 - wrong))
         assert k < 2 or rest[k] < abs(wrong) * rest[:k].max() + 0.02, "the contraction that is claimed"
         memory = updated(memory, made(memory, (1.0 - wrong) * gain, k), way, LIMIT_UM, f"part {k}").memory
+
+
+DELAY = 5
+"""Values by which the stage is late."""
+
+
+class Late(Scalar):
+    def response(self, hertz):
+        return self.gain * np.exp(-2j * np.pi * hertz * DELAY / RATE_HZ)
+
+
+@settings(max_examples=8)
+@given(st.floats(-0.3, 0.3), st.floats(0.5, 2.0))
+def test_a_disturbance_that_goes_round_falls_as_the_closed_form_says_from_its_first_value_to_its_last(wrong, gain):
+    """With r = sum of harmonics and T_D = (1 - d) T, late: e_k = (1 - (1 - d) a_k) r, a_k as above, at the wrap too."""
+    turn = 2 * np.pi * np.arange(VALUES) / VALUES
+    repeats = sum(np.cos(k * turn + k) for k in (9, 36, 83))
+    way, memory = Late(gain), replace(empty(), repeats=True)
+    played, before, shares = np.zeros(VALUES), np.zeros(VALUES), []
+    for k in range(4):
+        moved = (1.0 - wrong) * gain * np.concatenate([before[-DELAY:], played[:-DELAY]])
+        error = repeats - moved
+        expected = 0.0 if not k else (0.5 if k == 1 else 1.0) * np.mean([1.0 + wrong * a for a in shares[:k]])
+        left = 1.0 - (1.0 - wrong) * expected
+        assert error == pytest.approx(left * repeats, abs=0.06), k
+        shares.append(expected)
+        made_of = Part(RATE_HZ, np.zeros(VALUES), error, played, 0.0, before[-200:])
+        memory = updated(memory, made_of, way, 2.0 * LIMIT_UM, f"period {k}", own=True).memory
+        played = before = memory.now.correction_um  # the period after the one that still plays the old one
 
 
 def test_contraction_is_the_largest_gain_of_the_error_on_the_set():

@@ -2,7 +2,9 @@
 
 Recorded in open loop with a small periodic multisine, the other axes at rest; more of it where the flexure's modes and
 antiresonances lie side by side. Small, so that the hysteresis adds little: its slope over amplitude is the describing
-function's business. Measured again, longer and with more, where the response or its model is not good enough.
+function's business. Measured again, with more draws of the phases and more voltage, where the response or its model is
+not good enough: the mean of many has less noise, on every line alike, and less of what is not linear, which longer
+periods leave as it is (Pintelon and Schoukens, System Identification, 2nd ed., chapter 4).
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 from .experiment import EXCITED, Experiment, alone, parked, path_bandwidth, resting, with_reference
 from .identification import variant
-from .response import PERIOD_S, Identified, Multisine, Recorded, Wanted, identify_again, multisine
+from .response import Identified, Multisine, Recorded, Wanted, identify_again, multisine
 
 Array = NDArray[np.float64]
 
@@ -34,6 +36,8 @@ NARROW_HZ, NARROW_ORDERS = 1000.0, (3, 4, 5, 6)
 """Behind a slow bus less of the actuator is seen: its first mode, the antiresonance beside it, one lag."""
 _MORE = 1.4
 """What each attempt is larger by."""
+_DRAWS = 2
+"""Of the phases, in the first attempt."""
 _SETTLE_S = 0.5
 
 
@@ -93,14 +97,14 @@ def identify_actuator(
     wanted = Wanted(NARROW_ORDERS if narrow else ORDERS, (0,) if narrow else DELAYS)
     range_V = configuration.outputs[f"voltage_{axis}"].range_V
 
-    def record(attempt: int, longer: int) -> Recorded:
+    def record(attempt: int, more: int) -> Recorded:
         wave = multisine(
             tuple((min(upper, wide_hz), _MORE**attempt * rms) for upper, rms in _RMS_V),
             LOW_HZ,
             wide_hz,
             rate_hz,
             seed=seed + attempt,
-            period_s=PERIOD_S * longer,
+            draws=_DRAWS * more,
         )
         return _recorded(configuration, experiment, axis, index, centre_V, wave, range_V)
 
@@ -113,7 +117,9 @@ def identify_actuator(
     )
     found = tried.found
     swing_um = float(
-        np.sqrt(2.0) * np.sqrt(sum(rms**2 for _, rms in _RMS_V)) * np.median(np.abs(found.measured.response))
+        _MORE ** (tried.attempts - 1)
+        * np.sqrt(2.0 * sum(rms**2 for _, rms in _RMS_V))
+        * np.median(np.abs(found.measured.response))
     )
     return Actuator(found, swing_um, centre_V, path, tried.attempts)
 

@@ -1,4 +1,4 @@
-"""Measure, identify, and where the response or its model is not good enough once more, longer: the one loop of that."""
+"""Measure, identify, and where the response or its model is not good enough with more of it: the one loop of that."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Recorded = tuple[Multisine, Array, Array]
 """What was played, and its records (n,) of input and output."""
 
 ATTEMPTS = 3
-_LONGER = 2
+_MORE = 2
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class Attempted:
 
 
 def identify_again(record: Callable[[int, int], Recorded], wanted: Wanted, what: str, look_for: str) -> Attempted:
-    """The model of what `record` measures: it is given the attempt, from 0, and how many times longer it is to take.
+    """The model of what `record` measures: it is given the attempt, from 0, and how many times more to play.
 
     Raises CheckFailed, "`what`, in 3 attempts: why. `look_for`", where none of the models is what is `wanted`.
     """
     problem = None
     for attempt in range(ATTEMPTS):
-        wave, u, y = record(attempt, _LONGER**attempt)
+        wave, u, y = record(attempt, _MORE**attempt)
         found = identify(measure(wave, u, y), 1.0 / wave.rate_hz, wanted)
         if found.problem is None:
             return Attempted(found, y, attempt + 1)

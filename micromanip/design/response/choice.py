@@ -1,8 +1,8 @@
 """Order and delay of a model by a measured response that was held out, and whether the model is good enough.
 
-Each order is fitted to the first draw of a multisine and judged by the last; the smallest that is nearly as good as the
-best is fitted to all. What is left between model and measurement, and what the measurement itself does not know, is
-kept as a radius at each frequency: margins are judged with it.
+Each order is fitted to the first half of a multisine's draws and judged by the rest; the smallest that is nearly as
+good as the best is fitted to all. What is left between model and measurement, and what the measurement itself does not
+know, is kept as a radius at each frequency: margins are judged with it.
 """
 
 from __future__ import annotations
@@ -108,7 +108,8 @@ class Identified:
 def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
     """The model of `measured` in the smallest order, and the delay, that the held-out draw asks for."""
     weight = _weight(measured)
-    seen, unseen = measured.draws[0], measured.draws[-1]
+    half = len(measured.draws) // 2
+    seen, unseen = measured.draws[:half].mean(axis=0), measured.draws[half:].mean(axis=0)
     hertz = measured.frequency_Hz
 
     def held_out(order: int, late: int) -> float:

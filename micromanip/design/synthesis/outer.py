@@ -148,6 +148,12 @@ def _refused(search: Search, asked: str, gain_dB: float, phase_deg: float) -> st
             f"outer loops have their margins around the model, but Ms is above {ROBUST:g} somewhere within what "
             "the measured response leaves open: measure with less noise, or ask for a calmer loop with --noise"
         )
+    if not asked and SLEWED in search.obstacles:
+        return (
+            "outer loops have their margins, but after a large swing the set-point's slew limit keeps the mode "
+            "swinging: allow a faster set-point (setpoint.slew_um_per_ms) where the amplifier gives it, add damping to "
+            "the mode, or identify the model again"
+        )
     if not search.tried:
         return f"no outer loop{asked} is stable with Ms below {HOPELESS:g}: identify the model again"
     closest = max(search.tried, key=lambda entry: min(entry[2] - gain_dB, (entry[3] - phase_deg) / 6.0))

@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help accuracy fault-to-page run check test test-others others beside compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat fuzz-workers robustness counterfactual docs site tune clean check-coupling check-tooth
+.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat fuzz-workers robustness counterfactual docs site tune clean check-coupling check-tooth
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -39,18 +39,8 @@ check: lint       ## for every commit: lint, and the tests that neither wait for
 	$(TESTS) -n $(shell nproc) -m 'not live and not long and not thorough' tests
 
 test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
-	@$(MAKE) --no-print-directory --jobs=3 --keep-going --output-sync=target test-others beside
-
-test-others: compiled collected
-	@$(MAKE) --no-print-directory --output-sync=none others
-
-others: $(READY)  # by a make of its own: its dots are seen at once, and not when it ends
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected
 	$(TESTS) -m 'not thorough' tests --ignore=tests/rt
-
-beside: $(READY)  # takes the processors while the others wait, and may itself wait long: one by one, each is told of in one piece
-	@failed=; for part in lint test-laws-plain test-laws-checked test-laws-compiled; do \
-		PYTEST_ADDOPTS=--timeout=1800 nice -n 19 $(MAKE) --no-print-directory $$part || failed="$$failed $$part"; \
-	done; test -z "$$failed" || { echo "failed:$$failed"; false; }
 
 compiled: $(READY)  # by one process, which types each law once; each worker of pytest would do the same
 	@$(BIN)/python -m tools.compiled

@@ -285,9 +285,12 @@ def test_arming_refused_at_the_start(run):
     gauge = "strain_x: {driver: cell, max_age_us: 300"
     text, count = re.subn(gauge + "[^}]*}", gauge + ", range_um: [500, 600]}", calm())
     assert count == 1
-    cell = run(text)
+    cell = run(re.sub(r"(?m)^start:.*\n", r"\g<0>  arm_within_s: 0\n", text))
     assert cell.wait() == 1
-    assert "micromanip: arm refused: strain_x is not valid, or stuck: check the gauge and its cable\n" in cell.said
+    assert (
+        "micromanip: arm_on_start: arm refused: strain_x is not valid, or stuck: check the gauge and its cable\n"
+        in cell.said
+    )
     assert "Traceback" not in cell.said
     assert cell.report.keys() == {"error", "exit_code"}
     assert cell.left == []

@@ -108,8 +108,8 @@ class Identified:
 def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
     """The model of `measured` in the smallest order, and the delay, that the held-out draw asks for."""
     weight = _weight(measured)
-    half = len(measured.draws) // 2
-    seen, unseen = measured.draws[:half].mean(axis=0), measured.draws[half:].mean(axis=0)
+    half = len(measured.draws) // 2  # of a single draw all is seen
+    seen, unseen = measured.draws[: max(half, 1)].mean(axis=0), measured.draws[half:].mean(axis=0)
     hertz = measured.frequency_Hz
 
     def held_out(order: int, late: int) -> float:

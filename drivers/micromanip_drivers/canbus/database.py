@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import logging
 import re
 from pathlib import Path
@@ -13,11 +12,12 @@ from cantools.database.errors import UnsupportedDatabaseFormatError
 
 from micromanip.driver import CLASSIC_LENGTHS, FD_LENGTHS, ConfigError, did_you_mean, require_regular
 
+from ..saved_text import decoded
+
 # its warnings are about messages that we refuse in words of our own, where they matter
 logging.getLogger("cantools").addHandler(logging.NullHandler())
 
 _MOST_BYTES = 20_000_000
-_BYTE_ORDER_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
 
 class Database:
@@ -28,7 +28,7 @@ class Database:
         text = ""
         try:
             require_regular(file, _MOST_BYTES)
-            text = _decoded(file.read_bytes())
+            text = decoded(file.read_bytes(), "cp1252")
             self._database: Any = cantools.database.load_string(text, database_format="dbc")
         except OSError as error:
             raise ConfigError(f"database: {file} can't be read: {error.strerror}") from error
@@ -56,16 +56,6 @@ class Database:
             if other is not message and identity(other) == identity(message):
                 both = f"{message.name} and {other.name} both have the identifier {message.frame_id:#x} in {self.name}"
                 raise ConfigError(f"{key}: {both}: frames can't be told apart")
-
-
-def _decoded(data: bytes) -> str:
-    """As programs save them: by a byte-order mark, in UTF-8, or that of Windows in the west; no end mark of DOS."""
-    encoding = next((name for mark, name in _BYTE_ORDER_MARKS if data.startswith(mark)), "utf-8")
-    try:
-        text = data.decode(encoding)
-    except UnicodeDecodeError:
-        text = data.decode("cp1252", errors="replace")
-    return text.rstrip("\x1a\0")
 
 
 def _located(file: Path, text: str, why: str) -> str:

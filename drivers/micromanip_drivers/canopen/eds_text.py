@@ -7,13 +7,14 @@ not describe objects are left out here: nothing of them is used.
 
 from __future__ import annotations
 
-import codecs
 import io
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from micromanip.driver import ConfigError
+
+from ..saved_text import decoded
 
 _SECTION = re.compile(r"\[\s*([^\]]*?)\s*\]")
 _OBJECT = re.compile(r"([0-9a-f]{1,4})(?:(sub)([0-9a-f]{1,2})|(name))?", re.IGNORECASE)
@@ -35,7 +36,6 @@ _NUMBERS = (
     *map("Dummy{:04d}".format, range(1, 8)),
 )
 _VARIABLE, _DOMAIN, _WITH_SUBS = 7, 2, (8, 9)
-_BYTE_ORDER_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
 
 @dataclass
@@ -52,7 +52,7 @@ def objects_of(file: Path) -> io.StringIO:
 
     Raises ConfigError, as ``file:line: what``, for what is there twice, is missing or no number; OSError.
     """
-    sections = _sections(file, _decoded(file.read_bytes()))
+    sections = _sections(file, decoded(file.read_bytes(), "latin-1"))
     for section in sections.values():
         _complete(file, section, sections)
     text = io.StringIO("[DeviceInfo]\n")  # which canopen would miss
@@ -64,19 +64,10 @@ def objects_of(file: Path) -> io.StringIO:
     return text
 
 
-def _decoded(data: bytes) -> str:
-    """In the encoding that its mark names, else UTF-8, else Latin-1, which takes any text."""
-    marked = next((name for mark, name in _BYTE_ORDER_MARKS if data.startswith(mark)), None)
-    try:
-        return data.decode(marked or "utf-8")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
-
-
 def _sections(file: Path, text: str) -> dict[str, _Section]:
     sections: dict[str, _Section] = {}
     section: _Section | None = None
-    for line, said in enumerate(text.rstrip("\x1a\0").splitlines(), 1):
+    for line, said in enumerate(text.splitlines(), 1):
         stripped = re.sub(r"(^|\s);.*", "", said).strip()
         if not stripped or stripped.startswith("#"):
             continue

@@ -19,6 +19,7 @@ from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.host.trips.store import SUFFIX, Box
 from micromanip.recordings import Telemetry, open_telemetry
+from micromanip.recordings.hdf5 import ENDINGS as HDF5
 from micromanip.recordings.trend import MINUTE, day_file, read_trend
 from micromanip.rt.states import TRACKING
 
@@ -46,12 +47,12 @@ class Entry:
 
 def may_be_ours(path: Path) -> bool:
     """By its name: whether `described` would look into it."""
-    return path.suffix in _BY_ENDING
+    return path.suffix.lower() in _BY_ENDING
 
 
 def described(path: Path) -> Entry | None:
     """The entry of a file; None where it is none of ours. A damaged one has a `problem`. Raises OSError."""
-    describe = _BY_ENDING.get(path.suffix)
+    describe = _BY_ENDING.get(path.suffix.lower())
     return None if describe is None else describe(path)
 
 
@@ -71,7 +72,7 @@ def _recording(path: Path) -> Entry | None:
     try:
         telemetry = open_telemetry(path)
     except CheckFailed as problem:
-        if path.suffix == ".h5":  # a file of somebody else, as far as anybody can tell
+        if path.suffix.lower() in HDF5:  # a file of somebody else, as far as anybody can tell
             return None
         return Entry(path, "recording", _changed(path), "", problem=str(problem))
     began = _utc(str(telemetry.marks[0]["time"]), path) if telemetry.marks else _changed(path)
@@ -171,9 +172,10 @@ def _trend(path: Path) -> Entry | None:
 
 _BY_ENDING: dict[str, Callable[[Path], Entry | None]] = {
     ".mcap": _recording,
-    ".h5": _recording,
+    **dict.fromkeys(HDF5, _recording),
     SUFFIX: _trip,
     ".html": _report,
     ".yaml": _tuning,
+    ".yml": _tuning,
     ".csv": _trend,
 }

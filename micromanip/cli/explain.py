@@ -48,7 +48,7 @@ def command(trip: str | None, listed: bool, plot: Path | None, folder: Path | No
         if not found:
             say(f"no trips in {folder}")
         return
-    if plot is not None and plot.suffix not in (".png", ".svg"):
+    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
         raise UsageError(f"--plot {plot}: the file must end with .png or .svg")
     file = find(folder, trip)
     box = Box.load(file)

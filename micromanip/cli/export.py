@@ -17,7 +17,9 @@ from .recording_options import Cut, warn_of_damage
     epilog="Example: micromanip export run.mcap --to part.csv --cut 2:3 --signals strain_um,voltage_V_x",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option("--to", required=True, type=click.Path(path_type=Path), help="New file: .h5, .parquet, .csv or .mat.")
+@click.option(
+    "--to", "--out", "to", required=True, type=click.Path(path_type=Path), help="New file: .h5, .parquet, .csv or .mat."
+)
 @click.option("--cut", type=Cut(), help="This part only, FROM:TO in seconds from the first cycle.")
 @click.option("--signals", help="These columns only, between commas; without the axis, those of all axes.")
 @json_option

@@ -175,7 +175,7 @@ def reset(folder: Path | None, only: str, socket_path: Path, as_json: bool) -> N
 @memory_option
 @click.option("--axis", required=True, help="The axis.")
 @click.option("--tool", type=Quantity("Count", most=65535), metavar="N", help="Of this tool.  [default: of none]")
-@click.option("--to", "file", type=click.Path(path_type=Path), required=True, metavar="FILE", help="CSV file.")
+@click.option("--to", "--out", "file", type=click.Path(path_type=Path), required=True, metavar="FILE", help="CSV file.")
 @json_option
 def export(folder: Path, axis: str, tool: int | None, file: Path, as_json: bool) -> None:
     """Write path, error and correction of an axis as CSV: t_s, path_um, error_um, correction_um."""

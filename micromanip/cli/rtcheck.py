@@ -27,7 +27,7 @@ _STYLES = {"good": "green", "poor": "yellow", "bad": "bold red", "unknown": "dim
 @click.option("--seconds", type=Quantity("Seconds", least=1, most=3600), default=5.0, show_default=True,
               help="Length of each of the six runs.")  # fmt: skip
 @click.option("--no-run", is_flag=True, help="Look at the settings only; nothing is run.")
-@click.option("--out", type=click.Path(path_type=Path), help="New file: the answer as one page of HTML.")
+@click.option("--out", "--to", "out", type=click.Path(path_type=Path), help="New file: the answer as one page of HTML.")
 @json_option
 def command(config: Path | None, seconds: float, no_run: bool, out: Path | None, as_json: bool) -> None:
     """Say whether this machine keeps the deadlines of the loop of CONFIG, and what would mend what does not.

@@ -48,7 +48,7 @@ _DATABASE = b"SQLite format 3\0"
 @click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Seed of what is drawn.")
 @click.option("--cut", type=Cut(), help="This part of each recording only, in seconds from its first row.")
 @click.option(
-    "--out", "out", type=click.Path(path_type=Path, dir_okay=False), required=True,
+    "--out", "--to", "out", type=click.Path(path_type=Path, dir_okay=False), required=True,
     help="SQLite file of the results; where it is there, what it lacks is tried.",
 )  # fmt: skip
 @click.option("--best", type=click.Path(path_type=Path, dir_okay=False), help="File for the keys of the best tuning.")
@@ -149,7 +149,7 @@ def _head(file: Path) -> bytes:
 
 
 def _require_table(table: Path) -> None:
-    if table.suffix not in (".csv", ".parquet"):
+    if table.suffix.lower() not in (".csv", ".parquet"):
         raise UsageError(f"--table {table}: its ending is .csv or .parquet")
     if table.exists():
         raise UsageError(f"{table} is there already: nothing is replaced; give another name")

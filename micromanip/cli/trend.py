@@ -36,7 +36,13 @@ Example: micromanip trend /var/lib/micromanip/trend --since 2026-11-01
     "--field", "fields", multiple=True, metavar="NAME", help="A column, or what several begin with; may be repeated."
 )
 @click.option("--every", type=click.Choice(["second", "minute"]), help="Rows of a folder.  [default: minute]")
-@click.option("--to", type=click.Path(path_type=Path), help="New file: the rows as .csv, or a picture, .svg or .png.")
+@click.option(
+    "--to",
+    "--out",
+    "to",
+    type=click.Path(path_type=Path),
+    help="New file: the rows as .csv, or a picture, .svg or .png.",
+)
 @json_option
 def command(
     place: Path,
@@ -57,7 +63,7 @@ def command(
     from micromanip.design.trend import summarised, told, usual_fields
     from micromanip.recordings.trend import read_trend
 
-    if to is not None and to.suffix not in (".csv", ".svg", ".png"):
+    if to is not None and to.suffix.lower() not in (".csv", ".svg", ".png"):
         raise UsageError(f"--to {to}: a trend is written as .csv, or drawn as .svg or .png: name it so")
     if to is not None and to.exists():
         raise UsageError(f"{to} is there already: nothing is replaced; name another file with --to")
@@ -66,7 +72,7 @@ def command(
     trend = read_trend(place, every, _time("since", since), _time("until", until), fields)
     chosen = list(fields) or usual_fields(trend)
     if to is not None:
-        _write(trend, chosen if fields or to.suffix != ".csv" else list(trend.columns), to)
+        _write(trend, chosen if fields or to.suffix.lower() != ".csv" else list(trend.columns), to)
     gaps = [
         {"from": str(begin), "to": str(end), "seconds": int((end - begin).astype(int))} for begin, end in trend.gaps()
     ]
@@ -98,7 +104,7 @@ def _write(trend: Trend, fields: list[str], to: Path) -> None:
     from micromanip.design.trend import draw, write_csv
 
     try:
-        (write_csv if to.suffix == ".csv" else draw)(trend, fields, to)
+        (write_csv if to.suffix.lower() == ".csv" else draw)(trend, fields, to)
     except OSError as problem:
         to.unlink(missing_ok=True)
         raise system_error(problem, to) from problem

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, did_you_mean, system_error
 
+from .hdf5 import ENDINGS as HDF5
 from .telemetry import Telemetry
 from .units import split_unit
 
@@ -38,11 +39,11 @@ def export(telemetry: Telemetry, to: Path, cut: Cut | None = None, signals: Sequ
     HDF5 without `signals` has the layout of `run --record`: whole rows, state, parameters, configuration. Raises
     UsageError for a wrong name or place, DeviceUnavailable without the library, CheckFailed for a damaged file.
     """
-    writer = _WRITERS.get(to.suffix)
+    writer = _WRITERS.get(to.suffix.lower())
     if writer is None:
         raise UsageError(f"--to {to}: expected a file that ends in {', '.join(_WRITERS)}")
     names = _chosen(telemetry, signals)
-    if to.suffix == ".h5" and not signals:
+    if writer is _write_hdf5 and not signals:
         writer = _write_rows
     try:
         with to.open("xb"):
@@ -198,13 +199,13 @@ def _write_matlab(telemetry: Telemetry, to: Path, names: Mapping[str, str], cut:
             raise CheckFailed(f"{to}: more than a .mat file takes; choose with --signals and --cut, or --to FILE.h5")
     columns = {name: np.concatenate(values) for name, values in gathered.items()}
     about = {"configuration": telemetry.configuration, "sha256": telemetry.sha256}
-    savemat(to, {**columns, **about}, long_field_names=True, oned_as="column", do_compression=True)
+    savemat(to, {**columns, **about}, appendmat=False, long_field_names=True, oned_as="column", do_compression=True)
     return len(columns.get(_TIME, ()))
 
 
 _Writer = Callable[[Telemetry, Path, Mapping[str, str], Cut], int]
 _WRITERS: dict[str, _Writer] = {
-    ".h5": _write_hdf5,
+    **dict.fromkeys(HDF5, _write_hdf5),
     ".parquet": _write_parquet,
     ".csv": _write_csv,
     ".mat": _write_matlab,

@@ -16,6 +16,7 @@ from .arrays import WIDE, columns_of
 from .table import Array, Table
 from .telemetry import Piece, Telemetry
 
+ENDINGS = (".h5", ".hdf5")
 _PART_ROWS, _PIECE_ROWS = 50_000, 4096
 _MOST_VALUES = 250_000_000
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit")

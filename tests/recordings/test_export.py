@@ -95,7 +95,7 @@ def test_csv(recorded, tmp_path):
     assert bits(table["stage_um_y"]) == bits(rows["axis"]["stage_um"][:, 1])
 
 
-@pytest.mark.parametrize("kind", [".h5", ".parquet", ".mat", ".csv"])
+@pytest.mark.parametrize("kind", [".h5", ".hdf5", ".parquet", ".mat", ".MAT", ".CSV"])
 def test_a_part(recorded, tmp_path, kind):
     """By the counter of cycles: the skipped ones count."""
     file, rows = recorded
@@ -111,7 +111,7 @@ def test_a_part(recorded, tmp_path, kind):
 @pytest.mark.parametrize(
     ("to", "signals", "said"),
     [
-        ("run.xlsx", (), r"expected a file that ends in \.h5, \.parquet, \.csv, \.mat"),
+        ("run.xlsx", (), r"expected a file that ends in \.h5, \.hdf5, \.parquet, \.csv, \.mat"),
         ("there.h5", (), "is there already"),
         ("no/folder/run.h5", (), "No such file or directory"),
         ("run.csv", ("stran_um_x",), "no column stran_um_x; did you mean strain_um_x"),

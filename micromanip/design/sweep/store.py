@@ -95,7 +95,7 @@ class Store:
         """All rows, by number: CSV, or Parquet by the ending. CheckFailed without the extra for that."""
         found = self._database.execute("SELECT * FROM tunings ORDER BY number")
         names, rows = [each[0] for each in found.description], found.fetchall()
-        if file.suffix == ".parquet":
+        if file.suffix.lower() == ".parquet":
             try:
                 import pyarrow
                 from pyarrow import parquet

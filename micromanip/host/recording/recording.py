@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
 from micromanip.host.child import Child
+from micromanip.recordings.hdf5 import ENDINGS as HDF5
 from micromanip.replies import Recorded
 from micromanip.rt import mailbox as w
 
@@ -22,7 +23,7 @@ from .unclosed import close_unclosed
 if TYPE_CHECKING:  # the recorder's process needs the layout only
     from micromanip.host.controller import Controller
 
-MCAP, HDF5 = ".mcap", (".h5", ".hdf5")
+MCAP = ".mcap"
 
 
 @dataclass(frozen=True)

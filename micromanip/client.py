@@ -47,6 +47,7 @@ class Client:
         `on_behalf_of` is noted in the audit trail beside the user that asks; it gives no rights.
         """
         self.path = path or default_socket()
+        self._named_path = "" if path is None else f" --socket {path}"
         self._named = {} if on_behalf_of is None else {"on_behalf_of": on_behalf_of}
         self._connect()
 
@@ -63,7 +64,7 @@ class Client:
         except OSError as problem:
             self._socket.close()
             raise DeviceUnavailable(
-                f"no controller answers on {self.path}; start one with `micromanip run CONFIG`"
+                f"no controller answers on {self.path}; start one with `micromanip run CONFIG{self._named_path}`"
             ) from problem
         self._lines = self._socket.makefile("rb")
 

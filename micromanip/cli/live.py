@@ -104,7 +104,7 @@ def summary(report: Status) -> None:
 def status(report: Status) -> None:
     """State, faults, what each axis does, and the figures of the run, on standard output."""
     console = out_console()
-    console.print(state_line(report), *faults(report), *arms_by_itself(report))
+    console.print(state_line(report), *faults(report), *arms_by_itself(report), sep="\n")
     console.print(values(report), *_figures(report))
 
 

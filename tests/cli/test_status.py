@@ -118,7 +118,8 @@ def test_that_it_arms_by_itself_is_said_before_the_values(played, capsys):
     played.status |= {"state": "READY", "arming_awaits": ["strain_x is not valid, or stuck: check the gauge"]}
     main(["status", "--socket", str(played.path)])
     out = capsys.readouterr().out
-    assert "arms by itself" in out
+    begins = [line.split()[0] for line in out.splitlines()]
+    assert begins.index("READY") < begins.index("X-201") < begins.index("arms"), "each on a line of its own"
     assert out.index("READY") < out.index("strain_x is not valid") < out.index("position, um")
     played.status["arming_awaits"] = None
     main(["status", "--socket", str(played.path)])

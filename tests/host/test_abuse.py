@@ -140,7 +140,8 @@ def test_commands_from_beginning_to_end(run):
         assert cell.end() == 0
         with pytest.raises(DeviceUnavailable, match=r"^the controller on .* went away$"):
             client.status()
-    with pytest.raises(DeviceUnavailable, match=r"^no controller answers on .*; start one with `micromanip run"):
+    starts = rf"^no controller answers on .*; start one with `micromanip run CONFIG --socket {cell.socket}`$"
+    with pytest.raises(DeviceUnavailable, match=starts):
         Client(cell.socket)
 
 

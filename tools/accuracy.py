@@ -66,6 +66,7 @@ Rms, um, over {PLAYED_S:g} s of tracking while the tool cuts. The paper closes n
 The bound is that of [the error budget](budget.md#the-bound): no causal controller with these sensors goes below it,
 where phases are known for {COHERENCE_S:g} s. It asks for no margins, and a loop that bears another plant is above it.
 A drawn actuator may be too weak for the common path: at an end of its voltage or set-point nothing is corrected.
+Of the {{free}} that never came to one the median is {{free_um}} um.
 
 ## Sines on the gauge
 
@@ -239,6 +240,8 @@ def page(own: Mapping[str, Reached], plants: Mapping[int, Reached | str]) -> str
     good = [each for each in plants.values() if isinstance(each, Reached)]
     refused = {seed: why for seed, why in plants.items() if isinstance(why, str)}
 
+    free = [each.path[NOW] for each in good if not each.path.get(LIMITED)]
+
     def columns(kind: str) -> dict[str, Values]:
         found = {axis: getattr(each, kind) for axis, each in own.items()}
         middle, worst = spread([getattr(each, kind) for each in good])
@@ -252,6 +255,8 @@ def page(own: Mapping[str, Reached], plants: Mapping[int, Reached | str]) -> str
         passed=len(good),
         faulty=sum(not any(row.startswith(_AS_TUNED) for row in each.gauge) for each in good),
         last=FIRST_PLANT + len(plants) - 1,
+        free=len(free),
+        free_um=f"{np.median(free):.3f}" if free else "-",
         path="\n".join(lines(first.path, columns("path"))),
         letters=", ".join(f"{letter}: {label}" for letter, label in paper.LABELS.items()),
         gauge="\n".join(lines(first.gauge, {"paper": papers, **columns("gauge")})),

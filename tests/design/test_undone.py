@@ -6,8 +6,9 @@ from micromanip_drivers.simulated.mechanics import continuous
 from micromanip_drivers.simulated.options import Plant, SecondMode
 from scipy.linalg import expm
 
-from micromanip.control.system import System
+from micromanip.control.system import System, delay
 from micromanip.design.synthesis.actuator import resonances, undo
+from micromanip.design.synthesis.pid import PidDesign
 from micromanip.settings.schema.axis import Inner
 
 PERIOD_S, GAUGE_US, LAG_US = 1e-4, 1e6 / (2 * np.pi * 2500.0), 1e6 / (2 * np.pi * 900.0)
@@ -87,3 +88,23 @@ def test_an_actuator_without_a_resonance_has_nothing_of_the_kind_undone():
 @pytest.mark.parametrize(("noise_um", "left_um", "percent"), [(1e-4, 1.0, 100.0), (0.1, 1e-4, 60.0)])
 def test_the_pid_is_left_what_it_is_needed_for(noise_um, left_um, percent):
     assert undone(Plant(), noise_um, left_um).actuator.feedback_percent == percent
+
+
+def test_less_feedback_is_taken_only_where_the_loop_bears_it():
+    """Of this plant (seed 273) the crossover comes down from 230 Hz to its mode at 77 Hz: 38 degrees become 14."""
+    mode = SecondMode(ratio=3.25, stiffness_share=0.38, gain=-0.1)
+    masses = {"piezo_N_per_um": 497.0, "actuator_kg": 2.417, "stage_kg": 11.32}
+    plant = Plant(flexure_N_per_um=2.528, guide_N_per_um=0.1496, damping=0.0383, second_mode=mode, **masses)
+    dynamics = true_dynamics(plant, 0.519)
+    inner = INNER.model_copy(update={"K_V_per_um": 0.2443, "Ti_ms": 0.06069, "Td_ms": 0.0, "filter_ms": 0.2905})
+    slopes, late = (0.75, 1.0, 1.373), delay(1, PERIOD_S).then(dynamics)
+    design = PidDesign(inner, slopes, (), noise_gain=1.0, residual_10Hz=0.1, robust_sensitivity=2.0, limited_by="")
+    assert design.bears(1.0, late, 6.0, 30.0)
+    assert not design.bears(0.6, late, 6.0, 30.0)
+
+    def percent(bears):
+        return undo(dynamics, 1, inner, GAUGE_US, 0.1, 1e-4, ASKED_HZ, bears).actuator.feedback_percent
+
+    assert percent(lambda share: True) == 60.0
+    assert percent(lambda share: design.bears(share, late, 6.0, 30.0)) == 90.0
+    assert percent(lambda share: False) == 100.0

@@ -20,6 +20,7 @@ from ..actuation import Actuator, identify_actuator
 from ..experiment import Experiment, with_axis
 from ..hysteresis import HysteresisFit
 from ..identification import design, recording, samples_for, variant
+from ..loops import over_path
 from ..record import Record, judge_record
 from ..sensitivity import Sensitivity
 from ..synthesis import OuterDesign, PidDesign, Undone, undo
@@ -170,8 +171,12 @@ def _commission(
     undone, kept = None, settings.actuator
     if kept is not None and actuator.path == AT_ONCE:
         asked_Hz = settings.accept.frequencies_Hz
-        model = actuator.dynamics, actuator.delay
-        undone = undo(*model, pid.inner, kept.gauge_us, polarity.noise_um, left_um, asked_Hz)
+        model, accept = (actuator.dynamics, actuator.delay), settings.accept
+        margins = over_path(actuator.system, actuator.path), accept.gain_margin_dB, accept.phase_margin_deg
+        undone = undo(
+            *model, pid.inner, kept.gauge_us, polarity.noise_um, left_um, asked_Hz,
+            lambda share: pid.bears(share, *margins),
+        )  # fmt: skip
         kept = undone.actuator
     tuned = with_axis(tuned, axis, actuator=kept)
     return Commissioned(

@@ -9,12 +9,13 @@ P is divided by its gain, which the inverse hysteresis takes away. The delay, re
 undone if the error is smaller for it over plants whose mode is up to 3 % off and half or one and a half times as damped
 as identified, and no larger on the worst of them: what does not bear that is left alone.
 What the PID has left to do is then so little that less of it may be better: its share is the one with the least of
-noise and of what the hysteresis model leaves over, at the frequencies that are asked for.
+noise and of what the hysteresis model leaves over, at the frequencies that are asked for, of those that the loop bears:
+with less gain the crossover may come down to a mode of the stage.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -70,11 +71,13 @@ def undo(
     noise_um: float,
     left_um: float,
     asked_Hz: Sequence[float],
+    bears: Callable[[float], bool] = lambda _: True,
 ) -> Undone:
     """What to undo of `dynamics` (V to um), behind so many cycles, under the PID `inner`.
 
     `gauge_us`: how late the gauge is, by its data sheet; `noise_um`: its noise, rms; `left_um`: what the hysteresis
-    model leaves over, rms, at `asked_Hz`.
+    model leaves over, rms, at `asked_Hz`; `bears`: whether the loop keeps its margins with a share of the PID's
+    gain.
     """
     late = delay(delay_cycles, dynamics.period_s)
     system = late.then(dynamics)
@@ -98,7 +101,8 @@ def undo(
         if tried[name][0] < _WORTH * rms and tried[name][1] <= worst:
             chosen, (rms, worst) = timed, tried[name]
             taken.append(name)
-    share = _share(system, inner, noise_um, left_um, asked_Hz)
+    shares = [percent for percent in _SHARES if percent == _SHARES[0] or bears(0.01 * percent)]
+    share = min(shares, key=_cost(system, inner, noise_um, left_um, asked_Hz))
     return Undone(chosen.model_copy(update={"feedback_percent": share}), tried, tuple(taken))
 
 
@@ -170,8 +174,10 @@ def _moved(system: System, frequency: float, damping: float) -> System:
     return perturbed(system, Perturbation(stiffness=frequency**2, damping=damping))
 
 
-def _share(system: System, inner: Inner, noise_um: float, left_um: float, asked_Hz: Sequence[float]) -> float:
-    """Percent of the PID's gains with the least of noise passed on and hysteresis left over."""
+def _cost(
+    system: System, inner: Inner, noise_um: float, left_um: float, asked_Hz: Sequence[float]
+) -> Callable[[float], float]:
+    """Noise passed on and hysteresis left over (um^2) by percent of the PID's gain."""
     T = system.period_s
     even, asked = np.linspace(0.0, np.pi / T, 501)[1:], 2 * np.pi * np.array(asked_Hz)
 
@@ -180,7 +186,7 @@ def _share(system: System, inner: Inner, noise_um: float, left_um: float, asked_
         noise = noise_um**2 * np.mean(np.abs(L / (1.0 + L)) ** 2)
         return float(noise + left_um**2 * np.mean(1.0 / np.abs(1.0 + low) ** 2))
 
-    return min(_SHARES, key=cost)
+    return cost
 
 
 def _of(root: complex, period_s: float) -> tuple[float, float]:

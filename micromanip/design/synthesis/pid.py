@@ -71,6 +71,15 @@ class PidDesign:
         """Ms at the worst slope."""
         return max(found.sensitivity for found in self.margins)
 
+    def bears(self, share: float, actuator: System, gain_dB: float, phase_deg: float) -> bool:
+        """Whether the margins are there with `share` of the gain, too, and Ms is below the last of its limits."""
+        inner = self.inner.model_copy(update={"K_V_per_um": share * self.inner.K_V_per_um})
+        found = [margins(strain_loop(inner, actuator, slope)) for slope in self.slopes]
+        return all(
+            m.stable and m.gain_dB >= gain_dB and m.phase_deg >= phase_deg and m.sensitivity <= _LIMITS[-1]
+            for m in found
+        )
+
 
 @dataclass(frozen=True)
 class _Task:

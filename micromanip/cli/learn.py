@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from micromanip.design.learning.learner import Learner
     from micromanip.design.learning.memory import Learned, Memory
     from micromanip.design.learning.trial import AxisTrial
-    from micromanip.replies import LearningStatus
+    from micromanip.status_reply import LearningStatus
 
 memory_option = click.option(
     "--memory", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", required=True,

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
 from micromanip.host.child import Child
-from micromanip.replies import Recorded
 from micromanip.rt import mailbox as w
+from micromanip.status_reply import Recorded
 
 from .unclosed import close_unclosed
 

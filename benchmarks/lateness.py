@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from micromanip.host.readiness import cyclictest
 from micromanip.host.readiness.loop_run import run_in_ready
 from micromanip.host.statistics import durations
-from micromanip.replies import Durations
 from micromanip.settings.check import Prepared, prepare
+from micromanip.status_reply import Durations
 
 from .plan import Plan
 from .results import Result, Skipped

@@ -13,6 +13,7 @@ from micromanip.rt.records import SIGNAL
 from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, STATES, WORDS
 from micromanip.rt.states import NO_COMMAND
 from micromanip.rt.telemetry import write_row
+from micromanip.rt.transitions import begin_cycle
 
 _compiled = Compiler(__file__)
 _SIGNAL_LOG = types.Array(numba.from_dtype(SIGNAL), 2, "C")
@@ -36,5 +37,6 @@ def replay(
         state[0] = first[0]
         for k in range(len(signals)):
             now_ns = (s["cycle"] + periods[k]) * p["period_ns"]
-            cell_cycle(p, s, signals[k], outputs, samples, NO_COMMAND, now_ns, periods[k])
+            begin_cycle(s, periods[k] - 1)
+            cell_cycle(p, s, signals[k], outputs, samples, NO_COMMAND, now_ns)
             write_row(p, s, signals[k], rows[k], now_ns, 0, 0, periods[k])

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
 
-from . import replies
+from . import replies, status_reply
 from .errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
 
 _TIMEOUT_S = 10.0
@@ -160,9 +160,9 @@ class Client:
         """What runs, as a text of YAML, with its hash."""
         return cast(replies.RunningConfiguration, self.request("configuration"))
 
-    def status(self) -> replies.Status:
+    def status(self) -> status_reply.Status:
         """The report of the run so far, as ``run --json`` ends with."""
-        return cast(replies.Status, self.request("status"))
+        return cast(status_reply.Status, self.request("status"))
 
     def arm(self) -> None:
         """Soft start into TRACKING; returns once arming has begun."""
@@ -188,9 +188,9 @@ class Client:
         """The part that is being made has ended."""
         self.request("part_end")
 
-    def learn_status(self) -> replies.LearningStatus:
+    def learn_status(self) -> status_reply.LearningStatus:
         """What is learned from part to part, and played."""
-        return cast(replies.LearningStatus, self.request("learn_status"))
+        return cast(status_reply.LearningStatus, self.request("learn_status"))
 
     def learn_reset(self, *axes: str) -> None:
         """Forget what is learned of `axes`, all without any; what is played fades out."""
@@ -299,7 +299,7 @@ class Client:
         after_s: float | None = None,
         segment_s: float | None = None,
         quota_bytes: int | None = None,
-    ) -> replies.Recorded:
+    ) -> status_reply.Recorded:
         """Record to a new file of that name in the controller's folder, one named for the time without.
 
         `before_s` (s) of what has been is in it, too; with `triggers` (fault, overrun, mark) it waits for the first of
@@ -307,11 +307,11 @@ class Client:
         the oldest are removed beyond `quota_bytes`.
         """
         extent = {"before_s": before_s, "after_s": after_s, "segment_s": segment_s, "quota_bytes": quota_bytes}
-        return cast(replies.Recorded, self.request("record_start", file=file, triggers=list(triggers), **extent))
+        return cast(status_reply.Recorded, self.request("record_start", file=file, triggers=list(triggers), **extent))
 
-    def record_stop(self) -> replies.Recorded:
+    def record_stop(self) -> status_reply.Recorded:
         """End the recording; raises CheckFailed where there is none, or it failed."""
-        return cast(replies.Recorded, self.request("record_stop"))
+        return cast(status_reply.Recorded, self.request("record_stop"))
 
     def record_mark(self, text: str) -> replies.Marked:
         """Put a remark into the recording."""

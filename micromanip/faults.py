@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from micromanip.replies import Fault
 from micromanip.rt import states
+from micromanip.status_reply import Fault
 
 _WORDS = Path(__file__).with_name("faults.toml")
 """By the file: where a process begins in a folder that has another one called ``micromanip``, the name finds that."""

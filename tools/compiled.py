@@ -37,7 +37,7 @@ def main() -> None:
     takes_back(p[0], s[0])
     swap_cell(p[0], p[1], s[0])
     signals, outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
-    cell_cycle(p[0], s[0], signals, outputs, np.zeros((1, MAX_AXES)), NO_COMMAND, s[0]["cycle"], np.int64(1))
+    cell_cycle(p[0], s[0], signals, outputs, np.zeros((1, MAX_AXES)), NO_COMMAND, s[0]["cycle"])
 
 
 if __name__ == "__main__":

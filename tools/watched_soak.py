@@ -36,8 +36,8 @@ from micromanip.client import Client
 from micromanip.errors import DeviceUnavailable
 from micromanip.gateway.frames import parsed
 from micromanip.recordings import open_telemetry
-from micromanip.replies import Status
 from micromanip.settings.check import prepare
+from micromanip.status_reply import Status
 from tools.running_controller import MICROMANIP, reset, until
 
 CONFIG = Path(__file__).parents[1] / "config" / "simulated.yaml"

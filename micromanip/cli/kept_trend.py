@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import MicromanipError
-from micromanip.replies import TrendKept
+from micromanip.status_reply import TrendKept
 
 if TYPE_CHECKING:
     from micromanip.design.trend import LastDay

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import click
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError, system_error
 
+from .learned import memory_answer, print_memories, print_running, print_trials, update_answer, update_sentence
 from .options import (
     Quantity,
     StrictCommand,
@@ -25,11 +26,8 @@ from .options import (
 from .prose import say
 
 if TYPE_CHECKING:
-    from micromanip.design.learning.law import Update
     from micromanip.design.learning.learner import Learner
-    from micromanip.design.learning.memory import Learned, Memory
-    from micromanip.design.learning.trial import AxisTrial
-    from micromanip.replies import LearningStatus
+    from micromanip.design.learning.memory import Memory
 
 memory_option = click.option(
     "--memory", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", required=True,
@@ -101,7 +99,7 @@ def update(
     finally:  # of what was learned before something is refused, too
         if not as_json:
             for each in told:
-                say(_sentence(each))
+                say(update_sentence(each))
     if as_json:
         print_json({"updates": told})
 
@@ -112,29 +110,15 @@ def update(
 @json_option
 def status(folder: Path | None, socket_path: Path, as_json: bool) -> None:
     """What each axis has learned, from how many parts, at which frequencies; without --memory the running cell's."""
-    from .tables import Figures, out_console
-
     if folder is None:
         with Client(socket_path) as client:
-            print_answer(client.learn_status(), _print_running, as_json)
+            print_answer(client.learn_status(), print_running, as_json)
         return
-    found = [_status(memory) for memory in _memories(folder)]
+    found = [memory_answer(memory) for memory in _memories(folder)]
     if as_json:
         print_json({"memory": str(folder), "axes": found})
         return
-    shown = Figures(
-        "axis", "tool", "parts", "state", "learned, Hz", "correction, um", "wrong is left", "last part, um", "was"
-    )
-    for each in found:
-        last = each["story"][-1] if each["story"] else None
-        shown.add_row(
-            each["axis"], str(each["tool"] or ""), str(each["parts"]), str(each["generation"]),
-            _bands(each["learned_Hz"]),
-            f"{each['correction_um']:.3f}", f"{100 * each['contraction']:.2g} %",
-            "" if last is None else _interval(last["error_um"], (last["error_least_um"], last["error_most_um"])),
-            "" if last is None else last["verdict"],
-        )  # fmt: skip
-    out_console().print(shown)
+    print_memories(found)
 
 
 @command.command("reset", cls=StrictCommand, epilog="Example: micromanip learn reset --memory out/learned --axis x")
@@ -224,7 +208,7 @@ def try_(config: Path, parts: int, seconds: float, seed: int, limit_um: float, a
         axes = [axis.document() for axis in found]
         print_json({"config": str(config), "seconds": seconds, "seed": seed, "axes": axes})
     else:
-        _print(found)
+        print_trials(found)
 
 
 def _learn_from(
@@ -241,7 +225,7 @@ def _learn_from(
         learner.write(found)
     except OSError as problem:
         raise system_error(problem, learner.folder) from None
-    return [_updated(file, name, each) for name, each in found.items()]
+    return [update_answer(file, name, each) for name, each in found.items()]
 
 
 def _memories(folder: Path) -> list[Memory]:
@@ -250,88 +234,3 @@ def _memories(folder: Path) -> list[Memory]:
     if not folder.is_dir():
         raise CheckFailed(f"{folder}: no such folder")
     return [memory for file in sorted(folder.glob("*.npz")) if (memory := read_memory(file)) is not None]
-
-
-def _print_running(told: LearningStatus) -> None:
-    from .tables import Figures, out_console
-
-    say(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
-    shown = Figures("axis", "memory", "now", "off the path, um", "last part, um", "without, um", "was", "learned, Hz")
-    for name, axis in told["axes"].items():
-        last = axis["last"] or {}
-        memory = "none" if axis["generation"] is None else f"state {axis['generation']}"
-        shown.add_row(
-            name, memory if axis["may_play"] or axis["generation"] is None else f"{memory}, not played", axis["state"],
-            f"{axis['apart_um']:.2f}", *(f"{last[key]:.3f}" if last else "" for key in ("error_um", "without_um")),
-            last.get("verdict", ""), _bands(last["learned_Hz"]) if last else "",
-        )  # fmt: skip
-    out_console().print(shown)
-
-
-def _learned(now: Learned) -> dict[str, Any]:
-    return {
-        "parts": now.parts,
-        "learned_Hz": [list(band) for band in now.learned_Hz],
-        "correction_um": float(abs(now.correction_um).max()),
-        "contraction": now.contraction,
-    }
-
-
-def _status(memory: Memory) -> dict[str, Any]:
-    return {
-        "axis": memory.axis, "cell": memory.cell, "tuning": memory.tuning, "path": memory.path,
-        "tool": memory.tool, "temperature_C": memory.temperature_C, "seconds": memory.seconds,
-        "generation": memory.generation, **_learned(memory.now),
-        "story": [dict(each) for each in memory.story],
-    }  # fmt: skip
-
-
-def _updated(file: Path, axis: str, found: Update) -> dict[str, Any]:
-    return {
-        "file": str(file), "axis": axis, "verdict": found.verdict, "forgotten": found.forgotten,
-        "error_um": found.error_um, "error_95_um": list(found.interval_um),
-        "missed_percent": found.memory.story[-1]["missed_percent"], **_learned(found.memory.now),
-    }  # fmt: skip
-
-
-def _sentence(told: dict[str, Any]) -> str:
-    begin = (
-        f"{told['file']}: axis {told['axis']}: {_interval(told['error_um'], told['error_95_um'])} um rms in the band "
-        f"that is learned, {told['missed_percent']:.2g} % of the cycles missed, {told['verdict']}"
-    )
-    if told["forgotten"]:
-        return f"{begin}: forgotten, back to what was played before"
-    if not told["learned_Hz"]:
-        return f"{begin}; nothing repeats beyond doubt in {told['parts']} part{'s' * (told['parts'] > 1)}"
-    return (
-        f"{begin}; learned {_bands(told['learned_Hz'])} Hz from {told['parts']} parts, correction up to "
-        f"{told['correction_um']:.3f} um; at most {100 * told['contraction']:.2g} % of what is wrong in it stays"
-    )
-
-
-def _interval(value: float, ends: Sequence[float]) -> str:
-    return f"{value:.3f} ({ends[0]:.3f} to {ends[1]:.3f})"
-
-
-def _bands(bands: Sequence[Sequence[float]]) -> str:
-    return ", ".join(f"{low:.3g}-{high:.3g}" for low, high in bands) or "nothing"
-
-
-def _print(found: Sequence[AxisTrial]) -> None:
-    from .tables import Figures, out_console
-
-    numbers = [f"part {k + 1}" for k in range(len(found[0].parts))]
-    whole = Figures("axis", "uncompensated", *numbers, "floor", "over it", title="True path error, um rms")
-    repeats = Figures("axis", *numbers, title="What of it repeats, um rms")
-    for axis in found:
-        last = axis.parts[-1]
-        whole.add_row(
-            axis.axis, f"{axis.uncompensated_um:.1f}", *(f"{each.whole_um:.3f}" for each in axis.parts),
-            f"{last.floor_um:.3f}", f"{last.over_floor:.3f}",
-        )  # fmt: skip
-        repeats.add_row(axis.axis, *(f"{each.repeats_um:.3f}" for each in axis.parts))
-    out_console().print(whole)
-    out_console().print(repeats)
-    for axis in found:
-        verdicts = ", ".join(each.verdict for each in axis.parts)
-        say(f"axis {axis.axis}: learned {_bands(axis.parts[-1].learned_Hz)} Hz; part by part: {verdicts}")

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from micromanip.faults import FaultReport
 from micromanip.host import journal
-from micromanip.replies import LearningStatus, Link, Recorded, Status
+from micromanip.status_reply import LearningStatus, Link, Recorded, Status
 
 from .messages import Printer, error_console
 from .tables import Figures, out_console

@@ -8,7 +8,8 @@ import click
 
 from micromanip.client import Client
 from micromanip.errors import UsageError
-from micromanip.replies import Marked, Recorded
+from micromanip.replies import Marked
+from micromanip.status_reply import Recorded
 
 from .options import Quantity, StrictCommand, StrictGroup, asking
 from .prose import say

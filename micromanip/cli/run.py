@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from micromanip.errors import CheckFailed
-from micromanip.replies import Status
+from micromanip.status_reply import Status
 
 from .options import Quantity, StrictCommand, config_argument, json_option, print_answer, socket_option
 

@@ -19,7 +19,7 @@ from textual.widgets import Footer, Static
 
 from micromanip.client import Client
 from micromanip.errors import DeviceUnavailable, MicromanipError
-from micromanip.replies import Status
+from micromanip.status_reply import Status
 
 from .live import one_line
 from .trace import Trace

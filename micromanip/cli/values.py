@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
-from micromanip.replies import AxisValues, Status, Value, Window
+from micromanip.status_reply import AxisValues, Status, Value, Window
 
 from .tables import Figures
 

@@ -19,27 +19,32 @@ The true position is only told. A sine that the stage would not bear (`stage_swi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
-from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.model import Configuration
 from micromanip.virtual.experiment import VirtualExperiment
 
 from . import paper
-from .evaluation import SETTLE_S, TUNED, variant_of
-from .experiment import EXCITED, with_reference
+from .evaluation import SETTLE_S
 from .learning.spectrum import believed
-from .learning.zero_phase import low_pass
-from .quiet_loop import MAINS_HZ, SHARES, QuietLoop, loop_of
-from .stage_swing import StageSwing
+from .measured_way import (
+    RESTED_S,
+    Array,
+    Complex,
+    MeasuredWay,
+    TurningCell,
+    measured_ways,
+    quiet_loops,
+    stage_swings,
+    undone_lag,
+)
+from .quiet_loop import MAINS_HZ, SHARES, QuietLoop
 
 LEARNED = "E"
 REPETITIONS = 8
@@ -50,12 +55,6 @@ SINES = ((1.0, 30.0), (5.0, 30.0), (10.0, 30.0), (50.0, 10.0), (100.0, 10.0), (1
 ASKED_UM = {1.0: 0.010, 5.0: 0.012, 10.0: 0.012, 100.0: 0.020}
 ASKED_PERCENT = {50.0: 0.15, 150.0: 0.30}
 """True sigma, and rms in percent of the stroke: what was to be reached."""
-_LINES_HZ = np.concatenate([np.arange(10.0, 601.0, 10.0), np.arange(650.0, 3001.0, 50.0)])
-_SHAPE = np.where(_LINES_HZ <= 600.0, 1.0, 150.0 / _LINES_HZ)
-_LINE_UM, _MEASURED_S = (0.2, 0.4), 8.0
-"""Of the sum of sines by which T is found: its lines, their relative amplitudes, both amplitudes, and for how long."""
-_RESTED_S = 2.0
-_MOST_OFF, _CORNER = 0.2, 2.0 / 3.0
 _FADE_S, _CHANGED_S = 0.05, 0.2
 """A correction changes over in that time, and has settled after that."""
 _LIMIT_UM = 5.0
@@ -65,43 +64,6 @@ _SEEN = 4
 """Repetitions that are told of."""
 _INDEPENDENT = 2.0
 """Degrees of freedom of a harmonic in one repetition."""
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
-
-@dataclass(frozen=True)
-class MeasuredWay:
-    """From set-point to position of one axis: its response (lines,) at two amplitudes."""
-
-    small: Complex
-    large: Complex
-
-    def response(self, hertz: Array) -> Complex:
-        """T (n,), straight lines between what was measured."""
-        known, mean = np.append(0.0, _LINES_HZ), np.append(1.0, (self.small + 2.0 * self.large) / 3.0)
-        return np.asarray(np.interp(hertz, known, mean))
-
-    @property
-    def _known(self) -> NDArray[np.bool_]:
-        """At which lines, and at their neighbours, both amplitudes agree to a fifth."""
-        alike = np.abs(self.large - self.small) <= _MOST_OFF * np.abs(self.small)
-        return np.asarray(minimum_filter(alike, 3, mode="nearest"))
-
-    def share(self, hertz: Array) -> Array:
-        """Q (n,): 0 where T is not known at both lines beside, else 1, falling towards the highest that is known."""
-        known = self._known
-        if not known.any():
-            return np.zeros(len(hertz))
-        highest_hz = float(_LINES_HZ[known].max())
-        beside = np.interp(hertz, np.append(0.0, _LINES_HZ), np.append(known[0], known).astype(float))
-        return np.where((beside == 1.0) & (hertz <= highest_hz), low_pass(hertz, _CORNER * highest_hz), 0.0)
-
-    @property
-    def highest_Hz(self) -> float:
-        """Up to where it is known without a gap; 0 where it nowhere is."""
-        wrong = np.flatnonzero(~self._known)
-        return float(_LINES_HZ[-1] if not len(wrong) else _LINES_HZ[wrong[0] - 1] if wrong[0] else 0.0)
 
 
 class Harmonics:
@@ -127,37 +89,6 @@ class Harmonics:
         power = np.abs(self._mean) ** 2
         sure = believed(power, self._spread if n > 1 else power, n, _INDEPENDENT)
         self.correction = self._low * sure * self._mean / self._response
-
-
-class _Turning:
-    """A cell that plays a table without a pause; the table may be changed ahead of it."""
-
-    def __init__(self, configuration: Configuration, experiment: VirtualExperiment, seconds: float) -> None:
-        self._configuration, self._experiment = configuration, experiment
-        self._rate_hz = configuration.loop.rate_hz
-        self.table = np.full((round(seconds * self._rate_hz), MAX_AXES), paper.OFFSET_UM)
-        axes = {name: variant_of(axis, TUNED, own_pid=False) for name, axis in configuration.axes.items()}
-        variant = with_reference(configuration.model_copy(update={"axes": axes}), EXCITED)
-        self._cell = experiment.cell(variant, self.table)
-        self._cell.arm()
-
-    @property
-    def parameters(self) -> Any:
-        """What the cell runs on."""
-        return self._cell.parameters[0]
-
-    @property
-    def at(self) -> int:
-        """Row of the table that was played last."""
-        cell = self._cell.state[0]
-        return int(cell["cycle"] - cell["tracking_cycle"])
-
-    def run(self, seconds: float) -> tuple[int, NDArray[Any]]:
-        """The next `seconds`: the row of the table that they begin with, and what was measured. CheckFailed."""
-        first = self.at + 1
-        rows = self._cell.run(seconds)
-        self._experiment.require_no_fault(self._cell)
-        return first, self._experiment.at_own_time(rows, self._configuration)
 
 
 def repeated(
@@ -187,41 +118,6 @@ def repeated(
     return sorted(found, key=lambda row: order[row["axis"]])
 
 
-def quiet_loops(configuration: Configuration, experiment: VirtualExperiment) -> dict[str, QuietLoop]:
-    """The strain loop of each axis, by the answer of its gauge to the voltage, and by the gauge at rest."""
-    rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
-    turning = _Turning(configuration, experiment, 2.0 * (SETTLE_S + _MEASURED_S) + 1.0)
-    turning.run(SETTLE_S)
-    _, rows = turning.run(_MEASURED_S)
-    resting = np.array(rows["axis"]["strain_um"][:, :count], dtype=float)
-    _, answer = _excited(turning, rate_hz, count, _LINE_UM[0])
-    hertz, found = np.arange(1.0, _LINES_HZ[-1] + 0.5), {}
-    for i, (name, axis) in enumerate(configuration.axes.items()):
-        plant = answer["strain_um"][:, i] / answer["voltage_V"][:, i]
-        inner = variant_of(axis, TUNED, own_pid=False).running_inner
-        loop = loop_of(inner, 1.0 / rate_hz, hertz, _LINES_HZ, plant)
-        found[name] = QuietLoop.of(hertz, loop, resting[:, i], rate_hz)
-    return found
-
-
-def stage_swings(configuration: Configuration, experiment: VirtualExperiment) -> dict[str, StageSwing]:
-    """How far the stage goes, of each axis that has a capacitive sensor."""
-    rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
-    turning = _Turning(configuration, experiment, 2.0 * SETTLE_S + _RESTED_S + _MEASURED_S + 1.0)
-    turning.run(SETTLE_S)
-    _, rows = turning.run(_RESTED_S)
-    rest_um = np.median(rows["axis"]["stage_um"][:, :count], axis=0)
-    played, answer = _excited(turning, rate_hz, count, _LINE_UM[0])
-    answers = answer["stage_um"] / played[:, None]
-    found = {}
-    for i, name in enumerate(configuration.axes):
-        axis = turning.parameters["axis"][i]
-        if axis["stage"] >= 0:
-            low_um, high_um = axis["stage_range_um"]
-            found[name] = StageSwing(_LINES_HZ, answers[:, i], float(rest_um[i]), (float(low_um), float(high_um)))
-    return found
-
-
 def _with_share(configuration: Configuration, loops: dict[str, QuietLoop], share: float) -> Configuration:
     """`configuration` with `share` of the PID's gains on each axis that bears it."""
     axes = dict(configuration.axes)
@@ -230,41 +126,6 @@ def _with_share(configuration: Configuration, loops: dict[str, QuietLoop], share
             inner = axis.inner.model_copy(update={"K_V_per_um": share * axis.inner.K_V_per_um})
             axes[name] = axis.model_copy(update={"inner": inner})
     return configuration.model_copy(update={"axes": axes})
-
-
-def measured_ways(configuration: Configuration, experiment: VirtualExperiment) -> dict[str, MeasuredWay]:
-    """T of each axis, by a sum of sines about the working point at two amplitudes."""
-    rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
-    turning = _Turning(configuration, experiment, len(_LINE_UM) * (SETTLE_S + _MEASURED_S) + 1.0)
-    found = []
-    for line_um in _LINE_UM:
-        played, answer = _excited(turning, rate_hz, count, line_um)
-        found.append({name: answer["strain_um"][:, i] * _undone(axis, _LINES_HZ) / played
-                      for i, (name, axis) in enumerate(configuration.axes.items())})  # fmt: skip
-    return {name: MeasuredWay(*(each[name] for each in found)) for name in configuration.axes}
-
-
-def _excited(turning: _Turning, rate_hz: int, count: int, line_um: float) -> tuple[Complex, dict[str, Complex]]:
-    """Play the sum of sines on `count` axes: its lines (lines,), and those (lines, count) of what answered."""
-    time_s, number = np.arange(len(turning.table)) / rate_hz, len(_LINES_HZ)
-    phases = -np.pi * np.arange(number) * np.arange(1, number + 1) / number  # Schroeder's: a low crest
-    wave = np.zeros(len(time_s))
-    for f, size, phase in zip(_LINES_HZ, _SHAPE, phases, strict=True):
-        wave += line_um * size * np.cos(2.0 * np.pi * f * time_s + phase)
-    turning.table[turning.at + 1 :, range(count)] = paper.OFFSET_UM + wave[turning.at + 1 :, None]
-    turning.run(SETTLE_S)
-    first, rows = turning.run(_MEASURED_S)
-    lines = np.round(_LINES_HZ * _MEASURED_S).astype(int)
-    answer = {
-        key: np.fft.rfft(rows["axis"][key][:, :count], axis=0)[lines] for key in ("strain_um", "stage_um", "voltage_V")
-    }
-    return np.fft.rfft(wave[first:][: len(rows)])[lines], answer
-
-
-def _undone(axis: Any, hertz: Array) -> Complex:
-    """What the gauge's own lag is undone by, at `hertz`."""
-    lag_s = 0.0 if axis.actuator is None else 1e-6 * axis.actuator.gauge_us
-    return np.asarray(1.0 + 2j * np.pi * hertz * lag_s)
 
 
 def _sine(
@@ -277,15 +138,15 @@ def _sine(
     """
     rate_hz, window = configuration.loop.rate_hz, round(WINDOW_S * configuration.loop.rate_hz)
     pause_s = np.ceil(_CHANGED_S * frequency_hz) / frequency_hz
-    seconds = 2.0 * SETTLE_S + _RESTED_S + (repetitions + 2) * (WINDOW_S + pause_s) + _SEEN * WINDOW_S
-    turning = _Turning(configuration, experiment, seconds)
+    seconds = 2.0 * SETTLE_S + RESTED_S + (repetitions + 2) * (WINDOW_S + pause_s) + _SEEN * WINDOW_S
+    turning = TurningCell(configuration, experiment, seconds)
     turns = round(frequency_hz * WINDOW_S)
     lines = np.arange(turns, window // 2, turns)
     hertz = np.asarray(lines / WINDOW_S, dtype=np.float64)
     columns = [list(configuration.axes).index(name) for name in names]
     shares = [share if loops[name].bears(share) else 1.0 for name in names]
     turning.run(SETTLE_S)
-    first, rows = turning.run(_RESTED_S)
+    first, rows = turning.run(RESTED_S)
     mains = []
     for i, name in enumerate(names):
         # at rest the gauge shows S of what it adds
@@ -300,7 +161,7 @@ def _sine(
         """The error (windows, lines) of an axis, as its gauge tells it: less its lag, and what it adds itself."""
         seen = _lines(rows["axis"]["strain_um"][:, columns[i]], first, lines, window) - mains[i]
         wanted = _lines(sine[first:][: len(rows)], first, lines, window)
-        return np.asarray(wanted - seen * _undone(configuration.axes[names[i]], hertz))
+        return np.asarray(wanted - seen * undone_lag(configuration.axes[names[i]], hertz))
 
     harmonics = {name: Harmonics(hertz, ways[name]) for name in names}
     fade = np.array([minimum_jerk(k / (_FADE_S * rate_hz)) for k in range(round(_FADE_S * rate_hz))])
@@ -346,7 +207,7 @@ def _waves(harmonics: dict[str, Harmonics], lines: NDArray[np.int64], window: in
     return np.asarray(found)
 
 
-def _changed(turning: _Turning, columns: list[int], sine: Array, before: Array, after: Array, fade: Array) -> Array:
+def _changed(turning: TurningCell, columns: list[int], sine: Array, before: Array, after: Array, fade: Array) -> Array:
     """Play `after` (window, columns) on top of `sine` in the place of `before`, from now on; `after`."""
     at = np.arange(turning.at + 1, len(turning.table))
     share = np.ones(len(at))

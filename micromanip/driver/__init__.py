@@ -14,6 +14,7 @@
     ConfigError, did_you_mean                          options that make no sense together; a name that nobody knows
     worst_case_s, CLASSIC_LENGTHS, FD_LENGTHS          CAN frames at worst
     real_because, require_regular                      whether a device may be a real one; a file that can be read
+    marked_encoding                                    the encoding that a text's byte-order mark names
     read_path_deviation, CheckFailed                   a robot's deviation out of a table; what is wrong with one
 
 ``micromanip.driver.quantities`` has types of options with their bounds, ``micromanip.driver.testing`` runs a cyclic
@@ -39,6 +40,7 @@ from micromanip.bus.number_options import SIZES, Commanded, Scaled, Section, Typ
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
 from micromanip.errors import CheckFailed, ConfigError, did_you_mean
+from micromanip.files.byte_order_mark import marked_encoding
 from micromanip.files.regular_file import require_regular
 from micromanip.rt.records import SIGNAL
 
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 6)
+DRIVER_API = (1, 7)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
@@ -111,6 +113,7 @@ __all__ = [
     "Wire",
     "did_you_mean",
     "entries",
+    "marked_encoding",
     "minimum_jerk",
     "now_ns",
     "number_range",

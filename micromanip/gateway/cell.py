@@ -23,8 +23,9 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, columns
-from micromanip.replies import Status, Telemetry
+from micromanip.replies import Telemetry
 from micromanip.rt.telemetry import ROW
+from micromanip.status_reply import Status
 
 from .fields import fields
 from .history import History

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from micromanip.replies import AxisValues, Status
+from micromanip.status_reply import AxisValues, Status
 
 from .cell import Cell
 

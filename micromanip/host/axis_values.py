@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.replies import AxisValues, Value
 from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, SWEEPING
 from micromanip.rt.states import STAGE, VOLTAGE
+from micromanip.status_reply import AxisValues, Value
 
 from .controller import Controller
 from .windows import DIGITS, Array, Windows

@@ -13,7 +13,6 @@ from micromanip.bus import device_lock
 from micromanip.bus.backoff import RestartLimit
 from micromanip.bus.image import ProcessImage
 from micromanip.errors import DeviceUnavailable
-from micromanip.replies import Link
 from micromanip.rt.bus_image import (
     ALIVE_NS,
     AT_REST,
@@ -31,6 +30,7 @@ from micromanip.rt.bus_image import (
     UNKNOWN,
 )
 from micromanip.settings.check import Prepared
+from micromanip.status_reply import Link
 
 from .child import Child
 from .shared_memory import Segments

@@ -13,7 +13,6 @@ from typing import Any
 from micromanip.bus.rights import put_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.faults import LOOP_DIED, FaultReport, latched
-from micromanip.replies import Link
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
     ARM,
@@ -27,6 +26,7 @@ from micromanip.rt.states import (
 )
 from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
+from micromanip.status_reply import Link
 
 from .child import Child, loop_process
 from .loop_orders import loop_orders

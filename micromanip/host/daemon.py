@@ -22,12 +22,12 @@ from micromanip.host.recording.recordings import Recordings
 from micromanip.host.safe.snapshot import SnapshotKeeper
 from micromanip.host.trips.store import KEPT, default_folder
 from micromanip.host.trips.supervisor import BlackBox
-from micromanip.replies import Status
 from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import Prepared, refuse_real
 from micromanip.settings.schema.faults import LOOP_STUCK_S
 from micromanip.settings.text.source import Source
+from micromanip.status_reply import Status
 
 from . import journal
 from .arm_on_start import ArmOnStart

@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.replies import (
+from micromanip.rt import mailbox as w
+from micromanip.rt.histogram import percentile
+from micromanip.rt.states import SHADOW_NAMES
+from micromanip.settings.schema.reference import Tracker
+from micromanip.status_reply import (
     AxisValues,
     Durations,
     LearningStatus,
@@ -21,10 +25,6 @@ from micromanip.replies import (
     Status,
     TrendKept,
 )
-from micromanip.rt import mailbox as w
-from micromanip.rt.histogram import percentile
-from micromanip.rt.states import SHADOW_NAMES
-from micromanip.settings.schema.reference import Tracker
 
 from .axis_values import AxesValues
 from .controller import Controller

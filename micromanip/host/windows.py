@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.replies import Window
+from micromanip.status_reply import Window
 
 BLOCK_NS = 100_000_000
 _BLOCKS = 600

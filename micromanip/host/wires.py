@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 
 from micromanip.bus.cyclic import CyclicDriver, Wire
 from micromanip.errors import DeviceUnavailable
-from micromanip.replies import Link
 from micromanip.rt.bus_image import FOLLOWING, LINK_DOWN, LINK_NAMES, LINK_UP, OUTPUT_NAMES
+from micromanip.status_reply import Link
 
 _ANSWERS_IN_S, _LOCKS_IN_S, _POLL_S = 15.0, 60.0, 0.01
 

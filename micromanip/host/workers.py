@@ -9,8 +9,8 @@ from types import TracebackType
 from typing import Self
 
 from micromanip.errors import CheckFailed, DeviceUnavailable
-from micromanip.replies import Link
 from micromanip.settings.check import Prepared
+from micromanip.status_reply import Link
 
 from .bus_worker import BusWorker
 from .shared_memory import Segments

@@ -1,22 +1,24 @@
-"""Bytes of a text file as text: UTF-8, UTF-16 with or without its mark, and the old code page of Western Europe."""
+"""Bytes of a text file as text: UTF-8, UTF-16 with or without its mark, and the old code page of Western Europe.
+
+UTF-16 that can't be decoded is a file that is cut off or damaged, and its numbers would be wrong ones: it is refused. A
+text of single bytes keeps its numbers whatever its letters are, so of that an odd letter is replaced.
+"""
 
 from __future__ import annotations
 
-import codecs
 from pathlib import Path
 
 from micromanip.errors import CheckFailed
+from micromanip.files.byte_order_mark import marked_encoding
 
-_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _LOOKED_AT = 4096
 _TEXT = {9, 10, 11, 12, 13, 27, *range(32, 256)}
 
 
 def decoded(file: Path, content: bytes) -> str:
     """The text. CheckFailed where it is none, or ends within a character."""
-    for mark, encoding in _MARKS.items():
-        if content.startswith(mark):
-            return _strictly(file, content, encoding)
+    if marked := marked_encoding(content):
+        return _strictly(file, content, marked)
     head = content[:_LOOKED_AT]
     zeros = [head[side::2].count(0) / max(len(head[side::2]), 1) for side in (0, 1)]
     if max(zeros) > 0.4 and min(zeros) < 0.1:

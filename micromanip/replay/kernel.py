@@ -291,7 +291,7 @@ def replay_rows(
         _leave_cell(p, s, row, signals, now_ns)
         supervise(p, s, now_ns - (p["heartbeat_ns"] + 1 if dead else 0), now_ns, periods - 1)
         watch_drivers(p, s, _exchange_code(row["lines"]))
-        cell_cycle(p, s, signals, outputs, samples, commands[k], now_ns, 1)
+        cell_cycle(p, s, signals, outputs, samples, commands[k], now_ns)
         if swap == SWAP_AFTER and k == 0:
             swap_cell(p, parameters[1], s)
             p = parameters[1]

@@ -18,7 +18,7 @@ from .checks import arming_step, judge_checks, keep_checks, watch_arming
 from .commands import apply_command
 from .digital_io import is_enabled, read_lines, switch
 from .exchange import ALL_FOLLOW, FIRST_TAKEN
-from .faults import axis_fault, cell_fault, coming_fault
+from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
 from .part import follow_part, follow_tool
@@ -40,12 +40,7 @@ from .states import (
     TRACKING,
     VOLTAGE,
 )
-from .transitions import (
-    finish_phase,
-    pass_missed,
-    phase_of,
-    phase_of_axis,
-)
+from .transitions import finish_phase, phase_of, phase_of_axis
 from .watch import watch_axis
 
 
@@ -75,9 +70,9 @@ def watch_drivers(p: Record, s: Record, code: int) -> None:
     state = s["state"]
     parks = (state == RAMPING and s["soft"] == 0) or (state == ARMING and s["phase"] == PARKED)
     moves = is_enabled(s) and not parks
-    coming_fault(p, s, DRIVER_ERROR, code > 0, float(code), 0.0)
-    coming_fault(p, s, LINK_LOST, s["link_down"] != 0 and is_enabled(s), float(-1 - code), 0.0)
-    coming_fault(p, s, OUTPUTS_TAKEN, taken and moves, float(FIRST_TAKEN - code), 0.0)
+    cell_fault(p, s, DRIVER_ERROR, code > 0, float(code), 0.0)
+    cell_fault(p, s, LINK_LOST, s["link_down"] != 0 and is_enabled(s), float(-1 - code), 0.0)
+    cell_fault(p, s, OUTPUTS_TAKEN, taken and moves, float(FIRST_TAKEN - code), 0.0)
 
 
 @compiled
@@ -115,12 +110,8 @@ def decouple(p: Record, s: Record, phase: int) -> None:
 
 
 @compiled
-def cell_cycle(
-    p: Record, s: Record, signals: Any, outputs: Any, samples: Any, command: int, now_ns: int, periods: int
-) -> bool:
-    """One cycle of all axes, `periods` after the one before; False where `command` was refused."""
-    pass_missed(s, periods - 1)
-    s["cycle"] += 1
+def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, samples: Any, command: int, now_ns: int) -> bool:
+    """The cycle of all axes that ``begin_cycle`` counted; False where `command` was refused."""
     for i in range(p["axes"]):
         sample(p["axis"][i], s["axis"][i], signals, now_ns)
     read_lines(p, s, signals, now_ns)

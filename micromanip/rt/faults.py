@@ -74,14 +74,6 @@ def cell_fault(p: Record, s: Record, code: int, active: bool, value: float, limi
         raise_fault(p, s, code, -1, value, limit, p["reaction"][code])
 
 
-@compiled
-def coming_fault(p: Record, s: Record, code: int, active: bool, value: float, limit: float) -> None:
-    """As `cell_fault`, before the cycle is counted that it is a fault of, and whose row shows it."""
-    s["cycle"] += 1
-    cell_fault(p, s, code, active, value, limit)
-    s["cycle"] -= 1
-
-
 @compiled.rare
 def raise_fault(p: Record, s: Record, code: int, axis: int, value: float, limit: float, reaction: int) -> None:
     """Write a fault down, latch it (the first one stays) and react; one that only warns is written down."""

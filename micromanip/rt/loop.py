@@ -17,7 +17,7 @@ from micromanip.rt.laws.coordinate_transform import derive_signals
 from .cell import cell_cycle, watch_drivers
 from .clock import now_ns, wait_until
 from .exchange import exchange_all
-from .faults import coming_fault
+from .faults import cell_fault
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
@@ -50,7 +50,7 @@ from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, ST
 from .states import HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
 from .swap import swap_cell
 from .telemetry import write_row
-from .transitions import pass_missed
+from .transitions import begin_cycle
 
 STEERED_SHARE = 100
 """The next deadline is moved by this part of a period at most."""
@@ -58,22 +58,22 @@ STEERED_SHARE = 100
 
 @compiled
 def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> None:
-    """Watch the deadlines and the host; without a host the loop brings its outputs to park and ends.
+    """Begin the cycle; watch the deadlines and the host: without one the loop brings its outputs to park and ends.
 
     The cycles that were missed have passed before anything is decided: a ramp that begins now begins at its beginning.
     Missed deadlines fill a bucket that leaks by the share that is allowed.
     """
-    pass_missed(s, missed)
+    begin_cycle(s, missed)
     s["overruns"] += missed
     s["overruns_in_a_row"] = s["overruns_in_a_row"] + missed if missed > 0 else 0
     s["overrun_level"] = max(0.0, s["overrun_level"] + missed - p["overrun_share"] * (1 + missed))
     many = s["overruns_in_a_row"] >= p["overruns_in_a_row"]
     often = s["overrun_level"] > p["overrun_level"]
     limit = float(p["overruns_in_a_row"]) if many else p["overrun_level"]
-    coming_fault(p, s, OVERRUNS, many or often, float(s["overruns_in_a_row"]) if many else s["overrun_level"], limit)
+    cell_fault(p, s, OVERRUNS, many or often, float(s["overruns_in_a_row"]) if many else s["overrun_level"], limit)
     silent_ns = now - heartbeat_ns
     dead = silent_ns > p["heartbeat_ns"]
-    coming_fault(p, s, HOST_DEAD, dead, silent_ns * 1e-6, p["heartbeat_ns"] * 1e-6)
+    cell_fault(p, s, HOST_DEAD, dead, silent_ns * 1e-6, p["heartbeat_ns"] * 1e-6)
     if dead:
         s["stopping"] = 1
 
@@ -153,7 +153,7 @@ def run_loop(
         supervise(p, s, load_acquire(control, HEARTBEAT_NS), now, missed)
         watch_drivers(p, s, code)
         derive_signals(p, s, signals)
-        accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline, 1)
+        accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline)
         if command == PROMOTE and accepted:
             swap_cell(p, candidate, s)
             before, p = p, candidate

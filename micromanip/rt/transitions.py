@@ -131,8 +131,11 @@ def phase_of_axis(s: Record, a: Record, phase: int) -> int:
 
 
 @compiled
-def pass_missed(s: Record, missed: int) -> None:
-    """Let `missed` cycles go by; arming and a ramp have waited where they were, so that they never jump."""
-    s["cycle"] += missed
+def begin_cycle(s: Record, missed: int) -> None:
+    """Count the cycle that begins, and the `missed` ones before it: what is raised from here on is a fault of this one.
+
+    Arming and a ramp have waited where they were while cycles were missed, so that they never jump.
+    """
+    s["cycle"] += 1 + missed
     if s["state"] == ARMING or s["state"] == RAMPING:
         s["entered_cycle"] += missed

@@ -14,7 +14,7 @@ from .jit import compiled
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES
 from .states import NO_COMMAND
 from .telemetry import write_row
-from .transitions import pass_missed
+from .transitions import begin_cycle
 
 
 @compiled.entry(
@@ -48,10 +48,10 @@ def run_virtual(
         passed = periods if k == 0 else 1
         now_ns = (s["cycle"] + passed) * p["period_ns"]
         code = exchange_all(drivers, driver_count, outputs, signals, now_ns, passed)
-        pass_missed(s, passed - 1)
+        begin_cycle(s, passed - 1)
         watch_drivers(p, s, code)
         derive_signals(p, s, signals)
-        cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns, 1)
+        cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns)
         if (k + 1) % every == 0 and written < len(rows):
             write_row(p, s, signals, rows[written], now_ns, 0, 0, passed)
             written += 1

@@ -52,7 +52,8 @@ def reach_findings(configuration: Configuration) -> Iterator[Finding]:
                 continue
             if isinstance(reference, Tracker):
                 continue  # `reach_warnings`
-            wanted = axis.centre_um + low / gain, axis.centre_um + high / gain
+            ends = axis.centre_um + low / gain, axis.centre_um + high / gain
+            wanted = min(ends), max(ends)
         elif isinstance(reference, Tracker):
             wanted = axis.centre_um + low, axis.centre_um + high
         if axis.mode == "voltage":

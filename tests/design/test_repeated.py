@@ -5,19 +5,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.design import repeated
-from micromanip.design.repeated import Harmonics, MeasuredWay
+from micromanip.design import measured_way, repeated
+from micromanip.design.measured_way import MeasuredWay
+from micromanip.design.repeated import Harmonics
 from micromanip.virtual.experiment import VirtualExperiment
 from tools.accuracy import changed
 
-LINES = len(repeated._LINES_HZ)
+LINES = len(measured_way._LINES_HZ)
 HERTZ = np.arange(10.0, 1000.0, 10.0)
 KNOWN = MeasuredWay(np.ones(LINES, complex), np.ones(LINES, complex))
 
 
 def way(off):
     """Whose amplitudes differ by `off` at 600 Hz, and as much more above."""
-    return MeasuredWay(np.ones(LINES, complex), 1.0 + off * repeated._LINES_HZ / 600.0 + 0j)
+    return MeasuredWay(np.ones(LINES, complex), 1.0 + off * measured_way._LINES_HZ / 600.0 + 0j)
 
 
 def test_what_is_known_ends_where_the_amplitudes_differ_by_a_fifth():
@@ -29,7 +30,7 @@ def test_what_is_known_ends_where_the_amplitudes_differ_by_a_fifth():
 
 def test_beside_a_resonance_that_is_not_known_the_rest_is():
     large = np.ones(LINES, complex)
-    large[(repeated._LINES_HZ > 55.0) & (repeated._LINES_HZ < 75.0)] = 2.0
+    large[(measured_way._LINES_HZ > 55.0) & (measured_way._LINES_HZ < 75.0)] = 2.0
     share = MeasuredWay(np.ones(LINES, complex), large).share(np.array([10.0, 45.0, 65.0, 72.0, 95.0, 300.0, 2900.0]))
     assert (share[[1, 2, 3]] == 0.0).all()
     assert share[[0, 4, 5]] == pytest.approx(1.0, abs=0.01)
@@ -69,7 +70,7 @@ def test_nothing_is_played_where_the_way_is_not_known(errors, off):
 def test_sines_of_the_cell_need_little_feedback_and_the_mains_are_not_followed(monkeypatch):
     """Of 10 Hz the fifth harmonic is a line of the mains, which the gauge shows without any motion."""
     monkeypatch.setattr(repeated, "SINES", ((10.0, 30.0), (100.0, 10.0)))
-    monkeypatch.setattr(repeated, "_MEASURED_S", 4.0)
+    monkeypatch.setattr(measured_way, "_MEASURED_S", 4.0)
     prepared = changed("simulated.yaml", ["x"])
     for row in repeated.repeated(prepared.configuration, VirtualExperiment(prepared), 5):
         assert row["feedback_percent"] < 100.0

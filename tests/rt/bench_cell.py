@@ -15,6 +15,7 @@ from micromanip.rt.cell import cell_cycle
 from micromanip.rt.laws.reference import SINES
 from micromanip.rt.records import CELL_STATE, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import ARM, NO_COMMAND, READY, TRACKING, VOLTAGE
+from micromanip.rt.transitions import begin_cycle
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.limits import NEVER
 
@@ -144,8 +145,12 @@ class BenchCell:
             signal["value"] = self.lines.get(key, 0.0 if key[0] == "retracted" else 1.0)
             signal["time_ns"] = self.now_ns
             signal["sequence"] += 1
-        arguments = (self.p, self.s, self.signals, self.outputs, self.samples, command, self.now_ns, periods)
-        return bool(cell_cycle(*arguments))
+        self.begin_cycle(periods - 1)
+        return bool(cell_cycle(self.p, self.s, self.signals, self.outputs, self.samples, command, self.now_ns))
+
+    def begin_cycle(self, missed):
+        """What comes before the axes' cycle; where the loop's supervision is looked at, it is that."""
+        begin_cycle(self.s, missed)
 
     def run(self, cycles):
         """Voltages (cycles, 3) of so many cycles."""

@@ -30,7 +30,7 @@ ENTRIES = {
     "run_virtual": (run_virtual, lambda: entry_signature(run_virtual), EXCHANGES),
     "cell_cycle": (
         cell_cycle,
-        lambda: (CELL, STATE, SIGNALS, OUTPUTS, SAMPLES, types.int64, types.int64, types.int64),
+        lambda: (CELL, STATE, SIGNALS, OUTPUTS, SAMPLES, types.int64, types.int64),
         0,
     ),
     "write_row": (
@@ -114,6 +114,5 @@ def test_the_cycle_under_test_is_the_one_that_runs():
         np.zeros((1, 3)),
         0,
         0,
-        1,
     )
     assert tuple(numba.typeof(argument) for argument in arguments) == ENTRIES["cell_cycle"][1]()

@@ -16,7 +16,6 @@ from micromanip.rt.faults import (
     axis_fault,
     begins,
     cell_fault,
-    coming_fault,
     forget,
     note,
     raise_fault,
@@ -306,18 +305,6 @@ def test_a_hold_that_was_asked_for_is_limited_from_its_first_fault_on():
     before = s.copy()
     react(p, s, HOLDS)
     expect(s, before)
-
-
-def test_a_fault_before_the_cycle_is_counted_is_that_of_the_coming_one():
-    """Whatever it begins, begins there: it is what it would have been if it had been noticed a moment later."""
-    p, s = cell()
-    _, later = cell(cycle=1001)
-    coming_fault(p, s, INTERLOCK_OPEN, True, 0.5, 2.5)
-    cell_fault(p, later, INTERLOCK_OPEN, True, 0.5, 2.5)
-    assert s["cycle"] == 1000
-    later["cycle"] = 1000
-    assert s.tobytes() == later.tobytes()
-    assert s["fault_cycle"] == 1001
 
 
 def test_unlatching_lets_every_condition_be_raised_anew():

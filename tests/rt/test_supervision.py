@@ -36,12 +36,11 @@ class Supervised(BenchCell):
         super().__init__(record)
         self.heard_ns = None
 
+    def begin_cycle(self, missed):
+        supervise(self.p, self.s, self.now_ns if self.heard_ns is None else self.heard_ns, self.now_ns, missed)
+
     def cycle(self, missed=0):
-        now_ns = self.now_ns + 100_000 * (1 + missed)
-        supervise(self.p, self.s, now_ns if self.heard_ns is None else self.heard_ns, now_ns, missed)
-        self._move(missed)
-        self.now_ns += 100_000 * missed
-        self.step()
+        self.step(periods=1 + missed)
         return int(self.s["state"])
 
     def cycles(self, count):

@@ -16,7 +16,9 @@ from micromanip.cli.main import main
 from micromanip.design.hysteresis import predict
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare, refuse_real
+from micromanip.settings.reach import reach_findings
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, attainable_um
+from micromanip.settings.schema.reference import Sine, Sines
 from micromanip.settings.wiring import places as wiring
 
 CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
@@ -248,6 +250,28 @@ def test_the_cell_is_good_otherwise(tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text(CELL, encoding="utf-8")
     assert prepare(file).parameters[0]["axes"] == 1
+
+
+@pytest.mark.parametrize(("sign", "asked"), [(1, "102.3..122.4"), (-1, "9.567..29.72")])
+def test_a_stage_that_goes_against_its_actuator_reaches_the_other_end(sign, asked):
+    """With a negative steady gain the reference's highest value is the lowest set-point."""
+    configuration = prepare(CONFIG).configuration
+    x = configuration.axes["x"]
+    outer = x.outer.model_copy(
+        update={"model": x.outer.model.model_copy(update={"C": [sign * c for c in x.outer.model.C]})}
+    )
+    setpoint = x.setpoint.model_copy(update={"range_um": (x.centre_um - 40.0, x.centre_um + 40.0)})
+    axes = {"x": x.model_copy(update={"outer": outer, "setpoint": setpoint})}
+
+    def found(offset_um):
+        reference = Sines(source="sine", offset_um=offset_um, sines=[Sine(amplitude_um=50.0, frequency_Hz=1.0)])
+        return [
+            text for _, text in reach_findings(configuration.model_copy(update={"axes": axes, "reference": reference}))
+        ]
+
+    assert found(0.0) == []
+    (refusal,) = found(230.0)
+    assert f"asks for {asked} um of the actuator" in refusal
 
 
 def test_a_voltage_out_of_range_and_one_that_should_follow_a_signal(tmp_path):

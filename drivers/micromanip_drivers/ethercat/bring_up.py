@@ -1,13 +1,29 @@
-"""From whatever state the line is in to one that operates: the steps in their order, each in a file of its own."""
+"""From whatever state the line is in to one that operates: the steps in their order; longer ones have their own files.
+
+A state is asked for and waited for, and a refusal told in words. What a drive is told once, before it operates, stands
+here too: that its mode is one of its own, and its option codes.
+"""
 
 from __future__ import annotations
 
+import struct
 import time
 
-from micromanip.driver.ethercat import OP, PREOP, SAFEOP
+from micromanip.driver import DeviceFault, LinkError
+from micromanip.driver.ethercat import (
+    ERROR,
+    OP,
+    PREOP,
+    SAFEOP,
+    STATE_MASK,
+    STATE_NAMES,
+    al_code_in_words,
+    registers,
+    state_name,
+)
 
 from .clocks import SYNC0_BEGINS_IN_S, Clocks, begin_sync0, require_clocks, set_clocks
-from .drive_objects import prepare_drive
+from .drive_options import MODES, Drive
 from .image import Image
 from .link import Link
 from .mailbox import Mailbox
@@ -15,7 +31,11 @@ from .mapping import apply_mapping
 from .memory import lay_out, open_mailboxes, set_watchdog
 from .options import EthercatOptions
 from .scan import FIRST_STATION, require, reset
-from .states import go
+
+_PATIENCE_S = 3.0
+"""For a state that was asked for."""
+_SUPPORTED_MODES = 0x6502
+_CODE_BYTES = 2
 
 
 def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_ns: int) -> Clocks:
@@ -58,3 +78,49 @@ def bring_to_op(link: Link, options: EthercatOptions) -> None:
     """SAFEOP to OP, while the loop sends the safe values in every cycle. Raises LinkError, DeviceFault."""
     for k, name in enumerate(options.terminals):
         go(link, FIRST_STATION + k, name, OP)
+
+
+def go(link: Link, station: int, name: str, state: int) -> None:
+    """Bring a slave to a state that it can reach in one step; any error is acknowledged first.
+
+    Raises DeviceFault where it refuses, LinkError where nothing happens.
+    """
+    acknowledge = _status(link, station)[0] & ERROR
+    link.station_write(station, registers.AL_CONTROL, struct.pack("<H", state | acknowledge))
+    end = time.monotonic() + _PATIENCE_S
+    while True:
+        now, code = _status(link, station)
+        if now == state:
+            return
+        if now & ERROR and (code or now & STATE_MASK != state):
+            raise DeviceFault(
+                f"{link.name}: terminal {name} refuses {STATE_NAMES[state]} and is in {state_name(now)}: "
+                f"{al_code_in_words(code)} (0x{code:04x})"
+            )
+        if time.monotonic() > end:
+            raise LinkError(f"{link.name}: terminal {name} stays in {state_name(now)}, {STATE_NAMES[state]} was asked")
+
+
+def _status(link: Link, station: int) -> tuple[int, int]:
+    """AL status and its code."""
+    found = struct.unpack("<H2xH", link.station_read(station, registers.AL_STATUS, 6))
+    return found[0] & (STATE_MASK | ERROR), found[1]
+
+
+def prepare_drive(mailbox: Mailbox, name: str, drive: Drive) -> None:
+    """Write the option codes and read them back.
+
+    Raises DeviceFault for a drive that lacks the mode, or keeps to other codes.
+    """
+    mode = MODES[drive.mode]
+    try:
+        supported = mailbox.read_number(_SUPPORTED_MODES, 0, 4)
+    except DeviceFault:  # a drive need not say; the mode that it shows is looked at in every cycle
+        supported = mode.supported
+    if not supported & mode.supported:
+        raise DeviceFault(f"{name} has no mode {drive.mode} (0x6502 is 0x{supported:08x})")
+    for index, code in drive.codes.objects.items():
+        mailbox.write(index, 0, code.to_bytes(_CODE_BYTES, "little", signed=True))
+        kept = int.from_bytes(mailbox.read(index, 0), "little", signed=True)
+        if kept != code:
+            raise DeviceFault(f"{name} keeps option code 0x{index:04x} at {kept}, {code} was written")

@@ -15,7 +15,7 @@ from . import mechanics
 from . import options as o
 from .axis_context import fill_plant, fill_surroundings
 from .discharge import discharge_in_host
-from .path_file import fill_path
+from .played_path import fill_path
 from .records import (
     AXIS_LINES,
     CARRIED,

@@ -19,7 +19,7 @@ from asyncua import Server, ua
 from asyncua.server.event_generator import EventGenerator
 
 from micromanip.errors import MicromanipError
-from micromanip.replies import Fault
+from micromanip.status_reply import Fault
 
 from ..cell import Cell
 from ..readings import readings

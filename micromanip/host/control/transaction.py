@@ -16,18 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 from micromanip.errors import CheckFailed, UsageError, did_you_mean
-from micromanip.replies import (
-    Change,
-    Differences,
-    Injected,
-    Jogged,
-    Moved,
-    Parameter,
-    Response,
-    Saved,
-    Shadow,
-    Swap,
-)
+from micromanip.replies import Change, Differences, Injected, Jogged, Moved, Parameter, Response, Saved, Shadow, Swap
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
     CONFIRMED,

@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from micromanip import replies
+from micromanip import replies, status_reply
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.faults import FaultReport
 from micromanip.host.recording.recording import Extent
@@ -73,7 +73,7 @@ class Verbs:
         self,
         controller: Controller,
         trail: AuditTrail,
-        status: Callable[[], replies.Status],
+        status: Callable[[], status_reply.Status],
         before_reset: Callable[[], Awaitable[None]],
         tell: Callable[[Source], None],
         say: Callable[[str | FaultReport], None],
@@ -160,7 +160,7 @@ class Verbs:
         self._outcomes.append(outcome)
         self._say(outcome.told)
 
-    async def _answer_status(self, request: Request) -> replies.Status:
+    async def _answer_status(self, request: Request) -> status_reply.Status:
         request.read(fields.Nothing)
         self._tuning.notice()
         return self._status()
@@ -184,7 +184,7 @@ class Verbs:
     async def _audit(self, request: Request) -> replies.Audit:
         return await asyncio.to_thread(self._trail.last, request.read(fields.Last).last)
 
-    async def _learn_status(self, request: Request) -> replies.LearningStatus:
+    async def _learn_status(self, request: Request) -> status_reply.LearningStatus:
         request.read(fields.Nothing)
         return self._keeper().status()
 
@@ -271,14 +271,14 @@ class Verbs:
         request.read(fields.Nothing)
         return await self._tuning.withdraw()
 
-    async def _record_start(self, request: Request) -> tuple[replies.Recorded, Sequence[Change]]:
+    async def _record_start(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
         given = request.read(fields.RecordStart)
         ends = given.triggers, given.after_s or 0.0
         extent = Extent(given.before_s, *ends, given.segment_s, given.quota_bytes)
         begun = await self._recordings.start(given.file, extent)
         return begun, [Change(key="recording", old=None, new=begun["file"])]
 
-    async def _record_stop(self, request: Request) -> tuple[replies.Recorded, Sequence[Change]]:
+    async def _record_stop(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
         request.read(fields.Nothing)
         ended = await self._recordings.stop()
         return ended, [Change(key="recording", old=ended["file"], new=None)]

@@ -22,11 +22,12 @@ from micromanip.errors import CheckFailed, UsageError
 from micromanip.faults import KINDS
 from micromanip.host.child import Child
 from micromanip.host.controller import Controller
-from micromanip.replies import AxisLearning, Change, LearningStatus
+from micromanip.replies import Change
 from micromanip.rt import mailbox as w
 from micromanip.rt.laws.learned import BROKEN_OFF, OTHER_TOOL, PART_ENDED, PATH_LEFT
 from micromanip.rt.states import NO_FAULT, REFERENCE_LOST, TRACKING, WARN
 from micromanip.settings.schema.learning import Learning
+from micromanip.status_reply import AxisLearning, LearningStatus
 
 from ..shared_memory import Segment
 from .correction import Correction, Memories, is_silent

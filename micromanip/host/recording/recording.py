@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
 from micromanip.host.child import Child
 from micromanip.recordings.hdf5 import ENDINGS as HDF5
-from micromanip.replies import Recorded
 from micromanip.rt import mailbox as w
+from micromanip.status_reply import Recorded
 
 from .unclosed import close_unclosed
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
 from micromanip.host.state_directory import state_directory
-from micromanip.replies import Marked, Recorded
+from micromanip.replies import Marked
 from micromanip.rt import mailbox as w
+from micromanip.status_reply import Recorded
 
 from .place import lack, looked_at
 from .recording import MCAP, Extent, RecorderProcess, require_new_file

@@ -16,9 +16,9 @@ from micromanip.errors import system_error
 from micromanip.host.state_directory import state_directory
 from micromanip.host.windows import Array
 from micromanip.recordings.trend import MINUTE, SECOND, STEP_S
-from micromanip.replies import TrendKept
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.trend import Trend
+from micromanip.status_reply import TrendKept
 
 from .files import TrendFiles
 from .summing import Summing, header

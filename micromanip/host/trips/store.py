@@ -46,9 +46,9 @@ _KEPT_IN_MEMORY = 4
 class Box:
     """What is known of one trip.
 
-    `meta` has the keys ``format``, ``trip`` (`micromanip.replies.Fault` with its number and message), ``complete``,
-    ``utc``, ``monotonic_ns`` and ``utc_ns`` (both of the trip), ``period_ns``, ``axes``, ``configuration`` (its text),
-    ``sha256``, ``path``.
+    `meta` has the keys ``format``, ``trip`` (`micromanip.status_reply.Fault` with its number and message),
+    ``complete``, ``utc``, ``monotonic_ns`` and ``utc_ns`` (both of the trip), ``period_ns``, ``axes``,
+    ``configuration`` (its text), ``sha256``, ``path``.
     """
 
     meta: dict[str, Any]

@@ -14,10 +14,10 @@ from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS, FaultReport
 from micromanip.host.child import Child
 from micromanip.host.controller import Controller
-from micromanip.replies import Trip
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import NO_FAULT
 from micromanip.settings.text.source import Source
+from micromanip.status_reply import Trip
 
 from .process import LOOP_DEATH
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import hashlib
 import json
 import pathlib
@@ -11,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from micromanip.errors import ConfigError
+from micromanip.files.byte_order_mark import marked_encoding
 from micromanip.files.regular_file import open_regular
 
 from . import renames, yaml_nodes
@@ -152,7 +152,7 @@ def _read_text(file: pathlib.Path) -> str:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         told = f"not UTF-8 text (byte 0x{content[error.start]:02x})"
-        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        if marked_encoding(content) == "utf-16":
             told += ": it is UTF-16, as Windows writes what it calls Unicode"
         elif b"\0" in content[:1000]:
             raise ConfigError(f"{file}:{line}: {told}: no text at all; name the YAML file") from None

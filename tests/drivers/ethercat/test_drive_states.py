@@ -9,7 +9,7 @@ import pytest
 from canopen.profiles.p402 import State402
 from hypothesis import given
 from hypothesis import strategies as st
-from micromanip_drivers.ethercat.drive_objects import prepare_drive
+from micromanip_drivers.ethercat.bring_up import prepare_drive
 from micromanip_drivers.ethercat.drive_options import Drive
 from micromanip_drivers.ethercat.drive_records import FAULT, UNKNOWN
 from micromanip_drivers.ethercat.drive_states import controlword, state_of

@@ -13,6 +13,8 @@ from micromanip.bus.errors import BusError, LinkError
 from micromanip.bus.inbox import Inbox, Sample
 
 _SLICE_NS = 5_000_000
+_STREAM_S = 0.25
+"""Several times what a driver that is quiet needs to show it: what was under way has come by then, too."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +123,12 @@ class Session:
         self.errors.clear()
 
     def drain(self, quiet_s: float = 0.05) -> None:
-        """Take what is still under way, until nothing came for so long (or a second has passed), and forget it."""
+        """Take what is still under way, until nothing came for so long, and forget it.
+
+        A device that sends by itself is never quiet: it is listened to for no more than `_STREAM_S`.
+        """
         end = quiet_end = time.monotonic()
-        end, quiet_end = end + 1.0, quiet_end + quiet_s
+        end, quiet_end = end + _STREAM_S, quiet_end + quiet_s
         while time.monotonic() < min(end, quiet_end):
             before = len(self.arrivals)
             self.receive(0.005)

@@ -22,7 +22,6 @@ from micromanip_drivers.ethercat.link import open_interface
 
 from micromanip.bus.cyclic import call_context
 from micromanip.bus.datagram_socket import lend
-from micromanip.bus.ethercat.frames import DATAGRAM_BYTES
 from micromanip.errors import CheckFailed
 from micromanip.rt.records import SIGNAL
 from micromanip.rt.wire.records import SIGNED
@@ -34,7 +33,6 @@ from .twin import compile_c
 
 _PERIOD_NS, _CYCLES = 500_000, 2000
 _SENDERS = b"\x10\x10\x10\x10\x10\x10", b"\x10\x10\x10\x10\x10\x14"
-_POSITION = 2
 _MOST_BYTES, _BATCH, _INPUTS, _OUTPUTS = 1514, 8, 48, 8
 
 
@@ -131,9 +129,8 @@ def _require_agreement(c: Any, signals: Any, twin: _Twin) -> None:
 @contextmanager
 def _terminals(interface: str, c: Any) -> Iterator[None]:
     """They answer at the far end of a veth pair of their own."""
-    position_at = int(c["status_at"]) - DATAGRAM_BYTES + _POSITION
     inputs_at = c["receive"]["number"]["at"][: c["receive"]["numbers"]].min()
-    numbers = inputs_at, position_at, c["terminals"], c["working_counter_at"], c["working_counter"], c["status_at"]
+    numbers = inputs_at, c["terminals"], c["working_counter_at"], c["working_counter"], c["status_at"]
     command = [sys.executable, "-m", "benchmarks.ethercat_partner", interface, *(str(int(n)) for n in numbers)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     root = Path(__file__).parent.parent

@@ -1,42 +1,42 @@
 """Terminals for `ethercat_exchange`: each frame goes back as if all of them had acted on it.
 
-``python -m benchmarks.ethercat_partner INTERFACE INPUTS_AT POSITION_AT TERMINALS WKC_AT WKC STATUS_AT``: these say
-where in a frame inputs begin, where the broadcast counts, where the working counters stand, and what they must come to.
-It says `up`, or why not.
+``python -m benchmarks.ethercat_partner INTERFACE INPUTS_AT TERMINALS WKC_AT WKC STATUS_AT``: these say where in a
+frame inputs begin, where the working counters stand, and what they must come to. It says `up`, or why not.
 """
 
 from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Iterator
 
 from micromanip.bus.ethercat.al_states import OP
-from micromanip.bus.ethercat.frames import PROCESSED, STATUS_BYTES
+from micromanip.bus.ethercat.frames import DATAGRAM_BYTES, HEADER_BYTES, PROCESSED, STATUS_BYTES, WKC_BYTES
+from micromanip.bus.ethercat.registers import APRD, APRW, APWR, ARMW, BRD, BRW, BWR
 from micromanip.emulation.ethercat.port import EthernetPort
 from micromanip.emulation.line.port import Peer
 from micromanip.errors import DeviceUnavailable
 from micromanip.testbus.event_loop import EventLoop
 
-_SENDER = 6
+_SENDER, _LENGTH, _MORE = 6, 0x7FF, 0x8000
+_COUNTED = {APRD, APWR, APRW, BRD, BWR, BRW, ARMW}
+"""Commands of which each slave counts the position up."""
 
 
 def main() -> None:
     """Go on until it is told to end."""
     interface, *numbers = sys.argv[1:]
-    inputs_at, position_at, terminals, counter_at, counter, status_at = map(int, numbers)
+    inputs_at, terminals, counter_at, counter, status_at = map(int, numbers)
     inputs = bytes(37 * k % 251 for k in range(counter_at - inputs_at))
 
     def hear(data: bytes, peer: Peer) -> None:
         frame = bytearray(data)
         frame[_SENDER] |= PROCESSED
         frame[inputs_at:counter_at] = inputs
-        for at, number in (
-            (position_at, terminals),
-            (counter_at, counter),
-            (status_at, OP),
-            (status_at + STATUS_BYTES, terminals),
-        ):
+        for at, number in ((counter_at, counter), (status_at, OP), (status_at + STATUS_BYTES, terminals)):
             frame[at : at + 2] = number.to_bytes(2, "little")
+        for at in _positions(frame):
+            frame[at : at + 2] = terminals.to_bytes(2, "little")
         peer.send(bytes(frame))
 
     loop = EventLoop()
@@ -49,6 +49,16 @@ def main() -> None:
     print("up", flush=True)  # noqa: T201
     loop.run()
     port.close()
+
+
+def _positions(frame: bytearray) -> Iterator[int]:
+    """Where the positions stand that slaves count up."""
+    at, more = HEADER_BYTES, True
+    while more:
+        length = int.from_bytes(frame[at + 6 : at + 8], "little")
+        if frame[at] in _COUNTED:
+            yield at + 2
+        more, at = bool(length & _MORE), at + DATAGRAM_BYTES + (length & _LENGTH) + WKC_BYTES
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from micromanip.errors import DeviceUnavailable, UsageError
+from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 
 from .plan import Plan
 from .results import Report, Skipped
@@ -26,9 +26,9 @@ NAMES = (
 
 
 def run(plan: Plan, only: tuple[str, ...] = ()) -> Report:
-    """All benchmarks, or only those named; what this machine can't run is in the report with the reason.
+    """All benchmarks, or only those named; in the report are also what this machine can't run, and what was wrong.
 
-    Raises UsageError for an unknown name, CheckFailed where a benchmark finds the controller itself wrong.
+    One that finds the controller itself wrong has failed; the others go on. Raises UsageError for an unknown name.
     """
     for name in only:
         if name not in NAMES:
@@ -43,4 +43,7 @@ def run(plan: Plan, only: tuple[str, ...] = ()) -> Report:
         except (Skipped, DeviceUnavailable) as reason:
             plan.tell(f"{name}: skipped: {reason}")
             report.skipped[name] = str(reason)
+        except CheckFailed as problem:
+            plan.tell(f"{name}: failed: {problem}")
+            report.failed[name] = str(problem)
     return report

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 import micromanip
-from micromanip.errors import DeviceUnavailable
+from micromanip.errors import CheckFailed, DeviceUnavailable
 
 from .options import Quantity, StrictCommand, json_option, print_answer
 from .progress import steps
@@ -41,7 +41,8 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     packets of the driver line beside bare pyserial and sockets. ethercat_exchange: of the driver ethercat beside the
     same in C.
 
-    Where the machine lacks what one of them needs (gcc, cyclictest, rights), that is said and it is skipped.
+    Where the machine lacks what one of them needs (gcc, cyclictest, rights), that is said and it is skipped. Ends with
+    1 where one finds the controller itself wrong; the others are measured all the same.
     """
     root = source_tree()
     runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))
@@ -50,6 +51,8 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
         settings = plan.Plan(root / "config" / "paper.yaml", pairs, lateness_s, tell)
         document = runner.run(settings, only).document()
     print_answer(document, _table, as_json)
+    if document["failed"]:
+        raise CheckFailed(f"failed, as said above: {', '.join(row['name'] for row in document['failed'])}")
 
 
 def source_tree() -> Path:
@@ -70,6 +73,7 @@ def _table(document: dict[str, Any]) -> None:
     for row in document["results"]:
         value, reference = (f"{row[key]:g} {row['unit']}" for key in ("value", "reference_value"))
         table.add_row(row["name"], value, row["reference_name"], reference, f"{row['ratio']:g}")
-    for row in document["skipped"]:
-        table.add_row(row["name"], "skipped", row["reason"], "", "")
+    for outcome in ("skipped", "failed"):
+        for row in document[outcome]:
+            table.add_row(row["name"], outcome, row["reason"], "", "")
     out_console().print(table)

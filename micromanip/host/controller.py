@@ -258,11 +258,14 @@ class Controller:
             raise CheckFailed(f"the loop made no snapshot within {_ANSWER_S:g} s")
         return int(self.status["snapshot"][0]["cycle"])
 
-    def faults(self) -> list[FaultReport]:
-        """Every latched fault, the one that ends the run last."""
+    def latched(self) -> list[FaultReport]:
+        """Every fault that is latched in the loop's state, the one that ends the run last."""
         configuration = self.prepared.configuration
-        found = latched(self.status["state"][0], list(configuration.axes), list(configuration.drivers))
-        return found if (death := self.death) is None else [*found, death]
+        return latched(self.status["state"][0], list(configuration.axes), list(configuration.drivers))
+
+    def faults(self) -> list[FaultReport]:
+        """The same, and how the loop died, where it did: that is last."""
+        return self.latched() if (death := self.death) is None else [*self.latched(), death]
 
     def make_safe(self) -> dict[str, int]:
         """Bring the outputs to their safe value with the loop dead; by driver 0, or a code where that failed."""

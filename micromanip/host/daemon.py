@@ -224,6 +224,7 @@ class Daemon:
             return
         await self._make_safe()
         report = await self._boxes.loop_died(died)
+        self._boxes.announce(last=True)
         if journal.is_connected():
             journal.send(journal.fields(report))
         raise CheckFailed(str(report))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from micromanip.faults import latched
+from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.host.shared_memory import STATUS
 from micromanip.host.trips import supervisor
 from micromanip.rt import mailbox as w
@@ -43,8 +43,11 @@ class Cell:
     def reset(self):
         self.words[w.FAULT_CODE] = self.status["state"][0]["fault"] = 0
 
-    def faults(self):
+    def latched(self):
         return latched(self.status["state"][0], ["x", "y"], ["cell"])
+
+    def faults(self):
+        return [*self.latched(), FaultReport(LOOP_DIED, what="the loop process was killed by signal 9")]
 
 
 @pytest.fixture
@@ -74,6 +77,16 @@ def test_once_with_its_file_as_soon_as_that_is_on_disk(told, clock):
     clock.now += 1.1  # nothing is heard of the box: the fault is told all the same
     boxes.announce()
     assert [(report.kind.code, report.box) for report in said[1:]] == [("X-201", None)]
+
+
+def test_how_the_loop_died_is_not_told_with_the_box_of_the_trip_before(told, clock):
+    """It is told by whoever ends the run, with a box of its own."""
+    cell, boxes, said = told
+    cell.trip(1)
+    boxes._hear({"key": 1, "code": "X-201", "file": "/trips/a.npz", "complete": False})
+    boxes.announce()
+    boxes.announce(last=True)
+    assert [(report.kind.code, report.box) for report in said] == [("X-201", "/trips/a.npz")]
 
 
 def test_a_disk_that_hangs_is_given_up(told, clock):

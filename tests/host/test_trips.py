@@ -22,6 +22,17 @@ def failing(at_s, *changes):
     return calm(("    seed: 1\n", "    seed: 1\n" + fault), *changes)
 
 
+def test_a_loop_killed_within_a_trip_tells_each_once_with_its_own_box(run):
+    cell = run(failing(2.3)).reach("RAMPING")
+    os.kill(cell.loop, signal.SIGKILL)
+    assert cell.wait() == 1
+    files = {file.stem.split("_")[1]: file for file in trips(folder(cell))}
+    assert files.keys() == {"X-201", "X-104"}
+    for code, file in files.items():
+        (line,) = (line for line in cell.said.splitlines() if line.removeprefix("micromanip: ").startswith(code))
+        assert line.endswith(f"Black box: {file}")
+
+
 def test_trip_is_on_disk_before_a_reset(run):
     """The black box is held up: no reset; it goes on: nothing is missing, for the ring remembers."""
     cell = run(failing(2.3)).reach("TRACKING")

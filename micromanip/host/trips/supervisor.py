@@ -96,7 +96,7 @@ class BlackBox:
         Where it ended the run while another was latched that nobody has heard of yet, that one first; the `last` time
         there is nothing to wait for.
         """
-        key, faults = self._latched(), self._controller.faults()
+        key, faults = self._latched(), self._controller.latched()
         if key is None or not faults:
             self._told = self._noticed = None
             return

@@ -11,14 +11,14 @@ import sys
 from collections.abc import Iterator
 
 from micromanip.bus.ethercat.al_states import OP
-from micromanip.bus.ethercat.frames import DATAGRAM_BYTES, HEADER_BYTES, PROCESSED, STATUS_BYTES, WKC_BYTES
+from micromanip.bus.ethercat.frames import HEADER_BYTES, PROCESSED, STATUS_BYTES, unframed
 from micromanip.bus.ethercat.registers import APRD, APRW, APWR, ARMW, BRD, BRW, BWR
 from micromanip.emulation.ethercat.port import EthernetPort
 from micromanip.emulation.line.port import Peer
 from micromanip.errors import DeviceUnavailable
 from micromanip.testbus.event_loop import EventLoop
 
-_SENDER, _LENGTH, _MORE = 6, 0x7FF, 0x8000
+_SENDER = 6
 _COUNTED = {APRD, APWR, APRW, BRD, BWR, BRW, ARMW}
 """Commands of which each slave counts the position up."""
 
@@ -53,12 +53,11 @@ def main() -> None:
 
 def _positions(frame: bytearray) -> Iterator[int]:
     """Where the positions stand that slaves count up."""
-    at, more = HEADER_BYTES, True
-    while more:
-        length = int.from_bytes(frame[at + 6 : at + 8], "little")
-        if frame[at] in _COUNTED:
+    at = HEADER_BYTES
+    for datagram in unframed(bytes(frame)):
+        if datagram.command in _COUNTED:
             yield at + 2
-        more, at = bool(length & _MORE), at + DATAGRAM_BYTES + (length & _LENGTH) + WKC_BYTES
+        at += datagram.size
 
 
 if __name__ == "__main__":

@@ -172,10 +172,10 @@ def _commission(
     if kept is not None and actuator.path == AT_ONCE:
         asked_Hz = settings.accept.frequencies_Hz
         model, accept = (actuator.dynamics, actuator.delay), settings.accept
-        margins = over_path(actuator.system, actuator.path), accept.gain_margin_dB, accept.phase_margin_deg
+        seen = over_path(actuator.system, actuator.path)
         undone = undo(
             *model, pid.inner, kept.gauge_us, polarity.noise_um, left_um, asked_Hz,
-            lambda share: pid.bears(share, *margins),
+            lambda share: pid.bears(share, seen, accept.gain_margin_dB, accept.phase_margin_deg),
         )  # fmt: skip
         kept = undone.actuator
     tuned = with_axis(tuned, axis, actuator=kept)

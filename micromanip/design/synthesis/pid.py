@@ -10,7 +10,7 @@ feedback below a limit, the next one is tried; what limits it is said.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,10 +75,7 @@ class PidDesign:
         """Whether the margins are there with `share` of the gain, too, and Ms is below the last of its limits."""
         inner = self.inner.model_copy(update={"K_V_per_um": share * self.inner.K_V_per_um})
         found = [margins(strain_loop(inner, actuator, slope)) for slope in self.slopes]
-        return all(
-            m.stable and m.gain_dB >= gain_dB and m.phase_deg >= phase_deg and m.sensitivity <= _LIMITS[-1]
-            for m in found
-        )
+        return _hold(found, gain_dB, phase_deg) and all(m.sensitivity <= _LIMITS[-1] for m in found)
 
 
 @dataclass(frozen=True)
@@ -127,8 +124,11 @@ class _Task:
 
     def holds(self, inner: Inner) -> bool:
         """Whether all margins are there."""
-        found = self.margins(inner)
-        return all(m.stable and m.gain_dB >= self.gain_dB and m.phase_deg >= self.phase_deg for m in found)
+        return _hold(self.margins(inner), self.gain_dB, self.phase_deg)
+
+
+def _hold(found: Iterable[Margins], gain_dB: float, phase_deg: float) -> bool:
+    return all(m.stable and m.gain_dB >= gain_dB and m.phase_deg >= phase_deg for m in found)
 
 
 def tune_pid(

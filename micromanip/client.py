@@ -47,7 +47,6 @@ class Client:
         `on_behalf_of` is noted in the audit trail beside the user that asks; it gives no rights.
         """
         self.path = path or default_socket()
-        self._named_path = "" if path is None else f" --socket {path}"
         self._named = {} if on_behalf_of is None else {"on_behalf_of": on_behalf_of}
         self._connect()
 
@@ -63,8 +62,9 @@ class Client:
             ) from problem
         except OSError as problem:
             self._socket.close()
+            there = "" if self.path == default_socket() else f" --socket {self.path}"
             raise DeviceUnavailable(
-                f"no controller answers on {self.path}; start one with `micromanip run CONFIG{self._named_path}`"
+                f"no controller answers on {self.path}; start one with `micromanip run CONFIG{there}`"
             ) from problem
         self._lines = self._socket.makefile("rb")
 

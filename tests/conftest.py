@@ -84,8 +84,19 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.xdist_group(shares))
         if "compiled_only" in item.keywords and not JIT:
             item.add_marker(pytest.mark.skip(reason="needs compiled code (NUMBA_DISABLE_JIT is set)"))
-    # what waits first, what computes for long next: the short ones fill what is left
-    items.sort(key=lambda item: ("live" not in item.keywords, "long" not in item.keywords))
+    items[:] = _evenly_mixed(items)
+
+
+def _evenly_mixed(items):
+    """`items` with those that wait, those that compute for long and the short ones each spread over the whole run.
+
+    Each worker takes the next one: were all that wait in a row, no worker would compute meanwhile.
+    """
+    kinds = ([], [], [])
+    for item in items:
+        kinds[0 if "live" in item.keywords else 1 if "long" in item.keywords else 2].append(item)
+    places = {item: i / len(kind) for kind in kinds for i, item in enumerate(kind)}
+    return sorted(items, key=places.__getitem__)
 
 
 def pytest_collection():

@@ -62,25 +62,40 @@ def go_before_ordinary_work(nice: int) -> bool:
         os.setpriority(os.PRIO_PROCESS, 0, nice)
     except PermissionError:
         return False
-    # Where the kernel shares the CPUs out by session, a nice value counts only among the processes of one session.
-    with contextlib.suppress(OSError):
-        _AUTOGROUP.write_text(str(nice))
+    _set_session_nice(nice)
     return True
+
+
+def _session_nice() -> int | None:
+    """Nice value of the whole session, where the kernel shares the CPUs out by session: ``/autogroup-7 nice 0``."""
+    try:
+        return int(_AUTOGROUP.read_text(encoding="ascii").split()[-1])
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def _set_session_nice(nice: int) -> None:
+    """There a nice value counts only among the processes of one session."""
+    with contextlib.suppress(OSError):
+        _AUTOGROUP.write_text(str(nice), encoding="ascii")
 
 
 @contextlib.contextmanager
 def precedence_restored() -> Iterator[None]:
-    """Takes back what is asked for meanwhile: nice value, CPUs and locked memory are as before.
+    """Takes back what is asked for meanwhile: nice values, CPUs and locked memory are as before.
 
     For a process that is the host of a loop for a while and then goes on with work that is in no hurry.
     """
-    nice, cpus = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0)
+    nice, cpus, of_session = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0), _session_nice()
     try:
         yield
     finally:
         ctypes.CDLL(None).munlockall()
         os.sched_setaffinity(0, cpus)
-        go_before_ordinary_work(nice)
+        with contextlib.suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, nice)
+        if of_session is not None:  # the terminal's, and another value: whoever types `nice` means one process
+            _set_session_nice(of_session)
 
 
 def _has_capability(number: int) -> bool:

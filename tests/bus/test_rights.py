@@ -60,3 +60,28 @@ assert next(line for line in open("/proc/self/status") if line.startswith("VmLck
 
 def test_a_process_that_was_the_host_for_a_while_is_an_ordinary_one_again():
     subprocess.run([sys.executable, "-c", RESTORED], check=True, timeout=60)
+
+
+OF_THE_SESSION = """
+import os, pathlib
+from micromanip.bus import rights
+shares = pathlib.Path("/proc/self/autogroup")
+before = shares.read_text() if shares.exists() else ""
+os.nice(5)
+with rights.precedence_restored():
+    went = rights.go_before_ordinary_work(-10)
+    meanwhile = shares.read_text() if before else ""
+print(went, meanwhile.strip(), before.strip(), shares.read_text().strip() if before else "", sep=";")
+"""
+
+
+def test_who_runs_the_host_with_nice_gets_the_session_back_as_it_was():
+    done = subprocess.run(
+        [sys.executable, "-c", OF_THE_SESSION], capture_output=True, text=True, check=True, timeout=60,
+        start_new_session=True,
+    )  # fmt: skip
+    went, meanwhile, before, after = done.stdout.strip().split(";")
+    if went == "False" or not before:
+        pytest.skip("no right to go before others, or no shares by session here")
+    assert meanwhile.endswith("nice -10")
+    assert after == before

@@ -76,7 +76,7 @@ bench: $(READY)   ## speed beside references measured in the same run
 check-budget: $(READY) ## the error budget beside virtual experiments with causes switched off, on five cells
 	$(BIN)/python -m tools.check_budget
 
-accuracy: $(READY) ## what the cell reaches beside paper and bound, on drawn plants too; writes docs/accuracy.md (15 min)
+accuracy: $(READY) ## what the cell reaches beside paper and bound, on drawn plants too; writes docs/accuracy.md (half an hour)
 	$(BIN)/python -m tools.accuracy
 
 check-preview: $(READY) ## previews of 60 drawn paths beside the same paths played in virtual time

@@ -17,7 +17,7 @@ from micromanip.design.experiment import with_axis
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
 from micromanip.virtual.switched import simulated_driver
-from tools.accuracy import AXIS, FIRST_PLANT, SLEW_UM_PER_MS, changed, commissioned, tuned
+from tools.accuracy.cells import AXIS, FIRST_PLANT, SLEW_UM_PER_MS, changed, commissioned, tuned
 from tools.robustness.campaign import narrowed
 from tools.robustness.family import drawn_cell
 

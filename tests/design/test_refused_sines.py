@@ -10,7 +10,7 @@ from micromanip.design.repeated import LEARNED
 from micromanip.design.stage_swing import StageSwing
 from micromanip.errors import CheckFailed
 from micromanip.rt.telemetry import ROW
-from tools.accuracy import changed
+from tools.accuracy.cells import changed
 
 X216 = "the experiment was ended by a fault, nothing is written: X-216 axis x: limit cycle"
 

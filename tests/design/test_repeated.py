@@ -9,7 +9,7 @@ from micromanip.design import measured_way, repeated
 from micromanip.design.measured_way import MeasuredWay
 from micromanip.design.repeated import Harmonics
 from micromanip.virtual.experiment import VirtualExperiment
-from tools.accuracy import changed
+from tools.accuracy.cells import changed
 
 LINES = len(measured_way._LINES_HZ)
 HERTZ = np.arange(10.0, 1000.0, 10.0)

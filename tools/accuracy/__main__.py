@@ -1,0 +1,105 @@
+"""Writes docs/accuracy.md: ``python -m tools.accuracy``."""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import yaml
+
+from micromanip.design.repeated import REPETITIONS
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.write import write_atomically
+from tools.running_controller import MICROMANIP
+
+from .cells import AXIS, FIRST_PLANT, changed, commissioned, drawn, tuned
+from .figures import BEFORE, NOW, PATH_ROWS, SEEN, SEEN_BOUND, UNCOMPENSATED, Reached, Values, causes, played, reached
+from .page import PAGE, RealLoop, page
+
+MINUTES, LEARNED, REAL_S = 10.0, 20, 20.0
+"""CPU time for drawn plants; how many of them play sines that repeat (some 10 s each); how long the real loop runs."""
+TRACKERS_UM = (0.1, 2.0)
+"""Noise of other trackers; the common one has .5 um."""
+
+
+def own_axes() -> tuple[Configuration, dict[str, Reached]]:
+    """The common cell commissioned anew, and its axes: so, and as config/simulated.yaml has them."""
+    factory, before = changed("factory.yaml", "xyz"), changed("simulated.yaml", "xyz")
+    found = commissioned(factory, factory.configuration)
+    if not found.passed:
+        raise SystemExit("config/factory.yaml does not pass: see `micromanip commission`; nothing was written")
+    now, as_it_stands = reached(tuned(factory, found.configuration), learning=True), played(before)
+    return found.configuration, {
+        axis: replace(each, path={row: (each.path | {BEFORE: as_it_stands[axis][NOW]})[row] for row in PATH_ROWS})
+        for axis, each in now.items()
+    }
+
+
+def real_loop(configuration: Configuration) -> RealLoop:
+    """`configuration` on the real loop, as `micromanip run` has it."""
+    document = configuration.model_dump(mode="json", exclude_unset=True, by_alias=True) | {"arm_on_start": True}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "commissioned.yaml"
+        file.write_text(yaml.safe_dump(document), encoding="utf-8")
+        command = [MICROMANIP, "run", file, "--duration", f"{REAL_S:g}", "--socket", Path(folder) / "control", "--json"]
+        told = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    rows = {UNCOMPENSATED: "uncompensated_rms", "rms": "rms", "greatest": "max"}
+    path = {axis: {row: um[key] for row, key in rows.items()} for axis, um in told["path_error_um"].items()}
+    machine = f"{os.cpu_count()} CPUs, Linux {platform.release()}"
+    return RealLoop(path, REAL_S, told["overruns"], machine)
+
+
+def other_trackers(common: dict[str, Reached]) -> dict[str, Values]:
+    """By axis, what samples of noisier and quieter trackers leave beside the bound, um, each commissioned for them."""
+    rows: dict[float, dict[str, Values]] = {0.5: {axis: each.causes for axis, each in common.items()}}
+    for noise_um in TRACKERS_UM:
+        factory = changed("factory.yaml", list(common), noise_um)
+        cell = tuned(factory, commissioned(factory, factory.configuration).configuration)
+        rows[noise_um] = {axis: causes(cell, axis) for axis in common}
+    return {
+        axis: {
+            f"{noise_um:g} um of noise: {what}": rows[noise_um][axis][row]
+            for noise_um in sorted(rows)
+            for what, row in (("left", SEEN), ("bound", SEEN_BOUND))
+        }
+        for axis in common
+    }
+
+
+def drawn_plants(minutes: float, most_learned: int) -> Iterator[dict[int, Reached | str]]:
+    """By seed, one more each time, as many as `minutes` of CPU time allow; the sines that repeat are not counted."""
+    prepared, left_s = changed("factory.yaml", [AXIS]), 60.0 * minutes
+    found: dict[int, Reached | str] = {}
+    while left_s > 0.0:
+        seed, began = FIRST_PLANT + len(found), time.process_time()
+        what = drawn(prepared, seed)
+        learning = sum(isinstance(each, Reached) for each in found.values()) < most_learned
+        found[seed] = what if isinstance(what, str) else reached(what, learning=learning)[AXIS]
+        left_s -= 0.0 if learning else time.process_time() - began
+        told = found[seed] if isinstance(what, str) else f"path error {found[seed].path[NOW]:.3f} um"
+        sys.stderr.write(f"plant {seed}: {told}\n")
+        yield found
+
+
+def main() -> int:
+    """Write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=MINUTES, help="CPU time for drawn plants.")
+    parser.add_argument("--learned", type=int, default=LEARNED, help="How many drawn plants play sines that repeat.")
+    given = parser.parse_args()
+    configuration, own = own_axes()
+    real, trackers = real_loop(configuration), other_trackers(own)
+    for plants in drawn_plants(given.minutes, given.learned):  # whoever ends it has a page of those that there are
+        write_atomically(PAGE, page(own, plants, real, trackers, REPETITIONS))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

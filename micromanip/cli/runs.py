@@ -166,7 +166,7 @@ def _write_page(place: Path, found: list[Entry], trends: list[tuple[Path, Trend,
 
     parts = [table(_HEAD, [_row(entry) for entry in found], words=True)]
     for folder, trend, field in trends:
-        about = f"{escape(str(folder))}, a value a minute."
+        about = f"{escape(str(folder))}, one value per minute."
         with legible():
             figure = drawn(trend, [field])
         parts.append(section(f"Trend of {escape(field)}", about, figure))

@@ -53,7 +53,7 @@ def command(
     to: Path | None,
     as_json: bool,
 ) -> None:
-    """What a controller with `trend` in its configuration has kept: a line a day, or an hour of up to two days.
+    """What a controller with `trend` in its configuration has kept: one line per day, or per hour of up to two days.
 
     Below, how each figure went: a character for each forty-eighth of the time, as high as the figure between least and
     greatest.

@@ -1,4 +1,4 @@
-"""A trend for people: a line a day or an hour, a picture, a file of some columns."""
+"""A trend for people: one line per day or hour, a picture, a file of some columns."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def usual_fields(trend: Trend) -> list[str]:
 
 
 def summarised(trend: Trend, fields: list[str]) -> list[dict[str, Any]]:
-    """A line a day, or an hour of up to two days: `begins`, `running_h`, each column that `fields` mean, `faults`.
+    """One line per day, or per hour of up to two days: `begins`, `running_h`, each column that `fields` mean, `faults`.
 
     Least and greatest values are those of all rows, what was counted is their sum; a mean and an rms are weighted by
     the time that a row covers. None where nothing was known. `state` is the last one's name, `faults` are codes.

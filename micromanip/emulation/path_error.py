@@ -1,4 +1,4 @@
-"""Figures of ``path_error_<axis>`` and ``uncompensated_<axis>``, a sample a millisecond, whoever advances the plant."""
+"""Figures of ``path_error_<axis>`` and ``uncompensated_<axis>``, one sample per millisecond, whoever advances it."""
 
 from __future__ import annotations
 

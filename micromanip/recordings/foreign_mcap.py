@@ -1,4 +1,4 @@
-"""MCAP of other programs: the numbers in messages of JSON, as columns ``TOPIC.field``, a row a message.
+"""MCAP of other programs: the numbers in messages of JSON, as columns ``TOPIC.field``, one row per message.
 
 A field within another is ``outer.inner``, an element of a list ``name[0]``; what a message lacks is NaN. Beside them
 stands ``TOPIC.log_time``, s since the file's first message. Other encodings need their own libraries, and are named.

@@ -1,4 +1,4 @@
-"""Trends of months: a CSV file a day with a row a second, another with a row a minute. Described: docs/recording.md.
+"""Trends of months: one CSV file per day with one row per second, another per minute: docs/recording.md.
 
 ``2026-11-23-minutes.csv``; a number behind it, ``-2``, where the columns changed during the day. ``time`` is when a row
 begins, UTC. A row has been written whole if it ends with its newline: what follows the last one is none.
@@ -113,7 +113,7 @@ def _files(
         if found is None:
             raise CheckFailed(f"{place}: no trend: a folder is, or a file called {file_name('2026-11-23', MINUTE)}")
         if every not in (None, found.every):
-            raise UsageError(f"{place}: it has a row a {found.every}, not a {every}")
+            raise UsageError(f"{place}: it has one row per {found.every}, not per {every}")
         return [found], found.every
     every = every or MINUTE
     try:

@@ -21,7 +21,7 @@ A capacitive sensor with three channels, over TCP (all numbers little-endian, as
             strain_y: {at: 4, type: int32, byte_order: little, scale: 5.96e-6}
             strain_z: {at: 8, type: int32, byte_order: little, scale: 5.96e-6}
 
-A laser tracker, over UDP, a sample a datagram, with its own time stamps:
+A laser tracker, over UDP, one sample per datagram, with its own time stamps:
 
     drivers:
       tracker:

@@ -43,7 +43,7 @@ def axes_table(axes: Sequence[Evidence], hashes: Mapping[str, str]) -> str:
 
 
 def criteria_table(evidence: Evidence) -> str:
-    """A row a criterion: what was found, what was asked for, PASS or FAIL."""
+    """One row per criterion: what was found, what was asked for, PASS or FAIL."""
     rows = [
         (escape(c.name), badge(_verdict(c)), escape(c.value), escape(c.limit))
         for c in sorted(evidence.criteria, key=lambda c: c.passed)

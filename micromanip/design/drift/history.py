@@ -1,4 +1,4 @@
-"""The checks of an axis through the months: a CSV file with a row a check, which other programs read too.
+"""The checks of an axis through the months: a CSV file with one row per check, which other programs read too.
 
 A row has been written whole if it ends with its newline; what follows the last one is none, and the next check takes
 its place. A tuning is named by its hash, as in reports: what was tuned anew is watched anew.

@@ -12,7 +12,7 @@ Days = Annotated[int, Field(strict=True, ge=1, le=36_500)]
 
 
 class Trend(Settings):
-    """Least, mean, greatest value and rms of each quantity, a row a second and a row a minute, in files of a day each.
+    """Least, mean, greatest value and rms of each quantity, one row per second and one per minute, one file per day.
 
     Only whole days are removed, the oldest first; a day on which nothing ran does not count.
     """

@@ -209,7 +209,7 @@ def _learning(configuration: Configuration) -> Iterator[Finding]:
 
 
 def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
-    real = [name for name, driver in wiring.drivers.items() if not driver.simulated]
+    real = wiring.real
     if configuration.arm_on_start and real:
         yield (
             ("arm_on_start",),

@@ -30,8 +30,8 @@ from micromanip.settings.schema.learning import Learning
 from micromanip.status_reply import AxisLearning, LearningStatus
 
 from ..shared_memory import Segment
+from ..state_directory import memory_folder
 from .correction import Correction, Memories, is_silent
-from .folder import memory_folder
 from .thermometer import Thermometer
 
 _LOOK_S = 0.02

@@ -11,10 +11,11 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError
 
+from .axes import axis_option, chosen_axes
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
 from .progress import steps
 from .prose import say
-from .results import Pictures, provenance
+from .results import Pictures, out_option, provenance
 
 if TYPE_CHECKING:
     from micromanip.design.commission.coupled import Coupled
@@ -25,10 +26,8 @@ if TYPE_CHECKING:
     "analyse", cls=StrictCommand, epilog="Example: micromanip analyse config/simulated.yaml --axis x --out out/analyse"
 )
 @config_argument
-@click.option(
-    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the figures."
-)
-@click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@out_option("the figures", required=True)
+@axis_option
 @click.option(
     "--samples",
     type=click.IntRange(0, 1_000_000),
@@ -68,12 +67,9 @@ def command(
     from micromanip.virtual.variation import VariedCell
 
     prepared = prepare_and_warn(config)
-    names = list(prepared.configuration.axes)
-    if only != "all" and only not in names:
-        raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
+    shown = chosen_axes(prepared.configuration.axes, only, config)
     if jobs == 0:
         raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
-    shown = names if only == "all" else [only]
     cells = {name: VariedCell(prepared, name) for name in shown} if simulate else {}
     for cell in cells.values():
         cell.require_simulated()
@@ -109,7 +105,7 @@ def command(
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
     coupled = _coupled(prepared, seed) if only == "all" else None
     if coupled is not None:
-        judged += [coupled.criterion(name) for name in names]
+        judged += [coupled.criterion(name) for name in shown]
     failed = [criterion for criterion in judged if not criterion.passed]
     if as_json:
         files = [str(file) for file in written]

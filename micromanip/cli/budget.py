@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from micromanip.errors import UsageError
-
+from .axes import axis_option, chosen_axes
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json
 from .prose import say
+from .results import out_option
 
 if TYPE_CHECKING:
     from micromanip.design.budget.budget import AxisBudget
@@ -26,7 +26,7 @@ _CONFIGURATIONS = (".yaml", ".yml")
     epilog="Example: micromanip budget config/simulated.yaml --out out/budget     or: micromanip budget run.mcap",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="CONFIG|RECORDING")
-@click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@axis_option
 @click.option(
     "--seconds", type=Quantity("SecondsOrZero", most=600.0), default=10.0, show_default=True, metavar="S",
     help="Virtual time that a simulated cell is played for; 0: not at all.",
@@ -36,9 +36,7 @@ _CONFIGURATIONS = (".yaml", ".yml")
     "--coherence", "coherence_s", type=Quantity("Seconds", least=0.05, most=60.0), default=1.0, show_default=True,
     metavar="S", help="For how long path and force keep their phase: what the bound takes for granted.",
 )  # fmt: skip
-@click.option(
-    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Folder for pictures."
-)
+@out_option("pictures", metavar="DIR")
 @json_option
 def command(
     file: Path, only: str, seconds: float, seed: int, coherence_s: float, folder: Path | None, as_json: bool
@@ -88,7 +86,7 @@ def _of_configuration(
     from micromanip.design.budget.configured import budget_of
 
     prepared = prepare_and_warn(file)
-    axes = _chosen(list(prepared.configuration.axes), only, file)
+    axes = chosen_axes(prepared.configuration.axes, only, file)
     return budget_of(prepared, axes, seconds, seed, coherence_s, step), f"{file}, seed {seed}"
 
 
@@ -99,13 +97,7 @@ def _of_recording(
     from micromanip.recordings import open_telemetry
 
     telemetry = open_telemetry(file)
-    return recorded_budget(telemetry, _chosen(telemetry.axes, only, file), coherence_s, step), str(file)
-
-
-def _chosen(axes: list[str], only: str, file: Path) -> list[str]:
-    if only != "all" and only not in axes:
-        raise UsageError(f"there is no axis {only} in {file}; its axes are {', '.join(axes)}")
-    return axes if only == "all" else [only]
+    return recorded_budget(telemetry, chosen_axes(telemetry.axes, only, file), coherence_s, step), str(file)
 
 
 def _print(budget: AxisBudget) -> None:

@@ -16,11 +16,12 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError
 
+from .axes import chosen_axes
 from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .progress import steps
 from .prose import say
-from .results import results_folder, run_folder
+from .results import out_option, results_folder, run_folder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,10 +42,7 @@ _BUDGET_S, _COHERENCE_S = 4.0, 1.0
 )
 @config_argument
 @click.option("--axis", "only", required=True, help="The axis, or all of them one after the other: all.")
-@click.option(
-    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), required=True,
-    help=f"Folder for {TUNED}, {REPORT} and {PREVIOUS}.",
-)  # fmt: skip
+@out_option(f"{TUNED}, {REPORT} and {PREVIOUS}", required=True)
 @click.option(
     "--bandwidth", "bandwidth_Hz", type=Quantity("Hertz", least=1.0), metavar="HZ",
     help="Crossover of the outer loop  [default: the highest that keeps the margins]",
@@ -79,12 +77,9 @@ def command(
     from micromanip.design.commission.knobs import Knobs
 
     prepared = prepare_and_warn(config)
-    names = list(prepared.configuration.axes)
-    if only != "all" and only not in names:
-        raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
-    chosen = names if only == "all" else [only]
+    chosen = chosen_axes(prepared.configuration.axes, only, config)
     _require_stage_sensors(prepared, chosen)
-    real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
+    real = prepared.wiring.real
     with results_folder(folder):
         if real and not yes:
             _ask(prepared, chosen, real[0])
@@ -195,7 +190,6 @@ def _provenance(prepared: Prepared, config: Path, chosen: list[str], operator: s
     """Where a report comes from: simulated or hardware, which version, when, by whom, with which sensors."""
     drivers = {name: prepared.wiring.drivers[name] for name in prepared.configuration.drivers}
     devices = {name: driver.device or prepared.configuration.drivers[name].driver for name, driver in drivers.items()}
-    real = [name for name, driver in drivers.items() if not driver.simulated]
     sensors = {
         f"sensors of {axis}": ", ".join(
             f"{name} at {devices[entry.driver]}" + (f" ({entry.channel})" if entry.channel else "")
@@ -205,7 +199,9 @@ def _provenance(prepared: Prepared, config: Path, chosen: list[str], operator: s
         for axis in chosen
     }
     return {
-        "cell": f"hardware: {', '.join(devices[name] for name in real)}" if real else "simulated, nothing real moved",
+        "cell": f"hardware: {', '.join(devices[name] for name in prepared.wiring.real)}"
+        if prepared.wiring.real
+        else "simulated, nothing real moved",
         "configuration": f"{config} ({prepared.source.hash[:8]})",
         "time": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%dT%H:%M:%SZ}",
         "operator": operator or _logged_in(),

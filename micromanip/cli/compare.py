@@ -39,7 +39,7 @@ def command(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     from .progress import steps
 
     if to is not None:
-        require_new_page(to, "--to")
+        require_new_page(to)
     both = [open_telemetry(file) for file in (first, second)]
     with steps() as bar:
         runs = [RecordedRun(telemetry, bar.say) for telemetry in both]
@@ -64,7 +64,7 @@ def command(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
         "quantities": [each.document() for each in found_differences],
     }
     if to is not None:
-        write_new_page(to, comparison_page(runs, figures, found_differences, changes), "--to")
+        write_new_page(to, comparison_page(runs, figures, found_differences, changes))
         document["report"] = str(to)
     print_answer(document, _show, as_json)
 

@@ -14,7 +14,7 @@ from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
 from .prose import say
-from .results import results_folder
+from .results import out_option, results_folder
 
 if TYPE_CHECKING:
     from micromanip.design.drift import Check, Judged
@@ -45,13 +45,7 @@ Example: micromanip hold && micromanip drift --axis all --history out/drift.csv
 @click.option(
     "--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws phases, and a simulation's noise."
 )
-@click.option(
-    "--out",
-    "folder",
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="DIR",
-    help="Folder for a picture of each axis.",
-)
+@out_option("a picture of each axis", metavar="DIR")
 @socket_option
 @json_option
 def command(

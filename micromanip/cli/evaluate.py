@@ -10,9 +10,10 @@ import click
 
 from micromanip.errors import UsageError
 
+from .axes import require_axis_of
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
 from .prose import say
-from .results import Pictures, provenance
+from .results import Pictures, out_option, provenance
 
 
 @click.command(
@@ -23,14 +24,7 @@ from .results import Pictures, provenance
 @config_argument
 @click.option("--axis", "only", help="Report and draw this axis only (all are simulated together).")
 @click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
-@click.option(
-    "--out",
-    "folder",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("out/evaluate"),
-    show_default=True,
-    help="Folder for the figures.",
-)
+@out_option("the figures", default=Path("out/evaluate"), show_default=True)
 @click.option("--own-pid", is_flag=True, help="Each axis' own PID instead of the one tuning that reproduces the paper.")
 @click.option(
     "--learned", is_flag=True,
@@ -56,8 +50,8 @@ def command(
 
     prepared = prepare_and_warn(config, seed)
     names = list(prepared.configuration.axes)
-    if only is not None and only not in names:
-        raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(names)}")
+    if only is not None:
+        require_axis_of(names, only, config)
     real = [name for name, driver in prepared.wiring.drivers.items() if not driver.virtual]
     if real:
         raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} can't, it has a time of its own")

@@ -10,11 +10,12 @@ import click
 
 from micromanip.errors import UsageError, system_error
 
+from .axes import require_axis_of
 from .options import Quantity, StrictCommand, json_option, print_json
 from .progress import steps
 from .prose import say
 from .recording_options import recording_options, tell
-from .results import Pictures, require_room
+from .results import Pictures, out_option, require_room
 
 KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 
@@ -44,7 +45,7 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 @click.option(
     "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
 )
-@click.option("--out", "folder", type=click.Path(path_type=Path, file_okay=False), help="Folder for the figures.")
+@out_option("the figures")
 @click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put the model into, with --axis.")
 @click.option("--axis", help="The axis that --into means.")
 @json_option
@@ -105,8 +106,7 @@ def _require_axis(into: Path, axis: str) -> None:
     from micromanip.settings.load import load_with_source
 
     configuration, _ = load_with_source(into)
-    if axis not in configuration.axes:
-        raise UsageError(f"there is no axis {axis} in {into}; its axes are {', '.join(configuration.axes)}")
+    require_axis_of(configuration.axes, axis, into)
 
 
 def _put_into(into: Path, axis: str, model: Any) -> None:

@@ -14,7 +14,7 @@ from .options import Quantity, StrictCommand, json_option, print_json
 from .progress import steps
 from .prose import say
 from .recording_options import recording_options, tell
-from .results import Pictures
+from .results import Pictures, out_option
 
 
 @click.command(
@@ -41,7 +41,7 @@ from .results import Pictures
 @click.option(
     "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
 )
-@click.option("--out", "folder", type=click.Path(path_type=Path, file_okay=False), help="Folder for the figures.")
+@out_option("the figures")
 @json_option
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, ConfigError, UsageError
+from micromanip.errors import CheckFailed, ConfigError
 
+from .axes import axis_option, chosen_axes
 from .options import Quantity, StrictCommand, json_option, print_json
 from .progress import steps
 from .prose import say
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     epilog="Example: micromanip fit tracker run.mcap --into config/cell.yaml",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
-@click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@axis_option
 @click.option(
     "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=0.5, show_default=True,
     metavar="PERCENT", help="By how much an oscillation's frequency may be another than in the recording.",
@@ -45,14 +46,13 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
     from micromanip.settings.text.source import Source
 
     telemetry = open_telemetry(file)
-    if only != "all" and only not in telemetry.axes:
-        raise UsageError(f"there is no axis {only} in {file}; its axes are {', '.join(telemetry.axes)}")
+    axes = chosen_axes(telemetry.axes, only, file)
     source = None if into is None else Source.read(into)
     if source is not None:
         _require_tracker(source)
     found, shares = {}, {}
     with steps() as bar:
-        for axis in telemetry.axes if only == "all" else [only]:
+        for axis in axes:
             bar.say(f"axis {axis}")
             samples, rate_Hz = recorded_samples(telemetry, axis)
             try:
@@ -62,11 +62,11 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
             shares[axis] = _shares(telemetry, axis, found[axis])
     if source is not None:
         _put(source, found)
-    axes = {axis: _document(each, shares[axis]) for axis, each in found.items()}
+    told = {axis: _document(each, shares[axis]) for axis, each in found.items()}
     if as_json:
-        print_json({"file": str(file), "axes": axes, "into": None if into is None else str(into)})
+        print_json({"file": str(file), "axes": told, "into": None if into is None else str(into)})
     else:
-        _print(axes)
+        _print(told)
         if into is not None:
             say(f"wrote reference.axes of {into}")
 

@@ -32,7 +32,8 @@ def _in_state_directory(name: str = "") -> Path:
 def _sparkplug(file: Path) -> SparkplugOptions:
     """ConfigError with the line and the key that is wrong."""
     from micromanip.gateway.sparkplug.options import Options
-    from micromanip.settings.load import Source, validate_section
+    from micromanip.settings.load import validate_section
+    from micromanip.settings.text.source import Source
 
     source = Source.read(file)
     return validate_section(source, (), Options, source.data).beside(file.parent)

@@ -9,9 +9,10 @@ import click
 
 from micromanip.errors import UsageError
 
+from .axes import require_axis_of
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .prose import say
-from .results import keep, results_folder
+from .results import keep, out_option, results_folder
 
 
 @click.command(
@@ -19,9 +20,7 @@ from .results import keep, results_folder
 )
 @config_argument
 @click.option("--axis", required=True, help="The axis to move; the others rest at their park voltage.")
-@click.option(
-    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV."
-)
+@out_option("the CSV", required=True)
 @click.option(
     "--kind",
     type=click.Choice(["multisine", "turns", "triangle", "step"]),
@@ -66,15 +65,14 @@ def command(
 
     prepared = prepare_and_warn(config)
     configuration = prepared.configuration
-    if axis not in configuration.axes:
-        raise UsageError(f"there is no axis {axis} in {config}; its axes are {', '.join(configuration.axes)}")
+    require_axis_of(configuration.axes, axis, config)
     file = folder / f"{axis}_{kind}.csv"
     if file.exists() or file.is_symlink():
         raise UsageError(f"{file} is there already: a recording is never replaced; name another --out, or move it away")
     excitation = design(configuration, axis, kind, seconds or DEFAULT_SECONDS[kind], seed)
     samples = samples_for(configuration, excitation)
     duration_s = len(samples) / configuration.loop.rate_hz
-    real = [name for name, driver in prepared.wiring.drivers.items() if not driver.simulated]
+    real = prepared.wiring.real
     with results_folder(folder):
         if real and not yes:
             low, high = excitation.samples.min(), excitation.samples.max()

@@ -12,11 +12,13 @@ import click
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError, system_error
 
+from .axes import axis_option, chosen_axes
 from .learned import memory_answer, print_memories, print_running, print_trials, update_answer, update_sentence
 from .options import (
     Quantity,
     StrictCommand,
     StrictGroup,
+    config_argument,
     json_option,
     prepare_and_warn,
     print_answer,
@@ -58,7 +60,7 @@ def command() -> None:
 )
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RECORDING...")
 @memory_option
-@click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@axis_option
 @click.option(
     "--begin", "begin_s", type=Quantity("SecondsOrZero"), metavar="S",
     help="When the part begins, after tracking has.  [default: as in the memory]",
@@ -123,7 +125,7 @@ def status(folder: Path | None, socket_path: Path, as_json: bool) -> None:
 
 @command.command("reset", cls=StrictCommand, epilog="Example: micromanip learn reset --memory out/learned --axis x")
 @running_or_memory_option
-@click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@axis_option
 @socket_option
 @json_option
 def reset(folder: Path | None, only: str, socket_path: Path, as_json: bool) -> None:
@@ -186,7 +188,7 @@ def export(folder: Path, axis: str, tool: int | None, file: Path, as_json: bool)
 
 
 @command.command("try", cls=StrictCommand, epilog="Example: micromanip learn try config/simulated.yaml --parts 5")
-@click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG")
+@config_argument
 @click.option("--parts", type=Quantity("Count", least=2, most=50), default=5, show_default=True, help="Parts in a row.")
 @click.option(
     "--seconds", type=Quantity("Seconds", least=2.0, most=600.0), default=8.0, show_default=True, metavar="S",
@@ -218,9 +220,7 @@ def _learn_from(
     from micromanip.recordings import open_telemetry
 
     telemetry = open_telemetry(file)
-    if only != "all" and only not in telemetry.axes:
-        raise UsageError(f"there is no axis {only} in {file}; its axes are {', '.join(telemetry.axes)}")
-    found = learner.update(telemetry, telemetry.axes if only == "all" else [only], begin_s, seconds, step)
+    found = learner.update(telemetry, chosen_axes(telemetry.axes, only, file), begin_s, seconds, step)
     try:
         learner.write(found)
     except OSError as problem:

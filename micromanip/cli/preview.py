@@ -10,8 +10,10 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError
 
+from .axes import axis_option, chosen_axes
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, warn
 from .prose import say
+from .results import out_option
 
 if TYPE_CHECKING:
     from micromanip.design.preview.preview import AxisPreview, Preview
@@ -26,7 +28,7 @@ _MOST_SHOWN = 24
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="PATH")
 @click.option("--config", type=click.Path(path_type=Path), metavar="CONFIG", required=True, help="The cell.")
-@click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+@axis_option
 @click.option(
     "--reserve", "reserve_um", type=Quantity("DistanceOrZero"), default=3.0, show_default=True, metavar="UM",
     help="Kept at each end of the set-point's range, and as much of the voltage's, for force, creep and noise.",
@@ -40,9 +42,7 @@ _MOST_SHOWN = 24
     metavar="HZ", help="What is slower may be handed to the robot as an offset.",
 )  # fmt: skip
 @click.option("--offset", "offset_file", type=click.Path(path_type=Path), metavar="FILE", help="Write it, as CSV.")
-@click.option(
-    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Folder for pictures."
-)
+@out_option("pictures", metavar="DIR")
 @json_option
 def command(
     file: Path, config: Path, only: str, reserve_um: float, tolerance_um: float | None, corner_hz: float,
@@ -59,14 +59,12 @@ def command(
     from .results import Pictures, require_room
 
     prepared = prepare_and_warn(config)
-    axes = list(prepared.configuration.axes)
-    if only != "all" and only not in axes:
-        raise UsageError(f"there is no axis {only} in {config}; its axes are {', '.join(axes)}")
+    chosen = chosen_axes(prepared.configuration.axes, only, config)
     if offset_file is not None:
         if offset_file.exists():
             raise UsageError(f"--offset {offset_file} is there already: nothing is replaced; name another file")
         require_room(offset_file.parent, f"--offset {offset_file}")
-    path = seen_path(file, axes if only == "all" else [only])
+    path = seen_path(file, chosen)
     with Pictures(folder) as pictures:
         found = preview_of(prepared, path, reserve_um, tolerance_um, corner_hz)
         if folder is not None:

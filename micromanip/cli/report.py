@@ -31,7 +31,7 @@ def command(file: Path, to: Path | None, as_json: bool) -> None:
     from .progress import steps
 
     to = to or file.with_suffix(".html")
-    require_new_page(to, "--to")
+    require_new_page(to)
     telemetry = open_telemetry(file)
     with steps() as bar:
         run = RecordedRun(telemetry, bar.say)
@@ -41,7 +41,7 @@ def command(file: Path, to: Path | None, as_json: bool) -> None:
         page = run_report(run, figures, responses)
     if told := damage(run):
         say(f"warning:{told}", err=True)
-    write_new_page(to, page, "--to")
+    write_new_page(to, page)
     document = {"report": str(to), "run": figures.document()}
     document["step_response"] = {axis: found.document() for axis, found in responses.items()}
     print_answer(document, lambda _: say(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)

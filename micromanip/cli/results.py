@@ -15,7 +15,9 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
+
+import click
 
 from micromanip.errors import MicromanipError, UsageError, system_error
 
@@ -25,6 +27,13 @@ if TYPE_CHECKING:
 LATEST = "latest"
 _PROBE = bytes(4096)
 _PAGES = (".html", ".htm")
+
+
+def out_option(contents: str, **how: Any) -> Callable[[Any], Any]:
+    """``--out``, for a folder; `contents` is its help."""
+    return click.option(
+        "--out", "folder", type=click.Path(path_type=Path, file_okay=False), help=f"Folder for {contents}.", **how
+    )
 
 
 def require_room(folder: Path, what: str) -> None:
@@ -53,22 +62,27 @@ def results_folder(folder: Path, option: str = "--out") -> Iterator[None]:
                 each.rmdir()
 
 
-def require_new_page(place: Path, option: str) -> None:
-    """Raise where no page can be written to `place`, or nobody would open it as one: before anything is read for it."""
-    if place.suffix.lower() not in _PAGES:
-        raise UsageError(f"{option} {place}: a page is HTML: name a file that ends with .html")
+def require_new(place: Path, option: str) -> None:
+    """Raise UsageError where there is a file already; `option` is the one that names another."""
     if place.is_symlink() or place.exists():
         raise _is_there(place, option)
+
+
+def require_new_page(place: Path) -> None:
+    """Raise where no page can be written to `place`, or nobody would open it as one: before anything is read for it."""
+    if place.suffix.lower() not in _PAGES:
+        raise UsageError(f"--to {place}: a page is HTML: name a file that ends with .html")
+    require_new(place, "--to")
     require_room(place.parent, str(place))
 
 
-def write_new_page(place: Path, text: str, option: str) -> None:
-    """A page to a file that is not there yet; `option` is the one that names another."""
+def write_new_page(place: Path, text: str) -> None:
+    """A page to a file that is not there yet."""
     try:
         with place.open("x", encoding="utf-8") as written:
             written.write(text)
     except FileExistsError:
-        raise _is_there(place, option) from None
+        raise _is_there(place, "--to") from None
     except OSError as problem:
         raise system_error(problem, place) from problem
 

@@ -11,6 +11,7 @@ from micromanip.errors import UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, print_answer
 from .prose import say
+from .results import require_new
 
 if TYPE_CHECKING:
     from micromanip.host.readiness.answer import Answer
@@ -42,8 +43,8 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
     from micromanip.host.readiness.finding import Machine
     from micromanip.host.readiness.timed import measure
 
-    if out is not None and out.exists():
-        raise UsageError(f"{out} is there already: nothing is replaced; name another file with --out")
+    if out is not None:
+        require_new(out, "--out")
     (loop, interfaces), machine = _loop(config), Machine()
     findings, timed = looked_at(machine, loop, interfaces), None
     if not no_run:

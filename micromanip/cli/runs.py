@@ -14,6 +14,7 @@ from micromanip.errors import UsageError, system_error
 
 from .options import Quantity, StrictCommand, json_option, print_answer
 from .prose import say
+from .results import require_new
 
 if TYPE_CHECKING:
     from micromanip.catalogue.describing import Entry
@@ -75,8 +76,8 @@ def command(
     if wanted["fault"] is not None and wanted["fault"] not in codes:
         near = difflib.get_close_matches(wanted["fault"], codes, 1)
         raise UsageError(f"--fault {wanted['fault']}: no such code" + (f"; did you mean {near[0]}?" if near else ""))
-    if page is not None and page.exists():
-        raise UsageError(f"{page} is there already: nothing is replaced; name another file with --page")
+    if page is not None:
+        require_new(page, "--page")
     own = state_directory()
     with Catalogue(own / FILE) as catalogue:
         if drop is not None and not catalogue.drop(drop):

@@ -12,6 +12,7 @@ from micromanip.errors import CheckFailed
 
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
 from .prose import say
+from .results import out_option, results_folder
 
 if TYPE_CHECKING:
     from micromanip.design.running import Running
@@ -32,9 +33,7 @@ if TYPE_CHECKING:
     show_default=True, metavar="UM", help="Rms of the multisine on the actuator's set-point.",
 )  # fmt: skip
 @click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws its phases.")
-@click.option(
-    "--out", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Folder for a picture."
-)
+@out_option("a picture", metavar="DIR")
 @socket_option
 @json_option
 def command(
@@ -70,8 +69,6 @@ def command(
     if folder is not None:
         from micromanip.design.canvas import save
         from micromanip.design.running_figures import picture
-
-        from .results import results_folder
 
         with results_folder(folder):
             files = save(picture(found), folder, f"sensitivity_{axis}_{loop}", about=where)

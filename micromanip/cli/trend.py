@@ -11,6 +11,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .options import StrictCommand, json_option, print_answer
+from .results import require_new
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,8 +66,8 @@ def command(
 
     if to is not None and to.suffix.lower() not in (".csv", ".svg", ".png"):
         raise UsageError(f"--to {to}: a trend is written as .csv, or drawn as .svg or .png: name it so")
-    if to is not None and to.exists():
-        raise UsageError(f"{to} is there already: nothing is replaced; name another file with --to")
+    if to is not None:
+        require_new(to, "--to")
     if not place.exists():
         raise CheckFailed(f"{place}: no such file or folder")
     trend = read_trend(place, every, _time("since", since), _time("until", until), fields)

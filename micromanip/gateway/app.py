@@ -8,12 +8,13 @@ import json
 import tempfile
 from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from starlette.applications import Starlette
 from starlette.background import BackgroundTask
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -33,6 +34,8 @@ from .tokens import Token, Tokens
 from .views import number
 
 PAGES = Path(__file__).with_name("pages")
+PATHS = {"cell": "/", "scope": "/scope", "margins": "/margins", "moves": "/moves", "runs": "/runs"}
+"""Where each page is; their names stand in this order above each."""
 ORDERS = ("arm", "hold", "disarm", "reset")
 MOVE_FIELDS = {"axis", "kind", "by_um", "returns", "way_s", "rest_s", "amplitude_um", "frequency_Hz", "to_Hz"}
 MOVE_FIELDS |= {"seconds", "places_um", "number", "stop"}
@@ -54,7 +57,7 @@ class Gateway:
         origins: Origins,
         differs: Callable[[], str | None],
         beside: Beside = contextlib.nullcontext,
-        home: str = "cell.html",
+        home: str = "cell",
         runs: Runs | None = None,
         expiries: Callable[[], Mapping[str, float]] = dict,
     ) -> None:
@@ -67,11 +70,7 @@ class Gateway:
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
         self._measuring = Measuring(cell)
         routes = [
-            Route("/", _page(home)),
-            Route("/scope", _page("scope.html")),
-            Route("/margins", _page("margins.html")),
-            Route("/moves", _page("moves.html")),
-            Route("/runs", _page("runs.html")),
+            *(Route(path, _page(home if path == "/" else name)) for name, path in PATHS.items()),
             Route("/runs/report/{ticket}", self._report),
             Route("/api/runs", self._find_runs, methods=["POST"]),
             Route("/api/runs/report", self._ticket, methods=["POST"]),
@@ -264,8 +263,15 @@ async def _refused(request: Request, problem: Exception) -> Response:
 
 
 def _page(name: str) -> Callable[[Request], Any]:
+    """The page `name`: what stands in its file, in the frame that all pages have."""
+    frame, content = ((PAGES / f"{each}.html").read_text(encoding="utf-8") for each in ("frame", name))
+    here = ' aria-current="page"'
+    links = "".join(f'<a href="{p}"{here if n == name else ""}>{n.capitalize()}</a>' for n, p in PATHS.items())
+    state = "" if name == "cell" else '<b id="state"></b>'  # there it is larger
+    whole = Template(frame).substitute(title=name.capitalize(), name=name, links=links, state=state, content=content)
+
     async def page(_: Request) -> Response:
-        return FileResponse(PAGES / name)
+        return HTMLResponse(whole)
 
     return page
 

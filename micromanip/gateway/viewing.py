@@ -104,7 +104,7 @@ def view(file: Path, listen: str, say: Callable[[str], None]) -> None:
     telemetry = open_telemetry(file)
     with listening(host, port, "--listen") as socket:
         source = Recorded(telemetry)
-        gateway = Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope.html")  # type: ignore[arg-type]  # as much of both as it asks for
+        gateway = Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope")  # type: ignore[arg-type]  # as much of both as it asks for
         seconds = (source.recording["last"] - source.recording["first"] + 1) * telemetry.period_ns * 1e-9
         say(f"{file}: {source.recording['rows']} cycles, {seconds:g} s")
         say(f"scope at http://{shown(*socket.getsockname()[:2])}/ for everybody on this computer; Ctrl-C ends it")

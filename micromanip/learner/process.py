@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import os
 import signal
 import sys
@@ -23,7 +22,7 @@ import numpy as np
 from micromanip.control.learned import RECOGNISED_S
 from micromanip.design.learning.law import Update
 from micromanip.errors import MicromanipError
-from micromanip.host.recording.orders import Orders
+from micromanip.host.orders import Orders, tell
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import RING, Segment
 from micromanip.settings.load import validate_document
@@ -34,12 +33,6 @@ from .memories import Memories
 
 _LOOK_S = 0.05
 _NICE = 10
-
-
-def tell(**message: Any) -> None:
-    """A line for the host, which may be dead: what is learned stays in its files."""
-    with contextlib.suppress(OSError):
-        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
 
 
 class Learning:

@@ -21,18 +21,17 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.place import Finding
 from micromanip.settings.text.source import Source
-from micromanip.settings.wiring.buses import bus_findings, enabling_findings, rest_findings
+from micromanip.settings.wiring.buses import bus_findings, enabling_findings, rest_findings, simulated_findings
 from micromanip.settings.wiring.places import Wiring, driver_options, wire
-from micromanip.settings.wiring.simulated import simulated_findings
 from micromanip.settings.wiring.simulation import build_plant
 
 from .actuators import actuator_findings
-from .advice import advice
-from .couplings import coupling_findings
-from .feedback import feedback_findings
+from .ages import age_warnings
+from .commissioned import changes_since
+from .feedback import feedback_findings, feedback_warnings
 from .load import validate_document
-from .names import name_findings
-from .reach import reach_findings
+from .names import coupling_findings, name_findings
+from .reach import reach_findings, reach_warnings
 
 _NO_SOLUTION = (np.linalg.LinAlgError, ValueError, FloatingPointError)
 _LATE_PERIODS = 5
@@ -51,8 +50,16 @@ class Prepared:
 
     @cached_property
     def advice(self) -> list[Finding]:
-        """What is told of it, each at its key; takes some 50 ms where strain loops are closed."""
-        return advice(self.configuration, self.wiring)
+        """What it had better not say: told by `check`, `run` and `set`, each at its key, and refused by nobody.
+
+        Takes some 50 ms where strain loops are closed.
+        """
+        return [
+            *changes_since(self.configuration.axes),
+            *feedback_warnings(self.configuration, self.wiring),
+            *reach_warnings(self.configuration),
+            *age_warnings(self.configuration),
+        ]
 
     @property
     def warnings(self) -> list[str]:
@@ -209,7 +216,7 @@ def _learning(configuration: Configuration) -> Iterator[Finding]:
 
 
 def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
-    real = [name for name, driver in wiring.drivers.items() if not driver.simulated]
+    real = wiring.real
     if configuration.arm_on_start and real:
         yield (
             ("arm_on_start",),

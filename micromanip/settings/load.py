@@ -15,8 +15,6 @@ from micromanip.settings.text import problems
 from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import Source
 
-__all__ = ["Source", "load", "load_with_source", "validate_document", "validate_section"]
-
 Model = TypeVar("Model", bound=BaseModel)
 
 

@@ -59,6 +59,24 @@ def name_findings(configuration: Configuration) -> Iterator[Finding]:
     yield from _frame(configuration)
 
 
+def coupling_findings(configuration: Configuration) -> Iterator[Finding]:
+    """Sections ``coupling`` that speak of axes that are not there, or of what can't be decoupled."""
+    for name, axis in configuration.axes.items():
+        if axis.coupling is None:
+            continue
+        path: tuple[str | int, ...] = ("axes", name, "coupling")
+        for other in axis.coupling.share:
+            if other == name:
+                yield (*path, "share", other), "an axis moves wholly with itself; leave it out"
+            elif other not in configuration.axes:
+                yield (*path, "share", other), f"there is no axis {other}; the axes are {', '.join(configuration.axes)}"
+        if axis.coupling.decouple and axis.outer is None:
+            yield (
+                (*path, "decouple"),
+                "needs the section outer, whose model says what moves this stage; commission the axis first",
+            )
+
+
 def _frame(configuration: Configuration) -> Iterator[Finding]:
     """A frame whose signals or axes are not those of the configuration; coordinates that nobody uses."""
     frame = configuration.frame

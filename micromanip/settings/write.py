@@ -23,18 +23,23 @@ from micromanip.settings.text.kept_lines import with_lines_kept
 _WIDTH = 110
 
 
-def _plain(value: Any) -> Any:
-    """`value` as YAML should show it: numbers rounded, lists on one line."""
+def node(value: Any, number: Callable[[float], float] = float) -> Any:
+    """`value` as YAML shows it best: lists of plain values on one line; `number` says what is kept of one."""
     if isinstance(value, float):
-        return rounded(value)
+        return number(value)
     if isinstance(value, dict):
-        return CommentedMap((key, _plain(item)) for key, item in value.items())
+        return CommentedMap((key, node(item, number)) for key, item in value.items())
     if isinstance(value, (list, tuple)):
-        items = CommentedSeq(_plain(item) for item in value)
+        items = CommentedSeq(node(item, number) for item in value)
         if not any(isinstance(item, (CommentedMap, CommentedSeq)) for item in items):
             items.fa.set_flow_style()
         return items
     return value
+
+
+def _plain(value: Any) -> Any:
+    """The same with the digits that are written."""
+    return node(value, rounded)
 
 
 def edited(text: str, edit: Callable[[Any], None]) -> str:

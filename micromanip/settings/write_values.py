@@ -15,7 +15,7 @@ from micromanip.settings.text.place import Path
 from micromanip.settings.text.source import Source
 
 from .change import ABSENT, differing, leaves
-from .write import edited, write_atomically
+from .write import edited, node, write_atomically
 
 _PASSES = 3
 """A section that merged (``<<``) a changed one gets what it had back in the next pass."""
@@ -64,7 +64,7 @@ def _remove(document: Any, path: Path) -> None:
 
 
 def _put(document: Any, path: Path, value: Any) -> None:
-    _descend(document, path[:-1], create=True)[path[-1]] = _node(value)
+    _descend(document, path[:-1], create=True)[path[-1]] = node(value)
 
 
 def _descend(document: Any, path: Path, *, create: bool) -> Any:
@@ -96,15 +96,3 @@ def _sections(node: Any) -> Iterable[Any]:
     elif isinstance(node, CommentedSeq):
         for child in node:
             yield from _sections(child)
-
-
-def _node(value: Any) -> Any:
-    """`value` as YAML shows it best: lists of plain values on one line, every digit kept."""
-    if isinstance(value, dict):
-        return CommentedMap((key, _node(entry)) for key, entry in value.items())
-    if isinstance(value, list):
-        entries = CommentedSeq(_node(entry) for entry in value)
-        if not any(isinstance(entry, (CommentedMap, CommentedSeq)) for entry in entries):
-            entries.fa.set_flow_style()
-        return entries
-    return value

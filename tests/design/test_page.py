@@ -23,8 +23,8 @@ def test_words_of_a_drawing_have_the_colour_of_the_page():
 def test_where_a_page_goes_is_tried_first(tmp_path):
     (tmp_path / "old.html").write_text("old")
     with pytest.raises(UsageError, match=r"old\.html is there already: .* with --to$"):
-        require_new_page(tmp_path / "old.html", "--to")
+        require_new_page(tmp_path / "old.html")
     with pytest.raises(MicromanipError, match="none"):
-        require_new_page(tmp_path / "none" / "new.html", "--to")
-    require_new_page(tmp_path / "new.html", "--to")
+        require_new_page(tmp_path / "none" / "new.html")
+    require_new_page(tmp_path / "new.html")
     assert [file.name for file in tmp_path.iterdir()] == ["old.html"]

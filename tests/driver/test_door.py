@@ -1,7 +1,6 @@
-"""The door for drivers: whole, light, the only one that drivers and pages use; paths of before still lead there."""
+"""The door for drivers: whole, light, the only one that drivers and pages use."""
 
 import functools
-import importlib
 import re
 import subprocess
 import sys
@@ -51,24 +50,3 @@ def test_pages_and_examples_come_in_by_the_door():
     imported = {name for file in files for name in IMPORT.findall(file.read_text(encoding="utf-8"))}
     assert imported
     assert {name for name in imported if not name.startswith("micromanip.driver")} == set()
-
-
-@pytest.mark.parametrize(
-    ("old", "name", "new"),
-    [
-        ("micromanip.io.bus", "BusDriver", "micromanip.driver"),
-        ("micromanip.io.bus_errors", "LinkError", "micromanip.driver"),
-        ("micromanip.io.can_bits", "worst_case_s", "micromanip.driver"),
-        ("micromanip.io.contract", "CyclicDriver", "micromanip.driver"),
-        ("micromanip.io.device_identity", "real_because", "micromanip.driver"),
-        ("micromanip.sim.conformance", "BusDriverContract", "micromanip.driver.conformance"),
-        ("micromanip.sim.virtual", "VirtualCell", "micromanip.driver.testing"),
-    ],
-)
-def test_paths_of_before_lead_to_the_door(old, name, new):
-    with pytest.warns(DeprecationWarning, match=f"{old} has moved: import {name} from {new}$") as warned:
-        exec(f"from {old} import {name}")
-    assert warned[0].filename == "<string>", "the warning points at who imports"
-    assert importlib.import_module(old).__name__ == old
-    with pytest.warns(DeprecationWarning, match=new):
-        assert getattr(importlib.import_module(old), name) is getattr(importlib.import_module(new), name)

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from micromanip.gateway.app import Gateway
+from micromanip.gateway.app import PATHS, Gateway
 from micromanip.gateway.frames import parsed
 from micromanip.gateway.guard import Guard, Origins
 from micromanip.gateway.tokens import Token, Tokens
@@ -56,7 +56,7 @@ async def greeted(app, played, *messages):
     return browser
 
 
-@pytest.mark.parametrize("path", ["/", "/scope", "/static/scope.js", "/static/third_party/uplot/uPlot.esm.js"])
+@pytest.mark.parametrize("path", [*PATHS.values(), "/static/scope.js", "/static/third_party/uplot/uPlot.esm.js"])
 def test_pages_load_nothing_from_elsewhere(app, path):
     code, headers, body = ask(app, path)
     assert code == 200
@@ -64,6 +64,18 @@ def test_pages_load_nothing_from_elsewhere(app, path):
     assert headers["x-frame-options"] == "DENY"
     assert b"<script>" not in body
     assert b"style=" not in body or path.endswith(".js")
+
+
+@pytest.mark.parametrize(("name", "path"), PATHS.items())
+def test_each_page_is_one_of_those_that_stand_above_it(app, name, path):
+    _, headers, body = ask(app, path)
+    page = body.decode()
+    assert headers["content-type"] == "text/html; charset=utf-8"
+    assert page.startswith("<!doctype html>")
+    assert page.count("</html>") == page.count('id="state"') == page.count('id="where"') == 1
+    assert [found for found in PATHS.values() if f'<a href="{found}"' in page] == list(PATHS.values())
+    assert page.count("aria-current") == page.count(f'<a href="{path}" aria-current="page">{name.capitalize()}<') == 1
+    assert f'<script type="module" src="/static/{name}.js">' in page
 
 
 @pytest.mark.parametrize(

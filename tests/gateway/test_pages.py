@@ -309,7 +309,7 @@ def test_what_is_frozen_is_saved_as_a_recording(browser, tmp_path):
 def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(browser, tmp_path):
     file = written(tmp_path / "run.mcap")
     source = filed(file)
-    with served(Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope.html")) as there:
+    with served(Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope")) as there:
         opened(browser, there, "/")
         whole = browser.until("window.scopeFrames?.at(-1)")
         assert whole["first"] <= source.history.oldest

@@ -211,9 +211,14 @@ def test_a_controller_waits_for_a_gauge_that_is_late(run):
 
 
 def test_a_controller_whose_gauge_never_comes_ends(run):
+    """The reason is told, and the loop is stopped before its host goes."""
     cell = run(simulated(*QUICK, NEVER, within(0.3)))
     assert cell.wait() == 1
-    assert "arm_on_start: gave up after 0.3 s: arm refused: strain_x is not valid" in cell.said
+    refused = "arm refused: strain_x is not valid, or stuck: check the gauge and its cable\n"
+    assert f"micromanip: arm_on_start: gave up after 0.3 s: {refused}" in cell.said
+    assert "Traceback" not in cell.said
+    assert cell.report.keys() == {"error", "exit_code"}
+    assert cell.left == []
 
 
 def test_a_controller_that_was_disarmed_while_it_waited_stays_ready(run):

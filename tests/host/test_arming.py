@@ -67,42 +67,9 @@ def test_a_loop_that_was_never_closed_is_checked_before_it_is(run):
     assert cell.end() == 1
 
 
-@pytest.fixture
-def manager(manager, monkeypatch):
-    """That of the controllers that are started."""
+def test_arm_a_moment_before_ready_waits_for_it(run, manager, monkeypatch, tmp_path):
+    """Once it is: tests/host/test_life.py."""
     monkeypatch.setenv("NOTIFY_SOCKET", manager.path)
-    return manager
-
-
-def test_all_that_say_ready_agree(run, manager, tmp_path):
-    """`status`, the printed line, the service manager: and whoever arms as soon as the loop turns is not refused."""
-    cell = run(changed(LEISURELY, *WAITING), "--record", str(tmp_path / "run.h5"))
-    until(lambda: cell.socket.exists(), cell.last_words)
-    seen = set()
-
-    def is_ready():
-        told = "READY=1" in manager() or "\nREADY" in cell.said
-        with Client(cell.socket) as client:
-            report = client.status()
-        seen.add((report["state"], report["cycles"] > 0))
-        if told:
-            assert report["state"] == "READY"
-        if report["state"] != "READY":
-            assert report["state"] == "STARTING"
-            return False
-        assert "READY=1" in manager()
-        return True
-
-    until(is_ready, cell.last_words)
-    until(lambda: "READY" in cell.said, cell.last_words)
-    assert ("STARTING", True) in seen  # the recorder is started while the loop turns
-    with Client(cell.socket) as client:
-        client.arm()
-    cell.reach("TRACKING")
-    assert cell.end() == 0
-
-
-def test_arm_a_moment_before_ready_waits_for_it(run, manager, tmp_path):
     cell = run(changed(LEISURELY, *WAITING), "--record", str(tmp_path / "run.h5")).watch()
     until(lambda: cell.cycles > 0, cell.last_words)
     with suppress(DeviceUnavailable), Client(cell.socket) as client:

@@ -114,7 +114,7 @@ def hear(keeper, loop, said):
 
 def look(keeper, loop):
     cell = loop.status["state"][0]
-    asyncio.run(keeper._put_in_force(cell, cell["axis"]["learned"]))
+    asyncio.run(keeper._playing.put_in_force(cell, cell["axis"]["learned"]))
 
 
 def test_a_memory_is_handed_over_while_no_part_is_made_and_the_next_one_once_nothing_fades(kept, loop):
@@ -216,9 +216,9 @@ def test_what_ends_early_is_told_once_for_all_axes_and_its_refusal_is_only_noted
     loop.status["state"][0]["parts"], loop.axes["apart_um"][2], loop.axes["part"][:] = 3, 6.25, 30_000
     for whys in ([PLAYS, PLAYS, PLAYS], [PLAYS, PATH_LEFT, PATH_LEFT], [PLAYS, PATH_LEFT, PATH_LEFT]):
         loop.axes["why"][:] = whys
-        asyncio.run(kept._tell_ends(["x", "y", "z"], loop.axes))
+        asyncio.run(kept._playing._tell_ends(["x", "y", "z"], loop.axes))
     loop.status["state"][0]["parts"] = 4  # the next has begun, and nothing is played in it yet
-    asyncio.run(kept._tell_ends(["x", "y", "z"], loop.axes))
+    asyncio.run(kept._playing._tell_ends(["x", "y", "z"], loop.axes))
     (said,) = kept.said
     assert said == (
         "part 3: the learned correction of axis y, z has faded out: the reference is 6.25 um from the path that was "
@@ -239,7 +239,7 @@ def faulted(loop, cycle, *faults):
 
 
 def drops(kept, loop):
-    asyncio.run(kept._drop_faulty(["x", "y", "z"], loop.status["state"][0]))
+    asyncio.run(kept._playing._drop_faulty(["x", "y", "z"], loop.status["state"][0]))
 
 
 def test_what_was_learned_before_a_fault_of_the_axis_is_not_played_any_more_and_said_once(kept, loop):

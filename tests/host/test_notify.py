@@ -2,14 +2,12 @@
 
 import asyncio
 import os
-import signal
 import socket
 import time
 
 import pytest
 
 from micromanip.host.notify import ServiceManager
-from tools.running_controller import LEISURELY, until
 
 
 def test_each_message_is_one_datagram(manager):
@@ -102,30 +100,3 @@ def test_watchdog_is_fed_only_while_everything_moves(manager):
 
     asyncio.run(feed())
     assert manager() == ["WATCHDOG=1"] * 4
-
-
-def test_controller_tells_its_life(run, manager, monkeypatch):
-    """READY with the loop running, fed, its state followed, a reload answered, the end announced."""
-    monkeypatch.setenv("NOTIFY_SOCKET", manager.path)
-    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
-    cell = run(LEISURELY)  # arms by itself
-    until(lambda: "READY=1" in manager(), cell.last_words)
-    assert cell.watch().cycles > 0
-    first = manager().index("READY=1")
-    assert manager()[:first] == ["STATUS=STARTING: compiling, opening the drivers, warming up"]
-    until(lambda: "STATUS=TRACKING" in manager(), cell.last_words)
-    until(lambda: manager().count("WATCHDOG=1") >= 2, cell.last_words)
-
-    cell.process.send_signal(signal.SIGHUP)
-    until(lambda: manager().count("READY=1") == 2, cell.last_words)
-    assert any(message.startswith("RELOADING=1\nMONOTONIC_USEC=") for message in manager()[first:])
-    until(lambda: "reloaded, changed: nothing" in cell.said, cell.last_words)
-    cell.config.write_text(": : :")
-    cell.process.send_signal(signal.SIGHUP)
-    until(lambda: manager().count("READY=1") == 3, cell.last_words)
-    until(lambda: "WARNING: reload refused: " in cell.said, cell.last_words)
-    assert cell.state == "TRACKING"
-
-    assert "STOPPING=1" not in manager()
-    assert cell.end() == 0
-    assert manager().count("STOPPING=1") == 1

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import os
-import re
 from dataclasses import replace
 
 import h5py
@@ -21,7 +20,7 @@ from micromanip.rt.states import ARM, STOP, TRACKING
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
-from tools.running_controller import PATIENCE_S, QUICK, WAITING, calm, rows_of, simulated
+from tools.running_controller import PATIENCE_S, QUICK, WAITING, rows_of, simulated
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
 
@@ -278,19 +277,3 @@ def test_recording_to_an_impossible_place(prepared, tmp_path):
             assert controller.state == "TRACKING"
 
     asyncio.run(main())
-
-
-def test_arming_refused_at_the_start(run):
-    """A gauge that reads nonsense: the reason is told, and the loop is stopped before its host goes."""
-    gauge = "strain_x: {driver: cell, max_age_us: 300"
-    text, count = re.subn(gauge + "[^}]*}", gauge + ", range_um: [500, 600]}", calm())
-    assert count == 1
-    cell = run(re.sub(r"(?m)^start:.*\n", r"\g<0>  arm_within_s: 0\n", text))
-    assert cell.wait() == 1
-    assert (
-        "micromanip: arm_on_start: arm refused: strain_x is not valid, or stuck: check the gauge and its cable\n"
-        in cell.said
-    )
-    assert "Traceback" not in cell.said
-    assert cell.report.keys() == {"error", "exit_code"}
-    assert cell.left == []

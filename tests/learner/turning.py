@@ -122,7 +122,7 @@ class Turning:
                 self.told.clear()
                 self._process.follow()
             state = self.cell.state[0]
-            asyncio.run(self.keeper._put_in_force(state, state["axis"]["learned"][: len(JOINTS)]))
+            asyncio.run(self.keeper._playing.put_in_force(state, state["axis"]["learned"][: len(JOINTS)]))
         return self
 
     def begin(self):

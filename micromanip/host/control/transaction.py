@@ -15,7 +15,7 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from micromanip.errors import CheckFailed, UsageError, did_you_mean
+from micromanip.errors import CheckFailed
 from micromanip.replies import Change, Differences, Injected, Jogged, Moved, Parameter, Response, Saved, Shadow, Swap
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
@@ -35,6 +35,7 @@ from micromanip.rt.states import (
 )
 from micromanip.settings.change import WEAKENS, demands
 from micromanip.settings.check import Prepared, revise, validate, validate_with_options
+from micromanip.settings.injected import require_axis
 from micromanip.settings.load import validate_document
 from micromanip.settings.moved import Wanted
 from micromanip.settings.schema.key import DISARM
@@ -105,9 +106,7 @@ class Tuning:
             reference = configuration.reference
             if not isinstance(reference, Jog):
                 raise CheckFailed(f"jog refused: reference.source is {reference.source}, not jog")
-            if axis not in configuration.axes:
-                hint = did_you_mean(axis, configuration.axes, "there are")
-                raise UsageError(f"there is no axis {axis!r:.40}; {hint}")
+            require_axis(configuration, axis)
             present_um = reference.target_um.get(axis, reference.offset_um)
             target_um = present_um + (by_um or 0.0) if to_um is None else to_um
             key = f"reference.target_um.{axis}"

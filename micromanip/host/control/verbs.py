@@ -7,7 +7,7 @@ import contextlib
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 from micromanip import replies, status_reply
 from micromanip.errors import CheckFailed, MicromanipError
@@ -17,6 +17,7 @@ from micromanip.host.recording.recordings import Recordings
 from micromanip.replies import Change
 from micromanip.rt import states
 from micromanip.settings.moved import Wanted
+from micromanip.settings.schema.base import Settings
 from micromanip.settings.text.source import Source
 
 from ..controller import Controller
@@ -25,13 +26,15 @@ from . import fields
 from .audit import AuditTrail
 from .authority import Peer, Right
 from .candidate import Outcome
-from .handover import Handed, telemetry
+from .handover import telemetry
 from .request import Act, Request, Verb, observing, operating
 from .transaction import Tuning
 
 Operation = Callable[[Request], Awaitable[tuple[Any, Sequence[Change]]]]
 """Does what a request asks for; its result, and what it has changed."""
 
+_Fields = TypeVar("_Fields", bound=Settings)
+_Result = TypeVar("_Result")
 _LOOP = Peer("loop")
 _LOOK_S = 0.2
 
@@ -52,6 +55,36 @@ def noted(trail: AuditTrail, operation: Operation) -> Act:
         return result
 
     return act
+
+
+def _given(
+    kind: type[_Fields], act: Callable[[_Fields], Awaitable[_Result]]
+) -> Callable[[Request], Awaitable[_Result]]:
+    """`act` on what a request gives, of this `kind`; UsageError where it is not."""
+
+    async def read(request: Request) -> _Result:
+        return await act(request.read(kind))
+
+    return read
+
+
+def _looking(kind: type[_Fields], look: Callable[[_Fields], Any]) -> Act:
+    """The same of what has its answer at once."""
+
+    async def read(request: Request) -> Any:
+        return look(request.read(kind))
+
+    return read
+
+
+def _changing(kind: type[_Fields], change: Callable[[_Fields], Awaitable[Any]]) -> Operation:
+    """The same of what tells itself what it has `changed`."""
+
+    async def operation(request: Request) -> tuple[Any, Sequence[Change]]:
+        done = await change(request.read(kind))
+        return done, done["changed"]
+
+    return operation
 
 
 def _asked(given: Mapping[str, Any]) -> list[Change]:
@@ -95,13 +128,14 @@ class Verbs:
 
     def table(self) -> dict[str, Verb]:
         """Every verb by its name."""
+        tuning = self._tuning
         operations: dict[str, Operation] = {
-            "set": self._set,
-            "save": self._save,
-            "reload": self._reload,
+            "set": _changing(fields.Set, lambda given: tuning.set(given.changes)),
+            "save": _changing(fields.Save, lambda given: tuning.save(force=given.force)),
+            "reload": _changing(fields.Nothing, lambda _: tuning.reload()),
             "jog": self._jog,
-            "promote": self._promote,
-            "withdraw": self._withdraw,
+            "promote": _given(fields.Nothing, lambda _: tuning.promote()),
+            "withdraw": _given(fields.Nothing, lambda _: tuning.withdraw()),
             "record_start": self._record_start,
             "record_stop": self._record_stop,
             "record_mark": self._record_mark,
@@ -111,17 +145,17 @@ class Verbs:
             "reset": self._commanded(states.RESET),
             "part_begin": self._part_begin,
             "part_end": self._commanded(states.END_PART),
-            "learn_reset": self._learn_reset,
+            "learn_reset": _given(fields.Forget, self._learn_reset),
         }
         stops = ("disarm", "hold")
         verbs = {
-            "status": observing(self._answer_status),
-            "telemetry": observing(self._telemetry),
-            "configuration": observing(self._configuration),
-            "get": observing(self._get),
-            "diff": observing(self._diff),
-            "audit": observing(self._audit),
-            "learn_status": observing(self._learn_status),
+            "status": observing(_looking(fields.Nothing, lambda _: self._answer_status())),
+            "telemetry": observing(_looking(fields.Nothing, lambda _: telemetry(self._controller))),
+            "configuration": observing(_looking(fields.Nothing, lambda _: self._configuration())),
+            "get": observing(_given(fields.Get, lambda given: tuning.get(given.keys))),
+            "diff": observing(_given(fields.Nothing, lambda _: tuning.diff())),
+            "audit": observing(_given(fields.Last, lambda given: asyncio.to_thread(self._trail.last, given.last))),
+            "learn_status": observing(_looking(fields.Nothing, lambda _: self._keeper().status())),
             "shadow": Verb(self._shadow, _right_to_shadow),
             "sensitivity": operating(self._sensitivity),
             "move": operating(self._move),
@@ -160,36 +194,16 @@ class Verbs:
         self._outcomes.append(outcome)
         self._say(outcome.told)
 
-    async def _answer_status(self, request: Request) -> status_reply.Status:
-        request.read(fields.Nothing)
+    def _answer_status(self) -> status_reply.Status:
         self._tuning.notice()
         return self._status()
 
-    async def _telemetry(self, request: Request) -> Handed:
-        request.read(fields.Nothing)
-        return telemetry(self._controller)
-
-    async def _configuration(self, request: Request) -> replies.RunningConfiguration:
-        request.read(fields.Nothing)
+    def _configuration(self) -> replies.RunningConfiguration:
         source = self._controller.prepared.source
         return replies.RunningConfiguration(text=source.text, sha256=source.hash)
 
-    async def _get(self, request: Request) -> Any:
-        return await self._tuning.get(request.read(fields.Get).keys)
-
-    async def _diff(self, request: Request) -> Any:
-        request.read(fields.Nothing)
-        return await self._tuning.diff()
-
-    async def _audit(self, request: Request) -> replies.Audit:
-        return await asyncio.to_thread(self._trail.last, request.read(fields.Last).last)
-
-    async def _learn_status(self, request: Request) -> status_reply.LearningStatus:
-        request.read(fields.Nothing)
-        return self._keeper().status()
-
-    async def _learn_reset(self, request: Request) -> tuple[None, Sequence[Change]]:
-        return None, await self._keeper().reset(request.read(fields.Forget).axes)
+    async def _learn_reset(self, given: fields.Forget) -> tuple[None, Sequence[Change]]:
+        return None, await self._keeper().reset(given.axes)
 
     async def _part_begin(self, request: Request) -> tuple[None, Sequence[Change]]:
         tool, changed = request.read(fields.BeginPart).tool, []
@@ -209,19 +223,6 @@ class Verbs:
         if self.learning is None:
             raise CheckFailed("nothing is learned: the configuration has no section learning")
         return self.learning
-
-    async def _set(self, request: Request) -> tuple[replies.Swap, Sequence[Change]]:
-        swap = await self._tuning.set(request.read(fields.Set).changes)
-        return swap, swap["changed"]
-
-    async def _save(self, request: Request) -> tuple[replies.Saved, Sequence[Change]]:
-        saved = await self._tuning.save(force=request.read(fields.Save).force)
-        return saved, saved["changed"]
-
-    async def _reload(self, request: Request) -> tuple[replies.Swap, Sequence[Change]]:
-        request.read(fields.Nothing)
-        swap = await self._tuning.reload()
-        return swap, swap["changed"]
 
     async def _jog(self, request: Request) -> tuple[replies.Jogged, Sequence[Change]]:
         given = request.read(fields.JogTo)
@@ -255,21 +256,10 @@ class Verbs:
 
     async def _shadow(self, request: Request) -> Any:
         if _right_to_shadow(request) is Right.OPERATE:
-            return await noted(self._trail, self._offer)(request)
+            offer = _changing(fields.Offer, lambda given: self._tuning.shadow(given.changes))
+            return await noted(self._trail, offer)(request)
         request.read(fields.Offer)
         return self._tuning.standing()
-
-    async def _offer(self, request: Request) -> tuple[replies.Shadow, Sequence[Change]]:
-        shadow = await self._tuning.shadow(request.read(fields.Offer).changes)
-        return shadow, shadow["changed"]
-
-    async def _promote(self, request: Request) -> tuple[replies.Shadow, Sequence[Change]]:
-        request.read(fields.Nothing)
-        return await self._tuning.promote()
-
-    async def _withdraw(self, request: Request) -> tuple[replies.Shadow, Sequence[Change]]:
-        request.read(fields.Nothing)
-        return await self._tuning.withdraw()
 
     async def _record_start(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
         given = request.read(fields.RecordStart)

@@ -1,8 +1,8 @@
-"""The host's side of learning: the process that learns, what of it the loop may play, and what people are told.
+"""The host's side of learning: the process that learns, what is taken of it, and what people are told.
 
 The process dies, or is killed: it is started again, and what is played goes on. Rows that it shows are taken if they
-are what it said they are, finite, within the limit and as long as a part; then they are put in force while no part is
-being made. Nothing of this is in a hurry, and nothing waits for it.
+are what it said they are, finite, within the limit and as long as a part; then they wait for the loop (`playing.py`).
+Nothing of this is in a hurry, and nothing waits for it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import hashlib
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,19 +19,17 @@ import numpy as np
 from micromanip.bus.backoff import RestartLimit
 from micromanip.control.learned import ASIDE
 from micromanip.errors import CheckFailed, UsageError
-from micromanip.faults import KINDS
 from micromanip.host.child import Child
 from micromanip.host.controller import Controller
 from micromanip.replies import Change
 from micromanip.rt import mailbox as w
-from micromanip.rt.laws.learned import BROKEN_OFF, OTHER_TOOL, PART_ENDED, PATH_LEFT
-from micromanip.rt.states import NO_FAULT, REFERENCE_LOST, TRACKING, WARN
 from micromanip.settings.schema.learning import Learning
 from micromanip.status_reply import AxisLearning, LearningStatus
 
 from ..shared_memory import Segment
-from .correction import Correction, Memories, is_silent
-from .folder import memory_folder
+from ..state_directory import memory_folder
+from .correction import Correction, Memories
+from .playing import Note, Playing, Put, Say
 from .thermometer import Thermometer
 
 _LOOK_S = 0.02
@@ -41,17 +39,12 @@ _TENTH_K = 0.1
 
 WHY = ("idle", "plays", "finished", "path left", "broken off", "withdrawn", "part ended", "other tool")
 """The numbers of ``rt/laws/learned.py`` as words."""
-Say = Callable[[str], None]
-Note = Callable[[Sequence[Change]], Awaitable[None]]
 
 
 class LearningKeeper:
     """Learning of one controller whose configuration has it."""
 
-    def __init__(
-        self, controller: Controller, learning: Learning, put: Callable[[Callable[[], None]], Awaitable[None]],
-        note: Note, say: Say,
-    ) -> None:  # fmt: skip
+    def __init__(self, controller: Controller, learning: Learning, put: Put, note: Note, say: Say) -> None:
         """`put` calls what it is given while nobody else changes anything, and puts what runs in force again.
 
         `note` writes into the audit trail, `say` tells people.
@@ -59,25 +52,20 @@ class LearningKeeper:
         self._controller, self._learning, self._put, self._note, self._say = controller, learning, put, note, say
         table = controller.segments.sample_table()
         self._correction = Correction(controller.prepared, learning, table)
+        self._playing = Playing(controller, learning, self._correction, put, note, say, self._put_aside)
         self._room = Segment.create("micromanip-learned", table[: self._correction.rows].nbytes)
         controller.added = self._correction.added
         self._child = Child(
             "micromanip.learner.process", (controller.segments.ring.descriptor, self._room.descriptor),
             restarts=RestartLimit(_RESTARTS, _WITHIN_S),
         )  # fmt: skip
-        self._next: Memories | None = None
         self._stopping = False
         self._state = "starting"
         self._parts: dict[str, dict[str, Any]] = {}
         self._made = 0
         self._forget: set[str] = set()
-        self._faulted: dict[str, int] = {}
-        """By the axis: the cycle of the last fault for which its memory was put aside."""
         self._thermometer = Thermometer(controller.prepared)
         self._told_C: float | None = None
-        self._ended: dict[str, int] = {}
-        self._told: dict[str, int] = {}
-        """By the axis: the number of the part whose correction ended early last, and the cycle in which it began."""
         self._tasks: list[asyncio.Task[None]] = []
 
     def start(self) -> None:
@@ -138,7 +126,7 @@ class LearningKeeper:
             if name not in known:
                 raise UsageError(f"there is no axis {name}; the axes are {', '.join(known)}")
         wanted, before = list(axes) or known, self._correction.memories.generations
-        self._next = None
+        self._playing.next = None
         await self._put(self._correction.withdraw)
         self._forget |= set(wanted)  # until it has: it may have died
         self._child.tell({"forget": wanted})
@@ -186,7 +174,7 @@ class LearningKeeper:
         elif "forgotten" in said:
             self._forget -= set(said["forgotten"])
         elif "aside" in said:
-            self._aside(said["aside"])
+            self._playing.forget(said["aside"])
             if said["files"]:
                 await self._note(
                     [Change(key="learning", old=file.partition(ASIDE)[0], new=file) for file in said["files"]]
@@ -202,7 +190,7 @@ class LearningKeeper:
                 self._child.tell({"aside": sorted(self._correction.dropped)})
             self._say("READY to learn from part to part")
         elif "staged" in said:
-            self._next = self._taken(said)
+            self._playing.next = self._taken(said)
             self._child.tell({"taken": said["staged"]})
         elif "begun" in said:
             for name, cycle in said["begun"].items():
@@ -248,108 +236,19 @@ class LearningKeeper:
                 )
         for why in dict.fromkeys(said["refused"].values()):
             names = [name for name, each in said["refused"].items() if each == why]
-            if any(self._ended.get(name) != number for name in names):
+            if any(self._playing.ended.get(name) != number for name in names):
                 self._say(f"WARNING: {why}")
             changes += [Change(key=f"learning.{name}", old=None, new=f"part {number} refused: {why}") for name in names]
         await self._note(changes)
 
     async def _follow(self) -> None:
-        """As long as it runs: tell what ended a correction early, and put memories in force while no part is made."""
-        axes = list(self._controller.prepared.configuration.axes)
         while True:
             await asyncio.sleep(_LOOK_S)
-            cell = self._controller.status["state"][0]
-            learned = cell["axis"]["learned"][: len(axes)]
-            await self._drop_faulty(axes, cell)
             self._tell_temperature()
-            await self._tell_ends(axes, learned)
-            with contextlib.suppress(CheckFailed):  # somebody else changes something: the next time
-                await self._put_in_force(cell, learned)
+            await self._playing.look()
 
-    async def _tell_ends(self, axes: Sequence[str], learned: Any) -> None:
-        number = int(self._controller.status["state"][0]["parts"])
-        for kind in (PATH_LEFT, BROKEN_OFF, PART_ENDED, OTHER_TOOL):
-            ended = [
-                i for i, name in enumerate(axes)
-                if learned["why"][i] == kind and self._told.get(name) != int(learned["part"][i])
-            ]  # fmt: skip
-            if not ended:
-                continue
-            names = ", ".join(axes[i] for i in ended)
-            why = {
-                PATH_LEFT: "the reference is "
-                f"{max(float(learned['apart_um'][i]) for i in ended):.3g} um from the path that was learned, "
-                f"{self._learning.tolerance_um:g} um may be",
-                BROKEN_OFF: "the axis does not track with all its sensors and its own gains",
-                PART_ENDED: "the part ended before its time",
-                OTHER_TOOL: f"it was learned with tool {self._correction.memories.tool}",
-            }[kind]
-            for i in ended:
-                self._ended[axes[i]], self._told[axes[i]] = number, int(learned["part"][i])
-            text = f"part {number}: the learned correction of axis {names} has faded out: {why}"
-            self._say(text)
-            await self._note([Change(key=f"learning.{axes[i]}", old="plays", new=text) for i in ended])
-
-    async def _put_in_force(self, cell: Any, learned: Any) -> None:
-        """Hand a new memory over; after another tuning was put in force, the present one again."""
-        correction, in_force = self._correction, self._controller.buffers.in_force
-        repeats = self._learning.repeats
-        # what is of another tool than that of the part is not played to it: that may change in the middle of it
-        if in_force is None or (not repeats and self._is_made(cell) and in_force["learned_tool"] == cell["tool"]):
-            return
-        playing = in_force["axis"]["learned"]["number"][: len(learned)]
-        configuration = self._controller.prepared.configuration
-        should = [correction.number if correction.may_play(configuration, name) else 0 for name in configuration.axes]
-        if self._next is None:
-            if list(playing) != should:
-                await self._put(lambda: None)
-        elif repeats:
-            if correction.may_hold(playing, learned) and not self._controller.buffers.is_unconfirmed:
-                await self._put(self._hold_next)
-        elif playing.any() or self._controller.buffers.is_unconfirmed:
-            await self._put(correction.withdraw)
-        elif is_silent(learned):
-            await self._put(self._hold_next)
-
-    async def _drop_faulty(self, axes: Sequence[str], cell: Any) -> None:
-        """An axis that had a fault is perhaps another one now: what was learned of it before is not played any more.
-
-        All axes that had one in the cycle of the latched fault, which must be an axis': after a link or a driver was
-        lost they are as they were. The tracker's beam is not the axis.
-        """
-        if cell["fault"] == NO_FAULT or cell["fault_axis"] < 0:
-            return
-        cycle = int(cell["fault_cycle"])
-        faults = {
-            axes[event["axis"]]: KINDS[int(event["code"])].code
-            for event in cell["event"][: int(cell["events"])]
-            if event["cycle"] == cycle
-            and event["axis"] >= 0
-            and event["reaction"] != WARN
-            and event["code"] != REFERENCE_LOST
-        }
-        for name, code in faults.items():
-            if self._faulted.get(name) == cycle:
-                continue
-            self._faulted[name] = cycle
-            self._correction.dropped.add(name)
-            self._child.tell({"aside": [name]})  # those of other tools, too
-            before = self._correction.memories.generations.get(name)
-            if before is None:
-                continue
-            text = (
-                f"axis {name} had the fault {code}: what was learned of it before is not played any more; it is kept "
-                f"in {memory_folder(self._learning, self._controller.prepared.source.path)} as {name}*.npz{ASIDE}*"
-            )
-            self._say(text)
-            await self._note([Change(key=f"learning.{name}", old=before, new=text)])
-
-    def _aside(self, names: Sequence[str]) -> None:
-        """The process knows nothing of them any more: what it shows from now on is new."""
-        for name in names:
-            self._correction.forget(name)
-        if self._next is not None:
-            self._next = self._next.without(names)
+    def _put_aside(self, axis: str) -> None:
+        self._child.tell({"aside": [axis]})  # those of other tools, too
 
     def _warm_C(self) -> float | None:
         return self._thermometer.read_C(self._controller.status["signals"], time.monotonic_ns())
@@ -362,15 +261,3 @@ class LearningKeeper:
         if not alike:
             self._told_C = now_C
             self._child.tell({"temperature_C": now_C})
-
-    def _is_made(self, cell: Any) -> bool:
-        """Whether a part is being made; one that nobody ends is over once it has had its time."""
-        loop_hz = self._controller.prepared.configuration.loop.rate_hz
-        over = round((self._learning.seconds + self._learning.search_s) * loop_hz)
-        tracks = bool(self._controller.words[w.STATE] == TRACKING)
-        return tracks and bool(cell["part"] != 0 and cell["cycle"] - cell["part_begun"] < over)
-
-    def _hold_next(self) -> None:
-        assert self._next is not None
-        self._correction.hold(self._next)
-        self._next = None

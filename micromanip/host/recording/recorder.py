@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import json
 import os
 import signal
 import sys
@@ -19,12 +18,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
+from micromanip.host.orders import Orders, tell
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 
 from .hdf5_file import Hdf5Recording
 from .mcap_file import McapRecording
-from .orders import Orders
 from .series import McapSeries
 from .window import Window
 
@@ -35,12 +34,6 @@ _SPARE_ROWS = 2048
 """Of the ring's past so much may be overwritten while the first rows are read."""
 
 Recording = Hdf5Recording | McapRecording | McapSeries
-
-
-def tell(**message: Any) -> None:
-    """A line for the host, which may be dead: the file becomes complete all the same."""
-    with contextlib.suppress(OSError):
-        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
 
 
 def main() -> int:

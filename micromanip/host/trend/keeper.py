@@ -9,11 +9,10 @@ import threading
 import time
 from collections.abc import Callable
 from datetime import datetime
-from pathlib import Path
 from typing import Any
 
 from micromanip.errors import system_error
-from micromanip.host.state_directory import state_directory
+from micromanip.host.state_directory import trend_folder
 from micromanip.host.windows import Array
 from micromanip.recordings.trend import MINUTE, SECOND, STEP_S
 from micromanip.settings.check import Prepared
@@ -99,8 +98,3 @@ class TrendKeeper:
                         self._newest = text.partition(",")[0]
         except OSError as problem:
             self._problem = problem
-
-
-def trend_folder(wanted: Trend, configuration: Path) -> Path:
-    """Where the files of a configuration are."""
-    return state_directory() / "trend" if wanted.folder is None else configuration.absolute().parent / wanted.folder

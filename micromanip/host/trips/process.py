@@ -8,9 +8,6 @@ standard output tells what became of each trip. It ends by itself once the loop 
 from __future__ import annotations
 
 import contextlib
-import json
-import os
-import select
 import signal
 import sys
 import time
@@ -24,6 +21,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
+from micromanip.host.orders import Orders, tell
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 from micromanip.recordings.filed import FILED_PARAMETERS
@@ -38,12 +36,6 @@ _COPIES = 50
 _SPARE_ROWS = 100
 _LOOK_S = 0.02
 _PAGE = 4096
-
-
-def tell(**message: Any) -> None:
-    """A line for the host, which may be dead."""
-    with contextlib.suppress(OSError):
-        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
 
 
 @dataclass(frozen=True)
@@ -237,11 +229,10 @@ def main() -> int:
     """Watch until the loop has ended."""
     for number in (signal.SIGINT, signal.SIGTERM):  # the loop's end is ours, too
         signal.signal(number, signal.SIG_IGN)
-    lines = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
-    first = lines.readline()
-    if not first:
+    told = Orders(sys.stdin.fileno())
+    orders = told.next()
+    if orders is None:
         return 0  # the host died as it started us
-    orders = json.loads(first)
     segments = Segments.attach(orders["descriptors"], writable=False)
     capture = Capture(
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
@@ -251,20 +242,16 @@ def main() -> int:
         watch.resume(Path(begun["file"]), begun["key"])
     segments.ring.bytes()[::_PAGE].max()  # map its pages now, not at the trip
     tell(ready=True)
-    host_lives = True
     while not watch.over:
-        if not host_lives:
+        if told.ended:
             time.sleep(_LOOK_S)
-        elif select.select([lines], [], [], _LOOK_S)[0]:
-            line = lines.readline()
-            host_lives = bool(line)
-            message = json.loads(line) if line else {}
+        for message in told.within(_LOOK_S):
             if "configuration" in message:
                 capture.cell = _cell(message)
             if "died" in message:
                 watch.died(FaultReport(BY_NAME[message["died"]], what=message["what"], value=message["value"]))
-                break
-        watch.look(host_lives=host_lives)
+        if not watch.over:
+            watch.look(host_lives=not told.ended)
     watch.close()
     return 0
 

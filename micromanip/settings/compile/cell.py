@@ -12,7 +12,7 @@ import numpy as np
 
 from micromanip.bus.driver import Channel
 from micromanip.control.gap_gains import gap_gains
-from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation
+from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation, steady_lag
 from micromanip.control.pid import pid_gains
 from micromanip.control.tooth import followed_tooth
 from micromanip.rt.laws.estimator import GAPS
@@ -25,7 +25,6 @@ from micromanip.settings.schema.reference import Jog, Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
 
-from .coupling import fill_decoupling
 from .hysteresis import fill_hysteresis, sweep_um
 from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .reference import fill_reference
@@ -41,6 +40,8 @@ _LONGEST_MEAN_S = 1.0
 """Over more than this the mean of what a contact makes only falls."""
 
 _SCORE_AFTER_S = 1.0
+_NEXT_CYCLE = 1
+"""The references of a cycle are answered in the next one."""
 _RESET_S = 0.2
 """Long enough for an output that is written ten times a second."""
 
@@ -81,7 +82,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
-        fill_decoupling(p["axis"][i]["decoupling"], configuration, name)
+        _fill_decoupling(p["axis"][i]["decoupling"], configuration, name)
         fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
         _fill_timing(p["axis"][i], name, configuration, wiring)
         if axis.outer is not None:
@@ -222,3 +223,19 @@ def _fill_tooth(o: Any, outer: Outer, gains: OuterGains, period_s: float) -> Non
     o["tooth"], o["plain"][:, : len(gains.A)] = found.place, found.plain
     for name in ("share", "turn", "range", "slew", "floor_um2", "shown", "window", "patience", "fade"):
         o[f"tooth_{name}"] = getattr(found, name)
+
+
+def _fill_decoupling(d: Any, configuration: Configuration, name: str) -> None:
+    """What axis `name` adds to its set-point for the references of the others: shares of the set-point, and its lead.
+
+    `d` is a DECOUPLING_PARAMETERS record; between axes in mode stage, where that is asked for.
+    """
+    axis = configuration.axes[name]
+    if axis.coupling is None or not axis.coupling.decouple or axis.mode != "stage" or axis.outer is None:
+        return
+    gain, period_s = dc_gain(axis.outer), configuration.loop.period_ns * 1e-9
+    d["lead_s"] = (steady_lag(axis.outer) + _NEXT_CYCLE) * period_s
+    for j, (other, settings) in enumerate(configuration.axes.items()):
+        if settings.mode == "stage":
+            d["share"][j] = axis.coupling.share.get(other, 0.0) / gain
+    d["active"] = int(d["share"].any())

@@ -145,6 +145,3 @@ def attainable_um(model: PrandtlIshlinskii) -> Range:
         weight * (min(2.0 * r, high - low) - r) for weight, r in zip(model.weights, model.thresholds_um, strict=True)
     )
     return gain * low + behind, gain * high - behind
-
-
-__all__ = ["Hysteresis", "Network", "NoModel", "PrandtlIshlinskii", "Range", "attainable_um", "phi_range"]

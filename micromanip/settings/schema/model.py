@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from micromanip.quantities import (
-    Count,
     Distance,
     DistanceOrZero,
     Microseconds,
@@ -311,6 +310,3 @@ class Configuration(Settings):
     def frame(self) -> Frame | None:
         """The tracker's frame, where there is one."""
         return self.reference.frame if isinstance(self.reference, Tracker) else None
-
-
-__all__ = ["Configuration", "Control", "Count", "Driver", "Loop", "Output", "Signal", "Start"]

@@ -1,4 +1,7 @@
-"""What a bus must carry, names that mean the same wire, and whose clock is followed: judged before anything moves."""
+"""What a bus must carry, names that mean the same wire, and whose clock is followed: judged before anything moves.
+
+Also devices that are called simulated, and aren't.
+"""
 
 from __future__ import annotations
 
@@ -80,6 +83,19 @@ def enabling_findings(configuration: Configuration, wiring: Wiring) -> Iterator[
                     "(X-111) while the device may still come on; make start.enable_s longer than "
                     f"{each.longest_s:g} s, or {key} less than {1e3 * enable_s:g} ms",
                 )
+
+
+def simulated_findings(wiring: Wiring) -> Iterator[Finding]:
+    """Drivers with wide limits, no watchdog and perhaps nobody asked, whose device may move something real.
+
+    What is not there yet (a link that simulate-device is going to make) can't be judged: look again once it is up.
+    """
+    for name, driver in wiring.drivers.items():
+        if driver.simulated and (why := driver.real_because):
+            yield (
+                ("drivers", name, "simulated"),
+                f"{why}: it may move a real stage; take simulated away, and set loop.limits: hardware",
+            )
 
 
 def _two_clocks(wiring: Wiring) -> Iterator[Finding]:

@@ -49,6 +49,11 @@ class Wiring:
         return {name: driver for name, driver in self.drivers.items() if isinstance(driver, BusBridge)}
 
     @property
+    def real(self) -> list[str]:
+        """Names of the drivers that move a real stage."""
+        return [name for name, driver in self.drivers.items() if not driver.simulated]
+
+    @property
     def virtual(self) -> bool:
         """Whether the whole cell can run in virtual time."""
         return all(driver.virtual for driver in self.drivers.values())

@@ -109,6 +109,8 @@ def test_gaps_of_the_clock_are_longer_than_its_readings():
 @pytest.mark.live
 def test_the_loop_is_run_and_every_cycle_is_counted(monkeypatch, capsys):
     monkeypatch.setattr(timed, "_CONTROLLERS", ())  # those of other tests, beside us
+    asked_s = []
+    monkeypatch.setattr(timed, "loaded", lambda longest_s: contextlib.nullcontext(asked_s.append(longest_s) or 2))
     found = timed.measure(Loop(cpu=max(os.sched_getaffinity(0)), limits="simulation", spin_us=20), 0, 0.5, print)
     for condition in (found.at_rest, found.under_load):
         assert condition.loop.cycles > 1000
@@ -124,4 +126,7 @@ def test_the_loop_is_run_and_every_cycle_is_counted(monkeypatch, capsys):
             assert (np.diff(share) < 0).all()
             assert (np.diff(late_us) > 0).all()
     assert json.loads(json.dumps(found.document()))["under_load"]["cycles"] == found.under_load.loop.cycles
-    assert "beside" in capsys.readouterr().out
+    said = capsys.readouterr().out.splitlines()
+    assert "the loop beside 2 busy processes, 0.5 s" in said
+    assert asked_s == [pytest.approx(122.0)], "the load outlasts the runs beside it"
+    assert found.load_processes == 2

@@ -1,14 +1,25 @@
-"""What the host tells the recorder on its standard input: a JSON document a line; the end of it is the end."""
+"""What the host and a process of its own tell each other: a JSON document a line.
+
+Its standard input brings orders, and the end of it is the end; its standard output says what became of them.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
+import sys
 from collections import deque
 from typing import Any
 
 _BYTES = 65_536
+
+
+def tell(**message: Any) -> None:
+    """A line for the host, which may be dead: what is on disk stays, and becomes complete all the same."""
+    with contextlib.suppress(OSError):
+        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
 
 
 class Orders:

@@ -5,7 +5,7 @@ from micromanip.moved import stand_in
 stand_in(
     __name__,
     {
-        "conformance": ("micromanip.conformance", "micromanip.driver.conformance"),
+        "conformance": ("micromanip.driver.conformance", "micromanip.driver.conformance"),
         "virtual": ("micromanip.virtual.cell", "micromanip.driver.testing"),
     },
 )

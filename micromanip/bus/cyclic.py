@@ -41,6 +41,9 @@ from .simulated_axis import SimulatedAxis
 
 CONTEXT_C = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 """A driver's open, safe or close."""
+EXCHANGE_C = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
+)
 
 
 def call_context(function: int, context: int) -> int:

@@ -76,8 +76,7 @@ def command(
 
     from micromanip.design.sweep.running import run_trials
     from micromanip.design.sweep.sharing import on_cluster, on_processes
-    from micromanip.design.sweep.space import Dimension, Space
-    from micromanip.design.sweep.space_file import read_dimensions
+    from micromanip.design.sweep.space import Dimension, Space, read_dimensions
     from micromanip.design.sweep.store import Store
     from micromanip.design.sweep.work import Work
     from micromanip.rt.jit import Compiler

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 if find_spec("pytest") is None:
     raise ModuleNotFoundError("the conformance suite needs pytest: pip install 'micromanip[conformance]'")
 
-from micromanip.conformance import BusDriverContract, Golden, Peer
+from micromanip.conformance.contract import BusDriverContract
+from micromanip.conformance.peer import Golden, Peer
 
 __all__ = ["BusDriverContract", "Golden", "Peer"]

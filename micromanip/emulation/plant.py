@@ -6,13 +6,12 @@ one. A sample carries the plant's own time, so it agrees with what a controller 
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.bus.cyclic import CyclicDriver, call_context
+from micromanip.bus.cyclic import EXCHANGE_C, CyclicDriver, call_context
 from micromanip.errors import CheckFailed
 from micromanip.rt.records import SIGNAL
 
@@ -22,9 +21,6 @@ MOST_PERIODS = 1000
 """A stall longer than this is not made up: the plant has stood still for the rest of it."""
 STALL_PERIODS = 100
 """From here on a gap between two events counts as a stall of the machine."""
-_EXCHANGE = ctypes.CFUNCTYPE(
-    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
-)
 
 
 @dataclass
@@ -80,7 +76,7 @@ class PlantInRealTime:
         self._outputs = np.zeros(len(self.outputs))
         self._written = False
         self._address = functions.exchange
-        self._exchange = _EXCHANGE(functions.exchange)
+        self._exchange = EXCHANGE_C(functions.exchange)
         self._at = self._context.ctypes.data, self._outputs.ctypes.data, self._signals.ctypes.data
 
     def begin(self, now_ns: int) -> None:

@@ -37,6 +37,12 @@ def swinging(hertz=66.0, damping=0.02, gain=5.0, late=2):
     return LinearModel(A=tuple(map(tuple, A.tolist())), B=tuple(B), C=tuple(C.tolist()), delay_cycles=late)
 
 
+@pytest.fixture(scope="module")
+def common():
+    """The loop of the common stage, as it is tuned when nothing else is asked for."""
+    return tune_outer(swinging(), T, 0.012)
+
+
 @pytest.mark.parametrize("gain", [0.3, 0.65, 2.0])
 def test_the_pid_has_its_margins_at_every_slope(gain):
     actuator = lag(gain, 900.0, 1)
@@ -82,36 +88,38 @@ def test_a_fast_mode_gets_a_notch_that_the_rate_allows():
     assert design.sensitivity <= 2.2
 
 
-def test_the_outer_loop_has_its_margins():
-    model = swinging()
-    design = tune_outer(model, T, 0.012)
-    assert design.margins.gain_dB >= 6.0
-    assert design.margins.phase_deg >= 35.0
-    gains = outer_gains(design.outer, None, T)
-    again = margins(stage_loop(gains, model_system(model, T)))
+def test_the_outer_loop_has_its_margins(common):
+    assert common.margins.gain_dB >= 6.0
+    assert common.margins.phase_deg >= 35.0
+    gains = outer_gains(common.outer, None, T)
+    again = margins(stage_loop(gains, model_system(swinging(), T)))
     assert again.stable
-    assert again.gain_dB == pytest.approx(design.margins.gain_dB)
+    assert again.gain_dB == pytest.approx(common.margins.gain_dB)
     assert np.abs(gains.closed_loop_poles).max() < 1.0
-    assert len({entry[0] for entry in design.tried}) > 2  # regulators as well as filters were tried
+    assert len({entry[0] for entry in common.tried}) > 2  # regulators as well as filters were tried
 
 
 def test_between_the_points_of_the_grid_there_is_better_and_a_faster_oscillator_is_free(monkeypatch):
     """Judged by what a walk of the set-point leaves of the stage, from the closed loop's own equations."""
-    model = swinging(120.0, 0.01, late=4)
+    model, refine, coarse = swinging(120.0, 0.01, late=4), Search.refine, []
+
+    def noted(search, excess):
+        coarse.append(search.best[1].outer)
+        refine(search, excess)
+
+    monkeypatch.setattr(Search, "refine", noted)
     refined = tune_outer(model, T, 0.012)
-    monkeypatch.setattr(Search, "refine", lambda *_: None)
-    coarse = tune_outer(model, T, 0.012)
     omega = 2 * np.pi * np.arange(1.0, 5000.0)
     plant = model_system(model, T)
 
-    def left(design):
-        loop = stage_loop(outer_gains(design.outer, None, T), plant).response(omega)
+    def left(outer):
+        loop = stage_loop(outer_gains(outer, None, T), plant).response(omega)
         return float(np.sqrt(np.sum(np.abs(plant.response(omega) / (1.0 + loop)) ** 2 / omega**2)))
 
-    assert left(refined) < 0.97 * left(coarse)
+    assert left(refined.outer) < 0.97 * left(coarse[0])
     assert refined.margins.gain_dB >= 6.0
     assert refined.margins.phase_deg >= 35.0
-    shares = [design.outer.oscillation_um / design.outer.disturbance_um for design in (coarse, refined)]
+    shares = [outer.oscillation_um / outer.disturbance_um for outer in (coarse[0], refined.outer)]
     assert shares[0] == pytest.approx(0.01, rel=1e-3)
     assert shares[1] > shares[0]
 
@@ -145,12 +153,12 @@ def test_a_step_that_no_loop_with_margins_makes_is_said():
     assert design.limited_by.startswith("the step limits it")
 
 
-def test_bandwidth_and_noise_are_knobs():
+def test_bandwidth_and_noise_are_knobs(common):
     model = swinging()
-    fast, calm = tune_outer(model, T, 0.012), tune_outer(model, T, 0.012, bandwidth_Hz=120.0)
-    assert tune_outer(model, T, 1.2).bandwidth_Hz < 0.7 * fast.bandwidth_Hz
+    calm = tune_outer(model, T, 0.012, bandwidth_Hz=120.0)
+    assert tune_outer(model, T, 1.2).bandwidth_Hz < 0.7 * common.bandwidth_Hz
     assert calm.bandwidth_Hz == pytest.approx(120.0, rel=0.2)
-    assert calm.bandwidth_Hz < fast.bandwidth_Hz
+    assert calm.bandwidth_Hz < common.bandwidth_Hz
     with pytest.raises(CheckFailed, match="no outer loop at 2000 Hz"):
         tune_outer(model, T, 0.012, bandwidth_Hz=2000.0)
 

@@ -1,6 +1,5 @@
 """The simulated cell called as the loop does: by the addresses of its four functions."""
 
-import ctypes
 import functools
 import json
 from pathlib import Path
@@ -10,15 +9,12 @@ from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.options import Options
 from micromanip_drivers.simulated.records import CHANNELS, CONTEXT
 
-from micromanip.bus.cyclic import call_context
-from micromanip.rt.records import SIGNAL
 from micromanip.settings.check import prepare
+
+from .called import Called
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 PERIOD_NS = 100_000
-_EXCHANGE = ctypes.CFUNCTYPE(
-    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
-)
 
 QUIET_PLANT = {
     "amplifier_noise_mV": 0.0,
@@ -46,37 +42,28 @@ def quiet(**options):
     return {**given, **options}
 
 
-class Bench:
+class Bench(Called):
     """An opened simulated cell, exchanged with by hand."""
 
     def __init__(self, options=None, *, opened=True):
-        self.driver = SimulatedCell(Options.model_validate_json(json.dumps(options or {})), PERIOD_NS)
-        self.bytes = self.driver.context()
-        self.c = self.bytes.view(CONTEXT)[0]
-        self.functions = self.driver.functions()
-        self._exchange = _EXCHANGE(self.functions.exchange)
-        self.outputs = np.zeros(len(self.driver.outputs))
-        self.inputs = np.zeros(len(self.driver.inputs), SIGNAL)
+        super().__init__(SimulatedCell(Options.model_validate_json(json.dumps(options or {})), PERIOD_NS))
+        self.c = self.context.view(CONTEXT)[0]
         self.now_ns = 0
         if opened:
             assert self.call("open") == 0
-
-    def call(self, name):
-        return call_context(getattr(self.functions, name), self.bytes.ctypes.data)
 
     def exchange(self, *volts, periods=1):
         """One exchange; its return code."""
         if volts:
             self.outputs[:] = volts
         self.now_ns += periods * PERIOD_NS
-        addresses = (self.bytes.ctypes.data, self.outputs.ctypes.data, self.inputs.ctypes.data)
-        return self._exchange(*addresses, self.now_ns, periods)
+        return self.exchange_at(self.now_ns, periods)
 
     def signal(self, channel, axis="x"):
-        return self.inputs[self.driver.inputs.index(f"{channel}_{axis}")]
+        return self.sample(f"{channel}_{axis}")
 
     def line(self, name):
-        return float(self.inputs[self.driver.inputs.index(name)]["value"])
+        return float(self.sample(name)["value"])
 
     def record(self, cycles, *channels, volts=None):
         """Values (cycles, channels) of axis x; `volts` is a function of the cycle."""
@@ -84,7 +71,7 @@ class Bench:
         out = np.zeros((cycles, len(where)))
         for k in range(cycles):
             assert self.exchange(*([volts(k)] if volts else [])) == 0
-            out[k] = self.inputs["value"][where]
+            out[k] = self.signals["value"][where]
         return out
 
 

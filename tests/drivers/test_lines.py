@@ -36,7 +36,7 @@ def test_an_enabled_amplifier_is_the_same_bit_for_bit():
         # it is enabled from the first voltage on, and both start at 0 V
         wired.exchange(0.02 * k, 0.01 * k, 1.0, 0.0, 0.0)
         if k > 0:
-            assert (wired.inputs[: len(plain.inputs)] == plain.inputs).all()
+            assert (wired.signals[: len(plain.signals)] == plain.signals).all()
     assert volts(plain) > 50.0
 
 
@@ -46,8 +46,8 @@ def test_good_lines_read_one_and_are_fresh():
     cell.exchange(0.0, 1.0, 0.0, 0.0)
     assert [cell.line(n) for n in ("enable", "interlock", "amplifier_ok_x", "temperature_ok_x")] == [1.0] * 4
     assert cell.line("retracted") == 0.0
-    assert (cell.inputs["sequence"][8:] == 2).all()
-    assert (cell.inputs["time_ns"][8:] == cell.now_ns).all()
+    assert (cell.signals["sequence"][8:] == 2).all()
+    assert (cell.signals["time_ns"][8:] == cell.now_ns).all()
 
 
 def test_a_disabled_amplifier_bleeds_with_its_time_constant():

@@ -29,7 +29,7 @@ def played(options, channel, cycles=30, periods=1):
         row = []
         for k in range(cycles):
             assert cell.exchange(0.02 * k, periods=periods) == 0
-            row.append(cell.inputs[where].copy())
+            row.append(cell.signals[where].copy())
         rows.append(np.array(row))
     return rows
 

@@ -50,13 +50,13 @@ def test_channels_of_three_axes():
 def test_exchange_before_open_and_after_close_returns_a_code():
     bench = Bench(opened=False)
     assert bench.exchange() != 0
-    assert (bench.inputs["sequence"] == 0).all()
+    assert (bench.signals["sequence"] == 0).all()
     assert bench.call("open") == 0
     assert bench.exchange() == 0
-    assert (bench.inputs["sequence"][0], bench.inputs["time_ns"][0]) == (1, bench.now_ns)
+    assert (bench.signals["sequence"][0], bench.signals["time_ns"][0]) == (1, bench.now_ns)
     assert bench.call("close") == 0
     assert bench.exchange() != 0
-    assert bench.inputs["sequence"][0] == 1
+    assert bench.signals["sequence"][0] == 1
 
 
 def test_safe_discharges():
@@ -84,12 +84,12 @@ def test_all_its_state_is_in_the_context():
     one, other = Bench(), Bench()
     for k in range(50):
         one.exchange(k, 0.5 * k, 20.0)
-    other.bytes[:] = one.bytes
-    other.inputs[:], other.now_ns = one.inputs, one.now_ns
+    other.context[:] = one.context
+    other.signals[:], other.now_ns = one.signals, one.now_ns
     for k in range(50):
         one.exchange(30.0, k, 20.0)
         other.exchange(30.0, k, 20.0)
-    assert one.inputs.tobytes() == other.inputs.tobytes()
+    assert one.signals.tobytes() == other.signals.tobytes()
 
 
 @pytest.mark.parametrize("periods", [2, 3, 50])

@@ -18,7 +18,7 @@ def arrivals(bench, channel, cycles):
     found, before = [], 0
     for k in range(1, cycles + 1):
         bench.exchange()
-        signal = bench.inputs[bench.driver.inputs.index(channel)]
+        signal = bench.signals[bench.driver.inputs.index(channel)]
         if signal["sequence"] != before:
             assert signal["sequence"] == before + 1
             found.append((k, (bench.now_ns - signal["time_ns"]) // PERIOD_NS))

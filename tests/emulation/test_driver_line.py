@@ -5,12 +5,12 @@ told not to have, errors are those of a bus, and it works again afterwards.
 """
 
 import json
-import threading
 import time
 
 import pytest
 from micromanip_drivers.line.driver import Line
 from micromanip_drivers.line.options import LineOptions
+from testbus.loop_in_thread import LoopInThread
 
 from micromanip.bus.errors import BusError, IdentityMismatch
 from micromanip.bus.inbox import Inbox
@@ -47,28 +47,16 @@ class Played:
 
     def __init__(self, file):
         self.devices = Devices(file, watchdog_ms=1e9)
-        self._orders, self._done = [], threading.Event()
         self.devices.start()
-        self._thread = threading.Thread(target=self._play)
-        self._thread.start()
+        self._running = LoopInThread(self.devices.loop)
         options = dict(Source.read(file).data["drivers"]["device"])
         self.driver = Line(LineOptions.model_validate_json(json.dumps(options)), file.parent)
         self.names = [channel.name for channel in self.driver.inputs]
         self.values, self.errors = {name: [] for name in self.names}, []
 
-    def _play(self):
-        loop = self.devices.loop
-        while not self._done.is_set():
-            while self._orders:
-                answer = self.devices.command(json.dumps(self._orders[0]))
-                assert "error" not in answer, answer
-                del self._orders[0]
-            loop.run(loop.now_ns() + 5_000_000)
-
     def order(self, **command):
-        self._orders.append(command)
-        while self._orders:
-            time.sleep(0.001)
+        answer = self._running.ask(lambda: self.devices.command(json.dumps(command)))
+        assert "error" not in answer, answer
 
     def talk(self, seconds):
         """What a worker does: each task at its rate, and listening between; lost links are opened again."""
@@ -105,8 +93,7 @@ class Played:
 
     def close(self):
         self.driver.close()
-        self._done.set()
-        self._thread.join()
+        self._running.end()
         self.devices.close()
 
 

@@ -40,7 +40,7 @@ def test_regular_events_are_the_cyclic_driver_bit_for_bit(plant, periods):
         plant.advance_to(BEGIN_NS + (k + 1) * periods * PERIOD_NS)
         assert bench.exchange(*commands, periods=periods) == 0
         for i, name in enumerate(bench.driver.inputs):
-            signal = bench.inputs[i]
+            signal = bench.signals[i]
             assert plant.read(name) == (signal["value"], signal["time_ns"]), (k, name)
 
 

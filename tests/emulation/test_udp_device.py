@@ -1,19 +1,17 @@
 """The device of config/udp.yaml and its driver: whatever befalls the wire, no false value is taken."""
 
-import ctypes
 import json
-import threading
 import time
 
 import numpy as np
 import pytest
+from drivers.called import Called
+from testbus.loop_in_thread import LoopInThread
 
-from micromanip.bus.cyclic import call_context
 from micromanip.bus.errors import IdentityMismatch
 from micromanip.bus.safe_state import VOLTAGE, SafeOutput
 from micromanip.driver.wire import DOWN, TAKEN
 from micromanip.emulation.devices import Devices
-from micromanip.rt.records import SIGNAL
 from micromanip.settings.check import validate
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.places import build_driver
@@ -27,14 +25,11 @@ pytestmark = [pytest.mark.compiled_only, pytest.mark.realtime, pytest.mark.xdist
 
 PERIOD_NS = 1_000_000
 """Slow: this is about what happens, not how fast."""
-_EXCHANGE = ctypes.CFUNCTYPE(
-    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
-)
 SILENT_S = 0.05
 STEP_V, RESOLVED_V = 0.6, 2e-4
 
 
-class Cell:
+class Cell(Called):
     """Devices that run in a thread, and the driver, called as a loop calls it."""
 
     def __init__(self, folder):
@@ -44,35 +39,19 @@ class Cell:
         self.devices = Devices(file)
         self.device = self.devices.emulated["cell"]
         source = Source.read(file)
-        self.driver = build_driver(source, "cell", validate(source).drivers["cell"], PERIOD_NS, 0)[0]
-        self.names, self.signals = list(self.driver.inputs), np.zeros(48, SIGNAL)
-        self.outputs, self.context = np.zeros(8), self.driver.context()
+        driver = build_driver(source, "cell", validate(source).drivers["cell"], PERIOD_NS, 0)[0]
         limits = SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, STEP_V * 1e9 / PERIOD_NS)
-        self.driver.adopt(self.context, [limits] * len(self.driver.outputs))
-        self._functions = self.driver.functions()
-        self._exchange = _EXCHANGE(self._functions.exchange)
-        self._orders, self._done = [], threading.Event()
+        super().__init__(driver, [limits] * len(driver.outputs))
         self.devices.start()
-        self._thread = threading.Thread(target=self._play)
-        self._thread.start()
+        self._running = LoopInThread(self.devices.loop)
         self.at_ns = 0
 
-    def _play(self):
-        while not self._done.is_set():
-            while self._orders:
-                answer = self.devices.command(json.dumps(self._orders[0]))
-                assert "error" not in answer, answer
-                del self._orders[0]
-            self.devices.loop.run(self.devices.loop.now_ns() + 2_000_000)
-
     def order(self, **command):
-        self._orders.append(command)
-        while self._orders:
-            time.sleep(0.0005)
+        answer = self._running.ask(lambda: self.devices.command(json.dumps(command)))
+        assert "error" not in answer, answer
 
-    def begin(self):
-        self.driver.begin(self.context)
-        assert call_context(self._functions.open, self.context.ctypes.data) == 0
+    def open(self):
+        super().open()
         self.at_ns = time.monotonic_ns()
         return self
 
@@ -87,8 +66,7 @@ class Cell:
             )  # as a loop: what is missed is not made up for
             time.sleep(max(0, self.at_ns - time.monotonic_ns()) * 1e-9)
             before = int(self.signals[0]["sequence"])
-            at = self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data
-            codes.append(self._exchange(*at, self.at_ns, 1))
+            codes.append(self.exchange_at(self.at_ns))
             if self.signals[0]["sequence"] != before and self.signals[0]["status"] == 0:
                 strains.append(float(self.signals[0]["value"]))
         return codes, strains
@@ -112,9 +90,8 @@ class Cell:
         return self.devices.report()["outputs"]
 
     def close(self):
-        self._done.set()
-        self._thread.join()
-        call_context(self._functions.close, self.context.ctypes.data)
+        self._running.end()
+        super().close()
         self.devices.close()
 
 
@@ -126,13 +103,13 @@ def cell(tmp_path):
 
 
 def test_a_voltage_moves_the_stage_and_the_sensors_say_so(cell):
-    cell.begin().run(0.05)
+    cell.open().run(0.05)
     codes, before = cell.run(0.05)
     codes, after = cell.lift(30.0).run(0.2, 30.0)
     assert codes[-1] == 0
     assert np.mean(after[-20:]) - np.mean(before) > 10.0
     assert cell.outputs_report()["voltage_x"]["max"] == pytest.approx(30.0, abs=1e-4)
-    assert cell.driver.statistics(cell.context)["losses"] == 0
+    assert cell.statistics["losses"] == 0
 
 
 @pytest.mark.parametrize(
@@ -148,17 +125,17 @@ def test_a_voltage_moves_the_stage_and_the_sensors_say_so(cell):
     ],
 )
 def test_a_bad_wire_is_counted_and_spoils_no_sample(cell, kind, keys, counter):
-    cell.begin().run(0.05)
+    cell.open().run(0.05)
     cell.lift(20.0).run(0.3, 20.0)
     _, calm = cell.run(0.1, 20.0)
-    before = cell.driver.statistics(cell.context)[counter]
+    before = cell.statistics[counter]
     cell.order(inject=kind, for_s=0.3, **keys)
     _, strains = cell.run(0.3, 20.0)
-    assert cell.driver.statistics(cell.context)[counter] > before
+    assert cell.statistics[counter] > before
     assert strains
     assert np.abs(np.array(strains) - np.mean(calm)).max() < 1.0
     cell.reach(0)
-    if cell.driver.statistics(cell.context)["losses"] == 0:
+    if cell.statistics["losses"] == 0:
         assert cell.largest_step_V() <= STEP_V + RESOLVED_V
     else:  # on a machine that stands still the link is lost, and the device has gone to rest before it is told to
         assert cell.devices.cell.amplifiers[0].trips >= 1
@@ -167,11 +144,11 @@ def test_a_bad_wire_is_counted_and_spoils_no_sample(cell, kind, keys, counter):
 @pytest.mark.parametrize("command", [{"inject": "unplug"}, {"device": "silence"}, {"inject": "drop", "share": 1.0}])
 def test_a_break_too_short_to_be_one_makes_no_step(cell, command):
     """The loop moves on meanwhile: afterwards the device is led to where the loop is."""
-    cell.begin().run(0.05)
+    cell.open().run(0.05)
     cell.order(**command, for_s=0.7 * SILENT_S)
     assert cell.lift(30.0).run(0.2, 30.0)[0][-1] == 0
     assert cell.devices.cell.voltages()["voltage_x"] == pytest.approx(30.0, abs=1e-3)
-    assert cell.driver.statistics(cell.context)["held_back"] > 0
+    assert cell.statistics["held_back"] > 0
     assert cell.largest_step_V() <= STEP_V + RESOLVED_V
 
 
@@ -181,7 +158,7 @@ AWAY = [{"device": "silence"}, {"inject": "hang"}, {"device": "reboot"}, {"injec
 @pytest.mark.parametrize("command", AWAY)
 def test_a_device_that_was_away_comes_back_at_rest(cell, command):
     """Silent, or without power: down; then its safe values, also while the loop wants others; nothing steps."""
-    cell.begin().run(0.05)
+    cell.open().run(0.05)
     cell.lift(20.0).run(0.1, 20.0)
     cell.order(**command, for_s=0.2)
     cell.reach(DOWN, 20.0).reach(TAKEN, 20.0).reach(0)
@@ -193,7 +170,7 @@ def test_a_device_that_was_away_comes_back_at_rest(cell, command):
 
 
 def test_a_controller_that_dies_leaves_the_device_to_its_watchdog(cell):
-    cell.begin().run(0.05)
+    cell.open().run(0.05)
     cell.lift(20.0).run(0.05, 20.0)
     cell.order(report=True)
     until(lambda: cell.devices.cell.amplifiers[0].trips, "the watchdog does not trip")

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from tools.bus_faults.campaign import campaign
-from tools.bus_faults.cases import CASES
+from tools.bus_faults.cases import CAN
 from tools.bus_faults.cells import PATIENT_WATCHDOG_MS, patient_can_cell
 
 TRIED = (
@@ -27,7 +27,7 @@ TRIED = (
 @pytest.mark.thorough  # each fault on the driver alone: tests/drivers/canbus; the daemon's way to rest: test_steps.py
 @pytest.mark.xdist_group("loop")
 def test_faults_of_a_bus(tmp_path):
-    cases = tuple(replace(case, within_ms=math.inf) for case in CASES if case.name in TRIED)
+    cases = tuple(replace(case, within_ms=math.inf) for case in CAN if case.name in TRIED)
     assert len(cases) == len(TRIED)
     outcomes = list(campaign(tmp_path, patient_can_cell(), cases, PATIENT_WATCHDOG_MS))
     assert len(outcomes) == len(cases) + 1

@@ -32,6 +32,16 @@ def prepared():
     return prepare(SIMULATED)
 
 
+@pytest.fixture(scope="module")
+def strain(prepared):
+    return measured(prepared, "strain")
+
+
+@pytest.fixture(scope="module")
+def stage(prepared):
+    return measured(prepared, "stage")
+
+
 def measured(prepared, loop):
     plant = measure_virtually(prepared, "x", loop, 0.3)
     path = VirtualExperiment(prepared).path(prepared.configuration, "x")
@@ -53,22 +63,20 @@ def plant_and_axis(prepared):
     return true_plant(Plant(), small_slope(Plant(), CENTRE_V), period_s), prepared.configuration.axes["x"], period_s
 
 
-def test_the_strain_loop_is_that_of_the_plants_equations(prepared):
+def test_the_strain_loop_is_that_of_the_plants_equations(prepared, strain):
     plant, axis, period_s = plant_and_axis(prepared)
-    found = measured(prepared, "strain")
-    compared(found, margins(pid_system(axis.inner, period_s).then(plant.actuator())))
-    assert found.agrees is None, "the configuration has no model of the actuator"
-    assert len(found.slopes) == 3
+    compared(strain, margins(pid_system(axis.inner, period_s).then(plant.actuator())))
+    assert strain.agrees is None, "the configuration has no model of the actuator"
+    assert len(strain.slopes) == 3
 
 
-def test_the_outer_loop_too_and_a_model_that_is_not_the_plant_is_told(prepared):
+def test_the_outer_loop_too_and_a_model_that_is_not_the_plant_is_told(prepared, stage):
     """The measured loop is the true one whatever the configuration's model says; another gain does not agree."""
     plant, axis, period_s = plant_and_axis(prepared)
     feedforward = abs(harmonics(inverse_operator(axis.hysteresis), SWING_UM, CENTRE_UM).gain)
     gains = outer_gains(axis.outer, prepared.configuration.reference.of("x"), period_s)
-    found = measured(prepared, "stage")
-    compared(found, margins(stage_loop(gains, plant.behind(axis, feedforward))))
-    wrong = replace(found, loop=replace(found.loop, apart=0.3))
+    compared(stage, margins(stage_loop(gains, plant.behind(axis, feedforward))))
+    wrong = replace(stage, loop=replace(stage.loop, apart=0.3))
     assert wrong.agrees is False
     assert "the model is not the plant any more" in wrong.problem
 
@@ -96,9 +104,9 @@ def stalling(share, seed):
 
 
 @pytest.mark.parametrize("loop", ["strain", "stage"])
-def test_its_confidence_holds_on_a_machine_that_misses_cycles(prepared, monkeypatch, loop):
+def test_its_confidence_holds_on_a_machine_that_misses_cycles(prepared, request, monkeypatch, loop):
     """Two in a hundred; more than are let through is refused. A loop that is late now and then is measured as that."""
-    calm = measured(prepared, loop)
+    calm = request.getfixturevalue(loop)
     Ms = calm.measured[calm.nominal].sensitivity
     monkeypatch.setattr(VirtualCell, "run", stalling(0.4 * MISSED, seed=5))
     low, high = (found := measured(prepared, loop)).confidence

@@ -8,17 +8,17 @@ from pathlib import Path
 
 from tools.own_shared_memory import own_shared_memory
 
-from . import ethercat_cases, gcs_cases, modbus_cases, serial_cases
+from . import ethercat_cases
 from .bench import WATCHDOG_MS, Bench, Outcome
-from .cases import CASES, Case
+from .cases import CAN, GCS, MODBUS, SERIAL, Case
 from .cells import gcs_cell, modbus_cell, serial_cell, watched_can_cell
 from .ethercat_cells import drive_cell, line_cell, ring_cell
 
 BUSES: dict[str, tuple[Callable[[], str], tuple[Case, ...]]] = {
-    "can": (watched_can_cell, CASES),
-    "modbus": (modbus_cell, modbus_cases.CASES),
-    "serial": (serial_cell, serial_cases.CASES),
-    "gcs": (gcs_cell, gcs_cases.CASES),
+    "can": (watched_can_cell, CAN),
+    "modbus": (modbus_cell, MODBUS),
+    "serial": (serial_cell, SERIAL),
+    "gcs": (gcs_cell, GCS),
     "ethercat": (line_cell, ethercat_cases.LINE),
     "ring": (ring_cell, ethercat_cases.RING),
     "drive": (drive_cell, ethercat_cases.DRIVE),

@@ -1,4 +1,4 @@
-"""The faults of a bus that the campaign tries, and what must follow each."""
+"""The faults of each bus that the campaign tries, and what must follow each; EtherCAT's: ``ethercat_cases.py``."""
 
 from __future__ import annotations
 
@@ -61,8 +61,10 @@ UNFOLLOWED = ("X-111", DISAGREE)
 """Commands don't arrive: the amplifier's watchdog trips, or the stage doesn't go where they were to take it."""
 CUT_OFF = (*UNHEARD, *UNFOLLOWED, LINK)
 """Nothing goes either way."""
+LOST = "X-301"
+"""The reference is missed after 500 ms, by the limits of a simulation."""
 
-CASES = (
+CAN = (
     Case("1 % of all frames dropped", inject("drop", share=0.01), counted=("lost",)),
     Case("10 % of all frames dropped", inject("drop", share=0.1), counted=("lost",)),
     Case("sensor frames dropped, all", inject("drop", share=1.0, identifier=SENSORS), UNHEARD, 100.0),
@@ -114,4 +116,75 @@ CASES = (
         said="was killed by signal 9; started again",
     ),
     Case("worker stopped for 0.5 s", kill(signal.SIGSTOP, 0.5), CUT_OFF, 400.0),
+)
+
+_STALE_MS = 300.0
+"""Of Modbus: samples count as too old after 20 ms, and the axes coast on the feedforward for 50 ms."""
+
+
+def half_open(bench: Any) -> None:
+    """The device hangs, and has forgotten the connection when it goes on."""
+    bench.device.order(inject="hang", for_s=0.05)
+    time.sleep(0.03)
+    bench.device.order(inject="disconnect")
+
+
+MODBUS = (
+    Case("1 % of the answers 40 ms late", inject("delay", ms=40, share=0.01), counted=("timeouts", "late")),
+    Case("all answers 40 ms late", inject("delay", ms=40), CUT_OFF, _STALE_MS, ("late",)),
+    Case("1 % of the answers lost", inject("drop", share=0.01), counted=("timeouts",)),
+    Case("all answers split", inject("split", gap_ms=1)),
+    Case("rubbish before 2 % of the answers", inject("garbage", share=0.02), counted=("bad_frames", "resyncs")),
+    Case("2 % of the answers break off", inject("short", share=0.02), counted=("timeouts",)),
+    Case("2 % of the answers with a wrong number", inject("transaction", share=0.02), counted=("late",)),
+    Case("exception 6, busy, to 5 % of the requests", inject("exception", code=6, share=0.05), counted=("exceptions",)),
+    Case("exception 2 to all requests", inject("exception", code=2), (LINK,), 100.0, said="exception 2"),
+    Case("exception 4 to all requests", inject("exception", code=4), (LINK,), 100.0, said="exception 4"),
+    Case("gateway hangs, connection open", inject("hang"), CUT_OFF, _STALE_MS, ("timeouts",), "3 times in a row"),
+    Case("connection half open", half_open, (LINK,), 200.0, said="is gone"),
+    Case("connection reset", inject("disconnect"), (LINK,), 100.0, said="is gone"),
+    Case("port gone", inject("unplug"), (LINK,), 100.0, said="refused"),
+    Case("counter frozen, values running", tell("stop_counter", for_s=0.6), CUT_OFF, _STALE_MS, ("repeated",)),
+    Case("value frozen, counter running", tell("freeze", signal="strain_x", for_s=0.6), (STUCK,), _STALE_MS),
+    Case("gauge says NaN: the largest code", tell("nan", signal="strain_x", for_s=0.6), (STRAIN,), _STALE_MS),
+    Case("device restarted", tell("reboot", for_s=0.5), CUT_OFF, _STALE_MS),
+    Case("worker killed", kill(signal.SIGKILL), CUT_OFF, 400.0, said="was killed by signal 9; started again"),
+    Case("worker stopped for 0.5 s", kill(signal.SIGSTOP, 0.5), CUT_OFF, 400.0),
+)
+
+SERIAL = (
+    Case("1 % of all frames lost", inject("drop", share=0.01), counted=("lost",)),
+    Case("one wrong bit in 5 % of the frames", inject("flip", share=0.05), counted=("bad_frames",)),
+    Case("rubbish before 5 % of the frames", inject("garbage", share=0.05), counted=("skipped_bytes",)),
+    Case("5 % of the frames break off", inject("short", share=0.05), counted=("bad_frames",)),
+    Case("all frames in two parts", inject("split", gap_ms=0.2)),
+    Case("frames four at a time", inject("join", count=4)),
+    Case("10 % of the frames doubled", inject("duplicate", share=0.1), counted=("not_fresh",)),
+    Case("board silent, port there", inject("hang"), CUT_OFF, 150.0),
+    Case("port unplugged", inject("unplug"), CUT_OFF, 150.0),
+    Case("command frames lost, all", inject("drop", direction="received"), UNFOLLOWED, 150.0),
+    Case("commands come back (echo)", inject("echo")),
+    Case("counter frozen, values running", tell("stop_counter", for_s=0.6), CUT_OFF, 150.0),
+    Case("value frozen, counter running", tell("freeze", signal="strain_x", for_s=0.6), (STUCK,), 150.0),
+    Case("gauge says NaN: the largest code", tell("nan", signal="strain_x", for_s=0.6), (STRAIN,), 150.0),
+    Case("board restarted", tell("reboot", for_s=0.5), CUT_OFF, 150.0),
+    Case("worker killed", kill(signal.SIGKILL), CUT_OFF, 400.0, said="was killed by signal 9; started again"),
+    Case("worker stopped for 0.5 s", kill(signal.SIGSTOP, 0.5), CUT_OFF, 400.0),
+)
+
+GCS = (
+    Case("2 % of the replies missing", inject("drop", driver="piezo", share=0.02), counted=("missing_replies",)),
+    Case("2 % of the replies 60 ms late", inject("delay", driver="piezo", ms=60, share=0.02)),
+    Case("all replies missing", inject("drop", driver="piezo"), CUT_OFF, 300.0, ("missing_replies",)),
+    Case("the controller refuses commands", inject("gcs_error", driver="piezo", code=5), CUT_OFF, 300.0, said="error"),
+    Case("connection reset", inject("disconnect", driver="piezo"), CUT_OFF, 300.0),
+    Case("port gone", inject("unplug", driver="piezo"), CUT_OFF, 300.0),
+    Case("controller hangs, connection open", inject("hang", driver="piezo"), CUT_OFF, 300.0),
+    Case("10 % of the datagrams lost", inject("drop", driver="tracker", share=0.1)),
+    Case("10 % of the datagrams doubled", inject("duplicate", driver="tracker", share=0.1)),
+    Case("neighbours swapped", inject("reorder", driver="tracker", share=0.1)),
+    Case("datagrams from a stranger's address", inject("stranger", driver="tracker")),
+    Case("tracker silent", inject("hang", driver="tracker", for_s=1.0), (LOST, LINK), 700.0, lasts_s=1.0),
+    Case("value frozen", tell("freeze", signal="strain_x", for_s=1.0), (STUCK,), 700.0, lasts_s=1.0),
+    Case("worker killed", kill(signal.SIGKILL), CUT_OFF, 400.0, said="was killed by signal 9; started again"),
 )

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .arx import fit_arx1
 from .fit import fit_linear
-from .model import LinearFit
+from .modal import Array, Modes
+from .model import LinearFit, delayed
 from .strict import strict_errors
 from .subspace import Experiment
 
@@ -18,6 +18,7 @@ _CLOSE = 1.5
 """The order chosen by the free run is kept while its strict error is within this factor of the least."""
 _OTHERS = 3
 _NO_WORSE = 1.0 + 1e-9
+_STABLE = 1.0 - 1e-6
 
 
 @dataclass(frozen=True)
@@ -142,3 +143,35 @@ def _no_worse_than_arx1(
         "record more"
     )
     return Selected(replace(best, tried=plain.tried), arx1, notes)
+
+
+def fit_arx1(experiments: Sequence[Experiment], dt: float, delays: tuple[int, ...]) -> LinearFit:
+    """ARX(1), the least that is called a model: ``y[k] = a y[k-1] + b u[k-1-delay] + c``, least squares by output.
+
+    Of experiments ``(u (n, inputs), y (n, outputs))``, each with an offset of its own. What is chosen with more care
+    must not predict worse.
+
+    It has no Kalman gain: what it leaves is white by assumption, and its state is the output.
+    """
+    offsets_u = np.concatenate([u for u, _ in experiments]).mean(axis=0)
+    offsets_y = np.concatenate([y for _, y in experiments]).mean(axis=0)
+    shifted = [delayed((u - offsets_u, y - offsets_y), delays) for u, y in experiments]
+    outputs = len(offsets_y)
+    poles, driven = np.empty(outputs, complex), np.empty((outputs, len(offsets_u)))
+    covariance = np.zeros((outputs, outputs))
+    left = []
+    for o in range(outputs):
+        rows = [np.column_stack([y[:-1, o], u[:-1]]) for u, y in shifted]
+        table = np.concatenate([row - row.mean(axis=0) for row in rows])
+        target = np.concatenate([y[1:, o] - y[1:, o].mean() for _, y in shifted])
+        found = np.linalg.lstsq(table, target, rcond=None)[0]
+        pole = float(np.clip(found[0], -_STABLE, _STABLE))
+        poles[o], driven[o] = pole, found[1:]
+        left.append(target - table @ found)
+    covariance = np.atleast_2d(np.cov(np.array(left)))
+    # a mode's real form has a real pole; two alike are kept apart by a rounding
+    poles = poles - 1e-9 * np.arange(outputs)
+    modes = Modes(poles, driven.astype(complex), np.eye(outputs).astype(complex), np.zeros((outputs, len(offsets_u))))
+    gain = np.diag(poles).astype(complex)
+    none: Array = np.zeros(0)
+    return LinearFit(modes, dt, delays, offsets_u, offsets_y, gain, covariance, none, {})

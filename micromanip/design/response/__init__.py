@@ -1,7 +1,6 @@
 """Frequency responses measured with periodic multisines, with their confidence, and rational models of them."""
 
-from .attempts import Recorded, identify_again
-from .choice import Identified, Wanted, identify
+from .choice import Identified, Recorded, Wanted, identify, identify_again
 from .excitation import PERIOD_S, Multisine, multisine
 from .measured import Measured, measure, of_spectra, smoothed
 

@@ -7,6 +7,7 @@ know, is kept as a radius at each frequency: margins are judged with it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,13 +16,18 @@ from scipy.ndimage import maximum_filter1d
 
 from micromanip.control.system import System
 from micromanip.design.linear import Modes
+from micromanip.errors import CheckFailed
 
-from .measured import Measured, smoothed
+from .excitation import Multisine
+from .measured import Measured, measure, smoothed
 from .rational import fit_rational
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Recorded = tuple[Multisine, Array, Array]
+"""What was played, and its records (n,) of input and output."""
 
+ATTEMPTS, _LONGER = 3, 2
 _ENOUGH = 1.15
 _FLOOR = 0.01
 """A line is never trusted better than to this share: no model is exact, and none should chase one line."""
@@ -195,3 +201,27 @@ def _static(found: Identified) -> float:
 
 
 __all__ = ["Identified", "Wanted", "identify"]
+
+
+@dataclass(frozen=True)
+class Attempted:
+    """The model, the output (n,) that it was found from, and how often it was measured."""
+
+    found: Identified
+    output: Array
+    attempts: int
+
+
+def identify_again(record: Callable[[int, int], Recorded], wanted: Wanted, what: str, look_for: str) -> Attempted:
+    """The model of what `record` measures: it is given the attempt, from 0, and how many times more to play.
+
+    Raises CheckFailed, "`what`, in 3 attempts: why. `look_for`", where none of the models is what is `wanted`.
+    """
+    problem = None
+    for attempt in range(ATTEMPTS):
+        wave, u, y = record(attempt, _LONGER**attempt)
+        found = identify(measure(wave, u, y), 1.0 / wave.rate_hz, wanted)
+        if found.problem is None:
+            return Attempted(found, y, attempt + 1)
+        problem = found.problem
+    raise CheckFailed(f"{what}, in {ATTEMPTS} attempts: {problem}. {look_for}")

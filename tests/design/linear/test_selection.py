@@ -5,8 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from micromanip.design.linear import fit_linear
-from micromanip.design.linear.arx import fit_arx1
-from micromanip.design.linear.selection import error_of, select
+from micromanip.design.linear.selection import error_of, fit_arx1, select
 from micromanip.design.linear.strict import strict_errors
 from tests.further import further
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from micromanip.design.sweep import running
 from micromanip.design.sweep.sharing import on_cluster, on_processes
-from micromanip.design.sweep.space import Dimension, Space, for_axes
-from micromanip.design.sweep.space_file import read_dimensions
+from micromanip.design.sweep.space import Dimension, Space, for_axes, read_dimensions
 from micromanip.design.sweep.store import Store
 from micromanip.design.sweep.work import Work
 from micromanip.errors import ConfigError, DeviceUnavailable, UsageError

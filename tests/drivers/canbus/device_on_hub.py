@@ -7,7 +7,7 @@ import contextlib
 import itertools
 import os
 
-from micromanip.conformance import Peer
+from micromanip.driver.conformance import Peer
 from micromanip.testbus.frame import Frame, pack, unpack
 
 from .hub_in_thread import bench

@@ -8,9 +8,9 @@ import pytest
 from micromanip_drivers.canbus.driver import CanBus
 
 from micromanip.bus.can_bits import FD_LENGTHS
-from micromanip.conformance import BusDriverContract, Golden
 from micromanip.conformance.lifetime import LifetimeChecks
 from micromanip.conformance.link import LinkChecks
+from micromanip.driver.conformance import BusDriverContract, Golden
 from micromanip.testbus.frame import Frame
 
 from .compiled_socket import CompiledCanBus

@@ -66,7 +66,7 @@ class Cell:
     """The devices; what they measure and put out is `values`, by name."""
 
     def __init__(self, at):
-        self.at = at
+        self.at, self.do = at, at.ask
         self.channel = at.channel
         self.values = {f"{q}_{axis}": 10.0 * (i + 1) for q in ("strain", "stage") for i, axis in enumerate(AXES)}
         self.written = []
@@ -82,12 +82,6 @@ class Cell:
     def write(self, name, value):
         self.written.append((name, value))
         self.values[name] = value
-
-    def do(self, call):
-        """Have `call` made by the bus's thread, and wait for it."""
-        done = []
-        self.at.do(lambda: done.append(call()))
-        wait_for(lambda: done)
 
     def driver(self, folder=CONFIG, **changes):
         return driver(folder, channel=self.channel, **changes)

@@ -7,8 +7,8 @@ from types import MappingProxyType
 import pytest
 from micromanip_drivers.canopen.driver import CanOpen
 
-from micromanip.conformance import BusDriverContract, Golden
 from micromanip.conformance.link import LinkChecks
+from micromanip.driver.conformance import BusDriverContract, Golden
 from micromanip.emulation.can.canopen_node import CanOpenNode
 
 from ..canbus.device_on_hub import BusPeer, Gate, channel_name, cut, strange, unit

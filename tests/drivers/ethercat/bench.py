@@ -1,6 +1,5 @@
 """The driver `ethercat` without a loop, and slaves in a thread at the far end of a veth pair, whose wire may be bad."""
 
-import ctypes
 import select
 import threading
 import time
@@ -10,20 +9,16 @@ from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.options import EthercatOptions
 from micromanip_drivers.ethercat.records import CONTEXT
 
-from micromanip.bus.cyclic import call_context
 from micromanip.bus.ethercat.registers import NOP
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
 from micromanip.emulation.ethercat.line import Line
 from micromanip.emulation.ethercat.process_data import terminal_of
 from micromanip.emulation.ethercat.terminal import INPUTS, OUTPUTS
-from micromanip.rt.records import SIGNAL
+from tests.drivers.called import Called
 from tests.emulation.ethercat.wire import raw, until
 
 PERIOD_NS = 100_000
 SILENT_CYCLES, STILL_CYCLES = 20, 150
-_EXCHANGE = ctypes.CFUNCTYPE(
-    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
-)
 AMPLIFIER = {
     "vendor": 0x4D4D,
     "product": 0x10,
@@ -75,7 +70,7 @@ def options(interface="none0", **changes):
     return EthercatOptions.model_validate(keys | changes)
 
 
-class Bench:
+class Bench(Called):
     """A driver, and its slaves; `meddle` gets each cyclic frame on its way back and gives those that arrive.
 
     `far_ends` are those of the pair by which a ring comes back.
@@ -86,18 +81,13 @@ class Bench:
         if far_ends is not None:
             changes |= {"return_interface": far_ends[0]}
         self.options = options(ends[0], **changes)
-        self.driver = Ethercat(self.options, PERIOD_NS)
-        self.context = self.driver.context()
+        voltage = SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, step_V / (1e-9 * PERIOD_NS))
+        super().__init__(Ethercat(self.options, PERIOD_NS), [voltage, SafeOutput(SWITCH, 1.0, 0.0, 1.0)])
         c = self.context.view(CONTEXT)[0]
         c["gate"]["still_ns"] = STILL_CYCLES * PERIOD_NS  # in cycles, whatever the slaves' own watchdog may be
-        voltage = SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, step_V / (1e-9 * PERIOD_NS))
-        self.driver.adopt(self.context, [voltage, SafeOutput(SWITCH, 1.0, 0.0, 1.0)])
-        self.signals, self.outputs = np.zeros(48, SIGNAL), np.zeros(8)
         slaves = self.options.terminals if slaves is None else slaves
         self.line = Line([terminal_of(name, keys) for name, keys in slaves.items()], is_ring=len(pairs) > 1)
         self.meddle = lambda frame: [frame]
-        self._functions = self.driver.functions()
-        self._exchange = _EXCHANGE(self._functions.exchange)
         self._far, self._done, self.lock = [raw(there) for _, there in pairs], threading.Event(), threading.Lock()
         self.came = 0
         self.by_the_clock = False  # a machine that stalls would be a lost link
@@ -117,7 +107,7 @@ class Bench:
                     self.came += is_cyclic
 
     def close(self):
-        call_context(self._functions.close, self.context.ctypes.data)
+        super().close()
         self._done.set()
         self._thread.join()
         for far in self._far:
@@ -126,21 +116,9 @@ class Bench:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
-        self.close()
-
-    def open(self):
-        self.driver.begin(self.context)
-        assert call_context(self._functions.open, self.context.ctypes.data) == 0
-        return self
-
     @property
     def c(self):
         return self.context.view(CONTEXT)[0]
-
-    @property
-    def statistics(self):
-        return self.driver.statistics(self.context)
 
     def exchange(self, *outputs):
         """One cycle of the loop; what it sends has been through the slaves before this returns."""
@@ -150,9 +128,7 @@ class Bench:
             periods += max(0, (time.monotonic_ns() - self.now_ns) // PERIOD_NS)
         self.now_ns += periods * PERIOD_NS + int(self.c["lock"]["step_ns"][0])
         sent, came = int(self.c["gate"]["sent_count"]), self.came
-        code = self._exchange(
-            self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data, self.now_ns, periods
-        )
+        code = self.exchange_at(self.now_ns, periods)
         if int(self.c["gate"]["sent_count"]) > sent:
             assert until(lambda: self.came >= came + len(self._far))
         return code
@@ -177,6 +153,3 @@ class Bench:
         memory[INPUTS] = count
         memory[INPUTS + 1 : INPUTS + 5].view(np.uint8)[:] = np.frombuffer(np.int32(round(deviation * 1e3)), np.uint8)
         memory[INPUTS + 5 : INPUTS + 9].view(np.uint8)[:] = np.frombuffer(np.int32(round(strain * 1e4)), np.uint8)
-
-    def sample(self, name):
-        return self.signals[self.driver.inputs.index(name)]

@@ -4,7 +4,7 @@ import threading
 import time
 from types import MappingProxyType
 
-from micromanip.conformance import Peer
+from micromanip.driver.conformance import Peer
 
 
 class LinePeer(Peer):

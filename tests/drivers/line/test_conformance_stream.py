@@ -3,7 +3,7 @@
 import pytest
 from micromanip_drivers.line.driver import Line
 
-from micromanip.conformance import BusDriverContract, Golden
+from micromanip.driver.conformance import BusDriverContract, Golden
 
 from .compiled_line import CompiledLine
 from .sensors import SENSOR, CapacitiveSensor, LaserTracker

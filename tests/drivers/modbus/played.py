@@ -1,13 +1,11 @@
 """The units that `simulate-device` plays for a configuration of config/, in a thread of the test."""
 
-import os
-import queue
-import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import yaml
+from testbus.loop_in_thread import LoopInThread
 
 from micromanip.emulation.devices import Devices
 
@@ -43,36 +41,16 @@ class Played:
         self.file = folder / "cell.yaml"
         self.file.write_text(yaml.safe_dump(self.config, sort_keys=False), encoding="utf-8")
         self.devices = Devices(self.file, watchdog_ms=60_000.0)
-        self._calls, self._bell = queue.SimpleQueue(), os.eventfd(0)
-        self.devices.loop.add_reader(self._bell, self._serve)
-        self.thread = threading.Thread(target=self._play)
-        self.thread.start()
-
-    def _play(self):
         self.devices.start()
-        self.devices.loop.run()
-
-    def do(self, call):
-        """Have it done by the devices' thread; what it returns."""
-        done = []
-        self._calls.put(lambda: done.append(call()))
-        os.eventfd_write(self._bell, 1)
-        until(lambda: done)
-        return done[0]
-
-    def _serve(self):
-        os.eventfd_read(self._bell)
-        while not self._calls.empty():
-            self._calls.get()()
+        self._running = LoopInThread(self.devices.loop)
+        self.do = self._running.ask
 
     def order(self, line):
         return self.do(lambda: self.devices.command(line))
 
     def close(self):
-        self.devices.loop.stop()
-        self.thread.join()
+        self._running.end()
         self.devices.close()
-        os.close(self._bell)
 
 
 def until(condition, seconds=PATIENCE_S):

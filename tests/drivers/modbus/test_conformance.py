@@ -6,7 +6,7 @@ from types import MappingProxyType
 import pytest
 from micromanip_drivers.modbus.driver import Modbus
 
-from micromanip.conformance import BusDriverContract, Golden
+from micromanip.driver.conformance import BusDriverContract, Golden
 
 from ..line.wires import PtyWire, TcpWire
 from .unit_peer import Raw, RtuPeer, UnitPeer, units

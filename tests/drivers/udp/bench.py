@@ -1,25 +1,20 @@
 """The driver `udp` without a loop, and a device that says what a test wants: real sockets, given deadlines."""
 
-import ctypes
 import socket
 import struct
 import time
 import zlib
 
-import numpy as np
 from micromanip_drivers.udp.driver import Udp
 from micromanip_drivers.udp.options import UdpOptions
 from micromanip_drivers.udp.records import CONTEXT
 
-from micromanip.bus.cyclic import call_context
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
-from micromanip.rt.records import SIGNAL
+
+from ..called import Called
 
 PERIOD_NS = 100_000
 SILENT_CYCLES, STILL_CYCLES = 20, 150
-_EXCHANGE = ctypes.CFUNCTYPE(
-    ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
-)
 ANSWER = struct.Struct("<2sHIBifBiH")
 COMMAND = struct.Struct("<2sHiB")
 
@@ -71,7 +66,7 @@ def sealed(data):
     return data + struct.pack("<I", zlib.crc32(data))
 
 
-class Bench:
+class Bench(Called):
     """A driver that is open, and its device."""
 
     def __init__(self, step_V=1e3, **changes):
@@ -79,46 +74,29 @@ class Bench:
         self.device = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.device.bind(("127.0.0.1", 0))
         self.device.settimeout(1)
-        self.driver = Udp(options(self.device.getsockname()[1], **changes), PERIOD_NS)
-        self.context = self.driver.context()
         voltage = SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, step_V / (1e-9 * PERIOD_NS))
-        self.driver.adopt(self.context, [voltage, SafeOutput(SWITCH, 1.0, 0.0, 1.0)])
-        self.signals = np.zeros(48, SIGNAL)
-        self.outputs = np.zeros(8)
+        driver = Udp(options(self.device.getsockname()[1], **changes), PERIOD_NS)
+        super().__init__(driver, [voltage, SafeOutput(SWITCH, 1.0, 0.0, 1.0)])
         self.count, self.tracked, self.acted_on = 0, 0, 65535
-        self._functions = self.driver.functions()
-        self._exchange = _EXCHANGE(self._functions.exchange)
 
     def open(self):
-        self.driver.begin(self.context)
-        assert call_context(self._functions.open, self.context.ctypes.data) == 0
+        super().open()
         self.now_ns = time.monotonic_ns()
         return self
 
     def close(self):
-        call_context(self._functions.close, self.context.ctypes.data)
+        super().close()
         self.device.close()
-
-    def __enter__(self):
-        return self.open()
-
-    def __exit__(self, *_):
-        self.close()
 
     @property
     def c(self):
         return self.context.view(CONTEXT)[0]
 
-    @property
-    def statistics(self):
-        return self.driver.statistics(self.context)
-
     def exchange(self, *outputs, periods=1):
         """One exchange of the loop, `periods` after the one before."""
         self.outputs[: len(outputs)] = outputs
         self.now_ns += periods * PERIOD_NS  # not by the clock: a machine that stalls would be a lost link
-        at = self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data
-        return self._exchange(*at, self.now_ns, periods)
+        return self.exchange_at(self.now_ns, periods)
 
     def commands(self):
         """What has come at the device since the last call, which acts on it: (voltage, feed_hold) each."""

@@ -1,19 +1,16 @@
 """What `simulate-device` plays of a cell with a drive: the drive moves the plant, and its faults come by command."""
 
 import json
-import threading
 import time
 
-import numpy as np
 import pytest
 from micromanip_drivers.ethercat.records import CONTEXT
 
-from micromanip.bus.cyclic import call_context
 from micromanip.emulation.devices import Devices
 from micromanip.emulation.ethercat.drive import ENABLED, FAULT, SWITCH_ON_DISABLED
-from micromanip.rt.records import SIGNAL
 from micromanip.settings.check import prepare
-from tests.drivers.ethercat.bench import _EXCHANGE
+from tests.drivers.called import Called
+from tests.testbus.loop_in_thread import LoopInThread
 from tools.bus_faults.ethercat_cells import drive_cell
 
 from .wire import until, veth
@@ -22,26 +19,20 @@ pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_gro
 PERIOD_NS = 2_000_000
 
 
-class Cell:
+class Cell(Called):
     """The devices in a thread, and the driver of the cell, whose cycles the test runs."""
 
     def __init__(self, file):
         self.devices = Devices(file)
         wiring = prepare(file).wiring
-        self.driver = wiring.drivers["cell"]
-        self.context = self.driver.context()
-        self.driver.adopt(self.context, wiring.safe_outputs("cell", prepare(file).configuration))
-        self.signals, self.outputs, self.now_ns = np.zeros(48, SIGNAL), np.zeros(8), time.monotonic_ns()
-        self.functions = self.driver.functions()
-        self._exchange = _EXCHANGE(self.functions.exchange)
+        super().__init__(wiring.drivers["cell"], wiring.safe_outputs("cell", prepare(file).configuration))
+        self.now_ns = time.monotonic_ns()
         self.devices.start()
-        self._thread = threading.Thread(target=self.devices.loop.run)
-        self._thread.start()
+        self._running = LoopInThread(self.devices.loop)
 
     def close(self):
-        call_context(self.functions.close, self.context.ctypes.data)
-        self.devices.loop.stop()
-        self._thread.join()
+        super().close()
+        self._running.end()
         self.devices.close()
 
     def cycle(self, **outputs):
@@ -49,18 +40,17 @@ class Cell:
         for name, value in outputs.items():
             self.outputs[self.driver.outputs.index(name)] = value
         self.now_ns += PERIOD_NS
-        at = (self.context.ctypes.data, self.outputs.ctypes.data, self.signals.ctypes.data)
-        return self._exchange(*at, self.now_ns, 1) == 0
+        return self.exchange_at(self.now_ns) == 0
 
     def says(self, name):
-        return float(self.signals[self.driver.inputs.index(name)]["value"])
+        return float(self.sample(name)["value"])
 
     @property
     def drive(self):
         return self.devices.emulated["cell"].slaves.drives[0]
 
     def order(self, **command):
-        assert self.devices.command(json.dumps(command)) == {"ok": True}
+        assert self._running.ask(lambda: self.devices.command(json.dumps(command))) == {"ok": True}
 
 
 def test_the_drive_moves_the_plant_and_what_is_injected_is_heard(tmp_path):
@@ -70,8 +60,7 @@ def test_the_drive_moves_the_plant_and_what_is_injected_is_heard(tmp_path):
         file.write_text(text.replace(text.split("interface: ")[1].split()[0], here))
         cell = Cell(file)
         try:
-            cell.driver.begin(cell.context)
-            assert call_context(cell.functions.open, cell.context.ctypes.data) == 0
+            cell.open()
             assert until(cell.cycle)
             assert until(lambda: cell.cycle() and cell.says("amplifier_ok_x") == 1.0)
             assert cell.drive["state"] == SWITCH_ON_DISABLED

@@ -219,7 +219,7 @@ def _require_own_names(options: EthercatOptions) -> None:
         seen: dict[str, str] = {}
         for terminal, keys in options.terminals.items():
             for pdo in getattr(keys, direction).values():
-                for name in pdo.fields:
+                for name in (name for name, field in pdo.fields.items() if field.is_channel):
                     if name in seen:
                         raise ConfigError(f"terminals.{terminal}.{direction}: {name} is a field of {seen[name]} too")
                     seen[name] = terminal

@@ -42,7 +42,7 @@ def missing_of_group(s: Any, f: Any, g: int, data: Any) -> int:
     """Samples missing before the one that the frame brings of a slower group; -1 where it brings none."""
     n = f["group"][g]["counter"]
     count = np.int64(code_of(n, data))
-    ahead = (count - s["group_count"][g]) % (1 << (8 * n["size"]))
+    ahead = (count - s["group_count"][g]) % (1 << n["bits"])
     known = s["group_known"][g] != 0
     s["group_count"][g], s["group_known"][g] = count, 1
     return ahead - 1 if known else 0

@@ -40,7 +40,7 @@ class Ethercat(LoopWire):
     """The master of a line of terminals."""
 
     Options: ClassVar[type[BaseModel]] = EthercatOptions
-    CONTEXT, COUNTERS, BAD = CONTEXT, ("received", *BAD, "bring_ups"), BAD
+    CONTEXT, COUNTERS, BAD = CONTEXT, ("received", "delayed", *BAD, "bring_ups"), BAD
     options: EthercatOptions
 
     def __init__(self, options: EthercatOptions, period_ns: int) -> None:

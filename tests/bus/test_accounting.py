@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from micromanip.bus import report
 from micromanip.bus.bridge import BusBridge
 from micromanip.bus.device_counter import DeviceCounter
 from micromanip.bus.driver import BusOptions, Channel
@@ -15,6 +16,17 @@ from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.bus_image import IMAGE
 from micromanip.rt.laws.sensor import SENSOR_STATE, read_signal
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+
+
+def test_lost_is_told_in_samples_as_received_is(monkeypatch):
+    """Whatever the driver counts by that name: frames, as a rule."""
+    told = []
+    monkeypatch.setattr(report, "say", told.append)
+    one = report.Report()
+    one.counts["received"], one.counts["lost"] = 300, 45
+    one.tell_counts(0, {"lost": 3, "overflows": 1})
+    counts = told[0]["counts"]
+    assert (counts["received"], counts["lost"], counts["overflows"]) == (300, 45, 1)
 
 
 class OneInput:

@@ -73,6 +73,8 @@ class AxisValues(TypedDict):
 class SignalFigures(TypedDict):
     """Rate, age and losses of a signal.
 
+    Of all that its device took since the first one that the loop saw, `samples` were used, `refused` were bad or not to
+    be believed, `superseded` came together with a newer one or while the loop missed cycles, and `lost` never came.
     `late` are the samples that were older than the signal's ``max_age_us`` when they came, `stale_cycles` the cycles
     in which the newest one was: then it is not used.
     """
@@ -82,6 +84,8 @@ class SignalFigures(TypedDict):
     age_p99_9_us: int | None
     age_max_us: int | None
     lost: int
+    superseded: int
+    refused: int
     samples: int
     late: int
     stale_cycles: int

@@ -77,6 +77,11 @@ class BusBridge(CyclicDriver):
         image["words"][0][OUTPUT_STATE] = UNKNOWN
         return image.view(np.uint8)
 
+    def missing(self, context: NDArray[np.uint8]) -> NDArray[np.int64]:
+        image = context.view(IMAGE)[0]
+        found: NDArray[np.int64] = image["missing"] - image["missing_before"]
+        return found[: len(self.inputs)]
+
     def functions(self) -> Functions:
         return bridge_functions()
 

@@ -198,6 +198,13 @@ class CyclicDriver(ABC):
         """Counters of its own, out of the context, while the loop runs."""
         return {}
 
+    def missing(self, context: NDArray[np.uint8]) -> NDArray[np.int64] | None:  # noqa: ARG002 (most can't tell)
+        """Samples of each input that are known never to have come, since the loop saw its first one (inputs,).
+
+        None where each gap in a ``sequence`` is one of those.
+        """
+        return None
+
     def wire(self, context: NDArray[np.uint8]) -> Wire | None:  # noqa: ARG002 (most have none)
         """Where its wire stands, out of the context, while the loop runs; None where it has none."""
         return None

@@ -30,7 +30,7 @@ class NumberKeys(Protocol):
 
     @property
     def type(self) -> str:
-        """uint8 to uint64, int8 to int64, float32, float64."""
+        """uint8 to uint64, int8 to int64, float32, float64; bool to bit15 of one that has `bit` and `bits`, too."""
 
     @property
     def byte_order(self) -> str | None:
@@ -133,9 +133,10 @@ def fill_number(number: Any, keys: Any) -> None:
     """Put the keys of a number, None for one that is not there, into a NUMBER record."""
     if keys is None:
         return
-    kind = {"f": FLOATING, "i": SIGNED, "u": UNSIGNED}[keys.type[0]]
+    kind = {"f": FLOATING, "i": SIGNED, "u": UNSIGNED, "b": UNSIGNED}[keys.type[0]]
     number["present"], number["at"], number["size"], number["kind"] = 1, keys.at, keys.size, kind
     number["big"] = keys.byte_order == "big"
+    number["bit"], number["bits"] = getattr(keys, "bit", 0), getattr(keys, "bits", 8 * keys.size)
     scale, offset = float(getattr(keys, "scale", 1.0)), float(getattr(keys, "offset", 0.0))
     number["scale"], number["offset"] = scale, offset
     number["lowest_code"], number["highest_code"] = codes = number_range(keys.type)

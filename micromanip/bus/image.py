@@ -31,6 +31,7 @@ class ProcessImage:
         self._value: Any = memoryview(inputs["value"])
         self._time_ns = memoryview(inputs["time_ns"])
         self._sequence, self._status = memoryview(inputs["sequence"]), memoryview(inputs["status"])
+        self._missing = memoryview(image["missing"])
         self._count = int(image["outputs"])
         self._wanted, self._sent = image["value"][: self._count], image["sent"][: self._count]
         self._values = np.zeros(MAX_OUTPUTS)
@@ -93,6 +94,7 @@ class ProcessImage:
         shared.fence()
         self._value[channel], self._time_ns[channel], self._status[channel] = value, time_ns, status
         self._sequence[channel] += 1 + lost
+        self._missing[channel] += lost
         shared.tell(self._turns, channel, turn + 1)
 
     def wanted(self) -> tuple[NDArray[np.float64], int]:

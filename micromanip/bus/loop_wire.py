@@ -114,6 +114,10 @@ class LoopWire(CyclicDriver):
         totals = {"performed": int(c["gate"]["sent_count"]), "errors": sum(counts[name] for name in self.BAD)}
         return {**counts, **counted, "clock_steps": int(c["clock"]["steps"]), **totals}
 
+    def missing(self, context: NDArray[np.uint8]) -> NDArray[np.int64]:
+        found: NDArray[np.int64] = self.record(context)["samples"]["lost"][: len(self.inputs)].copy()
+        return found
+
     def wire(self, context: NDArray[np.uint8]) -> Wire:
         return wire_of(self.record(context)["gate"])
 

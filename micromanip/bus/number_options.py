@@ -19,15 +19,19 @@ SIZES = {
     "float64": 8,
 }
 """Bytes of each type."""
+PACKED = {"bool": 1, **{f"bit{bits}": bits for bits in range(2, 16) if bits != 8}}
+"""Bits of the types that are no whole bytes, by their names in ETG.1020; unsigned."""
+BITS = {**{kind: 8 * size for kind, size in SIZES.items()}, **PACKED}
+"""Bits of each type of either kind."""
 _GREATEST = {"float32": (2.0 - 2.0**-23) * 2.0**127, "float64": (2.0 - 2.0**-52) * 2.0**1023}
 
 
 def number_range(kind: str) -> tuple[float, float]:
-    """Lowest and highest number that a type of `SIZES` holds; of 64 bits the highest that is a double as well."""
+    """Lowest and highest number that a type of `BITS` holds; of 64 bits the highest that is a double as well."""
     if kind in _GREATEST:
         return -_GREATEST[kind], _GREATEST[kind]
-    bits = 8 * SIZES[kind]
-    lowest, highest = (0.0, 2.0**bits - 1) if kind.startswith("u") else (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1)
+    bits = BITS[kind]
+    lowest, highest = (0.0, 2.0**bits - 1) if kind[0] in "ub" else (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1)
     return lowest, math.nextafter(highest, 0.0) if bits == 64 else highest
 
 

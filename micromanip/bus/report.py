@@ -25,9 +25,12 @@ class Report:
         return self._told_ns + _EVERY_NS
 
     def tell_counts(self, now_ns: int, of_driver: Mapping[str, int]) -> None:
-        """The worker's and the driver's counters, and what of a CPU was used."""
+        """The worker's and the driver's counters, and what of a CPU was used.
+
+        A name that both have is the worker's: `lost`, in samples of all inputs as `received` is, not in frames.
+        """
         self._told_ns = now_ns
-        counts = {**self.counts, **of_driver}
+        counts = {**of_driver, **self.counts}
         say({"event": "statistics", "counts": counts, "cpu_s": round(time.process_time(), 3)})
 
 

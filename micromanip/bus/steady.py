@@ -90,6 +90,7 @@ class SteadyService:
         st["following"] = safe.state == FOLLOWING
         st["decided_ns"] = st["refused"] = st["skipped"] = st["calls"] = 0
         inbox["signal"]["sequence"] = self._image.record[0]["input"]["sequence"]
+        inbox["missing"] = self._image.record[0]["missing"]
         inbox["received"] = inbox["lost"] = 0
         inbox["confirmed"] = 0
         st["task"]["given"] = 0

@@ -94,5 +94,5 @@ def _show(devices: Sequence[EsiDevice]) -> None:
     for pdo, entry in not_mapped(device):
         say(
             f"# PDO 0x{pdo.index:04x}: no field for 0x{entry.index:04x}:{entry.subindex:02x} {entry.name}, "
-            f"{entry.bits} bits {entry.type}: values are whole bytes of a known type"
+            f"{entry.bits} bits {entry.type}: its type is not known, or has other bits"
         )

@@ -25,6 +25,7 @@ from .values import values
 _PLAIN_EVERY_S = 2.0
 _COLUMNS: tuple[Literal["p50", "p99", "p99_9", "p99_99", "max"], ...] = ("p50", "p99", "p99_9", "p99_99", "max")
 _AGES: tuple[Literal["age_p50_us", "age_p99_9_us", "age_max_us"], ...] = ("age_p50_us", "age_p99_9_us", "age_max_us")
+_UNUSED: tuple[Literal["lost", "superseded", "late"], ...] = ("lost", "superseded", "late")
 _STYLES = {
     "TRACKING": "bold green",
     "FAULT": "bold red",
@@ -200,10 +201,10 @@ def outputs_told(link: Link) -> str:
 
 def watched(report: Status) -> Group:
     """All that `status --watch` shows on a terminal."""
-    signals = Figures("signal", "Hz", "age p50, us", "p99.9", "max", "lost", "late", title="Signals")
+    signals = Figures("signal", "Hz", "age p50, us", "p99.9", "max", "lost", "superseded", "late", title="Signals")
     for name, signal in report["signals"].items():
         ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
-        signals.add_row(name, f"{signal['rate_hz']:.0f}", *ages, str(signal["lost"]), str(signal["late"]))
+        signals.add_row(name, f"{signal['rate_hz']:.0f}", *ages, *(str(signal[key]) for key in _UNUSED))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
     shown = (values(report), *_figures(report), signals)
     above = (state_line(report), *faults(report), *arms_by_itself(report))

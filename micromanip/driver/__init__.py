@@ -9,7 +9,7 @@
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
     Inbox, Sample, Outcome, Answer, Steady
     Section, Typed, Scaled, Commanded,                 keys of an option's section, of a number in a device: its type,
-    SIZES, number_range                                scale and range; bytes of each type, what it holds
+    SIZES, PACKED, BITS, number_range                  scale and range; bytes or bits of each type, what it holds
     BusError and those derived from it                 what a bus driver raises
     ConfigError, did_you_mean                          options that make no sense together; a name that nobody knows
     worst_case_s, CLASSIC_LENGTHS, FD_LENGTHS          CAN frames at worst
@@ -36,7 +36,7 @@ from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Load, Outcome, Steady, Task
 from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
 from micromanip.bus.inbox import Inbox, Sample
-from micromanip.bus.number_options import SIZES, Commanded, Scaled, Section, Typed, number_range
+from micromanip.bus.number_options import BITS, PACKED, SIZES, Commanded, Scaled, Section, Typed, number_range
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
 from micromanip.errors import CheckFailed, ConfigError, did_you_mean
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
-DRIVER_API = (1, 7)
+DRIVER_API = (1, 8)
 """Major and minor version of this door.
 
 The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
@@ -74,11 +74,13 @@ _LATE = {
 """What imports numba, or readers of files, and where it stands."""
 
 __all__ = [
+    "BITS",
     "CLASSIC_LENGTHS",
     "CONTEXT_SIGNATURE",
     "DRIVER_API",
     "EXCHANGE_SIGNATURE",
     "FD_LENGTHS",
+    "PACKED",
     "SIGNAL",
     "SIZES",
     "Answer",

@@ -26,6 +26,7 @@ from micromanip.bus.ethercat.frames import (
     framed,
     unframed,
 )
+from micromanip.bus.ethercat.process_data import PackedNumber, bytes_of, packed_numbers
 
 __all__ = [
     "DATAGRAM_BYTES",
@@ -46,11 +47,14 @@ __all__ = [
     "EsiDevice",
     "EsiEntry",
     "EsiPdo",
+    "PackedNumber",
     "abort_in_words",
     "al_code_in_words",
+    "bytes_of",
     "coe",
     "esi_products",
     "framed",
+    "packed_numbers",
     "read_esi",
     "registers",
     "state_name",

@@ -143,10 +143,14 @@ def _of_signals(status: Status) -> Iterator[Metric]:
         if age is not None
     }
     yield _labelled("signal_age_seconds", "Age of a signal's newest sample.", ["signal", "percentile"], ages)
-    lost = {(name,): s["lost"] for name, s in signals.items()}
-    yield _labelled("signal_lost", "Samples of a signal that were lost.", ["signal"], lost, CounterMetricFamily)
-    stale = {(name,): s["stale_cycles"] for name, s in signals.items()}
-    yield _labelled("signal_stale_cycles", "Cycles without a usable sample.", ["signal"], stale, CounterMetricFamily)
+    for key, what in (
+        ("lost", "Samples of a signal that never came."),
+        ("superseded", "Samples of a signal that came with a newer one, or while the loop missed cycles."),
+        ("refused", "Samples of a signal that were bad, or not to be believed."),
+        ("stale_cycles", "Cycles without a usable sample."),
+    ):
+        counts = {(name,): s[key] for name, s in signals.items()}  # type: ignore[literal-required]
+        yield _labelled(f"signal_{key}", what, ["signal"], counts, CounterMetricFamily)
 
 
 def _of_links(status: Status) -> Iterator[Metric]:

@@ -94,4 +94,6 @@ def _of_signals(status: Status) -> Iterator[Reading]:
             age = signal[key]  # type: ignore[literal-required]
             yield Reading((*place, figure), float, None if age is None else float(age), "us")
         yield Reading((*place, "Lost"), int, signal["lost"])
+        yield Reading((*place, "Superseded"), int, signal["superseded"])
+        yield Reading((*place, "Refused"), int, signal["refused"])
         yield Reading((*place, "StaleCycles"), int, signal["stale_cycles"])

@@ -167,6 +167,14 @@ class Controller:
                 found[name] = wire_link(driver, wire, driver.statistics(context), places)
         return found
 
+    def missing(self) -> dict[int, int]:
+        """Samples known never to have come, by the input's index; without those of drivers that can't tell."""
+        found: dict[int, int] = {}
+        for (name, driver), context in zip(self._drivers.items(), self._contexts, strict=True):
+            if (counts := driver.missing(context)) is not None:
+                found |= dict(enumerate(counts.tolist(), self.prepared.wiring.first_input[name]))
+        return found
+
     async def wires_follow(self, ends: Callable[[], bool]) -> bool:
         """Wait until what is on the loop's own wires follows it, also by its clock; False where it `ends` before."""
         steering = next((name for name, driver in self._drivers.items() if driver.steers), None)

@@ -102,16 +102,21 @@ class SignalStatistics:
         """What was gathered, by the signals' names."""
         period_s = self._controller.prepared.configuration.loop.period_ns * 1e-9
         report: dict[str, SignalFigures] = {}
+        missing, wiring = self._controller.missing(), self._controller.prepared.wiring
         for name, ages in self._ages.items():
             role, axis = name.rsplit("_", 1)
             state = self._controller.status["state"][0]["axis"][self._names.index(axis)][role]
+            unseen = int(state["unseen"])
+            lost = min(missing.get(wiring.signal(name), unseen), unseen)
             report[name] = {
                 "rate_hz": round(self._fresh[name] / max(1, self._cycles[name]) / period_s, 1),
                 "age_p50_us": ages.percentile(0.5),
                 "age_p99_9_us": ages.percentile(0.999),
                 "age_max_us": ages.maximum,
-                "lost": int(state["lost"]),
-                "samples": self._fresh[name],
+                "lost": lost,
+                "superseded": unseen - lost,
+                "refused": int(state["refused"]),
+                "samples": int(state["samples"]),
                 "late": self._late[name],
                 "stale_cycles": self._stale[name],
             }

@@ -58,9 +58,11 @@ def take_inputs(c: Record, inputs: Any, now_ns: int) -> None:
                 continue
             source = c["input"][i]
             value, time_ns = source["value"], source["time_ns"]
-            sequence, status = source["sequence"], source["status"]
+            sequence, status, missing = source["sequence"], source["status"], c["missing"][i]
             fence()
             if load_acquire(c["input_turn"], i) == turn:
+                if inputs[i]["sequence"] == 0:
+                    c["missing_before"][i] = missing
                 inputs[i]["value"], inputs[i]["time_ns"] = value, min(time_ns, now_ns)
                 inputs[i]["sequence"], inputs[i]["status"] = sequence, status
                 break

@@ -54,8 +54,11 @@ IMAGE = np.dtype(
         ("sent", "f8", (MAX_OUTPUTS,)),
         ("input_turn", "i8", (MAX_SIGNALS,)),
         ("input", SIGNAL, (MAX_SIGNALS,)),
+        ("missing", "i8", (MAX_SIGNALS,)),
+        ("missing_before", "i8", (MAX_SIGNALS,)),
     ],
     align=True,
 )
 """``inputs`` and ``outputs`` are how many there are; a worker silent for longer than ``silent_ns`` is lost. ``value``
-is what the loop wants, ``sent`` what the device was given last; NaN where it was not given anything yet."""
+is what the loop wants, ``sent`` what the device was given last; NaN where it was not given anything yet. Of each input
+so many samples are ``missing``, known never to have come, some of them before the loop saw its first one."""

@@ -72,9 +72,21 @@ def test_a_device_becomes_keys(tmp_path):
     assert keys["outputs"]["out"]["fields"] == {
         "aim": {"index": 0x7000, "subindex": 1, "type": "int16"},
         "gap_2": {"index": 0, "subindex": 0, "type": "uint8"},
+        "on": {"index": 0x7000, "subindex": 2, "type": "bool"},
     }
-    assert [entry.name for _, entry in not_mapped(device)] == ["On"]
+    assert list(not_mapped(device)) == []
     assert "        aim: {index: 0x7000, subindex: 1, type: int16}" in lines_of(name, keys)
+
+
+@pytest.mark.parametrize(
+    ("kind", "bits", "ours"),
+    [("BIT", 1, "bool"), ("BIT2", 2, "bit2"), ("BIT11", 11, "bit11"), ("BIT8", 8, "uint8"), ("BOOL", 8, None)],
+)
+def test_bits_become_fields_where_type_and_width_agree(tmp_path, kind, bits, ours):
+    (device,) = read(tmp_path, ONE.replace("BOOL", kind).replace("<BitLen>1</", f"<BitLen>{bits}</"))
+    fields = terminal_keys(device, set())[1]["outputs"]["out"]["fields"]
+    assert fields.get("on", {}).get("type") == ours
+    assert [entry.name for _, entry in not_mapped(device)] == ([] if ours else ["On"])
 
 
 @pytest.mark.parametrize(

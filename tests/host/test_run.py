@@ -60,7 +60,7 @@ def test_signals_have_their_rates_and_ages(report):
     for name, figures in signals.items():
         assert figures.keys() == {
             *("rate_hz", "age_p50_us", "age_p99_9_us", "age_max_us"),
-            *("lost", "samples", "late", "stale_cycles"),
+            *("lost", "superseded", "refused", "samples", "late", "stale_cycles"),
         }
         assert figures["age_p50_us"] <= figures["age_p99_9_us"] <= figures["age_max_us"]
         assert 0 <= figures["late"] <= figures["stale_cycles"]

@@ -1,4 +1,4 @@
-"""Reading a signal: fresh or held, stale, bad, lost."""
+"""Reading a signal: fresh or held, stale, bad, never seen."""
 
 import math
 
@@ -31,7 +31,7 @@ def seen(sequence=1, value=5.0, time_ns=1_000_000):
 
 def test_a_fresh_sample():
     s = seen(value=5.0, time_ns=1_000_000)
-    assert (s["value"], s["time_ns"], s["age_ns"], s["fresh"], s["bad"], s["lost"]) == (5.0, 1_000_000, 0, 1, 0, 0)
+    assert (s["value"], s["time_ns"], s["age_ns"], s["fresh"], s["bad"], s["unseen"]) == (5.0, 1_000_000, 0, 1, 0, 0)
 
 
 def test_a_held_sample_is_not_fresh_and_ages():
@@ -92,13 +92,13 @@ def test_bad_samples_in_a_row_add_up():
     assert s["bad"] == 3
 
 
-def test_lost_counts_samples_that_were_never_seen():
+def test_samples_that_were_never_seen_are_counted():
     s = seen(sequence=41)  # what came before the first look is not lost
-    assert s["lost"] == 0
+    assert s["unseen"] == 0
     read(record(SIGNAL, value=1.0, time_ns=1_000_000, sequence=42), s, 1_000_000)
-    assert s["lost"] == 0
+    assert s["unseen"] == 0
     read(record(SIGNAL, value=1.0, time_ns=1_000_000, sequence=46), s, 1_000_000)
-    assert s["lost"] == 3
+    assert s["unseen"] == 3
 
 
 def test_a_driver_that_counts_anew_loses_nothing():
@@ -106,7 +106,7 @@ def test_a_driver_that_counts_anew_loses_nothing():
     s = seen(sequence=1000)
     assert read(record(SIGNAL, value=8.0, time_ns=1_100_000, sequence=1), s, 1_100_000)
     assert s["value"] == 8.0
-    assert s["lost"] >= 0
+    assert s["unseen"] >= 0
 
 
 @pytest.mark.parametrize("max_age_ns", [MAX_AGE_NS, 2**61])
@@ -128,6 +128,7 @@ EVENT = st.tuples(
 @given(st.lists(EVENT, max_size=40))
 def test_any_course_of_samples(events):
     s, now, sequence, last_good, unseen = seen(sequence=5), 1_000_000, 5, (5.0, 1_000_000), 0
+    before = int(s["samples"] + s["refused"])
     for new, value, status, age in events:
         now += 100_000
         sequence += new
@@ -139,7 +140,8 @@ def test_any_course_of_samples(events):
         assert fresh == good
         assert (s["value"], s["time_ns"]) == last_good
         assert s["age_ns"] == now - last_good[1]
-        assert s["lost"] == unseen
+        assert s["unseen"] == unseen
+        assert s["samples"] + s["refused"] - before + s["unseen"] == sequence - 5, "each is one of these"
         assert (s["bad"] == 0) or not good or s["age_ns"] > MAX_AGE_NS
         assert math.isfinite(s["value"])
 

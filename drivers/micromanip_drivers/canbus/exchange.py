@@ -129,6 +129,7 @@ def put_samples(c: Any, m: Any, data: Any, first: int, inbox: Any, taken_ns: int
         signal["value"] = value_of(c["field"][m["field"] + j], data, first, m["length"], c["bits"])
         signal["time_ns"], signal["status"] = taken_ns, status
         signal["sequence"] += 1 + missing
+        inbox["missing"][m["input"] + j] += missing
     inbox["received"] += m["fields"]
     inbox["lost"] += missing * m["fields"]
 

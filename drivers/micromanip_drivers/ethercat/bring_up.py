@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 import time
 
-from micromanip.driver import DeviceFault, LinkError
+from micromanip.driver import DeviceFault, IdentityMismatch, LinkError
 from micromanip.driver.ethercat import (
     ERROR,
     OP,
@@ -27,7 +27,7 @@ from .drive_options import MODES, Drive
 from .image import Image
 from .link import Link
 from .mailbox import Mailbox
-from .mapping import apply_mapping
+from .mapping import apply_mapping, require_mapping
 from .memory import lay_out, open_mailboxes, set_watchdog
 from .options import EthercatOptions
 from .scan import FIRST_STATION, require, reset
@@ -63,6 +63,11 @@ def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_n
             apply_mapping(mailbox, name, "inputs", terminal.inputs)
             if terminal.drive is not None:
                 prepare_drive(mailbox, f"{link.name}: terminal {name}", terminal.drive)
+        else:
+            if terminal.settings:
+                raise IdentityMismatch(f"{link.name}: terminal {name} has no mailbox to write its settings by")
+            require_mapping(name, "outputs", terminal.outputs, slave.output_pdos)
+            require_mapping(name, "inputs", terminal.inputs, slave.input_pdos)
         lay_out(link, slave, image.placed[name])
         if terminal.outputs and options.watchdog is not None:
             set_watchdog(link, slave.station, options.watchdog.ms)

@@ -87,7 +87,7 @@ def _of_pdo(pdo: Any, found: EsiPdo, device: EsiDevice) -> Iterator[tuple[str, s
 
 
 def _words(field: Any) -> str:
-    return f"0x{field.index:04x}:{field.subindex:02x} of {8 * field.size} bits"
+    return f"0x{field.index:04x}:{field.subindex:02x} of {field.bits} bits"
 
 
 def _entry_words(entry: EsiEntry) -> str:

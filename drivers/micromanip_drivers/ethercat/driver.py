@@ -40,7 +40,7 @@ class Ethercat(LoopWire):
     """The master of a line of terminals."""
 
     Options: ClassVar[type[BaseModel]] = EthercatOptions
-    CONTEXT, COUNTERS, BAD = CONTEXT, ("received", *BAD, "bring_ups"), BAD
+    CONTEXT, COUNTERS, BAD = CONTEXT, ("received", "delayed", *BAD, "bring_ups"), BAD
     options: EthercatOptions
 
     def __init__(self, options: EthercatOptions, period_ns: int) -> None:
@@ -219,7 +219,7 @@ def _require_own_names(options: EthercatOptions) -> None:
         seen: dict[str, str] = {}
         for terminal, keys in options.terminals.items():
             for pdo in getattr(keys, direction).values():
-                for name in pdo.fields:
+                for name in (name for name, field in pdo.fields.items() if field.is_channel):
                     if name in seen:
                         raise ConfigError(f"terminals.{terminal}.{direction}: {name} is a field of {seen[name]} too")
                     seen[name] = terminal

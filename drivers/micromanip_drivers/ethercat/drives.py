@@ -194,7 +194,7 @@ def where_it_is(c: Any, d: Any) -> float:
         d["fits"] = 1
         return rest
     n, actual = f["number"][i], d["actual"]
-    within = n["low"] <= actual <= n["high"] and find_code(n, actual, 8 * n["size"], f["bits"])
+    within = n["low"] <= actual <= n["high"] and find_code(n, actual, n["bits"], f["bits"])
     d["fits"] = 1 if within else 0
     if within:
         return actual  # type: ignore[no-any-return]

@@ -86,6 +86,8 @@ def take_good(c: Any, data: Any, came_ns: int, inputs: Any, deadline_ns: int) ->
     missing = missing_before(c["counted"], count)
     if missing < 0:
         return 0
+    if count != (g["sent_count"] - 1) % c["counts"]:
+        c["delayed"] += 1
     broadcast = np.int64(bits_at(data, c["status_at"] + STATUS_BYTES, WKC_BYTES, 0))
     complete = np.int64(bits_at(data, c["working_counter_at"], WKC_BYTES, 0)) == c["working_counter"]
     if broadcast != c["terminals"] or not complete:
@@ -93,14 +95,18 @@ def take_good(c: Any, data: Any, came_ns: int, inputs: Any, deadline_ns: int) ->
     c["al_status"] = np.int64(bits_at(data, c["status_at"], STATUS_BYTES, 0)) & STATUS_MASK
     if c["al_status"] != OP:
         c["not_operating"] += 1
+        c["unusable"] = 0
         lose(g)  # a slave has left OP, and leads its outputs by itself
         return 0
+    missing += c["unusable"]
+    c["unusable"] = missing + 1
     if broadcast != c["terminals"] or not complete:
         return 0
+    c["unusable"] = 0
     at_ns = came_ns
     if f["clock"]["present"] != 0:
         at_ns = taken_ns(c["clock"], code_of(f["clock"], data), came_ns)
-    leave_samples(c["samples"], f, data, inputs, missing, min(at_ns, deadline_ns))
+    leave_samples(c["samples"], f, data, inputs, c["samples"]["lost"], missing, min(at_ns, deadline_ns))
     hear_drives(c, data, inputs, min(at_ns, deadline_ns))
     return acknowledge(g, (g["sent_count"] - 1 - count) % c["counts"])
 

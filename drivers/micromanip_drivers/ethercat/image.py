@@ -7,13 +7,14 @@ clocks, ARMW of the system time from the first clock that it comes by, the first
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.driver import ConfigError
 from micromanip.driver.ethercat import (
     DATAGRAM_BYTES,
     HEADER_BYTES,
@@ -21,14 +22,17 @@ from micromanip.driver.ethercat import (
     STATUS_BYTES,
     WKC_BYTES,
     Datagram,
+    PackedNumber,
+    bytes_of,
     framed,
+    packed_numbers,
     registers,
 )
-from micromanip.driver.wire import FramePlan, GroupPlan
+from micromanip.driver.wire import FramePlan, GroupPlan, put_value
 
 from .drive_options import DriveObject, fields_of
 from .link import LOOP_SENDERS, SENDER
-from .options import OK, EthercatOptions, Input
+from .options import OK, EthercatOptions, Input, OutputPdo
 
 COUNT_BYTES, TIME_BYTES = 4, 8
 
@@ -47,6 +51,7 @@ class Image:
     """Of the configuration; offline."""
 
     def __init__(self, options: EthercatOptions) -> None:
+        """Raises ConfigError for a drive whose objects begin within a byte."""
         self._options = options
         terminals = options.terminals
         lengths = {name: (_bytes(t.outputs), _bytes(t.inputs)) for name, t in terminals.items()}
@@ -65,6 +70,10 @@ class Image:
         self.position_at = self.status_at - DATAGRAM_BYTES + 2
         """Of the broadcast: each slave counts it up, as it does the position of the clock that is read."""
         self.clock_position_at = self.time_at - DATAGRAM_BYTES + 2
+        for name, drive in options.drives.items():
+            for direction, objects in (("outputs", drive.outputs), ("inputs", drive.inputs)):
+                for each in objects:
+                    self.word_at(name, direction, each)
 
     @property
     def frame(self) -> bytes:
@@ -88,41 +97,62 @@ class Image:
         """By name, in the order in which the loop gets them: what is fresh in each cycle, slower PDOs, drives."""
         pdos = [pdo for terminal in self._options.terminals.values() for pdo in terminal.inputs.values()]
         pdos.sort(key=lambda pdo: pdo.counter is not None)
-        read = {name: field for pdo in pdos for name, field in pdo.fields.items()}
+        read = {name: field for pdo in pdos for name, field in pdo.fields.items() if field.is_channel}
         return read | {drive.ok: OK for drive in self._options.drives.values()}
 
     def word_at(self, terminal: str, direction: str, wanted: DriveObject) -> int:
-        """Where in the frame an object of a drive begins, that of `outputs` or `inputs`."""
+        """Where in the frame an object of a drive begins, that of `outputs` or `inputs`.
+
+        Raises ConfigError where that is within a byte.
+        """
         placed, pdos = self.placed[terminal], getattr(self._options.terminals[terminal], direction)
         start = self.image_at + (placed.outputs_at if direction == "outputs" else placed.inputs_at)
         ((name, _),) = fields_of(pdos, wanted)
-        return next(numbers[name].at for _, numbers in _numbers(pdos, start) if name in numbers)
+        number = next(numbers[name] for _, numbers in packed_numbers(pdos, start) if name in numbers)
+        if number.size == 0:
+            raise ConfigError(
+                f"terminals.{terminal}.{direction}: {name} begins at bit {number.bit} of a byte: a drive's objects are "
+                "whole ones"
+            )
+        return number.at
 
     def sent(self) -> NDArray[np.void]:
         """The table of the frame that is sent."""
-        fields: dict[str, Number] = {}
+        fields: dict[str, PackedNumber] = {}
+        frame = np.frombuffer(self.frame, np.uint8).copy()
         for terminal, placed in zip(self._options.terminals.values(), self.placed.values(), strict=True):
-            for _, numbers in _numbers(terminal.outputs, self.image_at + placed.outputs_at):
-                fields |= numbers
+            for pdo, numbers in packed_numbers(terminal.outputs, self.image_at + placed.outputs_at):
+                fields |= {name: each for name, each in numbers.items() if pdo.fields[name].is_channel}
+                self._put_spare(frame, pdo, numbers)
         fields = {name: fields.get(name, NOWHERE) for name in self._options.outputs}
-        count = Number(self.count_at, COUNT_BYTES, "uint32")
-        return FramePlan(len(self.frame), [GroupPlan(fields)], self.frame, counter=count).record()
+        return FramePlan(len(frame), [GroupPlan(fields)], frame.tobytes(), counter=self._count).record()
+
+    def _put_spare(self, frame: NDArray[np.uint8], pdo: OutputPdo, numbers: Mapping[str, PackedNumber]) -> None:
+        """Write what outputs that nobody needs stay at."""
+        safe = {name: field.safe for name, field in pdo.fields.items() if field.index and field.spare}
+        plan = FramePlan(len(frame), [GroupPlan({name: numbers[name] for name in safe})]).record()[0]
+        for number, value in zip(plan["number"], safe.values(), strict=False):
+            put_value(plan, number, frame, value)
+
+    @property
+    def _count(self) -> PackedNumber:
+        return _whole(self.count_at, COUNT_BYTES)
 
     def received(self) -> NDArray[np.void]:
         """The table of the one that comes back: its headers are as they were sent, or as slaves change them."""
-        fields: dict[str, Number] = {}
+        fields: dict[str, PackedNumber] = {}
         latency_us, slow = 0.0, []
         for terminal, placed in zip(self._options.terminals.values(), self.placed.values(), strict=True):
-            for pdo, numbers in _numbers(terminal.inputs, self.image_at + placed.inputs_at):
+            for pdo, placed_numbers in packed_numbers(terminal.inputs, self.image_at + placed.inputs_at):
+                numbers = {name: each for name, each in placed_numbers.items() if pdo.fields[name].is_channel}
                 if pdo.counter is None:
                     fields |= numbers
                     latency_us = max(latency_us, pdo.latency_us)
                 else:
                     slow.append(GroupPlan(numbers, numbers[pdo.counter], round(pdo.latency_us * 1e3)))
-        count = Number(self.count_at, COUNT_BYTES, "uint32")
-        clock = Number(self.time_at, TIME_BYTES, "uint64") if self._options.clocks else None
+        clock = _whole(self.time_at, TIME_BYTES) if self._options.clocks else None
         groups = [GroupPlan(fields, latency_ns=round(latency_us * 1e3)), *slow]
-        record = FramePlan(len(self.frame), groups, counter=count, clock=clock).record()
+        record = FramePlan(len(self.frame), groups, counter=self._count, clock=clock).record()
         template, fixed = bytearray(self.frame), record[0]["fixed"]
         template[SENDER] |= PROCESSED
         for at in (self.position_at, *((self.clock_position_at,) if self._options.clocks else ())):
@@ -134,32 +164,14 @@ class Image:
         return record
 
 
-@dataclass(frozen=True)
-class Number:
-    """A number of the frame, as ``FramePlan`` takes it; EtherCAT's byte order is little."""
-
-    at: int
-    size: int
-    type: str
-    scale: float = 1.0
-    offset: float = 0.0
-    range: tuple[float, float] | None = None
-    byte_order: str = "little"
+def _whole(at: int, size: int) -> PackedNumber:
+    """An unsigned number of whole bytes."""
+    return PackedNumber(at, size, 0, 8 * size, f"uint{8 * size}")
 
 
-NOWHERE = Number(0, 0, "uint8")
+NOWHERE = _whole(0, 1)
 """Of a switch that a drive goes by: it takes no bytes of the frame."""
 
 
-def _numbers(pdos: Mapping[str, Any], at: int) -> Iterator[tuple[Any, dict[str, Number]]]:
-    """Each PDO with its numbers, one behind the other from byte `at` of the frame on."""
-    for pdo in pdos.values():
-        numbers = {}
-        for name, field in pdo.fields.items():
-            numbers[name] = Number(at, field.size, field.type, field.scale, field.offset, getattr(field, "range", None))
-            at += field.size
-        yield pdo, numbers
-
-
 def _bytes(pdos: Mapping[str, Any]) -> int:
-    return sum(field.size for pdo in pdos.values() for field in pdo.fields.values())
+    return bytes_of(field.bits for pdo in pdos.values() for field in pdo.fields.values())

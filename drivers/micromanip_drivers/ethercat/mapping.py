@@ -9,12 +9,10 @@ from micromanip.driver import DeviceFault, IdentityMismatch
 
 from .mailbox import Mailbox
 from .options import InputPdo, OutputPdo
+from .scan import Pdos
 
 _ASSIGNED = {"outputs": 0x1C12, "inputs": 0x1C13}
 _PDO_BYTES, _ENTRY_BYTES = 2, 4
-
-Pdos = Sequence[tuple[int, Sequence[int]]]
-"""Index of each PDO, with the entries that it maps (index << 16 | subindex << 8 | bits)."""
 
 
 def apply_mapping(mailbox: Mailbox, name: str, direction: str, pdos: Mapping[str, OutputPdo | InputPdo]) -> None:
@@ -22,7 +20,7 @@ def apply_mapping(mailbox: Mailbox, name: str, direction: str, pdos: Mapping[str
 
     Raises IdentityMismatch where the terminal keeps to others.
     """
-    wanted = [(pdo.pdo, [field.mapping for field in pdo.fields.values()]) for pdo in pdos.values()]
+    wanted = _wanted(pdos)
     assigned = _ASSIGNED[direction]
     there = _mapped(mailbox, assigned)
     if there == wanted:
@@ -34,9 +32,27 @@ def apply_mapping(mailbox: Mailbox, name: str, direction: str, pdos: Mapping[str
     except DeviceFault as refused:
         refusal = f" and it can't be changed: {refused}"
     if there != wanted:
-        raise IdentityMismatch(
-            f"terminal {name}: its {direction} are {_in_words(there)}, configured are {_in_words(wanted)}{refusal}"
-        )
+        raise _mismatch(name, direction, there, wanted, refusal)
+
+
+def require_mapping(name: str, direction: str, pdos: Mapping[str, OutputPdo | InputPdo], there: Pdos) -> None:
+    """Of a terminal without a mailbox, whose PDOs are fixed and stand in its EEPROM; all of a direction, or none.
+
+    Raises IdentityMismatch.
+    """
+    wanted = _wanted(pdos)
+    if wanted and list(there) != wanted:
+        raise _mismatch(name, direction, there, wanted, " and it can't be changed: the terminal has no mailbox")
+
+
+def _wanted(pdos: Mapping[str, OutputPdo | InputPdo]) -> Pdos:
+    return [(pdo.pdo, [field.mapping for field in pdo.fields.values()]) for pdo in pdos.values()]
+
+
+def _mismatch(name: str, direction: str, there: Pdos, wanted: Pdos, refusal: str) -> IdentityMismatch:
+    return IdentityMismatch(
+        f"terminal {name}: its {direction} are {_in_words(there)}, configured are {_in_words(wanted)}{refusal}"
+    )
 
 
 def _mapped(mailbox: Mailbox, assigned: int) -> Pdos:

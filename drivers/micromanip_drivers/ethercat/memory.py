@@ -10,8 +10,8 @@ from .image import Placed
 from .link import Link
 from .scan import Slave
 
-_MAILBOX_OUT, _MAILBOX_IN, _OUTPUTS, _INPUTS = 0x26, 0x22, 0x64, 0x20
-"""Control bytes of the sync managers; that of the outputs feeds the watchdog."""
+_MAILBOX_OUT, _MAILBOX_IN = 0x26, 0x22
+"""Control bytes of the sync managers."""
 _READ, _WRITE = 1, 2
 _TICKS_PER_MS = 10
 
@@ -24,16 +24,18 @@ def open_mailboxes(link: Link, slave: Slave) -> None:
 
 
 def lay_out(link: Link, slave: Slave, placed: Placed) -> None:
-    """Sync managers 2 and 3, and an FMMU for each, so that the process image finds its terminal."""
+    """The sync manager of each direction, and an FMMU for it, so that the process image finds its terminal.
+
+    Whole bytes, which every FMMU can do; digital terminals have no more FMMUs than they need (decision 0066).
+    """
     areas = (
-        (slave.outputs_at, placed.outputs_at, placed.output_bytes, _OUTPUTS, _WRITE),
-        (slave.inputs_at, placed.inputs_at, placed.input_bytes, _INPUTS, _READ),
+        (slave.outputs, placed.outputs_at, placed.output_bytes, _WRITE),
+        (slave.inputs, placed.inputs_at, placed.input_bytes, _READ),
     )
-    for k, (start, logical, length, control, kind) in enumerate(areas):
-        if length == 0:
-            continue
-        _manage(link, slave.station, 2 + k, start, length, control)
-        fmmu = struct.pack("<IHBBHBBB3x", logical, length, 0, 7, start, 0, kind, 1)
+    used = [area for area in areas if area[2] > 0]
+    for k, (area, logical, length, kind) in enumerate(used):
+        _manage(link, slave.station, area.manager, area.start, length, area.control)
+        fmmu = struct.pack("<IHBBHBBB3x", logical, length, 0, 7, area.start, 0, kind, 1)
         link.station_write(slave.station, registers.FMMU + k * registers.FMMU_BYTES, fmmu)
 
 

@@ -39,9 +39,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from micromanip.driver import Scaled, Section, Typed, did_you_mean, number_range
+from micromanip.driver import BITS, PACKED, Scaled, Section, Typed, did_you_mean, number_range
 from micromanip.driver.quantities import Latency, SampleRate
 from micromanip.driver.wire import LoopOutput
 from micromanip_drivers.line.section import Name, Whole
@@ -56,19 +56,14 @@ Index = Annotated[int, Field(strict=True, ge=0, le=0xFFFF)]
 Subindex = Annotated[int, Field(strict=True, ge=0, le=0xFF)]
 
 
-class Object(Typed):
+class Object(Section):
     """An entry of a terminal's object dictionary; EtherCAT's byte order is little."""
 
-    index: Index = Field(description="Of the object; 0 in a PDO for bytes that mean nothing.")
+    index: Index = Field(description="Of the object; 0 in a PDO for a gap, bits that mean nothing: no channel.")
     subindex: Subindex = Field(default=0, description="Of the entry.")
 
-    @property
-    def mapping(self) -> int:
-        """As a PDO's mapping holds it."""
-        return self.index << 16 | self.subindex << 8 | 8 * self.size
 
-
-class Setting(Object):
+class Setting(Object, Typed):
     """An object that is written before the terminal operates."""
 
     value: Whole = Field(description="What is written; whole numbers only.")
@@ -89,16 +84,54 @@ class Setting(Object):
         return self.value.to_bytes(self.size, "little", signed=self.type.startswith("int"))
 
 
-class Input(Scaled, Object):
+class Entry(Scaled, Object):
+    """A number in a PDO."""
+
+    type: str = Field(description=f"One of {', '.join(BITS)}; `bool` is a single bit, 1 is on.")
+    spare: bool = Field(
+        default=False,
+        strict=True,
+        description="Nobody needs it: it is no channel, as an output it stays at `safe`.",
+    )
+
+    @field_validator("type")
+    @classmethod
+    def _is_known(cls, kind: str) -> str:
+        if kind not in BITS:
+            raise ValueError(f"there is no type {kind}; {did_you_mean(kind, BITS, 'there are')}")
+        return kind
+
+    @property
+    def bits(self) -> int:
+        """How many it has."""
+        return BITS[self.type]
+
+    @property
+    def mapping(self) -> int:
+        """As a PDO's mapping holds it."""
+        return self.index << 16 | self.subindex << 8 | self.bits
+
+    @property
+    def is_channel(self) -> bool:
+        """Whether the loop has anything to do with it."""
+        return self.index != 0 and not self.spare
+
+
+class Input(Entry):
     """A value that a terminal measures."""
 
 
-class Output(LoopOutput, Input):
+class Output(LoopOutput, Entry):
     """A value that a terminal is given."""
 
     @property
     def numbers(self) -> tuple[float, float]:
         return number_range(self.type)
+
+    @property
+    def is_off_when_safe(self) -> bool:
+        """Whether `safe` is the number 0: what a terminal without frames puts out by itself."""
+        return round((self.safe - self.offset) / self.scale) == 0
 
 
 OK = Input(index=0, type="uint8")
@@ -133,8 +166,10 @@ class InputPdo(Section):
                 raise ValueError(
                     f"counter: there is no field {self.counter}; {did_you_mean(self.counter, self.fields, 'there are')}"
                 )
-            if not self.fields[self.counter].type.startswith("uint"):
-                raise ValueError("counter: its field must be of a type uint8 to uint64")
+            if not self.fields[self.counter].type.startswith(("uint", "b")):
+                raise ValueError("counter: its field must be of a type uint8 to uint64, or of bits")
+            if not self.fields[self.counter].is_channel:
+                raise ValueError("counter: its field must be no gap, and not spare")
         return self
 
 
@@ -163,6 +198,18 @@ class Terminal(Section):
     def _maps_what_a_drive_needs(self) -> Terminal:
         if self.drive is not None:
             require_objects(self.drive, self.outputs, self.inputs)
+        return self
+
+    @model_validator(mode="after")
+    def _lines_are_off_when_safe(self) -> Terminal:
+        for pdo_name, pdo in self.outputs.items():
+            for name, field in pdo.fields.items():
+                if field.type in PACKED and not field.is_off_when_safe and not self.settings:
+                    raise ValueError(
+                        f"outputs.{pdo_name}.fields.{name}: safe {field.safe:g} is a line that is on, and a terminal "
+                        "without frames switches it off: wire it the other way round and say scale: -1, offset: 1, "
+                        "or have the terminal hold it by an object of its own under settings"
+                    )
         return self
 
 
@@ -267,6 +314,6 @@ class EthercatOptions(Section):
         for terminal in self.terminals.values():
             words = words_of(terminal.drive, terminal.outputs)
             for pdo in terminal.outputs.values():
-                found |= {name: field for name, field in pdo.fields.items() if name not in words}
+                found |= {name: each for name, each in pdo.fields.items() if each.is_channel and name not in words}
         switches = [channel for drive in self.drives.values() for channel in drive.channels]
         return found | {channel: SWITCH for channel in switches if channel not in found}

@@ -17,16 +17,35 @@ FIRST_STATION = 0x1001
 _BUSY_S = 0.2
 _VENDOR_WORD, _REVISION_WORD, _MAILBOX_WORD, _PROTOCOLS_WORD = 0x08, 0x0C, 0x18, 0x1C
 _COE = 0x04
-_CATEGORIES_WORD, _MOST_WORDS, _SYNC_MANAGERS, _END = 0x40, 0x1000, 41, 0xFFFF
-OUTPUTS_AT, INPUTS_AT = 0x1100, 0x1180
-"""Where process data lie unless the EEPROM says otherwise."""
+_CATEGORIES_WORD, _MOST_WORDS, _SYNC_MANAGERS, _INPUT_PDOS, _OUTPUT_PDOS, _END = 0x40, 0x1000, 41, 50, 51, 0xFFFF
+_OUTPUTS, _INPUTS = 3, 4
+"""Kinds of sync managers: process data from and to the master."""
+_NOT_ASSIGNED = 0xFF
+
+
+@dataclass(frozen=True)
+class Area:
+    """Process data of one direction in a slave's memory: the sync manager, its start and its control byte.
+
+    The one of outputs feeds the watchdog, whatever else the EEPROM says.
+    """
+
+    manager: int
+    start: int
+    control: int
+
+
+Pdos = Sequence[tuple[int, Sequence[int]]]
+"""Index of each PDO, with the entries that it maps (index << 16 | subindex << 8 | bits)."""
+_USUAL = Area(2, 0x1100, 0x64), Area(3, 0x1180, 0x20)
+"""Unless the EEPROM lists sync managers: those of outputs and of inputs."""
 
 
 @dataclass(frozen=True)
 class Slave:
     """What the EEPROM of the slave at a station says; mailboxes are (start, bytes), None where there is no CoE.
 
-    `outputs_at` and `inputs_at` are where its process data lie.
+    Its process data lie in the areas `outputs` and `inputs`; the PDOs are those that the EEPROM has assigned there.
     """
 
     station: int
@@ -36,8 +55,10 @@ class Slave:
     serial: int
     mailbox_out: tuple[int, int] | None
     mailbox_in: tuple[int, int] | None
-    outputs_at: int
-    inputs_at: int
+    outputs: Area = _USUAL[0]
+    inputs: Area = _USUAL[1]
+    output_pdos: Pdos = ()
+    input_pdos: Pdos = ()
 
     @property
     def identity(self) -> Mapping[str, int]:
@@ -114,22 +135,53 @@ def _asked(link: Link, station: int) -> Slave:
         *(station, vendor, product, revision, serial),
         (out_at, out_bytes) if has_coe else None,
         (in_at, in_bytes) if has_coe else None,
-        *_process_data_at(link, station),
+        *_process_data(link, station, has_coe),
     )
 
 
-def _process_data_at(link: Link, station: int) -> tuple[int, int]:
-    """Start of sync managers 2 and 3, by the category of the EEPROM that lists them."""
+def _process_data(link: Link, station: int, has_coe: bool) -> tuple[Area, Area, Pdos, Pdos]:
+    """Areas and PDOs of outputs and inputs, by the EEPROM; PDOs only where no mailbox tells of them."""
+    managers: Mapping[int, Area] = {}
+    pdos: dict[int, Pdos] = {}
     word = _CATEGORIES_WORD
     while word < _MOST_WORDS:
         kind, length = struct.unpack_from("<HH", sii(link, station, word))
         if kind == _END:
             break
-        if kind == _SYNC_MANAGERS and length >= 16:
-            outputs, inputs = (sii(link, station, word + 2 + 4 * k) for k in (2, 3))
-            return struct.unpack_from("<H", outputs)[0], struct.unpack_from("<H", inputs)[0]
+        if kind == _SYNC_MANAGERS or (kind in (_INPUT_PDOS, _OUTPUT_PDOS) and not has_coe):
+            content = b"".join(sii(link, station, word + 2 + at) for at in range(0, length, 4))[: 2 * length]
+            if kind == _SYNC_MANAGERS:
+                managers = dict(_areas(content))
+            else:
+                pdos[kind] = list(_assigned(content))
         word += 2 + length
-    return OUTPUTS_AT, INPUTS_AT
+    outputs, inputs = managers.get(_OUTPUTS, _USUAL[0]), managers.get(_INPUTS, _USUAL[1])
+    return outputs, inputs, pdos.get(_OUTPUT_PDOS, ()), pdos.get(_INPUT_PDOS, ())
+
+
+def _areas(content: bytes) -> Iterator[tuple[int, Area]]:
+    """The first area of each kind. Older EEPROMs leave the kind out: then the control byte tells."""
+    seen = set()
+    for k in range(len(content) // 8):
+        start, _, control, _, _, kind = struct.unpack_from("<HHBBBB", content, 8 * k)
+        is_written = control & registers.SM_FROM_MASTER
+        if kind == 0 and start and not control & registers.SM_MAILBOX:
+            kind = _OUTPUTS if is_written else _INPUTS
+        if kind in (_OUTPUTS, _INPUTS) and kind not in seen:
+            seen.add(kind)
+            yield kind, Area(k, start, control | (registers.SM_WATCHDOG if kind == _OUTPUTS else 0))
+
+
+def _assigned(content: bytes) -> Iterator[tuple[int, Sequence[int]]]:
+    """The PDOs of a category that a sync manager has from the start."""
+    at = 0
+    while at + 8 <= len(content):
+        index, count, manager = struct.unpack_from("<HBB", content, at)
+        at += 8
+        entries = list(struct.iter_unpack("<HBxxBxx", content[at : at + 8 * count].ljust(8 * count, b"\0")))
+        at += 8 * count
+        if manager != _NOT_ASSIGNED:
+            yield index, [entry << 16 | subindex << 8 | bits for entry, subindex, bits in entries]
 
 
 def sii(link: Link, station: int, word: int) -> bytes:

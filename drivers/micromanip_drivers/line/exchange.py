@@ -92,8 +92,9 @@ def take_message(c: Any, number: int, inbox: Any, time_ns: int) -> None:
         if not by_sample:
             c["more_lost"] += missing * (samples - 1)
             missing *= samples
+    signals, lost = inbox["signal"][m["input"] :], inbox["missing"][m["input"] :]
     # the newest wins, as in the loop's image: those before it are counted
-    leave_samples(c["samples"], f, c["frame"], inbox["signal"][m["input"] :], missing + samples - 1, time_ns)
+    leave_samples(c["samples"], f, c["frame"], signals, lost, missing, time_ns, samples - 1)
     inbox["received"] += samples * f["numbers"]
     inbox["lost"] += missing * f["numbers"]
     c["frames"] += 1

@@ -69,7 +69,7 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
     came_ns = received_ns(s, k)
     if f["clock"]["present"] != 0:
         came_ns = taken_ns(c["clock"], code_of(f["clock"], data), came_ns)
-    leave_samples(c["samples"], f, data, inputs, missing, min(came_ns, deadline_ns))
+    leave_samples(c["samples"], f, data, inputs, c["samples"]["lost"], missing, min(came_ns, deadline_ns))
     return acknowledged(c, data)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
+from micromanip.bus.number_options import PACKED
 from micromanip.errors import ConfigError, system_error
 
 MOST_BYTES = 64 * 1024 * 1024
@@ -23,8 +24,10 @@ TYPES = {
     "INT24": "int24", "UINT24": "uint24",
     "DINT": "int32", "UDINT": "uint32", "DWORD": "uint32", "BITARR32": "uint32", "REAL": "float32",
     "LINT": "int64", "ULINT": "uint64", "LWORD": "uint64", "LREAL": "float64",
+    "BOOL": "bool", "BIT": "bool", "BIT1": "bool",
+    **{kind.upper(): kind for kind in PACKED if kind != "bool"},
 }  # fmt: skip
-"""Types of the files by ours; there are others, of single bits and of texts."""
+"""Types of the files by ours; there are others, of texts."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from micromanip.bus.number_options import BITS
+
 from .esi import TYPES, EsiDevice, EsiEntry, EsiPdo
 
-_GAP_TYPES = {8: "uint8", 16: "uint16", 24: "uint24", 32: "uint32", 64: "uint64"}
+_GAP_TYPES = {bits: kind for kind, bits in BITS.items() if kind.startswith(("u", "b"))}
 
 
 def terminal_keys(device: EsiDevice, taken: set[str]) -> tuple[str, dict[str, Any]]:
@@ -29,7 +31,7 @@ def terminal_keys(device: EsiDevice, taken: set[str]) -> tuple[str, dict[str, An
 
 
 def not_mapped(device: EsiDevice) -> Iterator[tuple[EsiPdo, EsiEntry]]:
-    """What its PDOs have that can't be a field: no whole bytes, or of an unknown type."""
+    """What its PDOs have that can't be a field: of an unknown type, or of other bits than its type has."""
     for pdo in (*device.outputs, *device.inputs):
         if pdo.sync_manager is not None:
             yield from ((pdo, entry) for entry in pdo.entries if _type(entry) is None)
@@ -60,7 +62,8 @@ def _fields(pdo: EsiPdo, taken: set[str]) -> dict[str, dict[str, Any]]:
 def _type(entry: EsiEntry) -> str | None:
     if entry.index == 0:
         return _GAP_TYPES.get(entry.bits)
-    return TYPES.get(entry.type)
+    kind = TYPES.get(entry.type)
+    return kind if kind is not None and BITS[kind] == entry.bits else None
 
 
 def _name(said: str, taken: set[str]) -> str:

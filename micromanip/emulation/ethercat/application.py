@@ -27,6 +27,7 @@ from micromanip.bus.ethercat.al_states import (
     UNKNOWN_STATE,
     WATCHDOG,
 )
+from micromanip.bus.ethercat.process_data import bytes_of
 from micromanip.bus.ethercat.registers import (
     AL_CODE,
     AL_CONTROL,
@@ -82,14 +83,15 @@ from .controller import (
 from .eeprom import eeprom_of
 from .mailbox import Mailbox
 from .objects import Objects
-from .terminal import INPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, Terminal
+from .terminal import DIGITAL_OUTPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, Area, Terminal
 
 _ESC_KIND, _RAM_KB, _PORTS = 0x11, 8, 0x0F
-_BYTE_FMMU_WITH_CLOCK = 0x000D
-"""Features: FMMUs map whole bytes, there is a distributed clock, of 64 bits."""
+_WITH_CLOCK = 0x000C
+"""Features: FMMUs map bits, there is a distributed clock, of 64 bits."""
 _WATCHDOG_DEFAULT = 1000
 _SPEED_START_DEFAULT = 0x1000
 _SYNC0 = ((DC_SYNC0_CYCLE, 4), (DC_START, 8))
+_MAILBOXES = Area(0, MAILBOX_OUT, 0), Area(1, MAILBOX_IN, 0)
 _UPWARDS = {(INIT, PREOP), (PREOP, SAFEOP), (SAFEOP, OP)}
 _WRITABLE = (
     (STATION, 2),
@@ -106,6 +108,7 @@ _WRITABLE = (
     (DC_OFFSET, 12),
     (DC_SPEED_START, 6),
     (0x0980, 48),
+    (DIGITAL_OUTPUTS, 4),
     (MAILBOX_OUT, MEMORY_BYTES - MAILBOX_OUT),
 )
 
@@ -142,7 +145,7 @@ class Application:
         m, esc = self.memory, self._esc
         m[:] = 0
         head = (_ESC_KIND, 0, 0, 0, 8, 8, _RAM_KB, _PORTS)
-        m[ESC_TYPE : ESC_TYPE + 10] = np.frombuffer(bytes(head) + struct.pack("<H", _BYTE_FMMU_WITH_CLOCK), np.uint8)
+        m[ESC_TYPE : ESC_TYPE + 10] = np.frombuffer(bytes(head) + struct.pack("<H", _WITH_CLOCK), np.uint8)
         self._put(WATCHDOG_DIVIDER, WATCHDOG_DEFAULT_DIVIDER)
         self._put(WATCHDOG_PDI, _WATCHDOG_DEFAULT)
         self._put(WATCHDOG_SM, _WATCHDOG_DEFAULT)
@@ -158,7 +161,7 @@ class Application:
         self._ticked_ns = now_ns
         self.objects = Objects(self.terminal, lambda: self.state == PREOP)
         self._mailbox = Mailbox(self.objects, MAILBOX_BYTES)
-        self.mailbox_silent = False
+        self.mailbox_silent = self.is_starved = False
 
     @property
     def is_closed(self) -> bool:
@@ -197,12 +200,24 @@ class Application:
             esc["outputs_ns"] += gap_ns
         unit_ns = (self._get(WATCHDOG_DIVIDER) + 2) * WATCHDOG_TICK_NS
         patience_ns = self._get(WATCHDOG_SM) * unit_ns
-        watched = self.memory[SM + 2 * SM_BYTES + 4] & SM_WATCHDOG and patience_ns > 0
+        watched = self.memory[SM + self.terminal.output_area.manager * SM_BYTES + 4] & SM_WATCHDOG and patience_ns > 0
         late = watched and now_ns - int(esc["outputs_ns"]) > patience_ns
         self._put(WATCHDOG_STATUS, int(not late))
+        self.is_starved &= bool(late)
         if late and self.state == OP and self.terminal.output_bytes:
-            self.memory[WATCHDOG_COUNT] = min(255, int(self.memory[WATCHDOG_COUNT]) + 1)
+            self._starve()
+
+    def _starve(self) -> None:
+        """The watchdog has run out. Without a processor the pins go to 0, and the state stays until they are served."""
+        if self.is_starved:
+            return
+        self.memory[WATCHDOG_COUNT] = min(255, int(self.memory[WATCHDOG_COUNT]) + 1)
+        if not self.terminal.is_digital:
             self.drop(WATCHDOG)
+            return
+        self.memory[DIGITAL_OUTPUTS : DIGITAL_OUTPUTS + 4] = 0
+        self.is_starved = True
+        self._left_op()
 
     def be_absent(self) -> None:
         """Take no part in the process data."""
@@ -237,17 +252,17 @@ class Application:
             return NO_BOOT
         if wanted not in (INIT, PREOP, SAFEOP, OP):
             return UNKNOWN_STATE
+        if self.terminal.is_digital:
+            return 0
         if wanted > self.state and (self.state, wanted) not in _UPWARDS:
             return INVALID_CHANGE
-        if wanted >= PREOP and not all(
-            self._manages(k, at, MAILBOX_BYTES) for k, at in ((0, MAILBOX_OUT), (1, MAILBOX_IN))
-        ):
+        if wanted >= PREOP and not all(self._manages(area, MAILBOX_BYTES) for area in _MAILBOXES):
             return INVALID_MAILBOX
         if wanted >= SAFEOP:
             outputs, inputs = self.objects.mapped_outputs, self.objects.mapped_inputs
-            if not self._manages(2, OUTPUTS, sum(entry.bits for entry in outputs) // 8):
+            if not self._manages(self.terminal.output_area, bytes_of(entry.bits for entry in outputs)):
                 return INVALID_OUTPUTS
-            if not self._manages(3, INPUTS, sum(entry.bits for entry in inputs) // 8):
+            if not self._manages(self.terminal.input_area, bytes_of(entry.bits for entry in inputs)):
                 return INVALID_INPUTS
             return self._refusal_of_sync(now_ns) if wanted > self.state else 0
         return 0
@@ -265,13 +280,13 @@ class Application:
         begins = start_ns > int(system_ns(self._esc, now_ns))
         return 0 if begins == (self.state < SAFEOP) else NO_SYNC
 
-    def _manages(self, k: int, start: int, length: int) -> bool:
-        """Whether sync manager `k` is set to just this area; on nothing it must be off."""
-        at = SM + k * SM_BYTES
+    def _manages(self, area: Area, length: int) -> bool:
+        """Whether its sync manager is set to just this area; on nothing it must be off."""
+        at = SM + area.manager * SM_BYTES
         on = bool(self.memory[at + SM_ACTIVATE] & 1)
         if length == 0:
             return not on or self._get(at + 2) == 0
-        return on and (self._get(at), self._get(at + 2)) == (start, length)
+        return on and (self._get(at), self._get(at + 2)) == (area.start, length)
 
     def _enter(self, state: int, code: int = 0) -> None:
         leaves = self.state == OP != state
@@ -283,8 +298,8 @@ class Application:
             self._left_op()
 
     def _hold_process_data(self, held: bool) -> None:
-        for k in (2, 3):
-            self.memory[SM + k * SM_BYTES + SM_PDI] = int(held)
+        for area in (self.terminal.output_area, self.terminal.input_area):
+            self.memory[SM + area.manager * SM_BYTES + SM_PDI] = int(held)
 
     def _read_eeprom(self) -> None:
         command = self._get(SII_CONTROL)

@@ -2,7 +2,8 @@
 
 A controller answers datagrams from its memory, maps logical addresses by its FMMUs, guards the mailboxes by its sync
 managers, counts the working counter, and latches times. Whatever needs thought is left to the slave's application
-(``application.py``) as an event. FMMUs map whole bytes, as the feature register says.
+(``application.py``) as an event. FMMUs map bits or bytes; of a byte of the process data that an FMMU writes in part the
+other bits stay, as real ones do it with digital outputs only.
 
 What it lacks of a real one: the three buffers of a sync manager (a frame passes as a whole, so nothing is torn), two
 logical areas in one FMMU, commands that read and write the same registers (APRW, FPRW, BRW), SYNC signals and latch
@@ -228,6 +229,36 @@ def read(s: Any, start: int, data: Any, at: int, length: int, merged: bool, now_
 
 
 @compiled
+def map_bits(s: Any, f: int, logical: int, data: Any, at: int, length: int, writing: bool, now_ns: int) -> int:
+    """What the FMMU at `f` does that begins or ends within a byte: 1 where it has any of these bits."""
+    m = s["memory"]
+    begin, physical = 8 * number(m, f, 4), 8 * number(m, f + 8, 2) + (m[f + 10] & 7)
+    first, last = begin + (m[f + 6] & 7), begin + 8 * (number(m, f + 4, 2) - 1) + (m[f + 7] & 7)
+    low, high = max(first, 8 * logical), min(last, 8 * (logical + length) - 1)
+    if low > high:
+        return 0
+    start, end = (physical + low - first) >> 3, ((physical + high - first) >> 3) + 1
+    if end > MEMORY_BYTES or not may_pass(s, start, end - start, writing):
+        return 0
+    for place in range(low, high + 1):
+        inside, outside = physical + place - first, 8 * (at - logical) + place
+        if not writing:
+            copy_bit(m, inside, data, outside)
+        elif s["writable"][inside >> 3] != 0:
+            copy_bit(data, outside, m, inside)
+    has_passed(s, start, end - start, writing, now_ns)
+    return 1
+
+
+@compiled
+def copy_bit(source: Any, there: int, target: Any, here: int) -> None:
+    """Bit number `there` of some bytes to number `here` of others, whose other bits stay."""
+    bit = (source[there >> 3] >> (there & 7)) & 1
+    mask = np.uint8(1 << (here & 7))
+    target[here >> 3] = target[here >> 3] | mask if bit != 0 else target[here >> 3] & ~mask
+
+
+@compiled
 def map_logical(s: Any, command: int, logical: int, data: Any, at: int, length: int, now_ns: int) -> int:
     """What the FMMUs do with a logical datagram; by how much the working counter grows."""
     m, taken, put = s["memory"], 0, 0
@@ -237,6 +268,12 @@ def map_logical(s: Any, command: int, logical: int, data: Any, at: int, length: 
         for k in range(FMMU_COUNT):
             f = FMMU + k * FMMU_BYTES
             if m[f + 12] & 1 == 0 or m[f + 11] & (1 if reading == 1 else 2) == 0:
+                continue
+            if m[f + 6] & 7 != 0 or m[f + 7] & 7 != 7 or m[f + 10] & 7 != 0:
+                if reading == 1:
+                    put |= map_bits(s, f, logical, data, at, length, False, now_ns)
+                else:
+                    taken |= map_bits(s, f, logical, data, at, length, True, now_ns)
                 continue
             first, physical = number(m, f, 4), number(m, f + 8, 2)
             low, high = max(first, logical), min(first + number(m, f + 4, 2), logical + length)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.bus.ethercat.process_data import PackedNumber, packed_numbers
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.arrivals import gathered
@@ -33,7 +34,7 @@ from .controller import system_ns
 from .faults import KINDS, parsed
 from .line import NEAR, NOWHERE, Line
 from .port import EthernetPort
-from .process_data import Number, numbers, terminal_of
+from .process_data import terminal_of
 from .serving import COUNTS, NOBODYS, OF_DRIVE, SERVED, lay_out_readings, outputs_taken, serve
 from .terminal_faults import TerminalFaults
 
@@ -100,7 +101,9 @@ class EthercatDevice:
         d["arrived"]["last"] = np.nan
         for k, name in enumerate(self._names):
             keys = self._keys.terminals[name]
-            outputs, inputs = dict(numbers(keys.outputs)), dict(numbers(keys.inputs))
+            terminal = self.slaves.applications[k].terminal
+            outputs = _numbers(keys.outputs, terminal.output_area.start)
+            inputs = _numbers(keys.inputs, terminal.input_area.start)
             d["outputs"][k], d["inputs"][k] = _table(outputs), _table(inputs)
             self._output.append([wires.outputs.get(channel) for channel in outputs])
             d["output"][k][: len(outputs)] = [plant.outputs.get(each or "", -1) for each in self._output[k]]
@@ -325,7 +328,12 @@ def emulate_ethercat(name: str, surroundings: Surroundings) -> EmulatedDevice:
     return EthercatDevice(surroundings.options(name), surroundings.loop, surroundings.cell, wires, amplifier)
 
 
-def _table(placed: Mapping[str, Number]) -> Any:
+def _numbers(pdos: Mapping[str, Any], start: int) -> dict[str, PackedNumber]:
+    """All of a direction, by field, where they lie in a terminal's memory."""
+    return {name: each for _, numbers in packed_numbers(pdos, start) for name, each in numbers.items()}
+
+
+def _table(placed: Mapping[str, PackedNumber]) -> Any:
     """The numbers of a terminal's outputs or inputs, for compiled code."""
     return FramePlan(0, [GroupPlan(placed)]).record()[0]
 

@@ -16,9 +16,9 @@ from micromanip.bus.ethercat.al_states import OP, STATUS_MASK
 from micromanip.bus.ethercat.registers import AL_STATUS
 from micromanip.rt.clock import now_ns
 from micromanip.rt.record import record
-from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+from micromanip.rt.records import MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
-from micromanip.rt.wire.codec import put_bits, put_value, value_of
+from micromanip.rt.wire.codec import put_code, put_value, value_of
 from micromanip.rt.wire.datagrams import length_of, receive, received_ns, send
 from micromanip.rt.wire.records import FRAME, SOCKET
 
@@ -27,7 +27,6 @@ from ..compiled import compiled
 from ..compiled_plant import PLANT, advance
 from .controller import ESC, NOT_ETHERCAT, pass_frame
 from .drive import DRIVE, step_drives
-from .terminal import INPUTS, OUTPUTS
 
 MOST_TERMINALS = 8
 NOBODYS, OF_DRIVE, COUNTS = -1, -2, 1000
@@ -58,9 +57,9 @@ SERVED = record(
     ("taken", "i8", (MOST_TERMINALS,)),
     ("signal", "i8", (MOST_TERMINALS, MAX_SIGNALS)),
     ("reading", "f8", (MOST_TERMINALS, MAX_SIGNALS)),
-    ("output", "i8", (MOST_TERMINALS, MAX_OUTPUTS)),
-    ("value", "f8", (MOST_TERMINALS, MAX_OUTPUTS)),
-    ("arrived", ARRIVED, (MOST_TERMINALS, MAX_OUTPUTS)),
+    ("output", "i8", (MOST_TERMINALS, MAX_SIGNALS)),
+    ("value", "f8", (MOST_TERMINALS, MAX_SIGNALS)),
+    ("arrived", ARRIVED, (MOST_TERMINALS, MAX_SIGNALS)),
     ("inputs", FRAME, (MOST_TERMINALS,)),
     ("outputs", FRAME, (MOST_TERMINALS,)),
     ("port", PORT, (2,)),
@@ -143,13 +142,13 @@ def lay_out(d: Any, slaves: Any) -> None:
     A counter wraps.
     """
     for k in range(len(slaves)):
-        f, memory = d["inputs"][k], slaves[k]["memory"][INPUTS:]
+        f, memory = d["inputs"][k], slaves[k]["memory"]
         for i in range(f["numbers"]):
             n, value = f["number"][i], d["reading"][k][i]
             if d["signal"][k][i] == OF_DRIVE:
                 continue
             if d["signal"][k][i] >= COUNTS:
-                put_bits(memory, n["at"], n["size"], 0, np.uint64(np.int64(value)))
+                put_code(n, memory, np.uint64(np.int64(value)))
             else:
                 put_value(f, n, memory, n["high"] if math.isnan(value) else max(n["low"], min(n["high"], value)))
 
@@ -164,7 +163,7 @@ def take_outputs(d: Any, slaves: Any, drives: Any, outputs: Any) -> bool:
     for k in range(len(slaves)):
         if not is_given(d, slaves, k):
             continue
-        f, memory, finite = d["outputs"][k], slaves[k]["memory"][OUTPUTS:], 1
+        f, memory, finite = d["outputs"][k], slaves[k]["memory"], 1
         for i in range(f["numbers"]):
             d["value"][k][i] = value_of(f, f["number"][i], memory)
             finite &= 1 if math.isfinite(d["value"][k][i]) else 0

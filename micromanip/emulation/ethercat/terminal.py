@@ -5,9 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from micromanip.bus.ethercat.process_data import bytes_of
+
 MAILBOX_BYTES = 128
 MAILBOX_OUT, MAILBOX_IN, OUTPUTS, INPUTS = 0x1000, 0x1080, 0x1100, 0x1800
 """Where mailboxes and process data lie in the memory of an emulated slave."""
+DIGITAL_OUTPUTS, DIGITAL_INPUTS = 0x0F00, 0x1000
+"""Where the process data of one without a processor lie: the register of its pins, and the first of its memory."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """Process data of one direction: which sync manager they have, where they begin, its control byte."""
+
+    manager: int
+    start: int
+    control: int
 
 
 @dataclass(frozen=True)
@@ -30,7 +43,7 @@ class Terminal:
     """A slave: `outputs` and `inputs` are its PDOs (0x1600.., 0x1A00..) with what they map.
 
     `settings` are objects of its own, (index, subindex) to bytes, that a master may write; those of a drive come
-    on top.
+    on top. One that `is_digital` has no processor: no mailbox, its pins are bits of the controller itself.
     """
 
     name: str
@@ -42,6 +55,19 @@ class Terminal:
     inputs: Mapping[int, Sequence[Entry]] = field(default_factory=dict)
     settings: Mapping[tuple[int, int], bytes] = field(default_factory=dict)
     is_drive: bool = False
+    is_digital: bool = False
+
+    @property
+    def output_area(self) -> Area:
+        """Of its outputs."""
+        return Area(0, DIGITAL_OUTPUTS, 0x44) if self.is_digital else Area(2, OUTPUTS, 0x64)
+
+    @property
+    def input_area(self) -> Area:
+        """Of its inputs."""
+        if self.is_digital:
+            return Area(int(self.output_bytes > 0), DIGITAL_INPUTS, 0x00)
+        return Area(3, INPUTS, 0x20)
 
     @property
     def output_bytes(self) -> int:
@@ -55,4 +81,4 @@ class Terminal:
 
 
 def _bytes(pdos: Mapping[int, Sequence[Entry]]) -> int:
-    return sum(entry.bits for entries in pdos.values() for entry in entries) // 8
+    return bytes_of(entry.bits for entries in pdos.values() for entry in entries)

@@ -28,7 +28,9 @@ SENSOR_STATE = record(
     ("fresh", "i8"),
     ("bad", "i8"),
     ("identical", "i8"),
-    ("lost", "i8"),
+    ("samples", "i8"),
+    ("refused", "i8"),
+    ("unseen", "i8"),
 )
 
 
@@ -40,8 +42,9 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
     outside `range_um` (low, high), further from the last good one than `rate_um_per_ns` allows in the time since
     the one before was taken, or arrived, whichever is longer; flagged by the driver, never arrived, or older than
     `max_age_ns`. A sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts
-    consecutive samples that read exactly the same, ``lost`` those that came and went unseen; a driver that starts
-    its sequence over has lost none. ``silent_ns`` is the time since anything arrived, usable or not.
+    consecutive samples that read exactly the same. Of all that the device took since the first one here, ``samples``
+    were fresh and good, ``refused`` not, ``unseen`` never got here; where a driver starts its sequence over nothing is
+    known of that. ``silent_ns`` is the time since anything arrived, usable or not.
     """
     arrived = signal["sequence"] != s["sequence"]
     value = signal["value"]
@@ -50,7 +53,7 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
     if arrived:
         taken_ns = min(signal["time_ns"], now_ns)
         if s["sequence"] > 0:
-            s["lost"] += max(0, signal["sequence"] - s["sequence"] - 1)
+            s["unseen"] += max(0, signal["sequence"] - s["sequence"] - 1)
             if good and math.isfinite(rate_um_per_ns) and s["bad"] < BELIEVED:
                 passed_ns = max(now_ns - s["arrived_ns"], taken_ns - s["taken_ns"])
                 good = abs(value - s["value"]) <= rate_um_per_ns * passed_ns
@@ -62,6 +65,9 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
             s["value"] = value
             s["time_ns"] = taken_ns
             s["fresh"] = 1
+            s["samples"] += 1
+        else:
+            s["refused"] += 1
     s["silent_ns"] = now_ns - s["arrived_ns"]
     s["age_ns"] = now_ns - s["time_ns"]
     if (arrived and not good) or s["sequence"] == 0 or s["age_ns"] > max_age_ns:

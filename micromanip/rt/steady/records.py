@@ -68,10 +68,15 @@ waited on. Python asks for its turn by `leave`. `value` is what was decided, `no
 device was given (NaN: nobody knows), `failed` the task that the driver could not do. `poll` is a ``struct pollfd``."""
 
 INBOX = record(
-    ("signal", SIGNAL, (MAX_SIGNALS,)), ("received", "i8"), ("lost", "i8"), ("confirmed", "i8", (MAX_TASKS,))
+    ("signal", SIGNAL, (MAX_SIGNALS,)),
+    ("missing", "i8", (MAX_SIGNALS,)),
+    ("received", "i8"),
+    ("lost", "i8"),
+    ("confirmed", "i8", (MAX_TASKS,)),
 )
-"""Where a driver leaves its samples: as in the image, a sequence grows with each, also with those that are lost.
-It puts 1 in `confirmed` for a task whose outputs the device has taken, as they were sent last."""
+"""Where a driver leaves its samples: as in the image, a sequence grows with each, also with those that never came,
+which `missing` counts for each input and `lost` for all together. It puts 1 in `confirmed` for a task whose outputs the
+device has taken, as they were sent last."""
 
 NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED = 1, 2, 3
 """What ``send`` returns where it sent nothing, where nobody knows, and where the device has still to confirm it, which

@@ -63,6 +63,7 @@ def publish(image: Record, inbox: Record) -> int:
         begin_turn(image["input_turn"], i)
         target["value"], target["time_ns"] = source["value"], source["time_ns"]
         target["sequence"], target["status"] = source["sequence"], source["status"]
+        image["missing"][i] = inbox["missing"][i]
         end_turn(image["input_turn"], i)
         fresh += 1
     return fresh

@@ -15,7 +15,7 @@ GOOD, WRONG_LENGTH, WRONG_CHECKSUM, NOT_THIS_FRAME = range(4)
 BAD_STATUS = -1
 """Status of samples whose device says 0, and 0 is not good; and of a sample that is no number."""
 
-_U0, _U8, _BYTE = np.uint64(0), np.uint64(8), np.uint64(255)
+_U0, _U8, _BYTE, _ONES = np.uint64(0), np.uint64(8), np.uint64(255), np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 
 
 @compiled
@@ -55,9 +55,41 @@ def put_bits(data: Any, at: int, size: int, big: int, bits: Any) -> None:
 
 
 @compiled
+def packed_at(data: Any, at: int, bit: int, bits: int) -> Any:
+    """An unsigned number of `bits`, at most 64, the lowest of which is number `bit` of the byte `at`."""
+    code = np.uint64(data[at]) >> np.uint64(bit)
+    for i in range(1, (bit + bits + 7) >> 3):
+        code |= np.uint64(data[at + i]) << np.uint64(8 * i - bit)
+    return code & (_ONES >> np.uint64(64 - bits))
+
+
+@compiled
+def put_packed(data: Any, at: int, bit: int, bits: int, code: Any) -> None:
+    """Write the lowest `bits` of `code` there; all other bits of the bytes in which they lie stay."""
+    for j in range(bits):
+        place = bit + j
+        mask = np.uint8(1 << (place & 7))
+        if (code >> np.uint64(j)) & np.uint64(1) != _U0:
+            data[at + (place >> 3)] |= mask
+        else:
+            data[at + (place >> 3)] &= ~mask
+
+
+@compiled
 def code_of(n: Any, data: Any) -> Any:
     """The bits of a number of a frame: of a counter, a status, a time stamp."""
+    if n["size"] == 0:
+        return packed_at(data, n["at"], n["bit"], n["bits"])
     return bits_at(data, n["at"], n["size"], n["big"])
+
+
+@compiled
+def put_code(n: Any, data: Any, code: Any) -> None:
+    """Write the lowest bits of `code` to a number's place."""
+    if n["size"] == 0:
+        put_packed(data, n["at"], n["bit"], n["bits"], code)
+    else:
+        put_bits(data, n["at"], n["size"], n["big"], code)
 
 
 @compiled
@@ -77,7 +109,7 @@ def judged(f: Any, data: Any, length: int) -> int:
 @compiled
 def value_of(f: Any, n: Any, data: Any) -> float:
     """The value of a number of a frame; not finite where a floating-point number is not."""
-    return value_of_code(n, code_of(n, data), 8 * n["size"], f["bits"])
+    return value_of_code(n, code_of(n, data), n["bits"], f["bits"])
 
 
 @compiled
@@ -97,9 +129,9 @@ def status_of(f: Any, data: Any) -> int:
 @compiled
 def put_value(f: Any, n: Any, data: Any, value: float) -> bool:
     """Write `value`, rounded to the nearest code; False, with nothing written, where range or type forbid it."""
-    if not n["low"] <= value <= n["high"] or not find_code(n, value, 8 * n["size"], f["bits"]):
+    if not n["low"] <= value <= n["high"] or not find_code(n, value, n["bits"], f["bits"]):
         return False
-    put_bits(data, n["at"], n["size"], n["big"], f["bits"][0])
+    put_code(n, data, f["bits"][0])
     return True
 
 
@@ -110,7 +142,7 @@ def begin_frame(f: Any, data: Any, count: int) -> None:
         data[i] = f["template"][i]
     n = f["counter"]
     if n["present"] != 0:
-        put_bits(data, n["at"], n["size"], n["big"], np.uint64(count))
+        put_code(n, data, np.uint64(count))
 
 
 @compiled

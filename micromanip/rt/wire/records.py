@@ -19,8 +19,19 @@ CODE = (("kind", "i8"), ("scale", "f8"), ("offset", "f8"), ("lowest_code", "f8")
 """Fields of a number of any layout (``numbers.py``): value = scale x code + offset; a code outside of its two is not
 sent."""
 
-NUMBER = record(("present", "i8"), ("at", "i8"), ("size", "i8"), ("big", "i8"), *CODE, ("low", "f8"), ("high", "f8"))
-"""A number of whole bytes; a value outside of `low` to `high` is not sent."""
+NUMBER = record(
+    ("present", "i8"),
+    ("at", "i8"),
+    ("size", "i8"),
+    ("big", "i8"),
+    ("bit", "i8"),
+    ("bits", "i8"),
+    *CODE,
+    ("low", "f8"),
+    ("high", "f8"),
+)
+"""A number of `size` whole bytes, or where that is 0 of `bits` from bit number `bit` of its first byte on, the lowest
+first; a value outside of `low` to `high` is not sent."""
 
 CHECKSUM = record(
     ("size", "i8"),

@@ -137,6 +137,9 @@ def test_counter_and_status_are_judged_the_same(frames):
                 assert at.receive() == 0
         assert len(theirs) == len(ours) + int(at.inbox[0]["received"])
         assert theirs.lost == ours.lost + int(at.inbox[0]["lost"])
+        assert at.inbox[0]["missing"].sum() == at.inbox[0]["lost"]
+        row = at.inbox[0]["signal"][0]
+        assert row["sequence"] == at.inbox[0]["received"] + at.inbox[0]["missing"][0]
         for name in ("lost", "doubled", "late", "restarts"):
             assert shared.counter.counted(name) == reference.counter.counted(name)
 

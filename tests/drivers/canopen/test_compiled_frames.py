@@ -197,11 +197,12 @@ def test_a_pdo_is_dated_and_counted_the_same_whoever_takes_it(every, events):
                 shared.take(data, at_ns, ours)
                 assert list(ours) == list(alone)
                 continue
-            before = int(at.signal[0]["sequence"])
+            before, missing = int(at.signal[0]["sequence"]), int(at.inbox[0]["missing"][0])
             at.arrives(data, at_ns)
             assert at.receive() == 0
             sample = next(iter(alone), None)
             assert int(at.signal[0]["sequence"]) - before == (1 + sample.lost if sample else 0)
+            assert int(at.inbox[0]["missing"][0]) - missing == (sample.lost if sample else 0)
             assert sample is None or int(at.signal[0]["time_ns"]) == sample.time_ns
         for name in ("pdos", "lost", "repeated"):
             assert shared.counters[name] + at.tables.counted(name) == reference.counters[name]

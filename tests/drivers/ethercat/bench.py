@@ -35,6 +35,55 @@ AMPLIFIER = {
     },
     "inputs": {"state": {"pdo": 0x1A00, "fields": {"ok": {"index": 0x6000, "subindex": 1, "type": "uint8"}}}},
 }
+PINS_OUT = {
+    "vendor": 0x4D4D,
+    "product": 0x30,
+    "outputs": {
+        f"channel_{k}": {
+            "pdo": 0x1600 + k,
+            "fields": {name: {"index": 0x7000 + 16 * k, "subindex": 1, "type": "bool"} | keys},
+        }
+        for k, (name, keys) in enumerate(
+            [
+                ("enable", {"switch": True}),
+                ("unused", {"spare": True, "scale": -1, "offset": 1, "safe": 1}),
+                ("feed_hold_line", {"switch": True, "scale": -1, "offset": 1, "safe": 1}),
+                ("lamp", {"switch": True}),
+            ]
+        )
+    },
+}
+"""Four lines in half a byte; the terminal has no processor, and no mailbox."""
+PINS_IN = {
+    "vendor": 0x4D4D,
+    "product": 0x31,
+    "inputs": {
+        f"channel_{k}": {
+            "pdo": 0x1A00 + k,
+            "fields": {f"line_{k}": {"index": 0x6000 + 16 * k, "subindex": 1, "type": "bool"}},
+        }
+        for k in range(8)
+    },
+}
+ANALOGUE = {
+    "vendor": 0x4D4D,
+    "product": 0x32,
+    "inputs": {
+        "channel": {
+            "pdo": 0x1A00,
+            "fields": {
+                "underrange": {"index": 0x6000, "subindex": 1, "type": "bool"},
+                "overrange": {"index": 0x6000, "subindex": 2, "type": "bool"},
+                "limit_1": {"index": 0x6000, "subindex": 3, "type": "bit2"},
+                "limit_2": {"index": 0x6000, "subindex": 5, "type": "bit2", "spare": True},
+                "error": {"index": 0x6000, "subindex": 7, "type": "bool"},
+                "gap": {"index": 0, "type": "bit6"},
+                "temperature": {"index": 0x6000, "subindex": 17, "type": "int16", "scale": 0.1},
+            },
+        }
+    },
+}
+"""Status bits before a value that so begins within a byte."""
 GAUGE = {
     "vendor": 0x4D4D,
     "product": 0x20,

@@ -1,5 +1,6 @@
 """What the keys of `ethercat` refuse, and the frame that they make."""
 
+from copy import deepcopy
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 from tools.bus_faults.ethercat_cells import drive_cell
 
-from .bench import AMPLIFIER, GAUGE, PERIOD_NS, options
+from .bench import AMPLIFIER, ANALOGUE, GAUGE, PERIOD_NS, PINS_IN, PINS_OUT, options
 from .drive_bench import DRIVE, drive
 
 
@@ -31,6 +32,51 @@ def test_a_frame_holds_count_image_states_and_time():
     assert (image.placed["gauge"].inputs_at, image.placed["gauge"].input_bytes) == (6, 9)
 
 
+def test_bits_lie_one_behind_the_other_and_each_terminal_has_bytes_of_its_own():
+    both = options(terminals={"pins": PINS_OUT, "analogue": ANALOGUE, "lines": PINS_IN})
+    image, driver = Image(both), Ethercat(both, PERIOD_NS)
+    assert [(p.outputs_at, p.output_bytes, p.inputs_at, p.input_bytes) for p in image.placed.values()] == [
+        (0, 1, 1, 0),
+        (1, 0, 1, 4),
+        (1, 0, 5, 1),
+    ]
+    lines = tuple(f"line_{k}" for k in range(8))
+    assert driver.outputs == ("enable", "feed_hold_line", "lamp")
+    assert driver.inputs == ("underrange", "overrange", "limit_1", "error", "temperature", *lines)
+    received, sent = image.received()[0], image.sent()[0]
+    at = [(int(n["at"]) - image.image_at, int(n["bit"]), int(n["bits"])) for n in received["number"][:6]]
+    assert at == [(1, 0, 1), (1, 1, 1), (1, 2, 2), (1, 6, 1), (2, 5, 16), (5, 0, 1)]
+    assert [int(n["bit"]) for n in sent["number"][:3]] == [0, 2, 3]
+
+
+def test_an_output_that_nobody_needs_stays_at_its_safe_value():
+    kept = changed_field(PINS_OUT, "outputs", "channel_1", "unused", safe=0) | {"settings": AMPLIFIER["settings"]}
+    image = Image(options(terminals={"pins": kept}))
+    assert image.sent()[0]["template"][image.image_at] == 0b0010
+
+
+def test_gaps_and_spare_fields_may_have_the_names_of_others():
+    two = options(
+        terminals={
+            "one": ANALOGUE,
+            "two": PINS_IN
+            | {
+                "inputs": {
+                    "gap": {
+                        "pdo": 0x1A00,
+                        "fields": {
+                            "gap": {"index": 0, "type": "bit3"},
+                            "error": {"index": 0x6000, "type": "bool", "spare": True},
+                            "line": {"index": 0x6001, "type": "bool"},
+                        },
+                    }
+                }
+            },
+        }
+    )
+    assert Ethercat(two, PERIOD_NS).inputs.count("error") == 1
+
+
 def test_slower_inputs_come_after_those_of_each_cycle():
     driver = Ethercat(options(), PERIOD_NS)
     assert driver.inputs == ("ok", "strain", "count", "deviation")
@@ -42,6 +88,13 @@ def without(keys, *path):
     """The keys but for one."""
     first, *rest = path
     return {k: without(v, *rest) if k == first and rest else v for k, v in keys.items() if k != first or rest}
+
+
+def changed_field(keys, direction, pdo, field, **changes):
+    """The keys of a terminal with some of a field changed."""
+    keys = deepcopy(keys)
+    keys[direction][pdo]["fields"][field] |= changes
+    return keys
 
 
 @pytest.mark.parametrize(
@@ -57,6 +110,18 @@ def without(keys, *path):
         (
             {"terminals": {"a": AMPLIFIER | {"settings": {"range": {"index": 1, "type": "uint8", "value": 256}}}}},
             "256 does not fit into uint8",
+        ),
+        (
+            {"terminals": {"pins": changed_field(PINS_OUT, "outputs", "channel_3", "lamp", safe=1)}},
+            "channel_3.fields.lamp: safe 1 is a line that is on, and a terminal without frames switches it off",
+        ),
+        (
+            {"terminals": {"pins": changed_field(PINS_IN, "inputs", "channel_3", "line_3", type="bit8")}},
+            "there is no type bit8; did you mean",
+        ),
+        (
+            {"terminals": {"a": changed_field(GAUGE, "inputs", "tracker", "count", spare=True)}},
+            "counter: its field must be no gap, and not spare",
         ),
     ],
 )
@@ -92,6 +157,12 @@ def with_fields(direction, change):
     """The drive whose fields of one direction are changed by a function."""
     name, pdo = next(iter(DRIVE[direction].items()))
     return DRIVE | {direction: {name: pdo | {"fields": change(dict(pdo["fields"]))}}}
+
+
+def test_objects_of_a_drive_are_whole_bytes():
+    shifted = with_fields("inputs", lambda fields: {"ready": {"index": 0x2000, "type": "bool"}} | fields)
+    with pytest.raises(ConfigError, match=r"stage\.inputs: statusword begins at bit 1 of a byte"):
+        Ethercat(options(terminals={"stage": shifted}), PERIOD_NS)
 
 
 def lacking(name):
@@ -145,10 +216,23 @@ def test_an_interface_at_either_end_of_a_ring_is_its_own():
     assert Ethercat(options("near"), PERIOD_NS).devices == ("ethercat near",)
 
 
-def test_the_drive_of_the_page_is_accepted():
+def of_page(name):
+    """The terminal of this name on the page of the driver."""
     page = (Path(__file__).parents[3] / "docs" / "ethercat.md").read_text(encoding="utf-8")
-    terminals = yaml.safe_load(page[page.index("stage_x:\n") : page.index("```", page.index("stage_x:\n"))])
-    driver = Ethercat(options(terminals=terminals), PERIOD_NS)
+    begin = page.index(f"\n{name}:")
+    return yaml.safe_load(page[begin : page.index("```", begin)])
+
+
+def test_the_lines_of_the_page_are_accepted_and_safe_without_frames():
+    terminals = of_page("outputs_of_the_rack")
+    image, driver = Image(options(terminals=terminals)), Ethercat(options(terminals=terminals), PERIOD_NS)
+    assert driver.outputs == ("amplifier_enable", "feed_hold")
+    assert image.bytes == 1
+    assert driver.options.outputs["feed_hold"].safe == 1.0
+
+
+def test_the_drive_of_the_page_is_accepted():
+    driver = Ethercat(options(terminals=of_page("stage_x")), PERIOD_NS)
     assert driver.outputs == ("voltage_x", "amplifier_enable", "amplifier_reset")
     assert "amplifier_ok_x" in driver.inputs
 

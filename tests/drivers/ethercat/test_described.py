@@ -8,6 +8,7 @@ from micromanip_drivers.ethercat.described import compare_with_file, differences
 from micromanip_drivers.ethercat.options import EthercatOptions, Terminal
 
 from micromanip.bus.ethercat.esi import read_esi
+from micromanip.bus.ethercat.esi_keys import terminal_keys
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 
@@ -96,6 +97,33 @@ def test_a_pdo_that_may_be_mapped_need_not_be_mapped_whole(tmp_path):
         ((key, what, _),) = differences(some, of_tracker(tmp_path, change))
         assert key == "inputs.deviation.fields"
         assert "missing behind is 0x6001:01" in what
+
+
+DIGITAL = """\
+<EtherCATInfo><Vendor><Id>#x4d4d</Id></Vendor><Descriptions><Devices><Device>
+<Type ProductCode="#x30" RevisionNo="#x1">OUT4</Type>
+<Sm StartAddress="#x0f00" ControlByte="#x44" Enable="1">Outputs</Sm>
+{}</Device></Devices></Descriptions></EtherCATInfo>
+""".format(
+    "\n".join(
+        f'<RxPdo Fixed="1" Sm="0"><Index>#x160{k}</Index><Name>Channel {k + 1}</Name><Entry><Index>#x70{k}0</Index>'
+        "<SubIndex>1</SubIndex><BitLen>1</BitLen><Name>Output</Name><DataType>BOOL</DataType></Entry></RxPdo>"
+        for k in range(4)
+    )
+)
+
+
+def test_the_keys_of_a_digital_terminals_file_agree_with_it(tmp_path):
+    (tmp_path / "pins.xml").write_text(DIGITAL)
+    (device,) = read_esi(tmp_path / "pins.xml")
+    keys = terminal_keys(device, set())[1]
+    fields = [name for pdo in keys["outputs"].values() for name in pdo["fields"]]
+    assert fields == ["output", "output_2", "output_3", "output_4"]
+    assert list(differences(Terminal.model_validate(keys), device)) == []
+    keys["outputs"]["channel_2"]["fields"]["output_2"]["type"] = "bit2"
+    ((key, what, _),) = differences(Terminal.model_validate(keys), device)
+    assert key == "outputs.channel_2.fields.output_2"
+    assert what == "0x7010:01 of 2 bits, but entry 1 is 0x7010:01 of 1 bits, Output (BOOL)"
 
 
 def test_a_file_without_a_revision_is_about_all_of_them(tmp_path):

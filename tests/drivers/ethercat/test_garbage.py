@@ -160,7 +160,7 @@ class Babbler:
 def test_garbage_in_the_masters_mailbox(count, monkeypatch):
     monkeypatch.setattr(mailbox, "_ANSWER_S", 1e-4)
     chance = random.Random(3)
-    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48), 0x1100, 0x1180)
+    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48))
     babbler, done, refused = Babbler(chance), 0, 0
     box = Mailbox(babbler, slave, "amplifier")
     asks = (
@@ -194,7 +194,7 @@ def test_a_slave_that_sends_segments_without_end_is_refused():
             mail = struct.pack("<HHBBH", 10, 0, 0, COE | 0x10, SDO_RESPONSE << 12) + sdo
             return Datagram(command, (station, register), mail.ljust(length, b"\0"), 1)
 
-    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48), 0x1100, 0x1180)
+    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48))
     with pytest.raises(DeviceFault, match="object 0x1018:01 ends after 0 of 1000 bytes"):
         Mailbox(Empty(random.Random(4)), slave, "amplifier").read(0x1018, 1)
 
@@ -207,7 +207,7 @@ def test_a_slave_that_babbles_is_not_listened_to_for_ever(monkeypatch):
             mail = struct.pack("<HHBBH", 10, 0, 0, COE | 0x10, 1 << 12) + bytes(8)
             return Datagram(command, (station, register), mail.ljust(length, b"\0"), 1)
 
-    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48), 0x1100, 0x1180)
+    slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48))
     with pytest.raises(LinkError, match="the mailbox of terminal amplifier does not answer"):
         Mailbox(Emergencies(random.Random(5)), slave, "amplifier").read(0x1018, 1)
 

@@ -1,15 +1,19 @@
 """Whatever befalls frames and terminals: it is seen, no false value is taken, and no output steps."""
 
+import math
 import random
 import time
+from collections import Counter
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from micromanip_drivers.ethercat.link import LinkError
 
 from micromanip.bus.errors import DeviceFault, IdentityMismatch
 from micromanip.bus.ethercat.al_states import INVALID_OUTPUTS, OP, SAFEOP
 from micromanip.rt.bus_image import DOWN, TAKEN
+from micromanip.rt.laws.sensor import SENSOR_STATE, read_signal
 from tests.emulation.ethercat.wire import until, veth
 
 from .bench import AMPLIFIER, GAUGE, SILENT_CYCLES, STILL_CYCLES, Bench
@@ -117,6 +121,65 @@ def test_what_came_twice_or_is_damaged_is_counted_and_becomes_no_sample(bench, c
     bench.exchange(5.0, 0.0)
     assert int(bench.sample("strain")["sequence"]) - before <= 11
     assert bench.statistics[counter] - counted >= 5
+
+
+def test_each_frame_is_told_as_what_became_of_it(bench):
+    """Injected, counted and told: used, superseded, lost, with a wrong working counter, doubled, delayed, damaged."""
+    bench.follow()
+    for _ in range(2):
+        bench.exchange(0.0, 1.0)
+    chance, befell, held, superseded = random.Random(2), Counter(), [], 0
+    wrong_at = int(bench.c["working_counter_at"])
+
+    def befall(frame):
+        nonlocal superseded
+        fate = chance.choice(["used"] * 8 + ["dropped", "doubled", "delayed", "wrong", "damaged"])
+        befell[fate] += 1
+        back = [held.pop()] if held else []
+        usable = len(back)
+        if fate == "delayed":
+            held.append(frame)
+        elif fate == "wrong":
+            back.append(bytes([*frame[:wrong_at], frame[wrong_at] ^ 1, *frame[wrong_at + 1 :]]))
+        elif fate == "damaged":
+            back.append(bytes([*frame[:17], frame[17] ^ 1, *frame[18:]]))
+        elif fate != "dropped":
+            back += [frame] * (2 if fate == "doubled" else 1)
+            usable += 1
+        superseded += max(0, usable - 1)
+        return back
+
+    sensor = np.zeros(1, SENSOR_STATE)[0]
+
+    def cycles(count):
+        for _ in range(count):
+            assert bench.exchange(5.0, 0.0) == 0
+            read_signal(bench.sample("strain"), sensor, bench.now_ns, 10**12, (-1e9, 1e9), math.inf)
+
+    def told():
+        s, counts = sensor, bench.statistics
+        missing = int(bench.driver.missing(bench.context)[bench.driver.inputs.index("strain")])
+        return Counter(
+            all=int(s["samples"] + s["refused"] + s["unseen"]), lost=missing, superseded=int(s["unseen"]) - missing,
+            **{k: counts[k] for k in ("doubled", "delayed", "wrong_working_counter", "not_this_frame")},
+            never_back=counts["lost"], late=counts["late"],
+        )  # fmt: skip
+
+    cycles(2)
+    before = told()
+    bench.meddle = befall
+    cycles(500)
+    superseded += len(held)  # it comes with the next one
+    bench.meddle = lambda frame: [held.pop(), frame] if held else [frame]
+    cycles(2)
+    after = told()
+    after.subtract(before)
+    assert min(befell.values()) > 10
+    assert after == Counter(
+        all=502, lost=befell["dropped"] + befell["damaged"] + befell["wrong"], superseded=superseded,
+        doubled=befell["doubled"], delayed=befell["delayed"], wrong_working_counter=befell["wrong"],
+        not_this_frame=befell["damaged"], never_back=befell["dropped"] + befell["damaged"], late=0,
+    )  # fmt: skip
 
 
 def test_a_late_frame_is_no_sample_and_no_acknowledgement_of_the_next(bench):

@@ -6,12 +6,12 @@ from micromanip_drivers.ethercat.scan import FIRST_STATION, Slave
 
 from micromanip.bus.ethercat.al_states import PREOP
 from micromanip.bus.ethercat.registers import FPRD
-from micromanip.emulation.ethercat.terminal import INPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, OUTPUTS
+from micromanip.emulation.ethercat.terminal import MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT
 from tests.emulation.ethercat.test_line import Bench as Slaves
 
 from .test_clocks import Registers
 
-SLAVE = Slave(FIRST_STATION, 1, 2, 3, 4, (MAILBOX_OUT, MAILBOX_BYTES), (MAILBOX_IN, MAILBOX_BYTES), OUTPUTS, INPUTS)
+SLAVE = Slave(FIRST_STATION, 1, 2, 3, 4, (MAILBOX_OUT, MAILBOX_BYTES), (MAILBOX_IN, MAILBOX_BYTES))
 RANGE = (0x8000, 1)
 
 

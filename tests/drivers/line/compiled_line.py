@@ -99,6 +99,7 @@ class Spoken:
             row = signal[sample.channel]
             row["value"], row["time_ns"], row["status"] = sample.value, sample.time_ns, sample.status
             row["sequence"] += 1 + sample.lost
+            self.inbox[0]["missing"][sample.channel] += sample.lost
 
     def arrives(self, chunk):
         """It comes in one piece, and is taken."""

@@ -148,6 +148,9 @@ def test_what_is_odd_is_left_with_all_behind_it_and_taken_by_python():
         assert (float(at.inbox[0]["signal"]["value"][0]), at.errors) == (3.0, 1)
         assert at.arrives(strains(4, 4.0)[9:]) == 0
         assert (float(at.inbox[0]["signal"]["value"][0]), at.framing.counters["lost"]) == (4.0, 1)
+        assert at.arrives(strains(7, 7.0)) == 0
+        assert at.inbox[0]["missing"][:3].tolist() == [3, 3, 3], "two of them by compiled code"
+        assert at.inbox[0]["signal"]["sequence"][0] == 7
 
 
 def test_a_frame_that_stands_still_is_given_up_by_python():

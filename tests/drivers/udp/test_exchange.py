@@ -124,6 +124,7 @@ def test_lost_doubled_and_overtaken_datagrams_are_counted(bench):
     assert bench.signals[0]["sequence"] == sequence + 5
     found = bench.statistics
     assert (found["lost"], found["doubled"], found["late"]) == (3, 1, 1)
+    assert bench.driver.missing(bench.context)[0] == 3
 
 
 def test_the_devices_word_is_the_samples_status(bench):

@@ -1,4 +1,4 @@
-"""Two terminals: one that is written and read, one that is only read; and a drive."""
+"""Two terminals: one that is written and read, one that is only read; a drive; and digital ones."""
 
 from micromanip.emulation.ethercat.terminal import Entry, Terminal
 
@@ -42,5 +42,26 @@ DRIVE = Terminal(
     },
     is_drive=True,
 )
-LINES = {"cell": [AMPLIFIER, GAUGE], "drive": [DRIVE]}
+PINS_OUT = [
+    Terminal(
+        f"Digital outputs {k}",
+        vendor=0x1234,
+        product=0x40,
+        revision=1,
+        serial=k,
+        outputs={0x1600 + i: [Entry(0x7000 + 16 * i, 1, 1, f"output_{i}")] for i in range(4)},
+        is_digital=True,
+    )
+    for k in (1, 2)
+]
+PINS_IN = Terminal(
+    "Digital inputs",
+    vendor=0x1234,
+    product=0x41,
+    revision=1,
+    serial=1,
+    inputs={0x1A00 + i: [Entry(0x6000 + 16 * i, 1, 1, f"input_{i}")] for i in range(8)},
+    is_digital=True,
+)
+LINES = {"cell": [AMPLIFIER, GAUGE], "drive": [DRIVE], "digital": [*PINS_OUT, PINS_IN]}
 """By name, for ``play.py``."""

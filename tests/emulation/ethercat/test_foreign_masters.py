@@ -152,6 +152,43 @@ def test_pysoem_walks_the_drive_by_canopens_table_of_the_profile():
             master.close()
 
 
+def test_pysoem_packs_two_digital_terminals_into_one_byte_and_reads_the_same_bits():
+    with veth("ecg") as (here, there), slaves(there, "digital"):
+        pysoem.settings.timeouts.ret, pysoem.settings.timeouts.safe = 100_000, 1_000_000
+        master = pysoem.Master()
+        master.open(here)
+        try:
+            assert master.config_init() == 3
+            master.config_map()
+            low, high, read = master.slaves
+            assert (low.name, len(low.output), len(high.output), len(read.input)) == ("Digital outputs 1", 1, 1, 1)
+            assert master.state_check(pysoem.SAFEOP_STATE, 5_000_000) == pysoem.SAFEOP_STATE
+            said = []
+
+            def operates():
+                master.send_processdata()
+                said.append(master.receive_processdata(1_000_000))
+                master.state = pysoem.OP_STATE
+                master.write_state()
+                return master.state_check(pysoem.OP_STATE, 5_000) == pysoem.OP_STATE
+
+            assert until(operates)
+            assert said[-1] == 2 + 2 + 1  # its own expectation counts the byte that two share once
+
+            def reads(pins):
+                low.output = bytes([pins])  # the byte that both terminals share
+                master.send_processdata()
+                master.receive_processdata(1_000_000)
+                return read.input == bytes([pins])
+
+            for pins in (0xA5, 0x0F, 0xF0, 0x81):
+                assert until(lambda pins=pins: reads(pins))
+        finally:
+            master.state = pysoem.INIT_STATE
+            master.write_state()
+            master.close()
+
+
 def kickcat_bus(wire):
     """It takes the whole time-out for each frame of its start: first a short one, longer on a busy machine."""
     for timeout_s in (0.01, 0.1, 0.5):

@@ -1,0 +1,49 @@
+"""What `simulate-device` plays of a cell whose lines are pins of digital terminals."""
+
+import pytest
+
+from micromanip.bus.cyclic import call_context
+from micromanip.bus.ethercat.al_states import OP
+from micromanip.emulation.ethercat.terminal import DIGITAL_OUTPUTS
+from tools.bus_faults.ethercat_cells import CELL
+
+from .test_drive_device import Cell
+from .wire import until, veth
+
+pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_group("ethercat")]
+
+ENABLE = "              amplifier_enable: {index: 0x7001, subindex: 1, type: uint8, switch: true}\n"
+STATE = CELL[CELL.index("        inputs:\n          state:") : CELL.index("      gauge:")]
+PINS = """\
+      pins:
+        vendor: 0x4d4d
+        product: 0x1010
+        outputs:
+          channel_1: {pdo: 0x1600, fields: {lamp: {index: 0x7000, subindex: 1, type: bool, spare: true}}}
+          channel_2: {pdo: 0x1601, fields: {amplifier_enable: {index: 0x7010, subindex: 1, type: bool, switch: true}}}
+        inputs:
+          channel_3: {pdo: 0x1a00, fields: {door: {index: 0x6000, subindex: 1, type: bool, spare: true}}}
+          channel_4: {pdo: 0x1a01, fields: {amplifier_ok_x: {index: 0x6010, subindex: 1, type: bool}}}
+      gauge:
+"""
+
+
+def test_the_pins_carry_the_lines_of_the_cell_and_are_off_without_frames(tmp_path):
+    text = CELL.replace("    WAY\n", "").replace(ENABLE, "").replace(STATE, "").replace("      gauge:\n", PINS)
+    with veth("ecy") as (here, _):
+        file = tmp_path / "cell.yaml"
+        file.write_text(text.replace("INTERFACE", here).replace("silence_ms: 50", "silence_ms: 140"))
+        cell = Cell(file)
+        try:
+            cell.driver.begin(cell.context)
+            assert call_context(cell.functions.open, cell.context.ctypes.data) == 0
+            terminals = cell.devices.emulated["cell"].slaves
+            pins = terminals.controllers[1]["memory"]
+            assert until(cell.cycle)
+            assert until(lambda: cell.cycle(amplifier_enable=1.0) and pins[DIGITAL_OUTPUTS] == 0b10)
+            assert until(lambda: cell.cycle() and cell.says("amplifier_ok_x") == 1.0)
+            assert until(lambda: cell.cycle(voltage_x=5.0) and cell.says("strain_x") > 2.0)
+            assert until(lambda: pins[DIGITAL_OUTPUTS] == 0), "no frames come"
+            assert terminals.applications[1].state == OP, "it has no processor that could leave OP"
+        finally:
+            cell.close()

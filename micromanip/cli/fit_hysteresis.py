@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import UsageError, system_error
+from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .axes import require_axis_of
 from .options import Quantity, StrictCommand, json_option, print_json
@@ -16,6 +16,9 @@ from .progress import steps
 from .prose import say
 from .recording_options import recording_options, tell
 from .results import Pictures, out_option, require_room
+
+if TYPE_CHECKING:
+    from micromanip.design.record import Record
 
 KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 
@@ -66,12 +69,15 @@ def command(
 
     if (into is None) != (axis is None):
         raise UsageError("--into and --axis go together")
+    range_um = None
     if into is not None and axis is not None:
-        _require_axis(into, axis)
+        range_um = _setpoint_range_um(into, axis)
         require_room(into.parent, f"--into {into}")
     untimed = step_s is not None and time_name is None
-    wanted = Wanted((input_name, output_name), time_name, step_s, untimed, cut, rate_hz)
+    wanted = Wanted((input_name, output_name), time_name, step_s, untimed, cut, rate_hz, ("voltage", "length"))
     record = load_record(file, wanted)
+    if range_um is not None:
+        _require_meant(record, range_um, f"axis {axis} of {into}")
     # the part is that of FILE; the other record has its own length
     held_out = load_record(validate, replace(wanted, cut=None)) if validate else None
     tell([record, *([held_out] if held_out else [])])
@@ -102,11 +108,28 @@ def command(
     pictures.require_written()
 
 
-def _require_axis(into: Path, axis: str) -> None:
+def _setpoint_range_um(into: Path, axis: str) -> tuple[float, float]:
     from micromanip.settings.load import load_with_source
 
     configuration, _ = load_with_source(into)
     require_axis_of(configuration.axes, axis, into)
+    return configuration.axes[axis].setpoint.range_um
+
+
+def _require_meant(record: Record, range_um: tuple[float, float], where: str) -> None:
+    """What a stage will be moved by is in stated units, and of its range: continued, but not by more than was seen."""
+    for name, unit, base in zip((record.input_name, record.output_name), record.units, ("V", "um"), strict=True):
+        if unit is None:
+            raise CheckFailed(
+                f"{record.file}: {name} states no unit, and --into takes none for granted: write {name}:{base}"
+            )
+    low, high = float(record.y.min()), float(record.y.max())
+    if range_um[0] < low - (high - low) or range_um[1] > high + (high - low):
+        raise CheckFailed(
+            f"{record.file}: {record.output_name} goes from {low:.4g} to {high:.4g} um, the set-point of {where} from "
+            f"{range_um[0]:g} to {range_um[1]:g}: too far beyond the record. Record the range that is "
+            f"used, or correct the unit, as in {record.output_name}:mm; nothing is written"
+        )
 
 
 def _put_into(into: Path, axis: str, model: Any) -> None:

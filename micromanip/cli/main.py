@@ -196,14 +196,20 @@ def _end_output() -> None:
 
 
 def bug(problem: Exception) -> None:
-    """What we did not foresee: one line for the user, the trace in a file for us."""
+    """What nobody foresaw: one line for the user, the trace in a file for us, or for the author of a driver."""
     import tempfile
+
+    from micromanip.bus.authors import driver_at_fault, first_cause
 
     trace = "".join(traceback.format_exception(problem))
     try:
         with tempfile.NamedTemporaryFile("w", prefix="micromanip-", suffix=".trace", delete=False) as file:
             file.write(trace)
-        next_step = f"Please report it with {file.name}"
+        how = f"with {file.name}"
     except OSError:
-        next_step = f"Please report it with this:\n{trace}"
-    _say(f"micromanip: bug: {type(problem).__name__}: {problem}\n{next_step}")
+        how = f"with this:\n{trace}"
+    driver = driver_at_fault(problem)
+    if driver is None:
+        _say(f"micromanip: bug: {type(problem).__name__}: {problem}\nPlease report it {how}")
+    else:
+        _say(f"micromanip: bug of {driver}: {first_cause(problem)}\nPlease report it to the driver's author {how}")

@@ -30,7 +30,8 @@ class Record:
     """Input (n,) and output (n,) sampled every `step_s`, and where they came from.
 
     `counts` (n,) is false where the output was not measured, or is wrong: those samples carry the model's memory across
-    a gap and are not fitted to. `after_gap` are the first samples behind the longer gaps.
+    a gap and are not fitted to. `after_gap` are the first samples behind the longer gaps. `units` are those that were
+    stated, turned into V and um.
     """
 
     file: Path
@@ -43,6 +44,7 @@ class Record:
     after_gap: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     told: str = ""
+    units: tuple[str | None, ...] = (None, None)
 
     def burn_in(self, seconds: float) -> int:
         """Samples that do not count; CheckFailed where too few would be left."""
@@ -101,6 +103,7 @@ def _on_the_grid(taken: Recording) -> Record:
         after,
         tuple(notes),
         taken.told(),
+        taken.units,
     )
 
 

@@ -134,17 +134,54 @@ def _others(file: Path, contents: Any) -> Table:
     def visit(path: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or item.ndim == 0 or item.size < 2:
             return
-        stated = next((item.attrs[name] for name in _UNIT_ATTRIBUTES if name in item.attrs), None)
+        stated = _stated_unit(item.attrs)
         name = path.replace("/", ".")
         for found, _ in columns_of(name, np.zeros(_few(item.shape), item.dtype)):
             columns[found] = _reading(file, path, name, found)
-            if isinstance(stated, bytes | str):
-                units[found] = stated.decode() if isinstance(stated, bytes) else stated
+            if stated:
+                units[found] = stated
 
     contents.visititems(visit)
     if not columns:
         raise CheckFailed(f"{file}: there are no columns of numbers in it, vectors or tables")
     return Table(file, columns, units)
+
+
+def _stated_unit(attributes: Any) -> str:
+    """The unit, "" without one; a text or an array of one, and "ms" of netCDF's "ms since 2026-11-24"."""
+    stated = next((attributes[name] for name in _UNIT_ATTRIBUTES if name in attributes), "")
+    stated = stated.item() if isinstance(stated, np.ndarray) and stated.size == 1 else stated
+    stated = stated.decode() if isinstance(stated, bytes) else stated
+    return stated.partition(" since ")[0] if isinstance(stated, str) else ""
+
+
+def _require_readable(file: Path, item: Any) -> None:
+    """CheckFailed where the library would say nothing useful, or give zeros for what is not there."""
+    h5py = require_h5py(file)
+    filters = item.id.get_create_plist()
+    for code, _, _, name in (filters.get_filter(k) for k in range(filters.get_nfilters())):
+        if not h5py.h5z.filter_avail(code):
+            called = f" ({name.decode(errors='replace')})" if name else ""
+            raise CheckFailed(
+                f"{file}: {item.name} is compressed by HDF5 filter {code}{called}, which is not installed here; "
+                "save it with gzip, or not compressed"
+            )
+    for source in item.virtual_sources() if item.is_virtual else ():
+        if source.file_name != "." and not (file.parent / source.file_name).exists():
+            raise CheckFailed(f"{file}: {item.name} is kept in {source.file_name}, which is not there; copy it, too")
+
+
+def _unpacked(values: Any, attributes: Any) -> Any:
+    """Values as netCDF means them: packed into few bits by a factor and an offset, NaN where there is none."""
+    factor, offset = attributes.get("scale_factor"), attributes.get("add_offset")
+    fills = [attributes[name] for name in ("_FillValue", "missing_value") if name in attributes]
+    if values.dtype.kind not in "fiu" or (factor is None and offset is None and not fills):
+        return values
+    missing = (
+        np.isin(values, np.concatenate([np.ravel(fill) for fill in fills])) if fills else np.zeros(values.shape, bool)
+    )
+    scaled = values * np.float64(1.0 if factor is None else np.ravel(factor)[0])
+    return np.where(missing, np.nan, scaled + np.float64(0.0 if offset is None else np.ravel(offset)[0]))
 
 
 def _few(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -161,6 +198,7 @@ def _reading(file: Path, path: str, name: str, column: str) -> Callable[[], Arra
             item = contents[path]
             if item.size > _MOST_VALUES:
                 raise CheckFailed(f"{file}: {path} has {item.size} values, more than can be read ({_MOST_VALUES})")
-            return dict(columns_of(name, item[()]))[column]
+            _require_readable(file, item)
+            return dict(columns_of(name, _unpacked(item[()], item.attrs)))[column]
 
     return read

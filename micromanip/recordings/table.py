@@ -20,9 +20,9 @@ _TIMES = {"t", "time", "zeit", "x_value", "x-axis", "timestamp", "time stamp", "
 class Table(Mapping[str, Array]):
     """Columns (n,) by their name in `file`; columns without a name are called "1", "2" and so on.
 
-    `units` has those that the file states apart from the name, `line` the line of the text at which row 0 stands,
-    `lines` that of each row where they do not follow one another; None where a file has no lines. `clocks` names the
-    column of the time of each, where a file has several: only columns with the same one belong together.
+    `units` has those that the file states apart from the name, `lines` the line of the text at which each row stands;
+    None where a file has no lines. `clocks` names the column of the time of each, where a file has several: only
+    columns with the same one belong together.
     """
 
     def __init__(
@@ -30,10 +30,10 @@ class Table(Mapping[str, Array]):
         file: Path,
         columns: Mapping[str, Array | Callable[[], Array]],
         units: Mapping[str, str] | None = None,
-        line: int | None = None,
+        lines: Sequence[int] | None = None,
         clocks: Mapping[str, str] | None = None,
     ) -> None:
-        self.file, self.line = file, line
+        self.file, self.lines = file, lines
         self._columns = dict(columns)
         self._units = dict(units or {})
         self._clocks = dict(clocks or {})
@@ -56,7 +56,7 @@ class Table(Mapping[str, Array]):
 
     def where(self, row: int) -> str:
         """The place of `row` for a message: file and line, or file and number of the row, from 0."""
-        return f"{self.file}: row {row}" if self.line is None else f"{self.file}:{row + self.line}"
+        return f"{self.file}: row {row}" if self.lines is None else f"{self.file}:{self.lines[row]}"
 
     def resolve(self, asked: str) -> tuple[str, str | None]:
         """Name and unit of the column that ``NAME[:unit]`` means. CheckFailed where there is none.

@@ -23,6 +23,8 @@ _MOST_SAMPLES = 20_000_000
 _MOST_JUMPS = 5
 _STROKE_UM = (0.2, 5000.0)
 _SWING_V = 2000.0
+_BASE = {"length": "um", "voltage": "V"}
+_OTHER = {"length": "mm", "voltage": "mV"}
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Wanted:
     """Which columns, ``NAME[:unit]``, and how much of them: `cut` in s from the first sample, `rate_hz` of the result.
 
     `step_s` is the sampling interval where there is no column of time, or where it is to be ignored (`untimed`).
+    `dimensions`, of each column where it is given ("voltage", "length"), is what is meant by one that states no unit.
     """
 
     columns: Sequence[str]
@@ -38,6 +41,7 @@ class Wanted:
     untimed: bool = False
     cut: tuple[float, float] | None = None
     rate_hz: float | None = None
+    dimensions: Sequence[str | None] = ()
 
 
 @dataclass(frozen=True)
@@ -109,7 +113,8 @@ def take(file: Path, wanted: Wanted) -> Recording:
     part = slice(first, last)
     stacked = np.column_stack([columns[name][part] for name in names])
     _require_numbers(table, names, stacked, first)
-    units, scaled = _in_our_units(names, [unit for _, unit in found], stacked, notes)
+    dimensions = wanted.dimensions or [None] * len(names)
+    units, scaled = _in_our_units(file, names, [unit for _, unit in found], dimensions, stacked, notes)
     clock = Clock(clock.step_s, clock.index[part], clock.seconds[part], clock.jittered, clock.notes)
     notes[:0] = clock.notes
     spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if len(scaled) > 10 else scaled != scaled
@@ -173,15 +178,30 @@ def _require_numbers(table: Table, names: Sequence[str], values: Array, first: i
 
 
 def _in_our_units(
-    names: Sequence[str], written: Sequence[str | None], values: Array, notes: list[str]
+    file: Path,
+    names: Sequence[str],
+    written: Sequence[str | None],
+    meant: Sequence[str | None],
+    values: Array,
+    notes: list[str],
 ) -> tuple[tuple[str | None, ...], Array]:
     units: list[str | None] = []
     scaled = values.copy()
-    for k, (name, unit) in enumerate(zip(names, written, strict=True)):
+    for k, (name, unit, dimension) in enumerate(zip(names, written, meant, strict=True)):
         scale = known(unit) if unit else None
         units.append(scale.base if scale else None)
         if scale is None:
+            if dimension is not None:
+                notes.append(
+                    f"{name} states no unit: taken as {_BASE[dimension]}; {name}:{_OTHER[dimension]} says another"
+                )
+                notes += _doubts(name, dimension, float(np.ptp(scaled[:, k])), _BASE[dimension])
             continue
+        if dimension not in (None, scale.dimension):
+            raise CheckFailed(
+                f"{file}: {name} is in {unit}, which is no unit of {dimension}; name the right column, or write its "
+                f"unit behind it, {name}:{_BASE[dimension or '']}"
+            )
         if scale.factor != 1.0:
             scaled[:, k] *= scale.factor
             notes.append(f"{name}: {unit} turned into {scale.base}")

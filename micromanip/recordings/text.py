@@ -6,7 +6,8 @@ the first line from which on they are. Names stand in the line before, or a unit
 
 from __future__ import annotations
 
-import datetime
+import contextlib
+import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,13 +19,27 @@ from micromanip.errors import CheckFailed
 from micromanip.files.regular_file import open_regular
 
 from .encoding import decoded
+from .stamps import from_first_s, stamp_s
 from .table import Array, Table
 from .units import known
 
-_DIALECTS = (("\t", "."), ("\t", ","), (";", ","), (";", "."), (",", "."), (None, "."), (None, ","))
-"""Separator (None: spaces) and decimal mark; the first of those that fit is taken."""
+_DIALECTS = (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (",", ","), (None, "."), (None, ","))
+"""Separator (None: spaces) and decimal mark; the first of those that fit is taken. Commas within a field are quoted."""
+_SPACES = "'\N{RIGHT SINGLE QUOTATION MARK} \N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
+_THOUSANDS = {".": "," + _SPACES, ",": "." + _SPACES}
+"""Marks between thousands, by the decimal mark."""
+_GROUPED = {
+    ".": re.compile(rf"[+-]?[1-9]\d{{0,2}}([{_THOUSANDS['.']}]\d{{3}})+\.\d*"),
+    ",": re.compile(rf"[+-]?[1-9]\d{{0,2}}([{_THOUSANDS[',']}]\d{{3}})+(,\d*)?"),
+}
+"""Numbers with such marks; 1,234 alone is none, since it may be a fraction of another country."""
+_MINUS = str.maketrans("\N{MINUS SIGN}", "-")
 _SAMPLED = 60
+_PREAMBLE_ROWS = 10
+"""Rows of numbers that may stand among the lines before a table; more of them are a table of their own."""
 _COMMENT = "#%/*"
+_NOTHING = ',;"\t '
+"""What a line without values consists of, as spreadsheets leave them behind the last row."""
 _EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity"}
 _NO_TABLE = "not a table of numbers: one row per sample, separated by commas, semicolons, tabs or spaces, is read"
 
@@ -37,32 +52,56 @@ class _Dialect:
     def fields(self, line: str) -> list[str]:
         if self.separator is None:
             return line.split()
-        return [field.strip().strip('"').strip() for field in line.split(self.separator)]
+        found = line.split(self.separator)
+        if '"' in line:
+            with contextlib.suppress(csv.Error):
+                found = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))
+        return [field.strip().strip('"').strip() for field in found]
 
     def number(self, field: str) -> float | None:
         """The number that a field is, NaN for an empty one, None for a text."""
         try:
-            return float(field.replace(",", ".") if self.decimal == "," else field)
+            return self._float(field)
+        except ValueError:
+            pass
+        plain = field.translate(_MINUS)
+        if _GROUPED[self.decimal].fullmatch(plain):
+            plain = plain.translate(str.maketrans("", "", _THOUSANDS[self.decimal]))
+        try:
+            return self._float(plain)
         except ValueError:
             return np.nan if field.lower() in _EMPTY else None
+
+    def _float(self, field: str) -> float:
+        if self.decimal == ".":
+            return float(field)
+        if "." in field:
+            raise ValueError(field)
+        return float(self.plain(field))
+
+    def plain(self, field: str) -> str:
+        """A field with a decimal point."""
+        return field.replace(",", ".") if self.decimal == "," else field
 
 
 def read_text(file: Path) -> Table:
     """A text. CheckFailed, with the line, where it is no table, or a row of it has not as many values as the others."""
     with open_regular(file) as opened:
-        lines = decoded(file, opened.read()).splitlines()
-    while lines and not lines[-1].strip():
-        lines.pop()
+        every = decoded(file, opened.read()).splitlines()
+    while every and not every[-1].strip(_NOTHING):
+        every.pop()
+    numbers = [number for number, line in enumerate(every, 1) if line.strip()]
+    lines = every if len(numbers) == len(every) else [every[number - 1] for number in numbers]
     dialect = _dialect(file, lines)
-    first, kinds = _rows(file, lines, dialect)
-    names, units = _header(file, lines[:first], dialect, kinds)
-    values = _values(file, lines, first, dialect, kinds)
+    first, kinds = _rows(file, lines, numbers, dialect)
+    names, units = _header(file, every[: numbers[first] - 1], dialect, kinds)
+    values = _values(file, lines[first:], numbers[first:], dialect, kinds)
     kept = [k for k, kind in enumerate(kinds) if kind and (names[k] or np.isfinite(values[k]).any())]
     named = _unlike([names[k] or str(k + 1) for k in kept])
     columns = {name: values[k] for name, k in zip(named, kept, strict=True)}
     stated = {name: unit for name, k in zip(named, kept, strict=True) if (unit := units[k])}
     stated |= {name: "s" for name, k in zip(named, kept, strict=True) if kinds[k] == "stamp"}
-    return Table(file, columns, stated, first + 1)
+    return Table(file, columns, stated, numbers[first:])
 
 
 def _dialect(file: Path, lines: Sequence[str]) -> _Dialect:
@@ -95,8 +134,11 @@ def _is_row(fields: Sequence[str], dialect: _Dialect) -> bool:
     return any(number is not None and np.isfinite(number) for number in numbers) and texts <= len(fields) // 2
 
 
-def _rows(file: Path, lines: Sequence[str], dialect: _Dialect) -> tuple[int, list[str]]:
-    """The first line of numbers, and what each column is: "number", "stamp" (a date and time), or "" for a text."""
+def _rows(file: Path, lines: Sequence[str], numbers: Sequence[int], dialect: _Dialect) -> tuple[int, list[str]]:
+    """The first line of numbers, and what each column is: "number", "stamp" (a date and time), or "" for a text.
+
+    CheckFailed where there is none, or a second table behind the first.
+    """
     tail = [dialect.fields(line) for line in lines[-_SAMPLED:]]
     rows = [row for row in tail if _is_row(row, dialect)]
     width = _commonest([len(row) for row in rows])
@@ -105,9 +147,15 @@ def _rows(file: Path, lines: Sequence[str], dialect: _Dialect) -> tuple[int, lis
     for at in range(len(lines) - 1, -1, -1):
         row = dialect.fields(lines[at])
         if not _fits(row, kinds, dialect):
-            if not any(_fits(dialect.fields(line), kinds, dialect) for line in lines[max(0, at - _SAMPLED) : at]):
+            before = sum(_fits(dialect.fields(line), kinds, dialect) for line in lines[max(0, at - _SAMPLED) : at])
+            if before == 0:
                 break
             if _may_begin(lines[at]) and first < len(lines):
+                if before > _PREAMBLE_ROWS:
+                    raise CheckFailed(
+                        f"{file}:{numbers[at]}: a second table begins here, behind the rows of another: "
+                        "one table is read; save them in files of their own"
+                    )
                 break
             continue  # a bad row among good ones: it is told when the values are read
         first = at
@@ -123,7 +171,7 @@ def _kind(fields: Sequence[str], dialect: _Dialect) -> str:
         return ""
     if sum(number is None for number in numbers) <= len(numbers) // 2:
         return "number"
-    return "stamp" if _stamp(fields[-1], dialect) is not None else ""
+    return "stamp" if stamp_s(dialect.plain(fields[-1])) is not None else ""
 
 
 def _may_begin(line: str) -> bool:
@@ -206,11 +254,12 @@ def _unlike(names: Sequence[str]) -> list[str]:
     return found
 
 
-def _values(file: Path, lines: Sequence[str], first: int, dialect: _Dialect, kinds: Sequence[str]) -> list[Array]:
-    """A column (n,) for each kind; empty for texts."""
-    rows = lines[first:]
-    plain = all(kind == "number" for kind in kinds)
-    if plain and not any('"' in line for line in rows[:_SAMPLED]):
+def _values(
+    file: Path, rows: Sequence[str], numbers: Sequence[int], dialect: _Dialect, kinds: Sequence[str]
+) -> list[Array]:
+    """A column (n,) for each kind; empty for texts. `numbers` (n,) are those of the rows' lines."""
+    plain = all(kind == "number" for kind in kinds) and not any('"' in line for line in rows[:_SAMPLED])
+    if plain and not (dialect.decimal == "," and any("." in line for line in rows)):
         quick = [line.replace(",", ".") for line in rows] if dialect.decimal == "," else rows
         try:
             table = np.loadtxt(quick, delimiter=dialect.separator, ndmin=2, comments=None)
@@ -223,26 +272,16 @@ def _values(file: Path, lines: Sequence[str], first: int, dialect: _Dialect, kin
     for k, line in enumerate(rows):
         fields = dialect.fields(line)
         if len(fields) != len(kinds):
-            raise CheckFailed(f"{file}:{first + k + 1}: {_ragged(fields, kinds, last=k == len(rows) - 1)}")
+            raise CheckFailed(f"{file}:{numbers[k]}: {_ragged(fields, kinds, last=k == len(rows) - 1)}")
         for column, (field, kind) in enumerate(zip(fields, kinds, strict=True)):
             if kind:
-                number = _stamp(field, dialect) if kind == "stamp" else dialect.number(field)
+                number = stamp_s(dialect.plain(field)) if kind == "stamp" else dialect.number(field)
                 if number is None:
-                    raise CheckFailed(f"{file}:{first + k + 1}: {field[:40]!r} is no number")
+                    raise CheckFailed(f"{file}:{numbers[k]}: {field[:40]!r} is no number")
                 values[column][k] = number
-    return [column - column[0] if kind == "stamp" else column for column, kind in zip(values, kinds, strict=True)]
+    return [from_first_s(column) if kind == "stamp" else column for column, kind in zip(values, kinds, strict=True)]
 
 
 def _ragged(fields: Sequence[str], kinds: Sequence[str], *, last: bool) -> str:
     why = "; the file's last row: it may be cut off, remove it" if last else ""
     return f"this row has not as many values as there are columns ({len(fields)}, the others have {len(kinds)}){why}"
-
-
-def _stamp(field: str, dialect: _Dialect) -> float | None:
-    """Seconds of a date and time in ISO 8601, or of a time of day; None for anything else."""
-    text = field.replace(",", ".") if dialect.decimal == "," else field
-    found = re.fullmatch(r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d\d?):(\d\d):(\d\d(?:\.\d*)?)(?:Z|[+-]\d\d:?\d\d)?", text)
-    if not found:
-        return None
-    days = datetime.date.fromisoformat(found[1]).toordinal() if found[1] else 0
-    return 86_400.0 * days + 3600.0 * int(found[2]) + 60.0 * int(found[3]) + float(found[4])

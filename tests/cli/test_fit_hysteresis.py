@@ -145,6 +145,35 @@ def test_into_an_anchor_or_its_alias_changes_the_named_axis_only(csv, cell, name
     load_with_source(cell)
 
 
+@pytest.mark.parametrize(
+    ("header", "factor", "columns", "says"),
+    [
+        (
+            "t_s,u_V,y_um",
+            1e-3,
+            COLUMNS,
+            "y_um goes from .* um, the set-point of axis x of .* from 2 to 128: too far beyond",
+        ),
+        (
+            "t_s,u,y_um",
+            1.0,
+            ("--input", "u", "--output", "y"),
+            "u states no unit, and --into takes none for granted: write u:V",
+        ),
+        ("t_s,u_V,y", 1.0, ("--input", "u", "--output", "y"), "y states no unit, .* write y:um"),
+        ("t_s,u_V,y_um", 1.0, ("--input", "y", "--output", "u"), "y_um is in um, which is no unit of voltage"),
+    ],
+)
+def test_into_takes_no_unit_for_granted(csv, cell, header, factor, columns, says, capsys):
+    """A gauge in mm once put a model into the cell that was continued to 800 times what had been recorded."""
+    rows = [line.split(",") for line in Path(csv).read_text().splitlines()[1:]]
+    Path(csv).write_text("\n".join([header, *(f"{t},{u},{factor * float(y)}" for t, u, y in rows)]))
+    before = cell.read_text()
+    assert code_of(csv, *columns, "--model", "pi-affine", "--into", cell, "--axis", "x") == 1
+    assert re.search(says, capsys.readouterr().err.replace("\n", " "))
+    assert cell.read_text() == before
+
+
 @pytest.mark.parametrize("half", [("--axis", "x"), ("--into", "cell.yaml")])
 def test_into_and_axis_go_together(csv, half, capsys):
     assert code_of(csv, *QUICK, *half) == 64

@@ -99,7 +99,7 @@ REFUSED = {
     "not text": (b"\xff\xfe\x00", "not a line of JSON: "),
     "nested without end": (b"[" * 60_000, "not a line of JSON: "),
     "nested deeply": (b'{"version": 1, "verb": "here", "x": ' + b"[" * 33 + b"]" * 33 + b"}", "a request is nested at"),
-    "number too long": (b'{"version": ' + b"1" * 5000 + b"}", "not a line of JSON: "),
+    "number too long": (b'{"version": ' + b"1" * 5000 + b"}", "not a line of JSON: a number of 5000 digits"),
     "not an object": (b"[1]", 'a request is a JSON object with "version": 1'),
     "no version": (b'{"verb": "here"}', 'a request is a JSON object with "version": 1'),
     "wrong version": (b'{"version": 2, "verb": "here"}', "version 2 of the protocol is not supported; supported is 1"),
@@ -108,6 +108,11 @@ REFUSED = {
     "not a number": (
         b'{"version": 1, "verb": "here", "x": NaN}',
         "expected finite numbers, not NaN; where no limit is meant",
+    ),
+    "two verbs": (b'{"version": 1, "verb": "here", "verb": "disarm"}', "the key 'verb' is given twice; leave one"),
+    "a value given twice": (
+        b'{"version": 1, "verb": "here", "changes": {"K": 0.4, "K": 0.6}}',
+        "the key 'K' is given twice; leave one",
     ),
     "unknown verb": (
         b'{"version": 1, "verb": "explode"}',

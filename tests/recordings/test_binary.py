@@ -97,6 +97,17 @@ def hdf5_table(file):
     return ("u", "y")
 
 
+def netcdf(file):
+    """Packed by factor and offset, the units in arrays, as netCDF and MATLAB's h5writeatt have them."""
+    with h5py.File(file, "w") as contents:
+        contents["t"], contents["u"] = 1e3 * T, U
+        contents["y"] = np.rint((Y - 50.0) / 1e-6).astype("i4")
+        contents["t"].attrs["units"] = "milliseconds since 2026-11-24 10:00:00"
+        contents["u"].attrs["units"] = np.array([b"V"])
+        contents["y"].attrs.update(units=np.array(["um"], object), scale_factor=np.array([1e-6]), add_offset=50.0)
+    return ("u", "y")
+
+
 def parquet(file):
     pq.write_table(pa.table({"t": T, "u (V)": U, "y (mm)": 1e-3 * Y, "who": ["lab"] * SAMPLES}), file)
     return ("u", "y")
@@ -113,7 +124,7 @@ def parquet_stamped(file):
 WRITERS = {
     mat: "x.mat", mat_4: "x.mat", mat_compressed: "x.mat", mat_matrix: "x.mat", mat_simulink: "x.mat", mat_73: "x.mat",
     npy_matrix: "x.npy", npy_rows: "x.npy", npy_structured: "x.npy", npz: "x.npz", npz_compressed: "x.npz",
-    hdf5: "x.h5", hdf5_table: "x.hdf5", parquet: "x.parquet", parquet_stamped: "x.parquet",
+    hdf5: "x.h5", netcdf: "x.nc", hdf5_table: "x.hdf5", parquet: "x.parquet", parquet_stamped: "x.parquet",
 }  # fmt: skip
 MATRICES = {mat_matrix: "data.1", npy_matrix: "1", npy_rows: "1"}
 
@@ -183,6 +194,33 @@ def test_foreign_files_are_one_sentence(content, tmp_path):
     with pytest.raises(CheckFailed, match=FOREIGN[content]) as raised:
         read_table(file)
     assert "\n" not in str(raised.value)
+
+
+def test_what_netcdf_marks_as_missing_is_no_number(tmp_path):
+    netcdf(tmp_path / "x.h5")
+    with h5py.File(tmp_path / "x.h5", "a") as contents:
+        contents["y"][7] = contents["y"].attrs["_FillValue"] = np.int32(-(2**31))
+    with pytest.raises(CheckFailed, match="row 7: y has no number here"):
+        take(tmp_path / "x.h5", Wanted(("u", "y")))
+
+
+def test_hdf5_whose_values_are_elsewhere_or_need_a_filter_is_told_as_that(tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as contents:
+        contents["t"] = T
+        settings = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        settings.set_chunk((SAMPLES,))
+        settings.set_filter(32001, h5py.h5z.FLAG_OPTIONAL)  # blosc, as PyTables and pandas write
+        space = h5py.h5s.create_simple((SAMPLES,))
+        kept = h5py.h5d.create(contents.id, b"u", h5py.h5t.NATIVE_DOUBLE, space, settings)
+        kept.write_direct_chunk((0,), U.tobytes(), 0)
+        parts = h5py.VirtualLayout(shape=(SAMPLES,), dtype="f8")
+        parts[:] = h5py.VirtualSource("part1.h5", "y", shape=(SAMPLES,))
+        contents.create_virtual_dataset("y", parts)
+    found = read_table(tmp_path / "x.h5")
+    with pytest.raises(CheckFailed, match="/u is compressed by HDF5 filter 32001, which is not installed here"):
+        found["u"]
+    with pytest.raises(CheckFailed, match=r"/y is kept in part1\.h5, which is not there"):
+        found["y"]
 
 
 def test_columns_of_other_lengths_are_no_recording(tmp_path):

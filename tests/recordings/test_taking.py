@@ -190,6 +190,17 @@ def test_units_that_can_hardly_be_meant_are_told(name, tmp_path):
     assert not good.notes
 
 
+def test_what_is_meant_by_a_column_without_a_unit_is_told_and_doubted(tmp_path):
+    wanted = Wanted(("u", "y"), dimensions=("voltage", "length"))
+    notes = take(written(tmp_path / "x.csv", y=1e-3 * Y), wanted).notes
+    assert [note.partition(":")[0] for note in notes] == [
+        "u states no unit", "y states no unit", "y moves by 0.096 um only"
+    ]  # fmt: skip
+    assert not take(written(tmp_path / "x.csv", header="t_s,u_V,y_um"), wanted).notes
+    with pytest.raises(CheckFailed, match=r"y_um is in um, which is no unit of voltage; .* y_um:V"):
+        take(tmp_path / "x.csv", Wanted(("y", "u"), dimensions=("voltage", "length")))
+
+
 def test_a_leap_in_even_times_is_told(tmp_path):
     kept = np.delete(np.arange(SAMPLES), np.arange(120, 160))
     (note,) = take(written(tmp_path / "x.csv", T[: len(kept)], U[kept], Y[kept]), COLUMNS).notes

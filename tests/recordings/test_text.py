@@ -53,6 +53,10 @@ TIME,CH1,CH2
 KEYSIGHT = "x-axis,1,2\nsecond,Volt,Volt\n"
 
 
+def split(row):
+    return row.split(",")
+
+
 def written(file, text, encoding="utf-8"):
     file.write_bytes(text.encode(encoding))
     return file
@@ -87,6 +91,17 @@ FOREIGN = {
     "tektronix": (TEKTRONIX + "\n".join(lines()), ("CH1", "CH2")),
     "keysight": (KEYSIGHT + "\n".join(lines()), ("1", "2")),
     "ltspice": ("time\tV(amp)\tV(y)\n" + "\n".join(lines("\t")), ("V(amp)", "V(y)")),
+    "german excel, cleared rows": ("Zeit;u;y\r\n" + "\r\n".join([*lines(";", ","), ";;", ";;"]) + "\r\n", ("u", "y")),
+    "python on windows": ("t,u,y\r\r\n" + "\r\r\n".join(lines()) + "\r\r\n", ("u", "y")),
+    "commas in quotes": ('"t, s","u, V","y, um"\n' + "\n".join(lines()), ("u, V", "y, um")),
+    "quoted, decimal commas": (
+        "t,u,y\n" + "\n".join(",".join(f'"{v}"' for v in row.split(";")) for row in lines(";", ",")),
+        ("u", "y"),
+    ),
+    "typeset minus": (
+        "t,y,u\n" + "\n".join(f"{t},\N{MINUS SIGN}{y},{u}" for t, u, y in map(split, lines())),
+        ("u", "y"),
+    ),
     "a status beside": ("t,u,state,y\n" + "\n".join("{},{},ok,{}".format(*r.split(",")) for r in lines()), ("u", "y")),
 }
 
@@ -94,7 +109,43 @@ FOREIGN = {
 @pytest.mark.parametrize("name", FOREIGN)
 def test_each_program_s_text_gives_the_same_numbers(name, tmp_path):
     text, columns = FOREIGN[name]
-    assert same(written(tmp_path / "x.txt", text), columns).notes == []
+    signs = (1.0, -1.0) if name == "typeset minus" else (1.0, 1.0)
+    assert same(written(tmp_path / "x.txt", text), columns, signs).notes == []
+
+
+def in_thousands(value, mark, decimal, digits):
+    return f"{value:,.{digits}f}".translate(str.maketrans({",": mark, ".": decimal}))
+
+
+@pytest.mark.parametrize(
+    ("separator", "mark", "decimal", "digits"),
+    [
+        (";", ".", ",", 6),
+        (";", ".", ",", 0),
+        (";", "\N{NARROW NO-BREAK SPACE}", ",", 6),
+        (";", "\N{NO-BREAK SPACE}", ",", 0),
+        (";", "'", ".", 6),
+        (",", ",", ".", 6),
+        ("\t", ",", ".", 6),
+    ],
+)
+def test_thousands_are_no_decimals(separator, mark, decimal, digits, tmp_path):
+    """Of a gauge in nm that goes past 1,000: 1.001 in a German table is a thousand and one."""
+    rows = [
+        separator.join(
+            f'"{field}"' if separator in field else field
+            for field in (
+                f"{t:.3f}".replace(".", decimal),
+                f"{u:.6f}".replace(".", decimal),
+                in_thousands(1000.0 * y, mark, decimal, digits),
+            )
+        )
+        for t, u, y in zip(T, U, Y, strict=True)
+    ]
+    taken = take(
+        written(tmp_path / "x.csv", f"t (s){separator}u (V){separator}y (nm)\n" + "\n".join(rows)), Wanted(("u", "y"))
+    )
+    np.testing.assert_allclose(taken.values, np.column_stack([U, Y]), atol=0.51e-3)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
@@ -171,7 +222,57 @@ def test_time_by_option_and_stamps(tmp_path):
         take(counter, Wanted(("y",), "u:V"))
 
 
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        "2026-11-24T23:59:58.{}",
+        "24.11.2026 23:59:58.{}",
+        "23:59:58.{}",
+        "0 days 00:00:01.{}",
+        "2026/11/24 10:00:00.{}+01:00",
+    ],
+)
+def test_stamps_at_10_kHz_are_even(stamp, tmp_path):
+    rows = [f"{stamp.format(f'{k * 100:06d}')},{k % 7}" for k in range(600)]
+    taken = take(written(tmp_path / "x.csv", "when,y\n" + "\n".join(rows)), Wanted(("y",)))
+    assert (taken.step_s, taken.notes) == (pytest.approx(1e-4, rel=1e-4), [])
+
+
+def test_a_time_of_day_goes_past_midnight(tmp_path):
+    rows = [
+        f"{(23 + k // 300) % 24:02d}:{59 * (k < 300):02d}:{59 * (k < 300):02d}.{k % 300:03d},{k}" for k in range(600)
+    ]
+    found = read_table(written(tmp_path / "x.csv", "when,y\n" + "\n".join(rows)))
+    assert found["when"][[299, 300]] == pytest.approx([0.299, 1.0])
+
+
+def test_a_clock_that_was_never_set_is_no_time(tmp_path):
+    rows = [f"0000-00-00 00:00:0{k / 100:.2f},{row}" for k, row in enumerate(lines())]
+    assert list(read_table(written(tmp_path / "x.csv", "when,t,u,y\n" + "\n".join(rows)))) == ["t", "u", "y"]
+
+
 BAD = {
+    "begun again": (
+        "t,u,y\n" + "\n".join([*lines()[:400], "t,u,y", *lines()[:200]]),
+        r"x.csv:402: a second table begins here",
+    ),
+    "labview, two segments": (
+        LABVIEW
+        + "\n".join(lines("\t", ","))
+        + "\n\n"
+        + LABVIEW.partition("\nChannels")[2]
+        + "\n".join(lines("\t", ",")),
+        "a second table begins here",
+    ),
+    "blocks": ("t u y\n" + "\n".join([*lines(" ")[:300], "", *lines(" ")[:300]]), r"x.csv:303: t falls by 1.49"),
+    "points among commas": (
+        "t;u;y\n" + "\n".join([*lines(";", ",")[:300], "1,5;40,25;3.25", *lines(";", ",")[300:]]),
+        r"x.csv:302: '3.25' is no number",
+    ),
+    "thousands of whole numbers": (
+        "t,u,y\n" + "\n".join([*lines()[:300], '1.5,40.25,"1,234"', *lines()[300:]]),
+        r"x.csv:302: '1,234' is no number",
+    ),
     "cut off": (
         "t,u,y\n" + "\n".join(lines()[:-1]) + "\n2.9",
         r"x.csv:601: this row has not as many .* may be cut off",

@@ -26,6 +26,8 @@ _LEAST_SLOPE, _MOST_SLOPE = 0.05, 50.0
 _NEAR, _FOLLOWS, _HELD, _LOST_MOTION = 0.15, 0.5, 0.2, 0.05
 """Share of the set-point's range about the working point. There: correlation of stage and gauge; share of the samples
 without a new reading; how far the stage may stay behind where the actuator turns, as a share of its travel there."""
+_OFF_CENTRE = 0.5
+"""How far the stage's zero may be from the working point, as a share of the way to the nearer end of the range."""
 _OTHER = 5.0
 STEP_V, _RISE_S, _BEFORE_S, _AFTER_S, _LIFT_S = 5.0, 0.002, 0.1, 0.5, 0.5
 _LATE_S, _SETTLED_S, _PADDED, _TURNS = 0.2, 0.02, 8, 2
@@ -90,6 +92,14 @@ def check_travel(
             f"axis {axis}: the stage sensor falls by {-slope:.2g} um for each um that the gauge rises: the path "
             "would be corrected the wrong way; change the sign of its scale, so that all of an axis counts in one "
             "direction. No loop was closed"
+        )
+    zero_um = float(np.polyval(np.polyfit(strain - settings.centre_um, stage, 1), 0.0)) / slope
+    if abs(zero_um) > _OFF_CENTRE * min(settings.centre_um - low, high - settings.centre_um):
+        raise CheckFailed(
+            f"axis {axis}: the stage sensor reads {slope * zero_um:.1f} um where the gauge reads centre_um, "
+            f"{settings.centre_um:g} um, and should read 0: the path begins at its zero, {abs(zero_um):.0f} um of the "
+            "gauge away, and would press against an end of setpoint.range_um; shift its zero by "
+            f"{slope * zero_um:.1f} um, or move centre_um. No loop was closed"
         )
     lost_um = _lost_motion(strain, stage, volts)
     if lost_um > _LOST_MOTION * float(np.ptp(stage)):

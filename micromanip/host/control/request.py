@@ -25,7 +25,7 @@ from micromanip.settings.text.source import Source
 from .authority import Peer, Right
 
 VERSION = 1
-_DEPTH = 32
+_DEPTH, _DIGITS = 32, 30
 _NAME = re.compile(r"[\w.@ -]{1,60}", re.ASCII)
 """In whose name somebody asks, who has let them in by other means: it is noted, and gives no right."""
 
@@ -78,8 +78,10 @@ def operating(act: Act, *, stops: bool = False) -> Verb:
 def parsed(line: bytes, peer: Peer) -> Request:
     """The request in `line`; UsageError where there is none."""
     try:
-        document = json.loads(line, parse_constant=_no_number, parse_float=_finite)
-    except (ValueError, RecursionError) as problem:  # not only JSONDecodeError: a number may be too long
+        document = json.loads(
+            line, parse_constant=_no_number, parse_float=_finite, parse_int=_whole, object_pairs_hook=_once
+        )
+    except (ValueError, RecursionError) as problem:
         raise UsageError(f"not a line of JSON: {problem}") from problem
     if line.count(b"[") + line.count(b"{") > _DEPTH and _is_deeper(document, _DEPTH):
         raise UsageError(f"a request is nested at most {_DEPTH} deep")
@@ -117,6 +119,22 @@ def _no_number(name: str) -> NoReturn:
 def _finite(text: str) -> float:
     number = float(text)
     return number if math.isfinite(number) else _no_number(text)
+
+
+def _whole(text: str) -> int:
+    if len(text) > _DIGITS:
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A section; of a key that is given twice nobody knows which is meant."""
+    section = dict(pairs)
+    if len(section) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise UsageError(f"the key {twice!r:.60} is given twice; leave one")
+    return section
 
 
 def success(result: Any) -> bytes:

@@ -34,6 +34,18 @@ def test_a_little_lost_motion_is_borne_and_more_is_named():
         check_travel(CELL, "x", record(20.0), {})
 
 
+def test_a_stage_sensor_with_another_zero_is_named_before_a_loop_is_closed():
+    """It reads the position from the end of its travel; the path would begin at an end of the set-point's range."""
+    shifted = record()
+    shifted["stage_um"] = shifted["stage_um"] + 100.0  # 20 um of the gauge, of 62 on either side
+    assert check_travel(CELL, "x", shifted, {}) == pytest.approx(5.0)
+    shifted["stage_um"] = shifted["stage_um"] + 200.0
+    with pytest.raises(
+        CheckFailed, match=r"reads 300.0 um where the gauge reads centre_um, 66 um, .* shift its zero by 300.0 um"
+    ):
+        check_travel(CELL, "x", shifted, {})
+
+
 def answer(mode_Hz, tau_s, damping=0.02):
     rows = np.zeros(6000, [("strain_um", "f8"), ("stage_um", "f8")])
     t = (np.arange(6000) - 1000) / RATE_HZ

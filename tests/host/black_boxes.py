@@ -8,8 +8,6 @@ import pytest
 from micromanip.host.trips.store import Box, trips
 from tools.running_controller import MICROMANIP, until
 
-PERIOD_MS = 0.1
-
 
 def folder(cell):
     return cell.folder / "micromanip" / "trips"
@@ -36,7 +34,8 @@ def assert_whole(box, before_ms, after_ms):
     """Every cycle of that time is in it, once; those that were missed are told."""
     rows = box.rows
     assert (np.diff(rows["cycle"]) == rows["periods"][1:]).all()
-    ms = (rows["cycle"] - box.trip["cycle"]) * PERIOD_MS
-    late = rows["periods"].max() * PERIOD_MS
+    period_ms = box.meta["period_ns"] * 1e-6
+    ms = (rows["cycle"] - box.trip["cycle"]) * period_ms
+    late = rows["periods"].max() * period_ms
     assert ms[0] == pytest.approx(-before_ms, abs=late + 0.2)
     assert ms[-1] == pytest.approx(after_ms, abs=late + 0.2)

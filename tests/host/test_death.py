@@ -15,10 +15,10 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
 from tools.running_controller import LEISURELY, SLOW, WAITING, calm, changed, descriptor_of, rows_of, until
 
-from .black_boxes import PERIOD_MS, assert_whole, box_of, explained, folder
+from .black_boxes import assert_whole, box_of, explained, folder
 
 SLEW_V = 4.0  # 40 V/ms, a cycle
-RAMP_CYCLES = 5000
+RAMP_CYCLES, PERIOD_MS = 5000, 0.1
 
 
 def assert_smooth_ramp(rows, park_V=0.0):

@@ -28,8 +28,8 @@ from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.write import write_atomically
-from micromanip.virtual.experiment import VirtualExperiment
-from micromanip.virtual.switched import simulated_driver
+from micromanip.virtual.experiment import VirtualExperiment, with_options
+from micromanip.virtual.switched import at_limits, simulated_driver
 from tools.robustness.campaign import narrowed
 from tools.robustness.family import drawn_cell
 
@@ -133,22 +133,16 @@ def played(prepared: Prepared) -> dict[str, Values]:
     name, configuration = simulated_driver(prepared), prepared.configuration
     driver: Any = prepared.wiring.drivers[name]
     options = driver.options.model_copy(update={"seed": PLAYED_SEED})
-    drivers = {**prepared.wiring.drivers, name: type(driver)(options, configuration.loop.period_ns)}
-    experiment = VirtualExperiment(replace(prepared, wiring=replace(prepared.wiring, drivers=drivers)), process=True)
+    experiment = VirtualExperiment(with_options(prepared, name, options), process=True)
     cell = experiment.cell(configuration)
     passed = len(cell.arm()) * configuration.loop.period_ns * 1e-9
     cell.run(max(LEAST_S, options.force.start_s + AFTER_TOOL_S - passed))
-    rows = cell.run(PLAYED_S)["axis"]
+    rows = cell.run(PLAYED_S)
     experiment.require_no_fault(cell)
-    found = {}
-    for i, (axis, settings) in enumerate(configuration.axes.items()):
-        ends = (
-            ("voltage_V", configuration.outputs[f"voltage_{axis}"].range_V),
-            ("setpoint_um", settings.setpoint.range_um),
-        )
-        limited = np.any([(rows[name][:, i] <= low) | (rows[name][:, i] >= high) for name, (low, high) in ends], axis=0)
-        moved, left = (float(np.sqrt(np.mean(rows[f][:, i] ** 2))) for f in ("uncompensated_um", "path_error_um"))
-        found[axis] = {UNCOMPENSATED: moved, NOW: left, LIMITED: 100.0 * float(np.mean(limited))}
+    axes, limited, found = rows["axis"], at_limits(configuration, rows), {}
+    for i, axis in enumerate(configuration.axes):
+        moved, left = (float(np.sqrt(np.mean(axes[f][:, i] ** 2))) for f in ("uncompensated_um", "path_error_um"))
+        found[axis] = {UNCOMPENSATED: moved, NOW: left, LIMITED: 100.0 * float(np.mean(limited[:, i]))}
     return found
 
 

@@ -21,7 +21,7 @@ from micromanip.design.loops import draw
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.model import Configuration
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 from micromanip.virtual.switched import COUPLING, NOISE, play_without, simulated_driver
 from micromanip.virtual.variation import VariedCell
 
@@ -57,13 +57,7 @@ def coupled(prepared: Prepared, couplings: Array, flexure: float) -> Prepared:
     options = prepared.wiring.options[name].model_copy(
         update={"couplings": tuple(map(tuple, couplings.tolist())), "flexure_coupling": flexure}
     )
-    driver = type(prepared.wiring.drivers[name])(options, prepared.configuration.loop.period_ns)
-    wiring = replace(
-        prepared.wiring,
-        drivers={**prepared.wiring.drivers, name: driver},
-        options={**prepared.wiring.options, name: options},
-    )
-    return replace(prepared, wiring=wiring)
+    return with_options(prepared, name, options)
 
 
 def of_size(share: float) -> Array:

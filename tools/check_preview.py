@@ -23,8 +23,8 @@ from micromanip.design.preview.stretches import RANGE, TRACKER, VOLTAGE
 from micromanip.recordings.path_deviation import PathDeviation, read_path_deviation
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared, prepare
-from micromanip.virtual.experiment import VirtualExperiment
-from micromanip.virtual.switched import simulated_driver
+from micromanip.virtual.experiment import VirtualExperiment, with_options
+from micromanip.virtual.switched import at_limits, simulated_driver
 
 Array = NDArray[np.float64]
 
@@ -82,26 +82,19 @@ def played(prepared: Prepared, path: PathDeviation, seed: int) -> NDArray[Any]:
     start_s = 4.0
     deviation = options.deviation.model_copy(update={"file": str(path.file), "start_s": start_s})
     options = options.model_copy(update={"deviation": deviation, "seed": seed})
-    driver = type(prepared.wiring.drivers[name])(options, prepared.configuration.loop.period_ns)
-    wiring = replace(prepared.wiring, drivers={**prepared.wiring.drivers, name: driver})
-    cell = VirtualExperiment(replace(prepared, wiring=wiring)).cell(prepared.configuration, prepared.samples)
+    experiment = VirtualExperiment(with_options(prepared, name, options))
+    cell = experiment.cell(prepared.configuration, prepared.samples)
     cell.run(start_s - len(cell.arm()) * prepared.configuration.loop.period_ns * 1e-9)
     return cell.run(SECONDS)
 
 
 def limited(prepared: Prepared, rows: NDArray[Any]) -> NDArray[np.bool_]:
     """Cycles (n,) in which a limit holds, a tracker's sample is out of range, or the cell does not track."""
-    configuration, axes = prepared.configuration, rows["axis"]
-    held = np.asarray(rows["state"] != TRACKING)
-    reference: Any = configuration.reference
-    for i, (name, axis) in enumerate(configuration.axes.items()):
-        for column, (low, high) in (
-            ("voltage_V", configuration.outputs[f"voltage_{name}"].range_V),
-            ("setpoint_um", axis.setpoint.range_um),
-            ("deviation_um", reference.range_um),
-        ):
-            held |= (axes[column][:, i] <= low) | (axes[column][:, i] >= high)
-    return held
+    reference: Any = prepared.configuration.reference
+    low_um, high_um = reference.range_um
+    deviation_um = rows["axis"]["deviation_um"][:, : len(prepared.configuration.axes)]
+    unseen = (deviation_um <= low_um) | (deviation_um >= high_um)
+    return np.asarray((rows["state"] != TRACKING) | (at_limits(prepared.configuration, rows) | unseen).any(axis=1))
 
 
 def compare(prepared: Prepared, seed: int, folder: Path) -> Compared:

@@ -7,7 +7,6 @@ plants as `commission` leaves them, each with the frequency fixed and with it fo
 import argparse
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from micromanip.design.commission.followed import RANGE_PERCENT
 from micromanip.design.experiment import with_axis
 from micromanip.settings.check import Prepared
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 from micromanip.virtual.switched import simulated_driver
 from tools.accuracy.cells import AXIS, FIRST_PLANT, SLEW_UM_PER_MS, changed, commissioned, tuned
 from tools.robustness.campaign import narrowed
@@ -52,9 +51,7 @@ def left(prepared: Prepared, range_percent: float) -> Left:
     for speed, said in SPEEDS.items():
         force = driver.options.force.model_copy(update={"start_s": START_S, **said})
         options = driver.options.model_copy(update={"seed": PLAYED_SEED, "force": force})
-        drivers = {**prepared.wiring.drivers, name: type(driver)(options, configuration.loop.period_ns)}
-        other = replace(prepared, wiring=replace(prepared.wiring, drivers=drivers))
-        experiment = VirtualExperiment(other, process=True)
+        experiment = VirtualExperiment(with_options(prepared, name, options), process=True)
         cell = experiment.cell(configuration)
         passed = len(cell.arm()) * configuration.loop.period_ns * 1e-9
         cell.run(START_S + AFTER_S - passed, every=1000)

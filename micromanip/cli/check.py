@@ -24,11 +24,11 @@ def command(config: Path, as_json: bool) -> None:
     from micromanip.settings.check import prepare
     from micromanip.settings.feedback import strain_loops
     from micromanip.settings.wiring.buses import budget as bus_budget
-    from micromanip.virtual.cycle_budget import measure
+    from micromanip.virtual.cycle_time import measured_cycle_ns
 
     prepared = prepare(config)
     configuration, wiring = prepared.configuration, prepared.wiring
-    budget = measure(prepared) if wiring.virtual else None
+    cycle_ns = measured_cycle_ns(prepared) if wiring.virtual else None
     loop = configuration.loop
     warnings = prepared.warnings
     if configuration.learning is not None:  # of a cell that runs, the learning process tells it
@@ -40,8 +40,8 @@ def command(config: Path, as_json: bool) -> None:
         "rate_hz": loop.rate_hz,
         "period_us": loop.period_ns / 1e3,
         "spin_us": loop.spin_us,
-        "cycle_us": round(budget.cycle_ns / 1e3, 3) if budget else None,
-        "share_percent": round(100 * budget.share, 2) if budget else None,
+        "cycle_us": round(cycle_ns / 1e3, 3) if cycle_ns else None,
+        "share_percent": round(100 * cycle_ns / loop.period_ns, 2) if cycle_ns else None,
         "buses": {
             name: [
                 {

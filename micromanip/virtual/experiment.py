@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,14 @@ from micromanip.settings.wiring.timing import FeedbackPath, feedback_path
 
 from .cell import Rows, Samples, VirtualCell
 from .own_time import at_own_time
+
+
+def with_options(prepared: Prepared, name: str, options: Any) -> Prepared:
+    """The cell with its simulated driver `name` built anew of `options`, the rest as it is."""
+    wiring = prepared.wiring
+    driver = type(wiring.drivers[name])(options, prepared.configuration.loop.period_ns)
+    drivers, told = {**wiring.drivers, name: driver}, {**wiring.options, name: options}
+    return replace(prepared, wiring=replace(wiring, drivers=drivers, options=told))
 
 
 class VirtualExperiment:

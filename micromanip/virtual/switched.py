@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from micromanip.errors import UsageError
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
+from micromanip.settings.schema.model import Configuration
 
-from .experiment import VirtualExperiment
+from .cell import Rows
+from .experiment import VirtualExperiment, with_options
 
 _WEAK = 0.1
 """What is left of a sensor's noise, 1 % of its power: one that always reads the same is a fault."""
@@ -69,24 +71,28 @@ def play_without(prepared: Prepared, off: Collection[str], seconds: float, seed:
     """
     name, configuration = simulated_driver(prepared), prepared.configuration
     options: Any = switched(prepared.wiring.options[name], off).model_copy(update={"seed": seed})
-    driver = type(prepared.wiring.drivers[name])(options, configuration.loop.period_ns)
-    wiring = replace(prepared.wiring, drivers={**prepared.wiring.drivers, name: driver})
-    experiment = VirtualExperiment(replace(prepared, wiring=wiring), process=True)
+    experiment = VirtualExperiment(with_options(prepared, name, options), process=True)
     cell = experiment.cell(configuration, prepared.samples)
     passed = len(cell.arm()) * configuration.loop.period_ns * 1e-9
     cell.run(max(_SETTLED_S, options.force.start_s + _AFTER_FORCE_S - passed))
     rows = cell.run(seconds)
     experiment.require_no_fault(cell)
-    axes = rows["axis"][:, : len(configuration.axes)]
-    held = np.zeros(axes.shape, dtype=bool)
+    assert (rows["state"] == TRACKING).all()
+    error_um = rows["axis"]["path_error_um"][:, : len(configuration.axes)]
+    return Played(np.asarray(error_um, dtype=float), at_limits(configuration, rows))
+
+
+def at_limits(configuration: Configuration, rows: Rows) -> NDArray[np.bool_]:
+    """In which cycles (n, axes) an axis' voltage or set-point is at an end of its range."""
+    held = np.zeros((len(rows), len(configuration.axes)), dtype=bool)
     for i, (axis, settings) in enumerate(configuration.axes.items()):
         for column, (low, high) in (
             ("voltage_V", configuration.outputs[f"voltage_{axis}"].range_V),
             ("setpoint_um", settings.setpoint.range_um),
         ):
-            held[:, i] |= (axes[column][:, i] <= low) | (axes[column][:, i] >= high)
-    assert (rows["state"] == TRACKING).all()
-    return Played(np.asarray(axes["path_error_um"], dtype=float), held)
+            value = rows["axis"][column][:, i]
+            held[:, i] |= (value <= low) | (value >= high)
+    return held
 
 
 def switched(options: Any, off: Collection[str]) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.settings.check import Prepared
 
-from .experiment import VirtualExperiment
+from .experiment import VirtualExperiment, with_options
 
 SECONDS = 3.0
 
@@ -62,8 +62,8 @@ class VariedCell:
 
     def varied(self, factors: Mapping[str, float], seed: int) -> Prepared:
         """The configuration with the plant of this axis changed."""
-        name, wiring = self.require_simulated(), self.prepared.wiring
-        options: Any = wiring.options[name]
+        name = self.require_simulated()
+        options: Any = self.prepared.wiring.options[name]
         plant = options.variation.get(self.axis, options.plant)
         period_s = self.prepared.configuration.loop.period_ns * 1e-9
         # the actuation's delay beyond its whole cycles is the amplifier's lag
@@ -81,8 +81,4 @@ class VariedCell:
         )
         variation = {**options.variation, self.axis: changed}
         options = options.model_copy(update={"variation": variation, "seed": seed})
-        driver = type(wiring.drivers[name])(options, self.prepared.configuration.loop.period_ns)
-        changed_wiring = replace(
-            wiring, drivers={**wiring.drivers, name: driver}, options={**wiring.options, name: options}
-        )
-        return replace(self.prepared, wiring=changed_wiring)
+        return with_options(self.prepared, name, options)

@@ -59,6 +59,11 @@ class Bench(Called):
         self.now_ns += periods * PERIOD_NS
         return self.exchange_at(self.now_ns, periods)
 
+    def hold(self, cycles, *volts):
+        """The same outputs for so many exchanges."""
+        for _ in range(cycles):
+            self.exchange(*volts)
+
     def signal(self, channel, axis="x"):
         return self.sample(f"{channel}_{axis}")
 

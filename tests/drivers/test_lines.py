@@ -52,43 +52,35 @@ def test_good_lines_read_one_and_are_fresh():
 
 def test_a_disabled_amplifier_bleeds_with_its_time_constant():
     cell = bench()
-    for _ in range(500):
-        cell.exchange(60.0, 1.0, 0.0, 0.0)
+    cell.hold(500, 60.0, 1.0, 0.0, 0.0)
     before = volts(cell)
     assert before == pytest.approx(60.0, abs=0.01)
     cell.exchange(60.0, 0.0, 0.0, 0.0)  # still enabled in this period: outputs act one sample late
     assert volts(cell) == pytest.approx(before, abs=0.01)
-    for _ in range(200):
-        cell.exchange(60.0, 0.0, 0.0, 0.0)
+    cell.hold(200, 60.0, 0.0, 0.0, 0.0)
     assert volts(cell) == pytest.approx(before * np.exp(-1.0), rel=1e-6)
-    for _ in range(2000):
-        cell.exchange(60.0, 0.5, 0.0, 0.0)  # neither 0 nor 1 is not enabled either
+    cell.hold(2000, 60.0, 0.5, 0.0, 0.0)  # neither 0 nor 1 is not enabled either
     assert volts(cell) == pytest.approx(before * np.exp(-11.0), rel=1e-6)
-    for _ in range(100):
-        cell.exchange(60.0, 1.0, 0.0, 0.0)
+    cell.hold(100, 60.0, 1.0, 0.0, 0.0)
     assert volts(cell) == pytest.approx(60.0, abs=0.01)
 
 
 def test_an_open_enable_circuit_bleeds_whatever_is_asked_for():
     cell = bench(faults=[{"channel": "enable", "kind": "value", "value": 0.0, "at_s": 0.05, "for_s": 0.04}])
-    for _ in range(499):
-        cell.exchange(60.0, 1.0, 0.0, 0.0)
+    cell.hold(499, 60.0, 1.0, 0.0, 0.0)
     assert (cell.line("enable"), volts(cell)) == (1.0, pytest.approx(60.0, abs=0.01))
     before = volts(cell)
     cell.exchange(60.0, 1.0, 0.0, 0.0)
     assert cell.line("enable") == 0.0
-    for _ in range(200):
-        cell.exchange(60.0, 1.0, 0.0, 0.0)
+    cell.hold(200, 60.0, 1.0, 0.0, 0.0)
     assert volts(cell) == pytest.approx(before * np.exp(-1.0), rel=1e-3)
-    for _ in range(300):
-        cell.exchange(60.0, 1.0, 0.0, 0.0)
+    cell.hold(300, 60.0, 1.0, 0.0, 0.0)
     assert (cell.line("enable"), volts(cell)) == (1.0, pytest.approx(60.0, abs=0.01))
 
 
 def test_feed_hold_retracts_the_tool():
     cell = bench(force={"start_s": 0.0, "static_N": 80.0, "tooth_N": 0.0, "noise_N": 0.0})
-    for _ in range(2000):
-        cell.exchange(0.0, 1.0, 0.0, 0.0)
+    cell.hold(2000, 0.0, 1.0, 0.0, 0.0)
     assert cell.c["s"][0]["force_N"] == pytest.approx(80.0, rel=1e-3)
     seen = []
     for _ in range(600):
@@ -106,8 +98,7 @@ def test_feed_hold_retracts_the_tool():
 def test_watchdog_of_the_amplifier():
     """5 ms: a heartbeat that changes keeps it on, one that stands trips it until enable is taken away."""
     cell = bench(lines={"heartbeat_ms": 5.0})
-    for _ in range(200):
-        cell.exchange(60.0, 0.0, 0.0, 0.0)
+    cell.hold(200, 60.0, 0.0, 0.0, 0.0)
     assert cell.line("amplifier_ok_x") == 1.0  # disabled, it does not watch
     for k in range(500):
         cell.exchange(60.0, 1.0, 0.0, float(k // 25 % 2))
@@ -130,14 +121,12 @@ def test_watchdog_of_the_amplifier():
 
 def test_without_a_watchdog_the_heartbeat_may_stand():
     cell = bench()
-    for _ in range(1000):
-        cell.exchange(60.0, 1.0, 0.0, 0.0)
+    cell.hold(1000, 60.0, 1.0, 0.0, 0.0)
     assert (cell.line("amplifier_ok_x"), volts(cell)) == (1.0, pytest.approx(60.0, abs=0.01))
 
 
 def test_safe_switches_the_amplifier_off():
     cell = bench()
-    for _ in range(500):
-        cell.exchange(60.0, 1.0, 0.0, 0.0)
+    cell.hold(500, 60.0, 1.0, 0.0, 0.0)
     assert cell.call("safe") == 0
     assert (cell.c["lines"]["amplifier_enable"], cell.c["s"][0]["latched_V"]) == (0, 0.0)

@@ -100,8 +100,7 @@ def test_an_overrun_advances_by_the_periods_that_passed(periods):
     for bench in (once, each):
         bench.record(30, "strain", volts=lambda k: 60.0)
     assert once.exchange(60.0, periods=periods) == 0
-    for _ in range(periods):
-        each.exchange(60.0)
+    each.hold(periods, 60.0)
     assert once.c["periods"] == each.c["periods"] == 30 + periods
     for name in ("strain", "stage", "true_strain", "true_stage", "path_error", "uncompensated"):
         assert once.signal(name)["value"] == pytest.approx(each.signal(name)["value"], abs=1e-12), name
@@ -367,8 +366,7 @@ def test_compensation_is_the_difference_of_path_and_stage():
 
 def test_axes_are_coupled():
     bench = Bench({**quiet(), "axes": ["x", "y", "z"], "coupling": 0.015})
-    for _ in range(3000):
-        bench.exchange(0.0, 0.0, 0.0)
+    bench.hold(3000, 0.0, 0.0, 0.0)
     still = {axis: float(bench.signal("true_stage", axis)["value"]) for axis in "xyz"}
     for k in range(8000):
         bench.exchange(min(60.0, 0.02 * k), 0.0, 0.0)
@@ -381,8 +379,7 @@ def test_axes_are_coupled():
 def moved(volts, options):
     """How far (um) each stage of three goes when x is driven to `volts`, at the end of 0.8 s."""
     bench = Bench({**quiet(), "axes": ["x", "y", "z"], **options})
-    for _ in range(500):
-        bench.exchange(0.0, 0.0, 0.0)
+    bench.hold(500, 0.0, 0.0, 0.0)
     still = [float(bench.signal("true_stage", axis)["value"]) for axis in "xyz"]
     for k in range(8000):
         bench.exchange(min(volts, 0.02 * k), 0.0, 0.0)

@@ -86,8 +86,7 @@ def test_a_bus_as_fast_as_the_loop_changes_nothing():
 
 def test_after_an_overrun_the_newest_sample_counts_as_one():
     bench = Bench(quiet(bus=BUS))
-    for _ in range(8):
-        bench.exchange()
+    bench.hold(8)
     before = int(bench.signal("strain")["sequence"])
     bench.exchange(periods=20)
     assert bench.signal("strain")["sequence"] == before + 1
@@ -96,8 +95,7 @@ def test_after_an_overrun_the_newest_sample_counts_as_one():
 
 def test_missed_cycles_send_what_was_written_before_them():
     bench = Bench(quiet(bus=BUS))
-    for _ in range(4):
-        bench.exchange(10.0)
+    bench.hold(4, 10.0)
     bench.exchange(20.0, periods=6)  # cycles 5 to 10: the tick of 5 found 10 V, that of 10 finds 20 V
     assert float(bench.c["s"][0]["latched_V"]) == pytest.approx(10.0, abs=0.01)
     bench.exchange(20.0, periods=2)

@@ -1,6 +1,5 @@
 """A cell that makes part after part in virtual time, and learns with the very objects of host and learning process."""
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from unittest.mock import patch
@@ -16,7 +15,7 @@ from micromanip.learner.gathering import Gathering
 from micromanip.learner.memories import Memories
 from micromanip.rt.states import BEGIN_PART
 from micromanip.settings.check import prepare
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 from micromanip.virtual.switched import DRAWN, simulated_driver, switched
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -77,9 +76,7 @@ class Production:
         options = switched(options, DRAWN) if seed is None else options.model_copy(update={"seed": seed})
         if faults:
             options = type(options).model_validate({**options.model_dump(), "faults": tuple(faults)})
-        own = type(self.prepared.wiring.drivers[driver])(options, self.prepared.configuration.loop.period_ns)
-        wiring = replace(self.prepared.wiring, drivers={driver: own})
-        cell = VirtualExperiment(replace(self.prepared, wiring=wiring), process=True).cell(
+        cell = VirtualExperiment(with_options(self.prepared, driver, options), process=True).cell(
             self.prepared.configuration, self.table
         )
         self.put(cell)

@@ -1,7 +1,6 @@
 """A cell whose path goes round and round, in virtual time, with the learning process' and the host's own objects."""
 
 import asyncio
-from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -16,7 +15,7 @@ from micromanip.learner import process
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import BEGIN_PART
 from micromanip.settings.check import prepare
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 from micromanip.virtual.switched import DRAWN, simulated_driver, switched
 
 from .production import BEGIN_S, LOOP_HZ, text
@@ -69,9 +68,7 @@ class Turning:
         driver = simulated_driver(self.prepared)
         options = self.prepared.wiring.options[driver]
         options = switched(options, DRAWN) if seed is None else options.model_copy(update={"seed": seed})
-        own = type(self.prepared.wiring.drivers[driver])(options, self.prepared.configuration.loop.period_ns)
-        wiring = replace(self.prepared.wiring, drivers={driver: own})
-        cell = VirtualExperiment(replace(self.prepared, wiring=wiring), process=True).cell(
+        cell = VirtualExperiment(with_options(self.prepared, driver, options), process=True).cell(
             self.prepared.configuration, self.segments.sample_table()
         )
         cell.parameters[:] = self.added(self.prepared, self.prepared.parameters)

@@ -1,7 +1,6 @@
 """The tool's first contact is no disagreement of the sensors, on any make of cell; a sensor that is off is."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from micromanip.design.commission.knobs import Knobs
 from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 
 FOLDER = Path(__file__).parents[2] / "config"
 AT_S = 4.0
@@ -31,13 +30,10 @@ MAKES = {
 
 def made(prepared, make):
     """The factory's cell with the plant of `make` in axis x."""
-    wiring = prepared.wiring
-    options = wiring.options["cell"]
+    options = prepared.wiring.options["cell"]
     plant = options.plant.model_copy(update=MAKES[make])
     options = options.model_copy(update={"variation": options.variation | {"x": plant}})
-    driver = type(wiring.drivers["cell"])(options, prepared.configuration.loop.period_ns)
-    options_of = {**wiring.options, "cell": options}
-    return replace(prepared, wiring=replace(wiring, drivers=wiring.drivers | {"cell": driver}, options=options_of))
+    return with_options(prepared, "cell", options)
 
 
 def on_hardware(folder, make, force=CONTACT, fault=""):

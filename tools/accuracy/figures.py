@@ -1,7 +1,7 @@
 """What a tuned cell reaches: tracked paths, what bounds them, sines of the paper, fast ones and those that repeat."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,8 @@ from micromanip.design.evaluation import TUNED, evaluate, evaluate_fast, fast_ta
 from micromanip.design.repeated import repeated
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
-from micromanip.virtual.experiment import VirtualExperiment
-from micromanip.virtual.switched import simulated_driver
+from micromanip.virtual.experiment import VirtualExperiment, with_options
+from micromanip.virtual.switched import at_limits, simulated_driver
 
 PLAYED_SEED, PLAYED_S, AFTER_TOOL_S, LEAST_S, COHERENCE_S = 7, 10.0, 1.0, 2.0, 1.0
 """Seed of the noise that is played; virtual time that counts, after the tool's entry and after tracking began; for how
@@ -63,22 +63,16 @@ def played(prepared: Prepared) -> dict[str, Values]:
     name, configuration = simulated_driver(prepared), prepared.configuration
     driver: Any = prepared.wiring.drivers[name]
     options = driver.options.model_copy(update={"seed": PLAYED_SEED})
-    drivers = {**prepared.wiring.drivers, name: type(driver)(options, configuration.loop.period_ns)}
-    experiment = VirtualExperiment(replace(prepared, wiring=replace(prepared.wiring, drivers=drivers)), process=True)
+    experiment = VirtualExperiment(with_options(prepared, name, options), process=True)
     cell = experiment.cell(configuration)
     passed = len(cell.arm()) * configuration.loop.period_ns * 1e-9
     cell.run(max(LEAST_S, options.force.start_s + AFTER_TOOL_S - passed))
-    rows = cell.run(PLAYED_S)["axis"]
+    rows = cell.run(PLAYED_S)
     experiment.require_no_fault(cell)
-    found = {}
-    for i, (axis, settings) in enumerate(configuration.axes.items()):
-        ends = (
-            ("voltage_V", configuration.outputs[f"voltage_{axis}"].range_V),
-            ("setpoint_um", settings.setpoint.range_um),
-        )
-        limited = np.any([(rows[name][:, i] <= low) | (rows[name][:, i] >= high) for name, (low, high) in ends], axis=0)
-        moved, left = (float(np.sqrt(np.mean(rows[f][:, i] ** 2))) for f in ("uncompensated_um", "path_error_um"))
-        found[axis] = {UNCOMPENSATED: moved, NOW: left, LIMITED: 100.0 * float(np.mean(limited))}
+    axes, limited, found = rows["axis"], at_limits(configuration, rows), {}
+    for i, axis in enumerate(configuration.axes):
+        moved, left = (float(np.sqrt(np.mean(axes[f][:, i] ** 2))) for f in ("uncompensated_um", "path_error_um"))
+        found[axis] = {UNCOMPENSATED: moved, NOW: left, LIMITED: 100.0 * float(np.mean(limited[:, i]))}
     return found
 
 

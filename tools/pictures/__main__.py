@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from micromanip.design.figures import control_errors, hysteresis_loops, input_ou
 from micromanip.rt.laws.hysteresis import play
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold, Step
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 
 from .analysis import analysis_drawings
 from .commissioning import commissioning_drawings
@@ -98,13 +97,12 @@ def creep(prepared: Prepared) -> Figure:
 
 def with_force(prepared: Prepared, force_N: float) -> Prepared:
     """The same cell whose machining force is one step and nothing else."""
-    drivers = {}
-    for name, driver in prepared.wiring.drivers.items():
+    for name in prepared.wiring.drivers:
         options: Any = prepared.wiring.options[name]
         updates = {"start_s": _FORCE_START_S, "static_N": force_N, "rise_ms": 0.01, "tooth_N": 0.0, "noise_N": 0.0}
         options = options.model_copy(update={"force": options.force.model_copy(update=updates)})
-        drivers[name] = type(driver)(options, prepared.configuration.loop.period_ns)
-    return replace(prepared, wiring=replace(prepared.wiring, drivers=drivers))
+        prepared = with_options(prepared, name, options)
+    return prepared
 
 
 def force_response(prepared: Prepared, mode: str, offset_um: float) -> tuple[Any, Any]:

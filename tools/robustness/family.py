@@ -7,7 +7,6 @@ class, hum, coarse gauges, delays, and every figure +-30 %.
 from __future__ import annotations
 
 import contextlib
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from micromanip.errors import CheckFailed, UsageError
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.reference import File
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 
 SPREAD = 0.3
 REACH_UM = (90.0, 165.0)
@@ -84,13 +83,10 @@ def _factor(rng: np.random.Generator) -> float:
 
 def with_plant(prepared: Prepared, axis: str, plant: Plant, seed: int) -> Prepared:
     """The cell with `plant` in `axis` and noise of `seed`."""
-    configuration, wiring = prepared.configuration, prepared.wiring
-    name = configuration.outputs[f"voltage_{axis}"].driver
-    options: Any = wiring.options[name]
+    name = prepared.configuration.outputs[f"voltage_{axis}"].driver
+    options: Any = prepared.wiring.options[name]
     drawn = options.model_copy(update={"variation": options.variation | {axis: plant}, "seed": seed})
-    driver = type(wiring.drivers[name])(drawn, configuration.loop.period_ns)
-    told = wiring.options | {name: drawn}
-    return replace(prepared, wiring=replace(wiring, drivers=wiring.drivers | {name: driver}, options=told))
+    return with_options(prepared, name, drawn)
 
 
 def reach_um(prepared: Prepared, axis: str) -> float:

@@ -7,7 +7,6 @@ the path error: path, plant, steady force and tooth passing, which a simulation 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from micromanip.control.learned import Played, fill_learned, rows_to_play
 from micromanip.rt.states import BEGIN_PART
 from micromanip.settings.check import Prepared
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 from micromanip.virtual.switched import DRAWN, simulated_driver, switched
 
 from .law import Update, updated
@@ -48,9 +47,7 @@ class Cell:
         prepared, configuration = self._prepared, self._prepared.configuration
         options: Any = prepared.wiring.options[self._driver]
         options = switched(options, DRAWN) if seed is None else options.model_copy(update={"seed": seed})
-        driver = type(prepared.wiring.drivers[self._driver])(options, configuration.loop.period_ns)
-        wiring = replace(prepared.wiring, drivers={**prepared.wiring.drivers, self._driver: driver})
-        experiment = VirtualExperiment(replace(prepared, wiring=wiring), process=True)
+        experiment = VirtualExperiment(with_options(prepared, self._driver, options), process=True)
         axes, loop_hz = list(configuration.axes), float(configuration.loop.rate_hz)
         rate_hz = next((memory.rate_hz for memory in self.memories.values()), loop_hz)
         played = rows_to_play(

@@ -1,6 +1,5 @@
 """Lines told from noise, hum and resonances; the reference that is made of what the tracker said at rest."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ from scipy.signal import lfilter
 
 from micromanip.design.commission.at_rest import AtRest, look_at_rest, strongest_line, tooth_at_work
 from micromanip.settings.check import prepare
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 
 FACTORY = Path(__file__).parents[3] / "config" / "factory.yaml"
 
@@ -56,8 +55,7 @@ def test_a_tooth_is_found_where_the_axis_works_when_its_parked_stage_is_out_of_t
         plant = driver.options.plant.model_copy(update={"stage_range_um": 150.0})
         force = driver.options.force.model_copy(update={"tooth_N": tooth_N, "tooth_Hz": 237.0})
         options = driver.options.model_copy(update={"plant": plant, "variation": {}, "force": force})
-        drivers = prepared.wiring.drivers | {"cell": type(driver)(options, prepared.configuration.loop.period_ns)}
-        return VirtualExperiment(replace(prepared, wiring=replace(prepared.wiring, drivers=drivers)), process=True)
+        return VirtualExperiment(with_options(prepared, "cell", options), process=True)
 
     assert look_at_rest(prepared.configuration, cell(40.0)).tooth_Hz is None
     hertz, um = tooth_at_work(prepared.configuration, cell(40.0), "y")

@@ -167,31 +167,21 @@ def test_a_wrong_rate_is_said(unit):
 
 
 @FILES
-def test_a_device_that_hangs_is_a_lost_link_and_comes_back(unit):
+@pytest.mark.parametrize(
+    ("kind", "lost", "most", "shut"),
+    [("hang", "3 times in a row", 2000, None), ("unplug", "is gone", 50, "can't be opened")],
+    ids=["hangs", "unplugged"],
+)
+def test_a_device_that_is_away_is_a_lost_link_and_comes_back(unit, kind, lost, most, shut):
     with Cycle(unit) as cycle:
         until(lambda: cycle.turn(amplifier_enable=1.0))
-        unit.order('{"inject": "hang"}')
-        with pytest.raises(LinkError, match="3 times in a row"):
-            cycle.turns(2000)
+        unit.order(f'{{"inject": "{kind}"}}')
+        with pytest.raises(LinkError, match=lost):
+            cycle.turns(most)
         cycle.driver.close()
-        with pytest.raises(LinkError):
+        with pytest.raises(LinkError, match=shut):
             cycle.driver.open()
         cycle.driver.close()
-        unit.order('{"device": "clear"}')
-        until(cycle.opened)
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-
-
-@FILES
-def test_an_unplugged_port_is_a_lost_link_and_comes_back(unit):
-    with Cycle(unit) as cycle:
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        unit.order('{"inject": "unplug"}')
-        with pytest.raises(LinkError, match="is gone"):
-            cycle.turns(50)
-        cycle.driver.close()
-        with pytest.raises(LinkError, match="can't be opened"):
-            cycle.driver.open()
         unit.order('{"device": "clear"}')
         until(cycle.opened)
         until(lambda: cycle.turn(amplifier_enable=1.0))

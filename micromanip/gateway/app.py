@@ -83,6 +83,7 @@ class Gateway:
             Route("/api/recording", self._recording, methods=["POST"]),
             Route("/metrics", self._metrics),
             WebSocketRoute("/live", self._live),
+            Route("/live", _without_upgrade),
             Mount("/static", StaticFiles(directory=PAGES)),
         ]
         handlers: Any = {MicromanipError: _refused}
@@ -260,6 +261,11 @@ async def _refused(request: Request, problem: Exception) -> Response:
     if request.url.path == "/metrics":
         return PlainTextResponse(f"{problem}\n", status, headers)
     return JSONResponse({"error": str(problem)}, status, headers)
+
+
+async def _without_upgrade(_: Request) -> Response:
+    why = "this is the live connection, a WebSocket: a proxy has to pass on the headers Upgrade and Connection\n"
+    return PlainTextResponse(why, 426, {"upgrade": "websocket", "connection": "Upgrade"})
 
 
 def _page(name: str) -> Callable[[Request], Any]:

@@ -23,6 +23,7 @@ _HEADERS = [
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cache-control", b"no-cache"),
 ]
+_PORTS = {"http": 80, "https": 443}
 _LOCAL = ("localhost", "127.0.0.1", "[::1]")
 
 
@@ -37,13 +38,35 @@ class Origins:
     scheme: str = "http"
     public: str | None = None
 
+    @classmethod
+    def behind(cls, address: str) -> Origins:
+        """Those of a proxy that people open as `address`, written as browsers do; ValueError for no such address."""
+        split = urlsplit(address)
+        if (
+            split.scheme not in _PORTS
+            or not split.hostname
+            or split.path not in ("", "/")
+            or split.query
+            or split.username
+        ):
+            raise ValueError(address)
+        host = f"[{split.hostname}]" if ":" in split.hostname else split.hostname
+        port = "" if split.port in (None, _PORTS[split.scheme]) else f":{split.port}"
+        return cls(public=f"{split.scheme}://{host}{port}")
+
     def is_ours(self, host: str, origin: str | None) -> bool:
         """Whether a request for `host`, from a page of `origin` (None: from no page), is meant for us."""
         if self.public is not None:
-            return host == urlsplit(self.public).netloc and origin in (None, self.public)
+            return host.lower() == urlsplit(self.public).netloc and origin in (None, self.public)
         if self.scheme == "http" and _without_port(host) not in _LOCAL:
             return False
         return origin in (None, f"{self.scheme}://{host}")
+
+    def refusal(self, host: str) -> str:
+        """Why a request that is not ours is refused; a proxy that asks by another name than it was asked is told."""
+        if self.public is not None and host.lower() != urlsplit(self.public).netloc:
+            return f"this gateway is opened as {self.public}; a proxy has to pass on the Host that it was asked for"
+        return "this gateway is not meant by this address, or asked from another page"
 
 
 def _without_port(host: str) -> str:
@@ -66,9 +89,7 @@ class Guard:
             return
         headers = Headers(scope=scope)
         if not self._origins.is_ours(headers.get("host", ""), headers.get("origin")):
-            await self._refuse(
-                scope, send, 403, "this gateway is not meant by this address, or asked from another page"
-            )
+            await self._refuse(scope, send, 403, self._origins.refusal(headers.get("host", "")))
         elif self.connections >= self._most:
             await self._refuse(scope, send, 503, f"{self._most} connections are open already; close one of them")
         else:

@@ -10,7 +10,6 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
 
 import uvicorn
 
@@ -163,10 +162,13 @@ def _origins(options: Options, host: str) -> Origins:
     if (options.certificate is None) != (options.key is None):
         raise UsageError("--tls-certificate and --tls-key go together")
     if options.behind_proxy is not None:
-        split = urlsplit(options.behind_proxy)
-        if split.scheme not in ("http", "https") or not split.netloc or split.path not in ("", "/"):
-            raise UsageError("--behind-proxy is the address that people open, such as https://cell.example")
-        return Origins(public=f"{split.scheme}://{split.netloc}")
+        try:
+            return Origins.behind(options.behind_proxy)
+        except ValueError as problem:
+            raise UsageError(
+                "--behind-proxy is the address that people open, a name of its own without a path, such as "
+                "https://cell.example"
+            ) from problem
     if options.certificate is not None:
         return Origins("https")
     if not is_local(host):

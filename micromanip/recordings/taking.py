@@ -17,7 +17,7 @@ from .reading import read_table
 from .resampling import onto_grid, resampled
 from .spikes import find_jumps, find_spikes
 from .table import Array, Table
-from .units import known
+from .units import known, unknown_unit
 
 _MOST_SAMPLES = 20_000_000
 _MOST_JUMPS = 5
@@ -192,9 +192,9 @@ def _in_our_units(
         units.append(scale.base if scale else None)
         if scale is None:
             if dimension is not None:
-                notes.append(
-                    f"{name} states no unit: taken as {_BASE[dimension]}; {name}:{_OTHER[dimension]} says another"
-                )
+                strange = unit or unknown_unit(name)
+                says = f"{name}: {strange!r} is no unit known here" if strange else f"{name} states no unit"
+                notes.append(f"{says}: taken as {_BASE[dimension]}; {name}:{_OTHER[dimension]} says another")
                 notes += _doubts(name, dimension, float(np.ptp(scaled[:, k])), _BASE[dimension])
             continue
         if dimension not in (None, scale.dimension):

@@ -19,8 +19,9 @@ def _family(dimension: str, base: str, **factors: float) -> dict[str, Unit]:
 
 
 _UNITS = {
-    **_family("length", "um", um=1.0, nm=1e-3, mm=1e3, cm=1e4, m=1e6, micron=1.0, microns=1.0, micrometer=1.0),
+    **_family("length", "um", um=1.0, nm=1e-3, pm=1e-6, mm=1e3, cm=1e4, m=1e6, micron=1.0, microns=1.0, micrometer=1.0),
     **_family("length", "um", micrometre=1.0, millimeter=1e3, millimetre=1e3, nanometer=1e-3, meter=1e6, meters=1e6),
+    **_family("length", "um", inch=25_400.0, inches=25_400.0, mil=25.4, mils=25.4),
     **_family("voltage", "V", V=1.0, mV=1e-3, uV=1e-6, kV=1e3, volt=1.0, volts=1.0),
     **_family("time", "s", s=1.0, ms=1e-3, us=1e-6, ns=1e-9, min=60.0, h=3600.0, sec=1.0, secs=1.0),
     **_family("time", "s", second=1.0, seconds=1.0, millisecond=1e-3, milliseconds=1e-3, microseconds=1e-6),
@@ -45,6 +46,12 @@ def known(unit: str) -> Unit | None:
     """The unit written so, ``µm`` as well as ``um``; None where it is none of ours."""
     plain = unit.strip().translate(_MICRO)
     return _UNITS.get(plain) or _WORDS.get(plain.lower())
+
+
+def unknown_unit(name: str) -> str | None:
+    """What stands in brackets behind a column's name and is no unit of ours: ``in`` of ``y (in)``."""
+    found = _BRACKETS.match(name)
+    return found["unit"] if found and found["name"] and known(found["unit"]) is None else None
 
 
 def split_unit(name: str) -> tuple[str, str | None]:

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 
 import numpy as np
 import pytest
@@ -124,6 +125,42 @@ def test_foreign_pages_and_names_are_refused(app, host, origin):
 
     asyncio.run(play())
     assert app.refused == 2
+
+
+@pytest.mark.parametrize(
+    ("address", "public"),
+    [
+        ("https://Cell.Example/", "https://cell.example"),
+        ("https://cell.example:443", "https://cell.example"),
+        ("http://cell.example:8080", "http://cell.example:8080"),
+        ("https://[2001:DB8::1]", "https://[2001:db8::1]"),
+    ],
+)
+def test_a_proxy_s_address_is_written_as_browsers_write_it(address, public):
+    assert Origins.behind(address).public == public
+
+
+@pytest.mark.parametrize(
+    "address", ["cell.example", "https://cell.example/cell", "ftp://cell", "https://", "https://a:b@c"]
+)
+def test_what_is_no_address_of_a_proxy(address):
+    with pytest.raises(ValueError, match=re.escape(address)):
+        Origins.behind(address)
+
+
+def test_a_proxy_that_passes_on_too_little_is_told_what(played):
+    """As nginx does by default: another Host, and no Upgrade, so the page's live connection was just not found."""
+    behind = Gateway(played.cell, Tokens([]), Origins.behind("https://cell.example"), lambda: None).guard
+    code, _, said = ask(behind, "/", host=HOST)
+    assert (code, said) == (
+        403, b"this gateway is opened as https://cell.example; a proxy has to pass on the Host that it was asked for\n"
+    )  # fmt: skip
+    code, headers, said = ask(behind, "/live", host="cell.example")
+    assert (code, headers["upgrade"]) == (426, "websocket")
+    assert b"a proxy has to pass on the headers Upgrade and Connection" in said
+    assert ask(behind, "/", host="cell.example", origin="https://evil.example")[2].startswith(
+        b"this gateway is not meant"
+    )
 
 
 def test_behind_a_proxy_and_with_tls_other_names_are_ours():

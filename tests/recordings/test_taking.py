@@ -1,6 +1,7 @@
 """Gaps, jitter, cuts, rates, spikes and doubtful units: handled, and told."""
 
 import re
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -197,6 +198,11 @@ def test_what_is_meant_by_a_column_without_a_unit_is_told_and_doubted(tmp_path):
         "u states no unit", "y states no unit", "y moves by 0.096 um only"
     ]  # fmt: skip
     assert not take(written(tmp_path / "x.csv", header="t_s,u_V,y_um"), wanted).notes
+    named = replace(wanted, columns=("u", "y (in)"))
+    (strange,) = take(written(tmp_path / "in.csv", header="t_s,u_V,y (in)"), named).notes
+    assert strange == "y (in): 'in' is no unit known here: taken as um; y (in):mm says another"
+    inches = take(written(tmp_path / "in.csv", y=Y / 25_400.0, header="t_s,u_V,y (inch)"), wanted)
+    np.testing.assert_allclose(inches.values[:, 1], Y, rtol=1e-6)
     with pytest.raises(CheckFailed, match=r"y_um is in um, which is no unit of voltage; .* y_um:V"):
         take(tmp_path / "x.csv", Wanted(("y", "u"), dimensions=("voltage", "length")))
 

@@ -27,12 +27,21 @@ function asked(why) {
   }));
 }
 
+/** Why the gateway, or a proxy before it, let no live connection begin; null where nothing answers. */
+async function refusal() {
+  const answer = await fetch("/live").catch(() => null);
+  if (answer === null) return null;
+  const text = (await answer.text().catch(() => "")).trim();
+  return [403, 426, 503].includes(answer.status) && text.length < 300 ? text : `The answer is ${answer.status}`;
+}
+
 /** Stays connected; `hear` gets each message, text as an object and binary as it is, `lost` how it broke off. */
 export class Connection {
   constructor(hear, lost) {
     this.hear = hear;
     this.lost = lost;
     this.socket = null;
+    this.failed = 0; // tries in a row that brought nothing
     by("forget").addEventListener("click", () => {
       sessionStorage.removeItem(KEPT);
       location.reload();
@@ -55,14 +64,18 @@ export class Connection {
       }
       this.hear(message);
     });
-    socket.addEventListener("close", (event) => {
+    socket.addEventListener("close", async (event) => {
+      this.failed = this.socket === null ? this.failed + 1 : 0;
       this.socket = null;
+      // once may be a gateway that was just starting
+      const refused = this.failed > 1 && event.code !== WRONG ? await refusal() : null;
       if (event.code === WRONG) {
-        const why = token() ? "This token is not known here." : "";
+        const unknown = token() ? "This token is not known here." : "";
         sessionStorage.removeItem(KEPT);
-        this.begin(why);
+        this.failed = 0;
+        this.begin(unknown);
       } else {
-        this.lost("The gateway does not answer; trying again.");
+        this.lost(`${refused ?? "The gateway does not answer"}; trying again.`);
         setTimeout(() => this.begin(), AGAIN_MS);
       }
     });

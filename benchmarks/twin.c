@@ -100,7 +100,7 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
     if (arrived) {
         int64_t taken_ns = earlier(signal->time_ns, now_ns);
         if (s->sequence > 0) {
-            s->lost += later(0, signal->sequence - s->sequence - 1);
+            s->unseen += later(0, signal->sequence - s->sequence - 1);
             if (good && isfinite(rate_um_per_ns) && s->bad < BELIEVED)
                 good = fabs(value - s->value) <= rate_um_per_ns * (double)later(now_ns - s->arrived_ns, taken_ns - s->taken_ns);
         }
@@ -113,6 +113,9 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
             s->value = value;
             s->time_ns = taken_ns;
             s->fresh = 1;
+            s->samples++;
+        } else {
+            s->refused++;
         }
     }
     s->silent_ns = now_ns - s->arrived_ns;

@@ -64,7 +64,9 @@ Rms, um, over {PLAYED_S:g} s of tracking while the tool cuts. The paper closes n
 {{path}}
 
 The bound is that of [the error budget](budget.md#the-bound): no causal controller with these sensors goes below it,
-where phases are known for {COHERENCE_S:g} s. It asks for no margins, and a loop that bears another plant is above it.
+where phases are known for {COHERENCE_S:g} s. It asks for no margins, and a loop that bears another plant is above it;
+nor does it count the zeros that a second flexure mode puts outside the unit circle, which
+[bound most drawn plants](budget.md#the-forces-share-what-bounds-it).
 A drawn actuator may be too weak for the common path: at an end of its voltage or set-point nothing is corrected.
 Of the {{free}} that never came to one the median is {{free_um}} um.
 
@@ -189,7 +191,7 @@ def drawn(prepared: Prepared, seed: int) -> Reached | str:
     if found.stopped is not None:
         return str(found.stopped)
     missed = [f"{each.name}: {each.value}" for story in found.evidence for each in story.criteria if not each.passed]
-    return missed[0] if missed else reached(tuned(cell, found.configuration))[AXIS]
+    return "; ".join(missed) if missed else reached(tuned(cell, found.configuration))[AXIS]
 
 
 def drawn_plants(minutes: float) -> Iterator[dict[int, Reached | str]]:

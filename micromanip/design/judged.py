@@ -35,6 +35,10 @@ Array = NDArray[np.float64]
 
 SLOPES = (0.75, 1.0, 1.3)
 """Multiples of the identified slope for which margins must hold in any case: amplitude, place, ageing."""
+SMALL_HZ = 20.0
+"""Where the response shows the slope of its small swing: below, creep and a lag of the hysteresis add to it."""
+_ADDED = 1.15
+"""What they, and the other frequencies of a multisine, may still add there."""
 _AMPLITUDES = 200
 
 
@@ -82,23 +86,35 @@ def analyse_inverse(model: PrandtlIshlinskii, settings: Axis) -> Inverse:
     return Inverse(thresholds, swept, over, judge(model, (low, high), over))
 
 
-def slopes_of(settings: Axis, swing_um: float, inverse: Inverse | None) -> tuple[float, tuple[float, ...]]:
+def small_slope(dynamics: System) -> float:
+    """Slope (um/V) that an actuator's response shows, for the small swing that it was measured with."""
+    return float(np.abs(dynamics.response(np.array([2.0 * np.pi * SMALL_HZ]))[0]))
+
+
+def slopes_of(
+    settings: Axis, swing_um: float, inverse: Inverse | None, seen_um_per_V: float
+) -> tuple[float, tuple[float, ...]]:
     """Slope (um/V) of the hysteresis model for a swing about the centre; and the slopes that margins must hold for.
 
     These are multiples of the identified one, rising: 1, `SLOPES`, and the flattest and steepest of the model's map.
+    A model of another class than the actuator may make small swings too flat, and the steepest too many times as steep
+    by that: where the response shows more, `seen_um_per_V`, the steepest is a multiple of what was seen.
     """
     model = settings.hysteresis if isinstance(settings.hysteresis, PrandtlIshlinskii) else None
     if model is None or inverse is None:
         return 1.0, SLOPES
     identified = 1.0 / abs(harmonics(inverse_operator(model), swing_um, settings.centre_um).gain)
-    found = [1.0 / (identified * gain) for gain in inverse.verdict.gain_range_V_per_um if np.isfinite(gain)]
-    return identified, (min([SLOPES[0], *found]), 1.0, max([SLOPES[-1], *found]))
+    um_per_V = [1.0 / gain for gain in inverse.verdict.gain_range_V_per_um if np.isfinite(gain)]
+    flattest = min([SLOPES[0], *(slope / identified for slope in um_per_V)])
+    steepest = max([SLOPES[-1], *(slope / max(identified, seen_um_per_V / _ADDED) for slope in um_per_V)])
+    return identified, (flattest, 1.0, steepest)
 
 
 def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) -> Strain:
     """Margins for the identified slope and the flattest and steepest of the map; limit cycles about the centre."""
     model = settings.hysteresis if isinstance(settings.hysteresis, PrandtlIshlinskii) else None
-    identified, slopes = slopes_of(settings, actuator.swing_um, inverse)
+    seen_um_per_V = small_slope(actuator.dynamics)
+    identified, slopes = slopes_of(settings, actuator.swing_um, inverse, seen_um_per_V)
     seen = over_path(actuator.system, actuator.path)
     loops = tuple(strain_loop(settings.running_inner, seen, slope) for slope in slopes)
     cycles: tuple[LimitCycle, ...] = ()
@@ -114,7 +130,7 @@ def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) 
         actuator.dynamics,
         model,
         settings.setpoint.range_um,
-        identified,
+        max(identified, seen_um_per_V / _ADDED),
         actuator.path,
         actuator.delay,
     )

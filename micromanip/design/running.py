@@ -35,7 +35,7 @@ from micromanip.virtual.experiment import VirtualExperiment
 from micromanip.virtual.own_time import at_own_time
 
 from .actuation import DELAYS, Actuator, identify_actuator
-from .judged import analyse_inverse, slopes_of
+from .judged import SMALL_HZ, analyse_inverse, slopes_of, small_slope
 from .loops import model_system, over_path, stage_loop, strain_loop
 from .response import Measured, Wanted, identify, of_spectra
 from .sensitivity import AGREEMENT, Sensitivity, judge_loop
@@ -128,7 +128,7 @@ def judge_running(
     settings, period_s = configuration.axes[axis], configuration.loop.period_ns * 1e-9
     if loop == "stage":
         return _stage(configuration, path, axis, plant, period_s)
-    slopes = _slopes(settings, 1.0 if actuator is None else actuator.swing_um)
+    slopes = _slopes(settings, plant, actuator)
     if actuator is None:
         open_loop = _without_model(settings, path, plant, period_s)
         measured = tuple(open_loop.measured_margins(slope) for slope in slopes)
@@ -153,10 +153,13 @@ def _stage(configuration: Configuration, path: FeedbackPath, axis: str, plant: M
     return Running(axis, found, (1.0,), (found.measured_margins(),), (predicted,), settings.accept)
 
 
-def _slopes(settings: Axis, swing_um: float) -> tuple[float, ...]:
+def _slopes(settings: Axis, plant: Measured, actuator: Actuator | None) -> tuple[float, ...]:
     model = settings.hysteresis
     inverse = analyse_inverse(model, settings) if isinstance(model, PrandtlIshlinskii) else None
-    return slopes_of(settings, swing_um, inverse)[1]
+    if actuator is not None:
+        return slopes_of(settings, actuator.swing_um, inverse, small_slope(actuator.dynamics))[1]
+    seen_um_per_V = float(np.interp(SMALL_HZ, plant.frequency_Hz, np.abs(plant.response)))
+    return slopes_of(settings, 1.0, inverse, seen_um_per_V)[1]
 
 
 def _without_model(settings: Axis, path: FeedbackPath, plant: Measured, period_s: float) -> Sensitivity:

@@ -70,4 +70,4 @@ def drawn(prepared: Prepared, seed: int) -> Prepared | str:
     if found.stopped is not None:
         return str(found.stopped)
     missed = [f"{each.name}: {each.value}" for story in found.evidence for each in story.criteria if not each.passed]
-    return missed[0] if missed else tuned(cell, found.configuration)
+    return "; ".join(missed) if missed else tuned(cell, found.configuration)

@@ -41,7 +41,9 @@ Rms, um, over {PLAYED_S:g} s of tracking while the tool cuts. The paper closes n
 {{path}}
 
 The bound is that of [the error budget](budget.md#the-bound): no causal controller with these sensors goes below it,
-where phases are known for {COHERENCE_S:g} s. It asks for no margins, and a loop that bears another plant is above it.
+where phases are known for {COHERENCE_S:g} s. It asks for no margins, and a loop that bears another plant is above it;
+nor does it count the zeros that a second flexure mode puts outside the unit circle, which
+[bound most drawn plants](budget.md#the-forces-share-what-bounds-it).
 A drawn actuator may be too weak for the common path: at an end of its voltage or set-point nothing is corrected.
 Of the {{free}} that never came to one the median is {{free_um}} um.
 

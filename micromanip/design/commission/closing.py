@@ -19,7 +19,7 @@ from micromanip.settings.wiring.timing import AT_ONCE
 from ..actuation import DELAYS, ORDERS, Actuator
 from ..closed import measure_outer_loop, measure_strain_loop
 from ..experiment import Experiment, with_axis
-from ..judged import analyse_inverse, analyse_strain, slopes_of
+from ..judged import analyse_inverse, analyse_strain, slopes_of, small_slope
 from ..loops import over_path, stage_loop, strain_loop
 from ..response import Wanted, identify
 from ..sensitivity import Sensitivity, judge_loop
@@ -54,7 +54,8 @@ def close_strain(
         seen = over_path(actuator.system, actuator.path)
         hysteresis = settings.hysteresis
         assert isinstance(hysteresis, PrandtlIshlinskii)
-        _, slopes = slopes_of(settings, actuator.swing_um, analyse_inverse(hysteresis, settings))
+        inverse = analyse_inverse(hysteresis, settings)
+        _, slopes = slopes_of(settings, actuator.swing_um, inverse, small_slope(actuator.dynamics))
         if by_bus:
             slopes = (slopes[0], 1.0, max(slopes[-1], BUS_SLOPE))
         noise_um = polarity.noise_um

@@ -68,4 +68,4 @@ def test_what_a_driver_of_others_does_wrong_is_told_as_its_author_s(context, lin
     told = capsys.readouterr().err
     assert re.search(rf"bug of the driver their_stage \({name}:Stage\), \S*{name}.py:{line}: {says}", told)
     assert "report it to the driver's author" in told
-    assert len(told.splitlines()) == 2
+    assert len([said for said in told.splitlines() if not said.startswith("compiling ")]) == 2

@@ -32,7 +32,7 @@ from .partial import Steps
 from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
 from .rest import check_rest
-from .travel import check_answer, check_travel
+from .travel import check_answer, check_travel, require_centred
 from .validation import Validation, validate
 
 Array = NDArray[np.float64]
@@ -109,10 +109,12 @@ def _commission(
     say("major loop")
     triangle, others_um = _triangle(configuration, experiment, axis)
     judge_coverage(axis, triangle["voltage_V"], triangle["strain_um"], settings.setpoint.range_um)
-    steps.learn(stage_over_gauge=f"{check_travel(configuration, axis, triangle, others_um):.2f}")
+    travel = check_travel(configuration, axis, triangle, others_um)
+    steps.learn(stage_over_gauge=f"{travel.slope:.2f}")
     say("answer to a step")
     answer = check_answer(configuration, experiment, axis, _holding_voltage(triangle, settings.centre_um))
     steps.learn(gauge_after_a_step=f"63 % in {answer.rise_ms:.1f} ms")
+    require_centred(configuration, axis, travel)
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
     judge_record(_as_record(axis, record))

@@ -37,8 +37,8 @@ _SWING_SHARE, _SWINGS_PER_PATH = 0.1, 2.0
 
 def check_travel(
     configuration: Configuration, axis: str, record: dict[str, Array], others_um: dict[str, float]
-) -> float:
-    """Stage over gauge near the working point, from a `record` in open loop; `others_um`: travel of the other stages.
+) -> Travel:
+    """The stage near the working point, from a `record` in open loop; `others_um`: travel of the other stages.
 
     Raises CheckFailed where the sensor, its scale or the flexure is no good for an outer loop.
     """
@@ -93,14 +93,6 @@ def check_travel(
             "would be corrected the wrong way; change the sign of its scale, so that all of an axis counts in one "
             "direction. No loop was closed"
         )
-    zero_um = float(np.polyval(np.polyfit(strain - settings.centre_um, stage, 1), 0.0)) / slope
-    if abs(zero_um) > _OFF_CENTRE * min(settings.centre_um - low, high - settings.centre_um):
-        raise CheckFailed(
-            f"axis {axis}: the stage sensor reads {slope * zero_um:.1f} um where the gauge reads centre_um, "
-            f"{settings.centre_um:g} um, and should read 0: the path begins at its zero, {abs(zero_um):.0f} um of the "
-            "gauge away, and would press against an end of setpoint.range_um; shift its zero by "
-            f"{slope * zero_um:.1f} um, or move centre_um. No loop was closed"
-        )
     lost_um = _lost_motion(strain, stage, volts)
     if lost_um > _LOST_MOTION * float(np.ptp(stage)):
         raise CheckFailed(
@@ -108,7 +100,32 @@ def check_travel(
             f"{100 * lost_um / np.ptp(stage):.0f} % of its travel of {np.ptp(stage):.0f} um: a loose flexure, clamp "
             "or sensor target; tighten it. No loop was closed"
         )
-    return slope
+    return Travel(slope, float(np.polyval(np.polyfit(strain - settings.centre_um, stage, 1), 0.0)))
+
+
+@dataclass(frozen=True)
+class Travel:
+    """Near the working point: um of the stage for one of the gauge, and what the stage reads (um) at `centre_um`."""
+
+    slope: float
+    at_centre_um: float
+
+
+def require_centred(configuration: Configuration, axis: str, travel: Travel) -> None:
+    """The path begins at the stage's zero. Raises CheckFailed where that is far from the working point.
+
+    For a stage whose flexure is known to hold: a loose one leans anywhere.
+    """
+    settings = configuration.axes[axis]
+    low, high = settings.setpoint.range_um
+    off_um = abs(travel.at_centre_um / travel.slope)
+    if off_um > _OFF_CENTRE * min(settings.centre_um - low, high - settings.centre_um):
+        raise CheckFailed(
+            f"axis {axis}: the stage sensor reads {travel.at_centre_um:.1f} um where the gauge reads centre_um, "
+            f"{settings.centre_um:g} um, and should read 0: the path begins at its zero, {off_um:.0f} um of the "
+            "gauge away, and would press against an end of setpoint.range_um; shift its zero by "
+            f"{travel.at_centre_um:.1f} um, or move centre_um. No loop was closed"
+        )
 
 
 def _lost_motion(strain: Array, stage: Array, volts: Array) -> float:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from micromanip.design.commission.travel import check_travel, judge_answer
+from micromanip.design.commission.travel import check_travel, judge_answer, require_centred
 from micromanip.errors import CheckFailed
 
 RATE_HZ = 10_000
@@ -24,12 +24,12 @@ def record(lost_um=0.0):
 
 
 def test_the_slope_of_a_good_stage():
-    assert check_travel(CELL, "x", record(), {"y": 3.0}) == pytest.approx(5.0)
+    assert check_travel(CELL, "x", record(), {"y": 3.0}).slope == pytest.approx(5.0)
 
 
 def test_a_little_lost_motion_is_borne_and_more_is_named():
     """About the working point the stage travels some 190 um, of which 5 % may be lost."""
-    assert check_travel(CELL, "x", record(4.0), {}) == pytest.approx(5.0, rel=0.01)
+    assert check_travel(CELL, "x", record(4.0), {}).slope == pytest.approx(5.0, rel=0.01)
     with pytest.raises(CheckFailed, match=r"axis x: where the actuator turns the stage stays \d+ um behind.*loose"):
         check_travel(CELL, "x", record(20.0), {})
 
@@ -38,12 +38,14 @@ def test_a_stage_sensor_with_another_zero_is_named_before_a_loop_is_closed():
     """It reads the position from the end of its travel; the path would begin at an end of the set-point's range."""
     shifted = record()
     shifted["stage_um"] = shifted["stage_um"] + 100.0  # 20 um of the gauge, of 62 on either side
-    assert check_travel(CELL, "x", shifted, {}) == pytest.approx(5.0)
+    travel = check_travel(CELL, "x", shifted, {})
+    assert travel.slope == pytest.approx(5.0)
+    require_centred(CELL, "x", travel)
     shifted["stage_um"] = shifted["stage_um"] + 200.0
     with pytest.raises(
         CheckFailed, match=r"reads 300.0 um where the gauge reads centre_um, 66 um, .* shift its zero by 300.0 um"
     ):
-        check_travel(CELL, "x", shifted, {})
+        require_centred(CELL, "x", check_travel(CELL, "x", shifted, {}))
 
 
 def answer(mode_Hz, tau_s, damping=0.02):

@@ -261,8 +261,9 @@ class Daemon:
             self._show(self._report())
             self._boxes.announce()
             latched = "".join(f": {fault}" for fault in self._controller.faults()[-1:])
-            waits = "; arms by itself as soon as it can" if self._arming.awaits is not None else ""
-            self._service.status(self._controller.state + latched + waits + self._unrecorded())
+            state = self._controller.state
+            waits = "; arms by itself as soon as it can" if self._arming.awaits and state == "READY" else ""
+            self._service.status(state + latched + waits + self._unrecorded())
             self._looks += 1
             await asyncio.sleep(_LOOK_S)
 

@@ -160,9 +160,9 @@ def report(
 ) -> Status:
     """The whole report of a run, up to now; `trips` are those that have a black box, `links` the buses."""
     gathered.gather()
-    words, faults = controller.words, controller.faults()
+    words, faults, state = controller.words, controller.faults(), controller.state
     return {
-        "state": controller.state,
+        "state": state,
         "cycles": int(words[w.CYCLES_RUN]),
         "overruns": int(words[w.OVERRUNS]),
         "period_ns": controller.prepared.configuration.loop.period_ns,
@@ -182,7 +182,7 @@ def report(
         "recording": recording,
         "trend": gathered.trend(),
         "learning": learning,
-        "arming_awaits": arming_awaits,
+        "arming_awaits": arming_awaits if state == "READY" else None,  # the loop may arm before its host knows
     }
 
 

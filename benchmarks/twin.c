@@ -223,7 +223,7 @@ static void pid_step(const struct pid_parameters *p, struct pid_state *s, double
 {
     double elapsed_s = (double)periods * p->period_s;
     s->derivative = (p->filter_s * s->derivative + p->derivative * (error_um - s->error)) / (p->filter_s + elapsed_s);
-    s->integrator += p->integral * (double)periods * error_um;
+    s->integrator += p->integral * (double)earlier(periods, p->most_periods) * error_um;
     s->error = error_um;
     s->output_V = p->K_V_per_um * error_um + s->integrator + s->derivative;
 }
@@ -284,9 +284,10 @@ static double demand(const struct axis_parameters *p, struct axis_state *s)
         w[i] *= s->authority;
     double u = p->centre_um + dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
     if (s->missed > OVERLOADED)
-        s->blend_um = s->setpoint_um - u;
+        s->blend_um = s->setpoint_um - u, s->withheld_um = 0.0;
     s->blend_um *= p->blend_decay;
-    return u + s->blend_um;
+    s->withheld_um *= p->withheld_decay;
+    return u + s->blend_um - s->withheld_um;
 }
 
 static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
@@ -295,7 +296,9 @@ static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s,
     if (!isfinite(demand_um))
         return false;
     double low = least(p->setpoint_low_um, s->setpoint_um), high = most(p->setpoint_high_um, s->setpoint_um);
-    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, most(low, least(high, demand_um))));
+    double inside = most(low, least(high, demand_um)), ahead = AHEAD_CYCLES * step;
+    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, inside));
+    s->withheld_um += most(0.0, inside - s->setpoint_um - ahead) + least(0.0, inside - s->setpoint_um + ahead);
     return true;
 }
 

@@ -22,8 +22,8 @@ def command(as_json: bool) -> None:
     """List the installed drivers: kind, package and version, where each comes from, what is wrong with it.
 
     Each is loaded and its class is looked at; nothing is opened, no hardware is needed. Exit code 1 if one of them
-    can't be loaded or does not keep its contract. What a driver does on its bus is for its author's conformance tests
-    to show (docs/bus-drivers.md).
+    can't be loaded or does not keep its contract. `loads` is no more than that: `run` compiles it, and what it does on
+    its bus is for its author's conformance tests to show (docs/bus-drivers.md).
     """
     from micromanip.bus.inspection import inspected
 
@@ -42,7 +42,7 @@ def _print(found: list[Inspected]) -> None:
         say("no driver is installed: install the package of one into this environment (docs/drivers.md)")
     width = max((len(driver.name) for driver in found), default=0)
     for driver in found:
-        verdict = "BROKEN" if driver.problems else "good"
+        verdict = "BROKEN" if driver.problems else "loads"
         say(f"{driver.name:{width}}  {driver.kind or '?':6}  {verdict:6}  {driver.package} {driver.version}")
         say(f"{'':{width}}  {driver.entry_point}{f' in {driver.file}' if driver.file else ''}")
         for problem in driver.problems:

@@ -18,6 +18,8 @@ import numpy as np
 
 from .system import Array, Complex, System
 
+_MOST_INTERVALS = 2
+"""Between samples, that the integral takes for a step."""
 FASTEST_NOTCH = 0.45
 """Highest centre of a notch as a share of the rate: beyond, its upper half lies where no sample shows it."""
 
@@ -60,14 +62,18 @@ class PidGains:
     filter_s: float
     period_s: float
     tracking: float
+    most_periods: int = 2
     notch_share: float = 0.0
     notch_width: float = 1.0
     notch_angle: float = 0.0
     notch_tangent: float = 0.0
 
 
-def pid_gains(pid: PidSettings, period_s: float) -> PidGains:
-    """Gains for a step of `period_s`; raises ValueError where this controller can't be stepped so slowly."""
+def pid_gains(pid: PidSettings, period_s: float, interval: int = 1) -> PidGains:
+    """Gains for a step of `period_s`, with a sample each `interval` of them.
+
+    Raises ValueError where this controller can't be stepped so slowly.
+    """
     notch = {}
     if pid.notch is not None:
         centre, angle = pid.notch.frequency_Hz, math.pi * pid.notch.frequency_Hz * period_s
@@ -87,6 +93,7 @@ def pid_gains(pid: PidSettings, period_s: float) -> PidGains:
         filter_s=pid.filter_ms * 1e-3,
         period_s=period_s,
         tracking=min(1.0, period_s / (pid.tracking_ms * 1e-3)),
+        most_periods=_MOST_INTERVALS * interval,
         **notch,
     )
 

@@ -62,7 +62,7 @@ def test_good_ones_of_both_kinds(announce, only, capsys):
     assert (simulated["name"], simulated["kind"], simulated["package"]) == ("simulated", "cyclic", "micromanip")
     code, out, _ = listed(capsys)
     assert code == 0
-    assert "nothing    bus     good    nothing-package 7.7" in out
+    assert "nothing    bus     loads   nothing-package 7.7" in out
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_broken_one_is_shown_with_its_reason(text, reason, announce, only, capsy
     assert code == 1
     assert reason in out
     assert "BROKEN" in out
-    assert "simulated  cyclic  good" in out
+    assert "simulated  cyclic  loads" in out
     assert err == "micromanip: driver nothing can't be used\n"
     code, out, _ = listed(capsys, "--json")
     assert code == 1

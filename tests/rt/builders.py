@@ -27,8 +27,8 @@ def limiter(low_V=-20.0, high_V=150.0, slew_V=4.0, park_V=0.0):
     return record(LIMITER_PARAMETERS, low_V=low_V, high_V=high_V, slew_V=slew_V, park_V=park_V)
 
 
-def pid(K=0.6, Ti_s=0.571e-3, Td_s=0.167e-3, filter_s=0.3e-3, tracking=0.1, period_s=PERIOD_S):
-    """Parameters of (17), by default the anchor PID of the simulated plant."""
+def pid(K=0.6, Ti_s=0.571e-3, Td_s=0.167e-3, filter_s=0.3e-3, tracking=0.1, period_s=PERIOD_S, most_periods=1000):
+    """Parameters of (17), by default the anchor PID of the simulated plant, and a sensor of any rate."""
     return record(
         PID_PARAMETERS,
         K_V_per_um=K,
@@ -37,6 +37,7 @@ def pid(K=0.6, Ti_s=0.571e-3, Td_s=0.167e-3, filter_s=0.3e-3, tracking=0.1, peri
         filter_s=filter_s,
         period_s=period_s,
         tracking=tracking,
+        most_periods=most_periods,
     )
 
 

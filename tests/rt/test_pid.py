@@ -84,6 +84,28 @@ def test_periods_are_one_exact_backward_euler_step(error, periods):
     )
 
 
+@given(courses(ERRORS), st.integers(1, 50), st.integers(1, 50))
+def test_of_missing_samples_the_integral_counts_so_many_periods(error, periods, most):
+    """Proportional and derivative part are those of the whole step."""
+    counted, whole = (
+        along(pid(most_periods=most), pid_state(), error, periods),
+        along(pid(), pid_state(), error, periods),
+    )
+    left_out = (periods - min(periods, most)) * pid()["integral"]
+    assert counted == pytest.approx(whole - left_out * np.cumsum(error), rel=1e-9, abs=1e-6)
+
+
+@given(st.floats(0.01, 1.9), st.integers(2, 200))
+def test_a_sensor_that_misses_samples_leaves_a_stable_loop_stable(gain, periods):
+    """Integral action on a plant without memory: what bears twice the gain bears any gap."""
+    p, s, plant_um_per_V = pid(Td_s=0.0, K=1e-9, most_periods=2), pid_state(), 1.0
+    p["integral"] = 0.5 * gain / plant_um_per_V
+    y = 0.0
+    for _ in range(2000):
+        y = plant_um_per_V * pid_output(p, s, 1.0 - y, periods)
+    assert abs(1.0 - y) < 1e-6
+
+
 @given(courses(ERRORS))
 def test_superposition(error):
     p = pid()

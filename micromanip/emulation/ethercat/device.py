@@ -7,7 +7,7 @@ through Python. Both ways use the same controllers, plant and amplifier.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -26,8 +26,10 @@ from micromanip.emulation.line.faults import Hang, Unplug
 from micromanip.emulation.line.faults import parsed as line_fault
 from micromanip.emulation.line.port import Hear, Peer
 from micromanip.emulation.messages import MessageFigures
+from micromanip.emulation.upkeep import Upkeep
 from micromanip.errors import UsageError
 from micromanip.rt.jit import prepare
+from micromanip.rt.wire.datagrams import POLLIN
 from micromanip.testbus.event_loop import EventLoop
 
 from .controller import system_ns
@@ -35,12 +37,22 @@ from .faults import KINDS, parsed
 from .line import NEAR, NOWHERE, Line
 from .port import EthernetPort
 from .process_data import terminal_of
-from .serving import COUNTS, NOBODYS, OF_DRIVE, SERVED, lay_out_readings, outputs_taken, serve
+from .serving import (
+    COUNTS,
+    HAS_EVENTS,
+    IDLE,
+    NOBODYS,
+    OF_DRIVE,
+    SERVED,
+    lay_out_readings,
+    outputs_taken,
+    serve,
+    serve_on,
+)
 from .terminal_faults import TerminalFaults
 
 FRAMES = "frames"
 """What the device sends, by the name that commands use."""
-_TICK_NS = 1_000_000
 _PAUSE_NS = 50_000_000
 """Who has said nothing for so long begins anew."""
 _PHASE_NS = 30_000
@@ -77,7 +89,10 @@ class EthercatDevice:
         self._fill(self._served[0], wires)
         self._silent_until_ns = 0.0
         self._began_ns, self._heard_ns = loop.now_ns(), 0
-        prepare(serve, lay_out_readings, outputs_taken)
+        self._upkeep = Upkeep(loop, (self._gather, self._look_after))
+        self._poll = np.zeros((0, 2), np.int32)
+        loop.serve_by(self._serve_on)
+        prepare(serve, serve_on, lay_out_readings, outputs_taken)
         self._ports: list[EthernetPort] = []
         self._lines: list[DeviceLine] = []
         """The near end and, of a ring, the far one."""
@@ -148,7 +163,7 @@ class EthercatDevice:
         for application in self.slaves.applications:
             application.switch_on(now_ns)
         self.slaves.relink()
-        self._tick()
+        self._upkeep.start()
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
         raise UsageError(f"{self._name}: the master counts the frames, terminals send them back as they come")
@@ -206,22 +221,57 @@ class EthercatDevice:
             self._amplifier.trip(self._cell.plant.time_ns)
 
     def _readable(self, end: int) -> None:
-        plant, now_ns = self._cell.plant, self._loop.now_ns()
-        d = self._served[0]
-        port = d["port"][end]
+        now_ns = self._loop.now_ns()
+        port = self._served[0]["port"][end]
         if not self._is_plain(now_ns) and port["next"] >= port["waiting"]:
             self._gather()
             self._ports[end].read()
             return
+        self._serve_end(end, now_ns)
+        self._upkeep.behind_a_frame()
+
+    def _serve_end(self, end: int, now_ns: int) -> None:
+        """Serve all that has come in at an end."""
+        plant, d = self._cell.plant, self._served[0]
         d["time_ns"], d["follows"] = plant.time_ns, self._amplifier is None or self._amplifier.follows
         more = True
         while more:
             more = serve(self._served, end, self.slaves.controllers, self.slaves.drives, *plant.arrays)
             plant.time_ns = int(d["time_ns"])
             if more:
-                self._gather()
-                self.slaves.serve(now_ns)
-                d["follows"] = self._amplifier is None or self._amplifier.follows
+                self._serve_applications(now_ns)
+
+    def _serve_applications(self, now_ns: int) -> None:
+        self._gather()
+        self.slaves.serve(now_ns)
+        self._served["follows"] = self._amplifier is None or self._amplifier.follows
+
+    def _serve_on(self, descriptors: Sequence[int], until_ns: int | None) -> int:
+        """Wait in the event loop's stead, see ``EventLoop.serve_by``, while a conversation is under way."""
+        now_ns, plant, d = self._loop.now_ns(), self._cell.plant, self._served[0]
+        if not self._is_plain(now_ns) or any(port["next"] < port["waiting"] for port in d["port"]):
+            return 0
+        if len(descriptors) != len(self._poll) or not np.array_equal(self._poll[:, 0], descriptors):
+            self._poll = np.array([(each, POLLIN) for each in descriptors], np.int32).reshape(-1, 2)
+        d["time_ns"], d["follows"] = plant.time_ns, self._amplifier is None or self._amplifier.follows
+        code = serve_on(
+            self._served,
+            self.slaves.controllers,
+            self.slaves.drives,
+            *plant.arrays,
+            self._cell.errors.record,
+            self._poll,
+            now_ns + _PAUSE_NS if until_ns is None else until_ns,
+            self._upkeep.due_ns,
+        )
+        plant.time_ns = int(d["time_ns"])
+        if code == HAS_EVENTS:
+            self._serve_applications(now_ns)
+            for end in range(len(self._ports)):
+                self._serve_end(end, now_ns)
+        if code != IDLE:
+            self._upkeep.behind_a_frame()
+        return int(d["rested_ns"])
 
     def _is_plain(self, now_ns: int) -> bool:
         """Whether a conversation is under way, and nothing is amiss."""
@@ -305,9 +355,8 @@ class EthercatDevice:
     def _samples(self, signal: str) -> float:
         return float(self._cell.plant.samples(signal)) if signal in self._cell.plant.inputs else 0.0
 
-    def _tick(self) -> None:
+    def _look_after(self) -> None:
         """Watchdogs, amplifier and plant go on also while nobody asks."""
-        self._gather()
         now_ns = self._loop.now_ns()
         self._cell.advance_to(now_ns)
         self.slaves.tick(now_ns)
@@ -315,7 +364,6 @@ class EthercatDevice:
             served = self._served[0]["port"][end]
             if port.lend(served["socket"], partial(self._readable, end)):
                 served["waiting"] = served["next"] = 0
-        self._loop.call_at(now_ns + _TICK_NS, self._tick)
 
 
 def emulate_ethercat(name: str, surroundings: Surroundings) -> EmulatedDevice:

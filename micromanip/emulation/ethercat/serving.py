@@ -1,7 +1,7 @@
 """One frame after the other in compiled code: plant on, inputs laid out, the frame through all slaves, outputs taken.
 
-What Python has to look after, it does once a millisecond (``device.py``), and when a slave's application has something
-to do: states, mailbox, EEPROM.
+What Python has to look after, it does in the pause behind a frame, each few milliseconds (``upkeep.py``), and when a
+slave's application has something to do: states, mailbox, EEPROM.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from micromanip.rt.record import record
 from micromanip.rt.records import MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
 from micromanip.rt.wire.codec import put_code, put_value, value_of
-from micromanip.rt.wire.datagrams import length_of, receive, received_ns, send
+from micromanip.rt.wire.datagrams import length_of, receive, received_ns, send, wait_for_any
 from micromanip.rt.wire.records import FRAME, SOCKET
 
 from ..arrivals import ARRIVED, note
 from ..compiled import compiled
 from ..compiled_plant import PLANT, advance
+from ..path_error import PATH_ERRORS, note_errors
 from .controller import ESC, NOT_ETHERCAT, pass_frame
 from .drive import DRIVE, step_drives
 
@@ -32,6 +33,10 @@ MOST_TERMINALS = 8
 NOBODYS, OF_DRIVE, COUNTS = -1, -2, 1000
 """Of a number in the inputs: no signal of the plant, it reads 1; its drive fills it; COUNTS + the signal whose samples
 it counts."""
+
+IDLE, SERVED_SOME, HAS_EVENTS = 0, 1, 2
+"""What ``serve_on`` returns: whether it has served frames, and whether one of them is for an application."""
+_RESTED_NS = 20_000
 
 PORT = record(
     ("socket", SOCKET),
@@ -63,21 +68,76 @@ SERVED = record(
     ("inputs", FRAME, (MOST_TERMINALS,)),
     ("outputs", FRAME, (MOST_TERMINALS,)),
     ("port", PORT, (2,)),
+    ("rested_ns", "i8"),
+    ("timespec", "i8", (2,)),
 )
 """Plant and line: which of the plant's signals and outputs each number is, and what came. `taken` are the outputs of a
-terminal that were seen. A frame leaves `turn_ns` after it came, by the kernel's time: the way through the line."""
+terminal that were seen. A frame leaves `turn_ns` after it came, by the kernel's time: the way through the line.
+``serve_on`` had nothing to do last at `rested_ns`."""
 
 
-@compiled.entry(
-    types.boolean(array_of(SERVED), types.int64, array_of(ESC), array_of(DRIVE), types.float64[::1], array_of(SIGNAL))
-)
+_LINE = (array_of(ESC), array_of(DRIVE), types.float64[::1], array_of(SIGNAL))
+
+
+@compiled.entry(types.boolean(array_of(SERVED), types.int64, *_LINE))
 def serve(served: Any, end: int, slaves: Any, drives: Any, outputs: Any, signals: Any) -> bool:
     """Serve what has come in at an end, up to the first frame that gives an application something to do: whether there
     is more.
 
     `outputs` and `signals` are the plant's.
     """
-    d = served[0]
+    return serve_end(served[0], end, slaves, drives, outputs, signals)
+
+
+@compiled.entry(
+    types.int64(array_of(SERVED), *_LINE, array_of(PATH_ERRORS), types.int32[:, ::1], types.int64, types.int64)
+)
+def serve_on(
+    served: Any,
+    slaves: Any,
+    drives: Any,
+    outputs: Any,
+    signals: Any,
+    errors: Any,
+    poll: Any,
+    until_ns: int,
+    turn_due_ns: int,
+) -> int:
+    """Wait for frames and serve them until then, until somebody else's descriptor has something, or until Python has to
+    have its turn: at `turn_due_ns`, behind a frame, or for an application.
+
+    `errors` are the plant's path errors; `poll` (n, 2) has a ``struct pollfd`` for each descriptor.
+    """
+    d, code = served[0], IDLE
+    while True:
+        before_ns = now_ns(d["timespec"])
+        if before_ns >= until_ns:
+            return code
+        ready = wait_for_any(poll, len(poll), until_ns - before_ns, d["timespec"])
+        after_ns = now_ns(d["timespec"])
+        if after_ns - before_ns > _RESTED_NS:
+            d["rested_ns"] = after_ns
+        others = 1 if ready <= 0 else 0
+        for i in range(len(poll)):
+            if poll[i, 1] >> 16 == 0:  # the field revents
+                continue
+            end = 0 if poll[i, 0] == d["port"][0]["socket"]["descriptor"] else 1
+            if poll[i, 0] != d["port"][end]["socket"]["descriptor"]:
+                others = 1
+                continue
+            code = SERVED_SOME
+            if serve_end(d, end, slaves, drives, outputs, signals):
+                return HAS_EVENTS
+        if others != 0:
+            return code
+        note_errors(errors[0], signals, d["time_ns"])
+        if now_ns(d["timespec"]) >= turn_due_ns:
+            return code
+
+
+@compiled.rare
+def serve_end(d: Any, end: int, slaves: Any, drives: Any, outputs: Any, signals: Any) -> bool:
+    """``serve`` by itself."""
     port = d["port"][end]
     s, out = port["socket"], d["port"][max(0, port["out"])]["socket"]
     if port["next"] >= port["waiting"]:

@@ -25,6 +25,7 @@ from micromanip.emulation.line.number import checksum, line_number
 from micromanip.emulation.line.port import Hear, Peer
 from micromanip.emulation.line.udp_port import UdpPort
 from micromanip.emulation.messages import MessageFigures
+from micromanip.emulation.upkeep import Upkeep
 from micromanip.errors import UsageError
 from micromanip.rt.jit import prepare
 from micromanip.rt.wire.counting import OLD
@@ -35,7 +36,6 @@ from .serving import BAD, SERVED, compose, serve, understand
 
 ANSWER = "receive"
 """What the device sends, by the name that commands use."""
-_TICK_NS = 1_000_000
 _PAUSE_NS = 50_000_000
 """Who has said nothing for so long begins anew."""
 _PHASE_NS = 30_000
@@ -60,6 +60,7 @@ class UdpDevice:
         self._data = np.zeros(MAX_BYTES, np.uint8)
         self._off_until_ns = self._silent_until_ns = self._counts_from_ns = 0.0
         self._began_ns, self._heard_ns = loop.now_ns(), 0
+        self._upkeep = Upkeep(loop, (self._look_after,))
         prepare(serve, understand, compose)
         self._line = DeviceLine(loop, self._make_port)
         self._line.attach(self._hear)
@@ -91,7 +92,7 @@ class UdpDevice:
 
     def start(self, now_ns: int) -> None:
         self._began_ns = now_ns
-        self._tick()
+        self._upkeep.start()
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002 (there is one)
         self._counts_from_ns = self._loop.end_ns(for_s)
@@ -140,6 +141,7 @@ class UdpDevice:
         self._time_ns[0] = plant.time_ns
         serve(self._served, *plant.arrays)
         plant.time_ns = int(self._time_ns[0])
+        self._upkeep.behind_a_frame()
 
     def _is_plain(self) -> bool:
         """Whether a conversation is under way, and nothing is amiss."""
@@ -222,13 +224,12 @@ class UdpDevice:
             line_number(known).put_code(frame, known.value ^ other)
         self._line.answer(peer, bytes(frame) + (seal.of(bytes(frame)) if seal else b""))
 
-    def _tick(self) -> None:
+    def _look_after(self) -> None:
         """Amplifier and plant go on also while nobody asks."""
         self._gather()
         now_ns = self._loop.now_ns()
         self._cell.advance_to(now_ns)
         self._port.lend(self._served[0]["socket"], self._readable)
-        self._loop.call_at(now_ns + _TICK_NS, self._tick)
 
 
 def emulate_udp(name: str, surroundings: Surroundings) -> EmulatedDevice:

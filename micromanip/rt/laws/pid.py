@@ -7,8 +7,10 @@ first-order filter of time constant Tf (backward Euler, stable for every Tf >= 0
 
 A step covers `periods` cycles, normally one: with a slow sensor the cycles since its last sample. The
 periods that an overrun skipped, or for which the sensor was given up, do not count: the error seen after them did not
-stand all the while, and integrated over them would kick the output. A held sample is never integrated or
-differentiated: the caller does not step then.
+stand all the while, and integrated over them would kick the output. Where samples are missing the integral takes no
+more than `most_periods` for a step, twice the sensor's interval: a gain margin of 6 dB bears that, and ten times the
+gain would make it unstable (decision 0071). A held sample is never integrated or differentiated: the caller does not
+step then.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ PID_PARAMETERS = record(
     ("filter_s", "f8"),
     ("period_s", "f8"),
     ("tracking", "f8"),
+    ("most_periods", "i8"),
     *NOTCH,
 )
 PID_STATE = record(("integrator", "f8"), ("derivative", "f8"), ("error", "f8"), ("output_V", "f8"), *NOTCH_STATE)
@@ -39,7 +42,7 @@ def pid_output(p: Record, s: Record, error_um: float, periods: int) -> float:
     s["derivative"] = (p["filter_s"] * s["derivative"] + p["derivative"] * (error_um - s["error"])) / (
         p["filter_s"] + elapsed_s
     )
-    s["integrator"] += p["integral"] * periods * error_um
+    s["integrator"] += p["integral"] * min(periods, p["most_periods"]) * error_um
     s["error"] = error_um
     s["output_V"] = p["K_V_per_um"] * error_um + s["integrator"] + s["derivative"]
     return s["output_V"]

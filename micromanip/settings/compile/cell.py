@@ -30,6 +30,8 @@ from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .reference import fill_reference
 
 _BLEND_S = 0.05
+_WITHHELD_S = 0.01
+"""Of the swings that are to die out, less than one."""
 _FIGURES_S = 1.0
 _gains = functools.lru_cache(8)(outer_gains)
 """Of the axes: a change in one leaves the others."""
@@ -79,7 +81,8 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
     p["heartbeat_cycles"] = cycles(beat.period_ms * 0.5e-3) if beat is not None else 1
     for i, (name, axis) in enumerate(configuration.axes.items()):
         _fill_wiring(p["axis"][i], name, configuration, wiring)
-        _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
+        interval = cycles_between(configuration, sensor_timing(configuration, wiring, "strain", name))
+        _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s, interval)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
         _fill_decoupling(p["axis"][i]["decoupling"], configuration, name)
@@ -155,7 +158,7 @@ def _fill_line(line: Any, name: str, configuration: Configuration, wiring: Wirin
     line["age_ns"] = _max_age_ns(configuration.signals.get(name))
 
 
-def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
+def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float, interval: int) -> None:
     a["mode"] = MODE_NAMES.index(axis.mode)
     a["centre_um"] = axis.centre_um
     a["setpoint_low_um"], a["setpoint_high_um"] = axis.setpoint.range_um
@@ -163,12 +166,12 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
     if a["mode"] == VOLTAGE:
         a["setpoint_low_um"], a["setpoint_high_um"] = output.range_V
         a["setpoint_slew_um"] = output.slew_V_per_ms * 1e3 * period_s
-    a["blend_decay"] = math.exp(-period_s / _BLEND_S)
+    a["blend_decay"], a["withheld_decay"] = math.exp(-period_s / _BLEND_S), math.exp(-period_s / _WITHHELD_S)
     a["feedback"] = axis.inner.mode != "feedforward"
     limiter = a["limiter"]
     limiter["low_V"], limiter["high_V"] = output.range_V
     limiter["slew_V"], limiter["park_V"] = output.slew_V_per_ms * 1e3 * period_s, output.park_V
-    for name, value in asdict(pid_gains(axis.running_inner, period_s)).items():
+    for name, value in asdict(pid_gains(axis.running_inner, period_s, interval)).items():
         a["pid"][name] = value
     a["fallback"] = a["pid"]
     for gain in ("K_V_per_um", "integral", "derivative"):

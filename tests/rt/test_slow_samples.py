@@ -48,7 +48,7 @@ def gently(tracking=0.1, answer_cycles=0):
     y["strain_age_ns"], y["answer_cycles"] = 100_000_000, answer_cycles
     pid = y["pid"]
     pid["K_V_per_um"], pid["derivative"], pid["tracking"] = 0.05, 0.0, tracking
-    pid["integral"] = 0.02
+    pid["integral"], pid["most_periods"] = 0.02, 1000
     y["fallback"] = pid
     return record
 

@@ -19,7 +19,7 @@ _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
 _SINGLE = (
     (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
-    (axis, ("AHEAD_CYCLES", "FORGOTTEN", "MOST_MISSED", "OVERLOADED")),
+    (axis, ("FORGOTTEN", "MOST_MISSED", "OVERLOADED")),
 )
 _LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
 _RECORDS = (*_LAWS, limit_cycle, watch, arming, faults, figures, records, telemetry)

@@ -284,10 +284,9 @@ static double demand(const struct axis_parameters *p, struct axis_state *s)
         w[i] *= s->authority;
     double u = p->centre_um + dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
     if (s->missed > OVERLOADED)
-        s->blend_um = s->setpoint_um - u, s->withheld_um = 0.0;
+        s->blend_um = s->setpoint_um - u;
     s->blend_um *= p->blend_decay;
-    s->withheld_um *= p->withheld_decay;
-    return u + s->blend_um - s->withheld_um;
+    return u + s->blend_um;
 }
 
 static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
@@ -296,9 +295,7 @@ static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s,
     if (!isfinite(demand_um))
         return false;
     double low = least(p->setpoint_low_um, s->setpoint_um), high = most(p->setpoint_high_um, s->setpoint_um);
-    double inside = most(low, least(high, demand_um)), ahead = AHEAD_CYCLES * step;
-    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, inside));
-    s->withheld_um += most(0.0, inside - s->setpoint_um - ahead) + least(0.0, inside - s->setpoint_um + ahead);
+    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, most(low, least(high, demand_um))));
     return true;
 }
 

@@ -43,8 +43,6 @@ _ANY_UM = (-math.inf, math.inf)
 FORGOTTEN, MOST_MISSED, OVERLOADED = 0.98, 16.0, 600.0
 """Share of the missed cycles that a cycle leaves; how many a gap counts for at most; the sum of squares, over some 50
 cycles, beyond which the outer loop waits: three gaps of 16 cycles in them, not a single one, nor many small ones."""
-AHEAD_CYCLES = 3
-"""So many cycles of slewing the outer loop's demand may be ahead of the set-point."""
 
 
 @compiled
@@ -172,11 +170,10 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     w[2] += s["move"]["acceleration_um"] * (p["cycles_per_ns"] * 1e9) ** 2
     u = p["centre_um"] + outer_setpoint(p["outer"], s["estimator"]["x"], w) + s["decoupling"]["added_um"]
     if s["closed"] == 0 or s["missed"] > OVERLOADED:
-        s["blend_um"], s["withheld_um"] = s["setpoint_um"] - u, 0.0
+        s["blend_um"] = s["setpoint_um"] - u
         s["closed"] = 1
     s["blend_um"] *= p["blend_decay"]
-    s["withheld_um"] *= p["withheld_decay"]
-    return u + s["blend_um"] - s["withheld_um"]
+    return u + s["blend_um"]
 
 
 @compiled
@@ -197,10 +194,7 @@ def authority(p: Record, s: Record) -> float:
 def move_setpoint(p: Record, s: Record, demand_um: float) -> bool:
     """Set-point inside the attainable range and the slew limit; False, and unmoved, if not finite.
 
-    Where it starts outside the range (an actuator at rest) it stays until the demand leads it in: no jump. What the
-    outer loop demands beyond AHEAD_CYCLES of slewing is withheld, and given back within 10 ms: a demand that turns
-    round is then followed at once. A set-point that had to run after it first would lag, and above some error
-    the loop would swing from one limit to the other (decision 0071).
+    Where it starts outside the range (an actuator at rest) it stays until the demand leads it in: no jump.
     """
     if not math.isfinite(demand_um):
         return False
@@ -208,9 +202,6 @@ def move_setpoint(p: Record, s: Record, demand_um: float) -> bool:
     low, high = min(p["setpoint_low_um"], s["setpoint_um"]), max(p["setpoint_high_um"], s["setpoint_um"])
     inside = max(low, min(high, demand_um))
     s["setpoint_um"] = max(s["setpoint_um"] - step, min(s["setpoint_um"] + step, inside))
-    left_um = inside - s["setpoint_um"]
-    most_um = AHEAD_CYCLES * step
-    s["withheld_um"] += max(0.0, left_um - most_um) + min(0.0, left_um + most_um)
     return True
 
 

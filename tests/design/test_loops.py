@@ -35,6 +35,7 @@ def test_the_pid_is_the_one_that_runs():
         integral=PID.K_V_per_um * PERIOD_S / (PID.Ti_ms * 1e-3),
         derivative=PID.K_V_per_um * PID.Td_ms * 1e-3,
         filter_s=PID.filter_ms * 1e-3,
+        most_periods=1,
     )
     s, e = record(PID_STATE), np.random.default_rng(1).normal(size=300)
     running = [pid_output(p, s, float(value), 1) for value in e]

@@ -30,8 +30,6 @@ from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .reference import fill_reference
 
 _BLEND_S = 0.05
-_WITHHELD_S = 0.01
-"""Of the swings that are to die out, less than one."""
 _FIGURES_S = 1.0
 _gains = functools.lru_cache(8)(outer_gains)
 """Of the axes: a change in one leaves the others."""
@@ -166,7 +164,7 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float, interval: in
     if a["mode"] == VOLTAGE:
         a["setpoint_low_um"], a["setpoint_high_um"] = output.range_V
         a["setpoint_slew_um"] = output.slew_V_per_ms * 1e3 * period_s
-    a["blend_decay"], a["withheld_decay"] = math.exp(-period_s / _BLEND_S), math.exp(-period_s / _WITHHELD_S)
+    a["blend_decay"] = math.exp(-period_s / _BLEND_S)
     a["feedback"] = axis.inner.mode != "feedforward"
     limiter = a["limiter"]
     limiter["low_V"], limiter["high_V"] = output.range_V

@@ -62,7 +62,7 @@ class PidGains:
     filter_s: float
     period_s: float
     tracking: float
-    most_periods: int = 2
+    most_periods: int
     notch_share: float = 0.0
     notch_width: float = 1.0
     notch_angle: float = 0.0

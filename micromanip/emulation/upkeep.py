@@ -7,10 +7,10 @@ from itertools import cycle
 
 from micromanip.testbus.event_loop import EventLoop
 
-IDLE_NS = 1_000_000
-SERVED_NS = 4_000_000
+_IDLE_NS = 1_000_000
+_SERVED_NS = 4_000_000
 _GONE_NS = 6_000_000
-"""While frames are served, one turn each `SERVED_NS` right behind one of them; after so long without, as when idle."""
+"""While frames are served, one turn each `_SERVED_NS` right behind one of them; after so long without, as when idle."""
 
 
 class Upkeep:
@@ -27,7 +27,7 @@ class Upkeep:
     @property
     def due_ns(self) -> int:
         """When a turn is due behind a frame."""
-        return self._looked_ns + SERVED_NS
+        return self._looked_ns + _SERVED_NS
 
     def start(self) -> None:
         """Begin, with all turns at once."""
@@ -43,7 +43,7 @@ class Upkeep:
 
     def _is_due(self) -> None:
         now_ns = self._loop.now_ns()
-        if now_ns - self._looked_ns >= (_GONE_NS if self._serves else IDLE_NS):
+        if now_ns - self._looked_ns >= (_GONE_NS if self._serves else _IDLE_NS):
             self._serves = False
             self._all(now_ns)
         self._wait()
@@ -54,4 +54,4 @@ class Upkeep:
             turn()
 
     def _wait(self) -> None:
-        self._loop.call_at(self._looked_ns + (_GONE_NS if self._serves else IDLE_NS), self._is_due)
+        self._loop.call_at(self._looked_ns + (_GONE_NS if self._serves else _IDLE_NS), self._is_due)

@@ -5,15 +5,15 @@ While they are lent Python has its turn each 5 ms: for the amplifiers' watchdogs
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.compiled_plant import fill_plant
+from micromanip.emulation.poll_table import PollTable
 from micromanip.rt.jit import PLAIN, prepare
-from micromanip.rt.wire.datagrams import POLLIN
 from micromanip.testbus.event_loop import EventLoop, Timer
 from micromanip.testbus.hub import CanHub
 
@@ -39,7 +39,7 @@ class SteadyBuses:
             bus.describe(row, cell)
         self.is_lent = False
         self._tick: Timer | None = None
-        self._poll = np.zeros((0, 2), np.int32)
+        self._polled = PollTable()
         prepare(serve, catch_up)
 
     @classmethod
@@ -62,13 +62,13 @@ class SteadyBuses:
             return 0
         plant, d = self._cell.plant, self._served[0]
         d["time_ns"] = plant.time_ns
-        self._look_at(descriptors)
+        d["descriptors"] = len(descriptors)
         code = serve(
             self._served,
             self._rows,
             *plant.arrays,
             self._cell.errors.record,
-            self._poll,
+            self._polled.of([*descriptors, *self._clients()]),
             FAR_NS if until_ns is None else until_ns,
         )
         plant.is_at(int(d["time_ns"]))
@@ -115,13 +115,10 @@ class SteadyBuses:
         self._tick = self._loop.call_at(now_ns + _TICK_NS, self._look_after)
         return True
 
-    def _look_at(self, descriptors: Sequence[int]) -> None:
-        """Have these waited for, and clients where others wait for what they send."""
-        clients = [client for bus in self._buses for client in bus.heard_by_others]
-        wanted = (*descriptors, *clients)
-        if len(wanted) != len(self._poll) or not np.array_equal(self._poll[:, 0], wanted):
-            self._poll = np.array([(descriptor, POLLIN) for descriptor in wanted], np.int32).reshape(-1, 2)
-        self._served["descriptors"] = len(descriptors)
+    def _clients(self) -> Iterator[int]:
+        """Those where others wait for what they send."""
+        for bus in self._buses:
+            yield from bus.heard_by_others
 
     def _look_after(self) -> None:
         now_ns = self._loop.now_ns()

@@ -7,18 +7,15 @@ through Python. Both ways use the same controllers, plant and amplifier.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from micromanip.bus.ethercat.process_data import PackedNumber, packed_numbers
-from micromanip.bus.frame_plan import FramePlan, GroupPlan
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.arrivals import gathered
 from micromanip.emulation.cell import EmulatedCell
-from micromanip.emulation.compiled_plant import fill_plant
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.line.device_line import DeviceLine
 from micromanip.emulation.line.fault import Delay, Drop, Duplicate, LineFault, Reorder
@@ -26,10 +23,10 @@ from micromanip.emulation.line.faults import Hang, Unplug
 from micromanip.emulation.line.faults import parsed as line_fault
 from micromanip.emulation.line.port import Hear, Peer
 from micromanip.emulation.messages import MessageFigures
+from micromanip.emulation.poll_table import PollTable
 from micromanip.emulation.upkeep import Upkeep
 from micromanip.errors import UsageError
 from micromanip.rt.jit import prepare
-from micromanip.rt.wire.datagrams import POLLIN
 from micromanip.testbus.event_loop import EventLoop
 
 from .controller import system_ns
@@ -38,11 +35,8 @@ from .line import NEAR, NOWHERE, Line
 from .port import EthernetPort
 from .process_data import terminal_of
 from .serving import (
-    COUNTS,
     HAS_EVENTS,
     IDLE,
-    NOBODYS,
-    OF_DRIVE,
     SERVED,
     lay_out_readings,
     outputs_taken,
@@ -50,6 +44,7 @@ from .serving import (
     serve_on,
 )
 from .terminal_faults import TerminalFaults
+from .wiring import wire
 
 FRAMES = "frames"
 """What the device sends, by the name that commands use."""
@@ -60,8 +55,6 @@ _PHASE_NS = 30_000
 _TURN_NS = 30_000
 """From the first terminal to the last and back, of a ring to the last: cables so long that this process has answered by
 then, and the line's clocks can tell what it takes. A real line takes some 2 us for each terminal."""
-_LAG_V = 1.0
-"""A drive that is further from its target tells of a following error."""
 _OF_FRAMES = (Drop, Delay, Duplicate, Reorder, Hang, Unplug)
 
 
@@ -83,14 +76,12 @@ class EthercatDevice:
         self._served[0]["turn_ns"] = _TURN_NS
         self.slaves.relinked = self._relinked
         self._faults = TerminalFaults(loop, self._names, self.slaves, self._left_op)
-        self.signals: list[str] = []
-        self._signal: list[list[tuple[str, bool]]] = []
-        self._output: list[list[str | None]] = []
-        self._fill(self._served[0], wires)
+        self._terminals = wire(self._served[0], self.slaves, keys.terminals, cell, wires)
+        self.signals = [name for each in self._terminals for name, counts in each.inputs if not counts]
         self._silent_until_ns = 0.0
         self._began_ns, self._heard_ns = loop.now_ns(), 0
         self._upkeep = Upkeep(loop, (self._gather, self._look_after))
-        self._poll = np.zeros((0, 2), np.int32)
+        self._polled = PollTable()
         loop.serve_by(self._serve_on)
         prepare(serve, serve_on, lay_out_readings, outputs_taken)
         self._ports: list[EthernetPort] = []
@@ -109,45 +100,9 @@ class EthercatDevice:
         self._ports.append(EthernetPort(self._loop, interface, hear))
         return self._ports[-1]
 
-    def _fill(self, d: Any, wires: Wires) -> None:
-        plant = self._cell.plant
-        fill_plant(d, plant)
-        d["output"] = -1
-        d["arrived"]["last"] = np.nan
-        for k, name in enumerate(self._names):
-            keys = self._keys.terminals[name]
-            terminal = self.slaves.applications[k].terminal
-            outputs = _numbers(keys.outputs, terminal.output_area.start)
-            inputs = _numbers(keys.inputs, terminal.input_area.start)
-            d["outputs"][k], d["inputs"][k] = _table(outputs), _table(inputs)
-            self._output.append([wires.outputs.get(channel) for channel in outputs])
-            d["output"][k][: len(outputs)] = [plant.outputs.get(each or "", -1) for each in self._output[k]]
-            self._signal.append(list(_readings(keys, wires)))
-            d["signal"][k][: len(inputs)] = [self._index(*each) for each in self._signal[k]]
-            self.signals += [signal for signal, counts in self._signal[k] if not counts]
-            self._fill_drive(d, k, wires)
-
-    def _index(self, signal: str, counts: bool) -> int:
-        at = self._cell.plant.inputs.get(signal)
-        return NOBODYS if at is None else COUNTS + at if counts else at
-
-    def _fill_drive(self, d: Any, k: int, wires: Wires) -> None:
-        """A drive says by itself what its objects are; its target is what the plant's amplifier puts out."""
-        drive, keys = self.slaves.drives[k], self._keys.terminals[self._names[k]]
-        if not drive["present"]:
-            return
-        d["signal"][k][: len(self._signal[k])] = OF_DRIVE
-        target = self._output[k][drive["target_number"]]
-        number = d["outputs"][k]["number"][drive["target_number"]]
-        rest_V = wires.rest_V.get(target or "", 0.0)
-        drive["rest"] = drive["out"] = drive["fell_from"] = (rest_V - number["offset"]) / number["scale"]
-        drive["window"] = abs(_LAG_V / number["scale"])
-        if wires.outputs.get(keys.drive.enable) in self._cell.plant.outputs:
-            self._cell.wired_on = (keys.drive.enable,)
-
     @property
     def ready(self) -> str:
-        outputs = sum(map(len, self._output))
+        outputs = sum(len(each.outputs) for each in self._terminals)
         return f"{self._name}: {len(self._names)} terminals, {len(self.signals)} signals, {outputs} outputs"
 
     @property
@@ -233,13 +188,18 @@ class EthercatDevice:
     def _serve_end(self, end: int, now_ns: int) -> None:
         """Serve all that has come in at an end."""
         plant, d = self._cell.plant, self._served[0]
-        d["time_ns"], d["follows"] = plant.time_ns, self._amplifier is None or self._amplifier.follows
+        self._lend()
         more = True
         while more:
             more = serve(self._served, end, self.slaves.controllers, self.slaves.drives, *plant.arrays)
             plant.time_ns = int(d["time_ns"])
             if more:
                 self._serve_applications(now_ns)
+
+    def _lend(self) -> None:
+        """Tell compiled code when it is in the plant, and whether the amplifier follows."""
+        self._served["time_ns"] = self._cell.plant.time_ns
+        self._served["follows"] = self._amplifier is None or self._amplifier.follows
 
     def _serve_applications(self, now_ns: int) -> None:
         self._gather()
@@ -251,16 +211,14 @@ class EthercatDevice:
         now_ns, plant, d = self._loop.now_ns(), self._cell.plant, self._served[0]
         if not self._is_plain(now_ns) or any(port["next"] < port["waiting"] for port in d["port"]):
             return 0
-        if len(descriptors) != len(self._poll) or not np.array_equal(self._poll[:, 0], descriptors):
-            self._poll = np.array([(each, POLLIN) for each in descriptors], np.int32).reshape(-1, 2)
-        d["time_ns"], d["follows"] = plant.time_ns, self._amplifier is None or self._amplifier.follows
+        self._lend()
         code = serve_on(
             self._served,
             self.slaves.controllers,
             self.slaves.drives,
             *plant.arrays,
             self._cell.errors.record,
-            self._poll,
+            self._polled.of(descriptors),
             now_ns + _PAUSE_NS if until_ns is None else until_ns,
             self._upkeep.due_ns,
         )
@@ -299,8 +257,8 @@ class EthercatDevice:
         if self._amplifier is not None:
             self._amplifier.refused += int(d["refused"])
             d["refused"] = 0
-            for names, records in zip(self._output, d["arrived"], strict=False):
-                if arrived := dict(gathered(names, records)):
+            for terminal, records in zip(self._terminals, d["arrived"], strict=False):
+                if arrived := dict(gathered(terminal.outputs, records)):
                     self._amplifier.has_taken(arrived, self._heard_ns)
 
     def _hear(self, end: int, data: bytes, peer: Peer) -> None:
@@ -334,21 +292,22 @@ class EthercatDevice:
         d = self._served[0]
         values = {
             name: float(d["value"][k][i])
-            for k, names in enumerate(self._output)
-            for i, name in enumerate(names)
+            for k, terminal in enumerate(self._terminals)
+            for i, name in enumerate(terminal.outputs)
             if name is not None
         }
         if self._amplifier is not None:
             self._amplifier.take(values, now_ns)
-            for k, names in enumerate(self._output):
-                d["arrived"][k]["last"][: len(names)] = d["value"][k][: len(names)]
+            for k, terminal in enumerate(self._terminals):
+                wired = len(terminal.outputs)
+                d["arrived"][k]["last"][:wired] = d["value"][k][:wired]
         self._cell.advance_to(now_ns)
 
     def _read(self) -> None:
         d, cell = self._served[0], self._cell
-        for k, signals in enumerate(self._signal):
-            d["reading"][k][: len(signals)] = [
-                self._samples(signal) if counts else cell.read(signal) for signal, counts in signals
+        for k, terminal in enumerate(self._terminals):
+            d["reading"][k][: len(terminal.inputs)] = [
+                self._samples(signal) if counts else cell.read(signal) for signal, counts in terminal.inputs
             ]
         lay_out_readings(self._served, self.slaves.controllers)
 
@@ -374,23 +333,3 @@ def emulate_ethercat(name: str, surroundings: Surroundings) -> EmulatedDevice:
         amplifier = Amplifier(surroundings.cell.plant, wires.rest_V, None)
         surroundings.cell.amplifiers.append(amplifier)
     return EthercatDevice(surroundings.options(name), surroundings.loop, surroundings.cell, wires, amplifier)
-
-
-def _numbers(pdos: Mapping[str, Any], start: int) -> dict[str, PackedNumber]:
-    """All of a direction, by field, where they lie in a terminal's memory."""
-    return {name: each for _, numbers in packed_numbers(pdos, start) for name, each in numbers.items()}
-
-
-def _table(placed: Mapping[str, PackedNumber]) -> Any:
-    """The numbers of a terminal's outputs or inputs, for compiled code."""
-    return FramePlan(0, [GroupPlan(placed)]).record()[0]
-
-
-def _readings(keys: Any, wires: Wires) -> Iterator[tuple[str, bool]]:
-    """For each number of a terminal's inputs the signal that it says, or whose samples it counts."""
-    for pdo in keys.inputs.values():
-        measured = next((name for name in pdo.fields if name != pdo.counter), "")
-        for name in pdo.fields:
-            counts = name == pdo.counter
-            signal = measured if counts else name
-            yield wires.signals.get(signal, signal), counts

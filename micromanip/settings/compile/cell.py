@@ -79,8 +79,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
     p["heartbeat_cycles"] = cycles(beat.period_ms * 0.5e-3) if beat is not None else 1
     for i, (name, axis) in enumerate(configuration.axes.items()):
         _fill_wiring(p["axis"][i], name, configuration, wiring)
-        interval = cycles_between(configuration, sensor_timing(configuration, wiring, "strain", name))
-        _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s, interval)
+        _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
         _fill_decoupling(p["axis"][i]["decoupling"], configuration, name)
@@ -97,11 +96,20 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
 
 def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring) -> None:
     """What depends on how often the axis' sensors are fresh, and on the way of its output."""
-    rate_hz, faults = configuration.loop.rate_hz, configuration.axes[name].faults
+    axis, loop = configuration.axes[name], configuration.loop
     strain, stage = (sensor_timing(configuration, wiring, role, name) for role in ("strain", "stage"))
+    _fill_feedback(a, axis, loop.period_ns * 1e-9, cycles_between(configuration, strain))
     between = cycles_between(configuration, stage)
-    fill_axis_limits(a, faults, configuration.reference, rate_hz, strain.rate_hz, between)
+    fill_axis_limits(a, axis.faults, configuration.reference, loop.rate_hz, strain.rate_hz, between)
     _fill_answer(a, configuration, name, output_timing(configuration, wiring, f"voltage_{name}"))
+
+
+def _fill_feedback(a: Any, axis: Axis, period_s: float, interval: int) -> None:
+    for name, value in asdict(pid_gains(axis.running_inner, period_s, interval)).items():
+        a["pid"][name] = value
+    a["fallback"] = a["pid"]
+    for gain in ("K_V_per_um", "integral", "derivative"):
+        a["fallback"][gain] = axis.faults.oscillation.fallback * a["pid"][gain]
 
 
 def _fill_answer(a: Any, configuration: Configuration, name: str, output: Channel) -> None:
@@ -156,7 +164,7 @@ def _fill_line(line: Any, name: str, configuration: Configuration, wiring: Wirin
     line["age_ns"] = _max_age_ns(configuration.signals.get(name))
 
 
-def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float, interval: int) -> None:
+def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
     a["mode"] = MODE_NAMES.index(axis.mode)
     a["centre_um"] = axis.centre_um
     a["setpoint_low_um"], a["setpoint_high_um"] = axis.setpoint.range_um
@@ -169,11 +177,6 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float, interval: in
     limiter = a["limiter"]
     limiter["low_V"], limiter["high_V"] = output.range_V
     limiter["slew_V"], limiter["park_V"] = output.slew_V_per_ms * 1e3 * period_s, output.park_V
-    for name, value in asdict(pid_gains(axis.running_inner, period_s, interval)).items():
-        a["pid"][name] = value
-    a["fallback"] = a["pid"]
-    for gain in ("K_V_per_um", "integral", "derivative"):
-        a["fallback"][gain] = axis.faults.oscillation.fallback * a["pid"][gain]
     a["authority"] = axis.authority_percent / 100.0
     model = NoModel(model="none") if axis.inner.mode == "pid" else axis.hysteresis
     fill_hysteresis(a["hysteresis"], model, period_s, axis.undone)

@@ -1,0 +1,91 @@
+"""Which numbers in the terminals' memories are which of the plant's signals and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from micromanip.bus.ethercat.process_data import PackedNumber, packed_numbers
+from micromanip.bus.frame_plan import FramePlan, GroupPlan
+from micromanip.emulation.cell import EmulatedCell
+from micromanip.emulation.compiled_plant import fill_plant
+from micromanip.emulation.emulated import Wires
+
+from .line import Line
+from .serving import COUNTS, NOBODYS, OF_DRIVE
+
+_LAG_V = 1.0
+"""A drive that is further from its target tells of a following error."""
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """A terminal's numbers, in the order of its PDOs."""
+
+    outputs: list[str | None]
+    """The plant's output of each, None where nothing is wired."""
+    inputs: list[tuple[str, bool]]
+    """The signal of each, and whether it counts that signal's samples instead of saying it."""
+
+
+def wire(d: Any, line: Line, terminals: Mapping[str, Any], cell: EmulatedCell, wires: Wires) -> list[Terminal]:
+    """Fill the record `d` for compiled code; `terminals` are the options of each, in the order of `line`."""
+    fill_plant(d, cell.plant)
+    d["output"] = -1
+    d["arrived"]["last"] = np.nan
+    wired = []
+    for k, keys in enumerate(terminals.values()):
+        areas = line.applications[k].terminal
+        outputs = _numbers(keys.outputs, areas.output_area.start)
+        inputs = _numbers(keys.inputs, areas.input_area.start)
+        terminal = Terminal([wires.outputs.get(channel) for channel in outputs], list(_readings(keys, wires)))
+        d["outputs"][k], d["inputs"][k] = _table(outputs), _table(inputs)
+        d["output"][k][: len(outputs)] = [cell.plant.outputs.get(each or "", -1) for each in terminal.outputs]
+        d["signal"][k][: len(inputs)] = [
+            _index(cell.plant.inputs.get(name), counts) for name, counts in terminal.inputs
+        ]
+        if line.drives[k]["present"]:
+            _wire_drive(d, k, line.drives[k], keys, terminal, cell, wires)
+        wired.append(terminal)
+    return wired
+
+
+def _wire_drive(d: Any, k: int, drive: Any, keys: Any, terminal: Terminal, cell: EmulatedCell, wires: Wires) -> None:
+    """A drive says by itself what its objects are; its target is what the plant's amplifier puts out."""
+    d["signal"][k][: len(terminal.inputs)] = OF_DRIVE
+    target = terminal.outputs[drive["target_number"]]
+    number = d["outputs"][k]["number"][drive["target_number"]]
+    rest_V = wires.rest_V.get(target or "", 0.0)
+    drive["rest"] = drive["out"] = drive["fell_from"] = (rest_V - number["offset"]) / number["scale"]
+    drive["window"] = abs(_LAG_V / number["scale"])
+    if wires.outputs.get(keys.drive.enable) in cell.plant.outputs:
+        cell.wired_on = (keys.drive.enable,)
+
+
+def _index(at: int | None, counts: bool) -> int:
+    if at is None:
+        return NOBODYS
+    return COUNTS + at if counts else at
+
+
+def _numbers(pdos: Mapping[str, Any], start: int) -> dict[str, PackedNumber]:
+    """All of a direction, by field, where they lie in a terminal's memory."""
+    return {name: each for _, numbers in packed_numbers(pdos, start) for name, each in numbers.items()}
+
+
+def _table(placed: Mapping[str, PackedNumber]) -> Any:
+    """The numbers of a terminal's outputs or inputs, for compiled code."""
+    return FramePlan(0, [GroupPlan(placed)]).record()[0]
+
+
+def _readings(keys: Any, wires: Wires) -> Iterator[tuple[str, bool]]:
+    """For each number of a terminal's inputs the signal that it says, or whose samples it counts."""
+    for pdo in keys.inputs.values():
+        measured = next((name for name in pdo.fields if name != pdo.counter), "")
+        for name in pdo.fields:
+            counts = name == pdo.counter
+            signal = measured if counts else name
+            yield wires.signals.get(signal, signal), counts

@@ -12,14 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt import arming, axis, faults, figures, limit_cycle, phases, record, records, states, telemetry, watch
+from micromanip.rt import (
+    arming,
+    faults,
+    figures,
+    limit_cycle,
+    outrun,
+    phases,
+    record,
+    records,
+    states,
+    telemetry,
+    watch,
+)
 from micromanip.rt.laws import coordinate_transform, estimator, feedforward, lqg, pid, reference, sensor, shaping
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
 _SINGLE = (
     (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
-    (axis, ("FORGOTTEN", "MOST_MISSED", "OVERLOADED")),
+    (outrun, ("BEHIND", "FAR", "RELAPSED")),
 )
 _LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
 _RECORDS = (*_LAWS, limit_cycle, watch, arming, faults, figures, records, telemetry)

@@ -276,17 +276,37 @@ static void sample(const struct axis_parameters *p, struct axis_state *s, const 
         tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns);
 }
 
+/* Whether the set-point is far behind a demand, as far as its range goes. */
+static bool outruns(const struct axis_parameters *p, const struct axis_state *s, double demand_um)
+{
+    double low = least(p->setpoint_low_um, s->setpoint_um), high = most(p->setpoint_high_um, s->setpoint_um);
+    return fabs(most(low, least(high, demand_um)) - s->setpoint_um) > BEHIND * p->setpoint_slew_um;
+}
+
 static double demand(const struct axis_parameters *p, struct axis_state *s)
 {
     double *w = s->reference.w, step = p->authority_step;
     s->authority += most(-step, least(step, p->authority - s->authority));
     for (int i = 0; i < REFERENCE_STATES; i++)
         w[i] *= s->authority;
-    double u = p->centre_um + dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
-    if (s->missed > OVERLOADED)
-        s->blend_um = s->setpoint_um - u;
+    double near_um = p->centre_um + dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
     s->blend_um *= p->blend_decay;
-    return u + s->blend_um;
+    if (s->far == 0) {
+        s->near++;
+        if (!outruns(p, s, near_um + s->blend_um))
+            return near_um + s->blend_um;
+        if (s->relapses == 0 || s->near > RELAPSED) {
+            s->relapses = 0;
+            s->relapsed_cycle = s->estimator.cycle;
+        }
+        s->relapses++;
+        s->far = FAR;
+    }
+    double far_um = p->centre_um + dot(p->outer.far_reference, w, p->outer.reference_states) - dot(p->outer.far_feedback, s->estimator.x, p->outer.states);
+    s->far = outruns(p, s, far_um) ? FAR : s->far - 1;
+    s->near = 0;
+    s->blend_um = s->setpoint_um - near_um;
+    return far_um;
 }
 
 static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
@@ -320,8 +340,6 @@ static bool is_finite(const struct axis_parameters *p, const struct axis_state *
 
 static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns)
 {
-    double missed = least(MOST_MISSED, (double)(cycle - s->estimator.cycle - 1));
-    s->missed = FORGOTTEN * s->missed + missed * missed;
     predict_to(&p->outer, &s->estimator, cycle);
     if (s->stage.fresh && s->watch.degraded == 0)
         update(&p->outer, &s->estimator, cycle - (int64_t)((double)s->stage.age_ns * p->cycles_per_ns + 0.5), s->stage.value);
@@ -417,6 +435,8 @@ static void watch_axis(const struct axis_parameters *axis, struct axis_state *a,
     bool found = swings(p, &w->driven_swing, cycle, up - down);
     found |= swings(p, &w->strain_swing, cycle, sensor_end(&a->strain, axis->strain_range_um));
     found |= swings(p, &w->stage_swing, cycle, sensor_end(&a->stage, axis->stage_range_um));
+    found |= a->relapses >= p->swings;
+    condition(w, OUTRUN, a->far > 0);
     condition(w, LIMIT_CYCLE, found);
     condition(w, REFERENCE_STALE, a->reference.silent >= p->stale_cycles);
     condition(w, REFERENCE_LOST, a->reference.silent >= p->lost_cycles);

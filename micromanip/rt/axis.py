@@ -34,15 +34,13 @@ from micromanip.rt.laws.reference import (
 from micromanip.rt.laws.sensor import read_line, read_signal
 
 from .jit import compiled
+from .outrun import come_back, leave_path
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, FROZEN, LIFTING, PARKING, SWEEPING
 from .record import Record
 from .setpoint_history import ease_times, measure_errors, remember_setpoint, start_history, start_times
 from .states import STAGE, VOLTAGE
 
 _ANY_UM = (-math.inf, math.inf)
-FORGOTTEN, MOST_MISSED, OVERLOADED = 0.98, 16.0, 600.0
-"""Share of the missed cycles that a cycle leaves; how many a gap counts for at most; the sum of squares, over some 50
-cycles, beyond which the outer loop waits: three gaps of 16 cycles in them, not a single one, nor many small ones."""
 
 
 @compiled
@@ -117,8 +115,7 @@ def sample(p: Record, s: Record, signals: Record, now_ns: int) -> None:
 def estimate(p: Record, s: Record, cycle: int) -> None:
     """Kalman filter: predict to this cycle, correct with a fresh capacitive sample at its own age.
 
-    It starts with a fresh sample only: what the sensor said before may be old. What was missed since the cycle before
-    is noted for `demand`.
+    It starts with a fresh sample only: what the sensor said before may be old.
     """
     if p["mode"] != STAGE:
         return
@@ -127,8 +124,6 @@ def estimate(p: Record, s: Record, cycle: int) -> None:
             u = s["setpoint_um"] - p["centre_um"] - s["decoupling"]["added_um"]
             start_estimator(p["outer"], s["estimator"], cycle, u, s["stage"]["value"])
         return
-    missed = min(MOST_MISSED, cycle - s["estimator"]["cycle"] - 1.0)
-    s["missed"] = FORGOTTEN * s["missed"] + missed * missed
     predict_to(p["outer"], s["estimator"], cycle)
     if s["stage"]["fresh"] and s["watch"]["degraded"] == 0:
         age = int(s["stage"]["age_ns"] * p["cycles_per_ns"] + 0.5)
@@ -140,9 +135,8 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
     """What the set-point should be, before its limits: um, or V in the open-loop mode.
 
     With the outer loop closed, `fraction` of the way from where the axis was held to its reference. Without an
-    estimate that runs there is no outer loop: the set-point stays. It is taken up from there anew, in each cycle, while
-    so many are missed that the loop would swing the stage instead of holding it: the slew limit counts cycles that run,
-    and an oscillation that is cancelled must not stand still.
+    estimate that runs there is no outer loop: the set-point stays. Where it can't follow, calmer gains demand it
+    (``outrun.py``).
     """
     w = s["reference"]["w"]
     stage = p["mode"] == STAGE
@@ -168,12 +162,20 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
         w[i] *= fraction * s["authority"]
     w[1] += s["move"]["speed_um"] * p["cycles_per_ns"] * 1e9
     w[2] += s["move"]["acceleration_um"] * (p["cycles_per_ns"] * 1e9) ** 2
-    u = p["centre_um"] + outer_setpoint(p["outer"], s["estimator"]["x"], w) + s["decoupling"]["added_um"]
-    if s["closed"] == 0 or s["missed"] > OVERLOADED:
-        s["blend_um"] = s["setpoint_um"] - u
+    outer, x, rest = p["outer"], s["estimator"]["x"], p["centre_um"] + s["decoupling"]["added_um"]
+    near_um = rest + outer_setpoint(outer, outer["feedback"], outer["reference"], x, w)
+    if s["closed"] == 0:
+        s["blend_um"] = s["setpoint_um"] - near_um
         s["closed"] = 1
     s["blend_um"] *= p["blend_decay"]
-    return u + s["blend_um"]
+    if s["far"] == 0:
+        leave_path(p, s, s["estimator"]["cycle"], near_um + s["blend_um"])
+    if s["far"] == 0:
+        return near_um + s["blend_um"]
+    far_um = rest + outer_setpoint(outer, outer["far_feedback"], outer["far_reference"], x, w)
+    come_back(p, s, far_um)
+    s["blend_um"] = s["setpoint_um"] - near_um
+    return far_um
 
 
 @compiled
@@ -264,7 +266,7 @@ def start_axis(p: Record, s: Record) -> None:
     s["estimator"]["running"] = 0
     forget_played(s["learned"])
     s["strain_cycles"] = 1
-    s["missed"] = 0.0
+    s["far"] = s["near"] = s["relapses"] = 0
     s["hold_scale"] = 1.0
     s["authority"] = authority(p, s)
     s["reference"]["jog_um"] = p["reference"]["target_um"]

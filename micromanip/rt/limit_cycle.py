@@ -45,7 +45,8 @@ def swings(limits: Record, w: Record, cycle: int, end: int) -> bool:
 def watch_swing(p: Record, s: Record, i: int, active: bool) -> None:
     """Limit cycle: voltage or set-point, the gauge or the stage goes from end to end. No configuration allows that.
 
-    In open loop the voltage is what was asked for; what it does to the sensors counts there too.
+    In open loop the voltage is what was asked for; what it does to the sensors counts there too. Nor does any allow
+    fast gains that outrun the set-point whenever they are back (``outrun.py``).
     """
     axis, a = p["axis"][i], s["axis"][i]
     limits, limiter, w, cycle = axis["watch"], axis["limiter"], a["watch"], s["cycle"]
@@ -63,5 +64,7 @@ def watch_swing(p: Record, s: Record, i: int, active: bool) -> None:
     stage_end = sensor_end(a["stage"], axis["stage_range_um"])
     if active and axis["stage"] >= 0 and swings(limits, w["stage_swing"], cycle, stage_end):
         since, found = w["stage_swing"]["first_cycle"], True
+    if active and a["relapses"] >= limits["swings"]:
+        since, found = a["relapsed_cycle"], True
     lasted_s = (cycle - since) * p["period_ns"] * 1e-9
     axis_fault(p, s, i, LIMIT_CYCLE, found, lasted_s, float(limits["swings"]))

@@ -53,10 +53,11 @@ FAULTS = 23
     DERATED,
     ROLLED_BACK,
     TOOTH_LOST,
-) = range(FAULTS, FAULTS + 8)
+    OUTRUN,
+) = range(FAULTS, FAULTS + 9)
 """Warnings: reported and written down as events, but never latched."""
 
-EVENT_CODES = FAULTS + 8
+EVENT_CODES = FAULTS + 9
 
 NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING, LINK_MISSING, OUTPUTS_MISSING = 1, 2, 4, 8, 16, 32
 """Why arming was refused, the cell's bits."""

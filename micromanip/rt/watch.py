@@ -30,6 +30,7 @@ from .states import (
     FOLLOWING_ERROR,
     HOLDS,
     OSCILLATION,
+    OUTRUN,
     OVER_TEMPERATURE,
     REFERENCE_LOST,
     REFERENCE_STALE,
@@ -54,7 +55,6 @@ WATCH_PARAMETERS = record(
     ("stage_identical", "i8"),
     ("degraded_cycles", "i8"),
     ("decay_cycles", "i8"),
-    ("bridged_cycles", "i8"),
     ("innovation_variance", "f8"),
     ("innovation_ratio", "f8"),
     ("innovation_step", "f8"),
@@ -122,15 +122,12 @@ def watch_strain(p: Record, s: Record, i: int, active: bool) -> None:
 def watch_stage(p: Record, s: Record, i: int, active: bool) -> None:
     """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
 
-    When it is back in time the set-point is blended over from where it is; after a moment only (``bridged_cycles``)
-    it is put right at once: a blend would hold on for long to what went wrong in so short a time.
+    When it is back in time the set-point goes on from where it is, see ``axis.demand``.
     """
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w, sensor = a["watch"], a["stage"]
     bad = active and sensor["bad"] >= limits["stage_samples"]
     stuck = active and sensor["identical"] >= limits["stage_identical"]
-    if w["degraded"] > limits["bridged_cycles"] and not (bad or stuck):
-        a["closed"] = 0
     w["degraded"] = lasting(w["degraded"], bad or stuck)
     over = w["degraded"] > limits["degraded_cycles"]
     lost = float(sensor["bad"] if bad else sensor["identical"])
@@ -280,6 +277,7 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
     watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
     watch_voltage(p, s, i, inner)
     watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
+    warn(s, i, OUTRUN, outer and s["axis"][i]["far"] > 0, 0.0, 0.0)
     watch_swing(p, s, i, driven)
     watch_reference(p, s, i, tracking)
     watch_amplifier(p, s, i, enabled)

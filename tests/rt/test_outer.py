@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
+from micromanip.control.far_gains import far_gains
 from micromanip.control.predictor import reference_transition
 from micromanip.rt.laws.estimator import ESTIMATOR_STATE, output
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS, outer_setpoint
@@ -209,6 +210,26 @@ def test_steady_states():
         assert gains.C @ gains.steady_u == pytest.approx(0.0, abs=1e-12)
 
 
+def test_the_calm_gains_are_of_the_same_cost_with_more_weight_and_leave_no_error():
+    """Oracle: python-control's discrete Riccati equation; the closed loop's gain from a position that is held is 1."""
+    for delay, oscillation_Hz in VARIANTS:
+        settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz)
+        feedback, following = far_gains(settings, gains, None, PERIOD_S)
+        n = gains.controllable
+        A, B, C = gains.A[:n, :n], gains.B[:n, None], gains.C[:n]
+        K, _, poles = control.dlqr(A, B, np.outer(C, C), 30.0 * settings.control_weight)
+        assert feedback[:n] == pytest.approx(K[0], rel=1e-6, abs=1e-9)
+        assert np.abs(poles).max() < 1.0
+        closed = np.linalg.solve(np.eye(n) - A + B @ feedback[None, :n], B[:, 0])
+        assert C @ closed * following[0] == pytest.approx(1.0)
+        # a disturbance that is held is cancelled: u = -w moves nothing
+        assert np.abs(feedback[:n]).max() < np.abs(gains.feedback[:n]).max()
+        w = np.zeros(len(gains.A))
+        w[n] = 1.0
+        state = np.linalg.solve(np.eye(n) - A + B @ feedback[None, :n], gains.A[:n, n] - B[:, 0] * feedback[n])
+        assert C @ state == pytest.approx(0.0, abs=1e-9)
+
+
 def test_law_is_a_sum_of_products():
     rng = np.random.default_rng(3)
     p = record(
@@ -220,7 +241,8 @@ def test_law_is_a_sum_of_products():
         c=rng.normal(size=16),
     )
     x, w = rng.normal(size=16), rng.normal(size=9)
-    assert outer_setpoint(p, x, w) == pytest.approx(p["reference"][:7] @ w[:7] - p["feedback"][:9] @ x[:9])
+    u = outer_setpoint(p, p["feedback"], p["reference"], x, w)
+    assert u == pytest.approx(p["reference"][:7] @ w[:7] - p["feedback"][:9] @ x[:9])
     assert output(p, x) == pytest.approx(p["c"][:9] @ x[:9])
 
 

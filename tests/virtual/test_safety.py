@@ -183,7 +183,8 @@ def test_following_error():
 
 
 def test_voltage_saturated():
-    cell = Protected(limits="  axis: {disagreement: {ratio: null}, following_error: {limit_um: null}}\n")
+    off = "disagreement: {ratio: null}, following_error: {limit_um: null}, oscillation: {limit_um: null}"
+    cell = Protected(limits=f"  axis: {{{off}}}\n")
     cell.p["axis"]["limiter"]["high_V"] = 50.0  # less voltage than the path needs
     rows = cell.cell.run(2.5)
     events = cell.events

@@ -15,6 +15,7 @@ import pytest
 
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
+from micromanip.settings.write import with_tuning
 from micromanip.virtual.cell import VirtualCell
 
 ROOT = Path(__file__).parents[2]
@@ -119,6 +120,46 @@ def test_a_burst_of_missed_cycles_makes_nothing_swing(tmp_path, at_s):
     after = tracking.run(WINDOW_S)
     rms = (np.sqrt(np.mean(each["axis"]["path_error_um"] ** 2)) for each in (before, after))
     assert next(rms) == pytest.approx(next(rms), rel=0.5)
+
+
+def bursts(share, shortest, longest, cycles):
+    """So many cycles, of which a share comes late by some periods."""
+    return lambda rng: np.where(rng.random(cycles) < share, rng.integers(shortest, longest + 1, cycles), 1)
+
+
+BEHIND_A_BUS = {
+    "60 periods": lambda _: [60],
+    "400 periods": lambda _: [400],
+    "30 of 2 to 8": bursts(0.5, 2, 8, 30),
+    "40 of 2 to 20": bursts(0.3, 2, 20, 40),
+    "200 of 2 to 5": bursts(0.2, 2, 5, 200),
+}
+"""Periods of the cycles of a moment."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("moments", BEHIND_A_BUS)
+def test_axes_behind_a_bus_come_back_from_every_stall(tmp_path, moments):
+    """As fast as their margins allow: by their own gains the error that these left ran from end to end, to X-216."""
+    text = (ROOT / "config" / "simulated.yaml").read_text(encoding="utf-8")
+    text = text.replace("    seed: 1\n", "    seed: 1\n    plant: {late_cycles: 1}\n", 1)
+    for name in "yz":
+        text = text.replace(f"      {name}: {{", f"      {name}: {{late_cycles: 1, ", 1)
+    file = tmp_path / "cell.yaml"
+    file.write_text(with_tuning(text, prepare(ROOT / "config" / "ethercat.yaml").configuration.axes), encoding="utf-8")
+    prepared = prepare(file)
+    tracking = VirtualCell(prepared.parameters, prepared.wiring)
+    tracking.arm()
+    until(tracking, 6.0)
+    before = np.sqrt(np.mean(tracking.run(WINDOW_S)["axis"]["path_error_um"] ** 2))
+    rng = np.random.default_rng(7)
+    for moment in range(10):
+        errors = [tracking.run(1e-4, periods=each) for each in BEHIND_A_BUS[moments](rng)]
+        errors.append(tracking.run(0.15 + 0.013 * moment))
+        error_um = np.concatenate(errors)["axis"]["path_error_um"]
+        assert tracking.state[0]["fault"] == NO_FAULT, moment
+        assert np.abs(error_um).max() < 250.0, moment
+        assert np.sqrt(np.mean(error_um[-300:] ** 2)) < 3.0 * before, moment
 
 
 @pytest.mark.long

@@ -24,16 +24,18 @@ OUTER_PARAMETERS = record(
     ("feedback", "f8", (MAX_STATES,)),
     ("reference_states", "i8"),
     ("reference", "f8", (REFERENCE_STATES,)),
+    ("far_feedback", "f8", (MAX_STATES,)),
+    ("far_reference", "f8", (REFERENCE_STATES,)),
 )
-"""The estimator's model with K and G, per cycle; G has `reference_states`."""
+"""The estimator's model with K and G, per cycle, for near the path and far from it; G has `reference_states`."""
 
 
 @compiled
-def outer_setpoint(p: Record, x: Any, w: Any) -> float:
-    """Actuator set-point (um, relative to the working point) for estimate `x` and reference `w`."""
+def outer_setpoint(p: Record, feedback: Any, reference: Any, x: Any, w: Any) -> float:
+    """Actuator set-point (um, relative to the working point) for estimate `x` and reference `w`, by gains of `p`."""
     u = 0.0
     for i in range(p["reference_states"]):
-        u += p["reference"][i] * w[i]
+        u += reference[i] * w[i]
     for i in range(p["states"]):
-        u -= p["feedback"][i] * x[i]
+        u -= feedback[i] * x[i]
     return u

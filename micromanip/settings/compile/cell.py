@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.bus.driver import Channel
+from micromanip.control.far_gains import far_gains
 from micromanip.control.gap_gains import gap_gains
 from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation, steady_lag
 from micromanip.control.pid import pid_gains
@@ -88,7 +89,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         if axis.outer is not None:
             tracker = configuration.reference.of(name) if isinstance(configuration.reference, Tracker) else None
             gains = _gains(axis.outer, tracker, period_s)
-            _fill_outer(p["axis"][i]["outer"], axis.outer, gains)
+            _fill_outer(p["axis"][i]["outer"], axis.outer, gains, tracker, period_s)
             _fill_tooth(p["axis"][i]["outer"], axis.outer, gains, period_s)
             _fill_innovation(p["axis"][i], axis, axis.outer, gains, cycles)
     return record
@@ -209,13 +210,15 @@ def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles
     a["outer"]["innovation_um"] = math.sqrt(_PLAUSIBLE_SIGMA**2 * variance + brought)
 
 
-def _fill_outer(o: Any, outer: Outer, gains: OuterGains) -> None:
+def _fill_outer(o: Any, outer: Outer, gains: OuterGains, tracker: Tracker | None, period_s: float) -> None:
     n = len(gains.A)
     o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
     o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
     o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
     o["gains"][:, :n], o["feedback"][:n] = gap_gains(gains, GAPS), gains.feedback
     o["reference_states"], o["reference"][: len(gains.reference)] = len(gains.reference), gains.reference
+    far, following = far_gains(outer, gains, tracker, period_s)
+    o["far_feedback"][:n], o["far_reference"][: len(following)] = far, following
     o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y
 
 

@@ -13,8 +13,6 @@ from micromanip.settings.schema.faults import SWING_S, SWINGS, AxisFaults, Fault
 from micromanip.settings.schema.reference import Reference, Tracker
 
 NEVER = int(np.iinfo(np.int64).max // 4)
-_BRIDGED_MS = 20.0
-"""An outage of the capacitive sensor so short leaves the model's prediction good enough to go on from."""
 _SHOWN = 0.45
 """Share of the rate up to which samples show a frequency."""
 
@@ -62,7 +60,6 @@ def fill_axis_limits(
         a[f"{role}_rate_um_per_ns"] = _limit(section.rate_um_per_ms) * 1e-6
     w["coast_cycles"] = round(faults.strain.coast_ms * 1e-3 * rate_hz)
     w["degraded_cycles"] = round(faults.stage.degraded_s * rate_hz)
-    w["bridged_cycles"] = cycles(_BRIDGED_MS)
     w["innovation_ratio"] = _limit(faults.disagreement.ratio)
     w["innovation_step"] = min(1.0, stage_cycles / cycles(faults.disagreement.time_ms))
     w["innovation_variance"] = 1.0

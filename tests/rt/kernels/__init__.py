@@ -118,7 +118,7 @@ def outer_course(p: Any, s: Any, plant: Any, exogenous: Any, w: Any, moved: Any,
         y = output(p, plant)
         if k > 0:
             update(p, s, k, y)
-        u = outer_setpoint(p, s["x"], w)
+        u = outer_setpoint(p, p["feedback"], p["reference"], s["x"], w)
         remember(s, u)
         out[k, 0], out[k, 1], out[k, 2] = y, position(w), u
         predict(p, plant, s["scratch"], u)

@@ -1,0 +1,44 @@
+"""Which of its two regulators the outer loop acts by: near its path, or far from it.
+
+A set-point that runs at its slew limit comes later than it is demanded, the more so the larger the error: after a
+stall, a burst of missed cycles or a push of the tool, fast gains then swing the stage from end to end, whatever their
+linear margins. So once their demand outruns the set-point, the calm ones (``control/far_gains.py``) act at once, until
+the set-point has followed these for a while; then the fast ones are faded in from where it is. Gains that run away
+again and again as soon as they are back are wrong: X-216.
+"""
+
+from __future__ import annotations
+
+from .jit import compiled
+from .record import Record
+
+BEHIND, FAR, RELAPSED = 8.0, 200, 100
+"""Cycles of slewing by which a demand is ahead of the set-point when it outruns it; cycles in which the calm gains must
+be followed; cycles after that in which another outrun is a relapse."""
+
+
+@compiled
+def outruns(p: Record, s: Record, demand_um: float) -> bool:
+    """Whether the set-point is far behind a demand, as far as its range goes."""
+    low, high = min(p["setpoint_low_um"], s["setpoint_um"]), max(p["setpoint_high_um"], s["setpoint_um"])
+    behind_um = max(low, min(high, demand_um)) - s["setpoint_um"]
+    return abs(behind_um) > BEHIND * p["setpoint_slew_um"]
+
+
+@compiled
+def leave_path(p: Record, s: Record, cycle: int, near_um: float) -> None:
+    """Change to the calm gains where `near_um`, what the fast ones demand, outruns the set-point; count relapses."""
+    s["near"] += 1
+    if not outruns(p, s, near_um):
+        return
+    if s["relapses"] == 0 or s["near"] > RELAPSED:
+        s["relapses"], s["relapsed_cycle"] = 0, cycle
+    s["relapses"] += 1
+    s["far"] = FAR
+
+
+@compiled
+def come_back(p: Record, s: Record, far_um: float) -> None:
+    """Change back to the fast gains once `far_um`, what the calm ones demand, has been followed for a while."""
+    s["far"] = FAR if outruns(p, s, far_um) else s["far"] - 1
+    s["near"] = 0

@@ -22,7 +22,7 @@ from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import PLAUSIBLE_UM, Configuration, Output, Signal, Start
-from micromanip.settings.schema.reference import Jog, Tracker
+from micromanip.settings.schema.reference import AxisTracker, Jog, Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
 
@@ -210,7 +210,7 @@ def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles
     a["outer"]["innovation_um"] = math.sqrt(_PLAUSIBLE_SIGMA**2 * variance + brought)
 
 
-def _fill_outer(o: Any, outer: Outer, gains: OuterGains, tracker: Tracker | None, period_s: float) -> None:
+def _fill_outer(o: Any, outer: Outer, gains: OuterGains, tracker: AxisTracker | None, period_s: float) -> None:
     n = len(gains.A)
     o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
     o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles

@@ -283,13 +283,23 @@ static bool outruns(const struct axis_parameters *p, const struct axis_state *s,
     return fabs(most(low, least(high, demand_um)) - s->setpoint_um) > BEHIND * p->setpoint_slew_um;
 }
 
+static double regulated(const struct axis_parameters *p, const struct axis_state *s, const double *feedback, const double *reference)
+{
+    double u = 0.0;
+    for (int i = 0; i < p->outer.reference_states; i++)
+        u += reference[i] * s->reference.w[i];
+    for (int i = 0; i < p->outer.states; i++)
+        u -= feedback[i] * s->estimator.x[i];
+    return p->centre_um + u;
+}
+
 static double demand(const struct axis_parameters *p, struct axis_state *s)
 {
     double *w = s->reference.w, step = p->authority_step;
     s->authority += most(-step, least(step, p->authority - s->authority));
     for (int i = 0; i < REFERENCE_STATES; i++)
         w[i] *= s->authority;
-    double near_um = p->centre_um + dot(p->outer.reference, w, p->outer.reference_states) - dot(p->outer.feedback, s->estimator.x, p->outer.states);
+    double near_um = regulated(p, s, p->outer.feedback, p->outer.reference);
     s->blend_um *= p->blend_decay;
     if (s->far == 0) {
         s->near++;
@@ -302,7 +312,7 @@ static double demand(const struct axis_parameters *p, struct axis_state *s)
         s->relapses++;
         s->far = FAR;
     }
-    double far_um = p->centre_um + dot(p->outer.far_reference, w, p->outer.reference_states) - dot(p->outer.far_feedback, s->estimator.x, p->outer.states);
+    double far_um = regulated(p, s, p->outer.far_feedback, p->outer.far_reference);
     s->far = outruns(p, s, far_um) ? FAR : s->far - 1;
     s->near = 0;
     s->blend_um = s->setpoint_um - near_um;

@@ -183,7 +183,7 @@ def may_be_excited(s: Record, phase: int, fraction: float) -> bool:
     """Whether the axis tracks or is held, with both sensors and its own gains: not on its way anywhere."""
     w = s["watch"]
     steady = phase == CLOSED and (fraction == 0.0 or fraction == 1.0)
-    return steady and w["coast"] == 0 and w["degraded"] == 0 and w["fallback"] == 0
+    return steady and w["coast"] == 0 and w["degraded"] == 0 and w["fallback"] == 0 and s["far"] == 0
 
 
 @compiled

@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from micromanip.faults import BY_NAME, FaultKind
+from micromanip.rt.outrun import BEHIND, FAR, RELAPSED
 from micromanip.settings.schema.faults import LOOP_STUCK_S, SIMULATION, SWING_S, SWINGS, Faults
 from micromanip.settings.text import units
 
@@ -69,6 +70,9 @@ def _defaults(section: str) -> Iterator[tuple[str, str]]:
     """Every limit that a text may name, in words: those of its section, and those that nobody can change."""
     yield "swings", str(SWINGS)
     yield "swing_s", f"{SWING_S:g}"
+    yield "behind", f"{BEHIND:g}"
+    yield "far", str(FAR)
+    yield "relapsed", str(RELAPSED)
     yield "stuck_s", _in_both("stuck_s", LOOP_STUCK_S["hardware"], LOOP_STUCK_S["simulation"])
     if section:
         hardware, simulation = _of_hardware(section), _of_simulation(section)

@@ -21,7 +21,7 @@ class Scene:
         self.axes = self.p["axis"]
         watch = self.axes["watch"]
         for name in watch.dtype.names:
-            if name.endswith(("_samples", "_identical", "stale_cycles", "lost_cycles", "saturating_cycles")):
+            if name.endswith(("_samples", "_identical", "stale_cycles", "lost_cycles", "saturating_cycles", "swings")):
                 watch[name] = NEVER
         for name in ("innovation_ratio", "following_um", "band_um"):
             watch[name] = np.inf

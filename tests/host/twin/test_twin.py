@@ -7,10 +7,14 @@ import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.estimator import INPUT_HISTORY
-from micromanip.rt.states import TRACKING
+from micromanip.rt.outrun import FAR
+from micromanip.rt.states import OUTRUN, TRACKING
 from micromanip.settings.compile.limits import NEVER
 
 from .scene import TRACKING_CYCLES
+
+ANY_UM = 1e6
+"""A set-point that may go so fast is never outrun: the controller tells of that, the twin does not."""
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
 
@@ -39,6 +43,7 @@ def test_late_missing_and_false_samples_and_overruns(scene, tracking, agreed):
     # samples that nobody's voltages brought about, at times of their own: a filter that is not free loses its way there
     scene.axes["outer"]["innovation_um"] = scene.axes["outer"]["repeated_um"] = np.inf
     scene.axes["outer"]["gap_cycles"] = NEVER
+    scene.axes["setpoint_slew_um"] = ANY_UM
     scene.p["score_cycles"] = TRACKING_CYCLES // 2
     scene.periods[random.integers(0, cycles, 30)] += random.integers(1, 4, 30)
     scene.periods[-200] = INPUT_HISTORY - 50
@@ -59,9 +64,21 @@ def test_samples_that_are_false_held_or_come_after_a_gap(scene, agreed):
     for held in random.integers(0, scene.cycles - 60, 5):
         stage["value"][held : held + 30] = stage["value"][held]
     scene.periods[100] = 50
+    scene.axes["setpoint_slew_um"] = ANY_UM
     scene.forget_ages()
     outcome = agreed(scene.recording())
     assert np.abs(outcome.rows["axis"]["innovation_um"][:, 0]).max() > 5.0
+
+
+def test_the_calm_gains_until_they_are_followed(scene, tracking, agreed):
+    state = tracking.state.copy()
+    state["axis"]["far"] = FAR
+    state["axis"]["watch"]["raised"] |= 1 << OUTRUN
+    outcome = agreed(replace(scene.recording(), state=state))
+    assert np.all(outcome.state["axis"]["far"][0, :3] == 0)
+    assert np.all(outcome.state["axis"]["near"][0, :3] == scene.cycles - FAR)
+    as_ever = agreed(scene.recording()).rows["axis"]["setpoint_um"][:, :3]
+    assert np.abs(outcome.rows["axis"]["setpoint_um"][:FAR, :3] - as_ever[:FAR]).max() > 0.1
 
 
 def test_samples_that_jump_are_not_taken(scene, agreed):

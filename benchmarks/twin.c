@@ -276,11 +276,16 @@ static void sample(const struct axis_parameters *p, struct axis_state *s, const 
         tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns);
 }
 
+static double attainable(const struct axis_parameters *p, const struct axis_state *s, double demand_um)
+{
+    double low = least(p->setpoint_low_um, s->setpoint_um), high = most(p->setpoint_high_um, s->setpoint_um);
+    return most(low, least(high, demand_um));
+}
+
 /* Whether the set-point is far behind a demand, as far as its range goes. */
 static bool outruns(const struct axis_parameters *p, const struct axis_state *s, double demand_um)
 {
-    double low = least(p->setpoint_low_um, s->setpoint_um), high = most(p->setpoint_high_um, s->setpoint_um);
-    return fabs(most(low, least(high, demand_um)) - s->setpoint_um) > BEHIND * p->setpoint_slew_um;
+    return fabs(attainable(p, s, demand_um) - s->setpoint_um) > BEHIND * p->setpoint_slew_um;
 }
 
 static double regulated(const struct axis_parameters *p, const struct axis_state *s, const double *feedback, const double *reference)
@@ -324,8 +329,7 @@ static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s,
     double step = p->setpoint_slew_um;
     if (!isfinite(demand_um))
         return false;
-    double low = least(p->setpoint_low_um, s->setpoint_um), high = most(p->setpoint_high_um, s->setpoint_um);
-    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, most(low, least(high, demand_um))));
+    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, attainable(p, s, demand_um)));
     return true;
 }
 

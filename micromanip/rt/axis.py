@@ -34,7 +34,7 @@ from micromanip.rt.laws.reference import (
 from micromanip.rt.laws.sensor import read_line, read_signal
 
 from .jit import compiled
-from .outrun import come_back, leave_path
+from .outrun import attainable, come_back, leave_path
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, FROZEN, LIFTING, PARKING, SWEEPING
 from .record import Record
 from .setpoint_history import ease_times, measure_errors, remember_setpoint, start_history, start_times
@@ -201,8 +201,7 @@ def move_setpoint(p: Record, s: Record, demand_um: float) -> bool:
     if not math.isfinite(demand_um):
         return False
     step = p["setpoint_slew_um"]
-    low, high = min(p["setpoint_low_um"], s["setpoint_um"]), max(p["setpoint_high_um"], s["setpoint_um"])
-    inside = max(low, min(high, demand_um))
+    inside = attainable(p, s, demand_um)
     s["setpoint_um"] = max(s["setpoint_um"] - step, min(s["setpoint_um"] + step, inside))
     return True
 

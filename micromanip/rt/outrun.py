@@ -18,11 +18,16 @@ be followed; cycles after that in which another outrun is a relapse."""
 
 
 @compiled
+def attainable(p: Record, s: Record, demand_um: float) -> float:
+    """A demand (um) inside the set-point's range; where the set-point is outside, as at rest, up to there."""
+    low, high = min(p["setpoint_low_um"], s["setpoint_um"]), max(p["setpoint_high_um"], s["setpoint_um"])
+    return max(low, min(high, demand_um))
+
+
+@compiled
 def outruns(p: Record, s: Record, demand_um: float) -> bool:
     """Whether the set-point is far behind a demand, as far as its range goes."""
-    low, high = min(p["setpoint_low_um"], s["setpoint_um"]), max(p["setpoint_high_um"], s["setpoint_um"])
-    behind_um = max(low, min(high, demand_um)) - s["setpoint_um"]
-    return abs(behind_um) > BEHIND * p["setpoint_slew_um"]
+    return abs(attainable(p, s, demand_um) - s["setpoint_um"]) > BEHIND * p["setpoint_slew_um"]
 
 
 @compiled

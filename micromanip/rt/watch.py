@@ -122,7 +122,7 @@ def watch_strain(p: Record, s: Record, i: int, active: bool) -> None:
 def watch_stage(p: Record, s: Record, i: int, active: bool) -> None:
     """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
 
-    When it is back in time the set-point goes on from where it is, see ``axis.demand``.
+    When it is back in time the outer loop goes on at once, by calm gains where its demand is far away (``outrun.py``).
     """
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w, sensor = a["watch"], a["stage"]

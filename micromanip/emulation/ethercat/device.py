@@ -204,7 +204,7 @@ class EthercatDevice:
     def _serve_applications(self, now_ns: int) -> None:
         self._gather()
         self.slaves.serve(now_ns)
-        self._served["follows"] = self._amplifier is None or self._amplifier.follows
+        self._lend()
 
     def _serve_on(self, descriptors: Sequence[int], until_ns: int | None) -> int:
         """Wait in the event loop's stead, see ``EventLoop.serve_by``, while a conversation is under way."""

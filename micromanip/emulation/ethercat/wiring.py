@@ -22,7 +22,7 @@ _LAG_V = 1.0
 
 
 @dataclass(frozen=True)
-class Terminal:
+class WiredTerminal:
     """A terminal's numbers, in the order of its PDOs."""
 
     outputs: list[str | None]
@@ -31,7 +31,7 @@ class Terminal:
     """The signal of each, and whether it counts that signal's samples instead of saying it."""
 
 
-def wire(d: Any, line: Line, terminals: Mapping[str, Any], cell: EmulatedCell, wires: Wires) -> list[Terminal]:
+def wire(d: Any, line: Line, terminals: Mapping[str, Any], cell: EmulatedCell, wires: Wires) -> list[WiredTerminal]:
     """Fill the record `d` for compiled code; `terminals` are the options of each, in the order of `line`."""
     fill_plant(d, cell.plant)
     d["output"] = -1
@@ -41,7 +41,7 @@ def wire(d: Any, line: Line, terminals: Mapping[str, Any], cell: EmulatedCell, w
         areas = line.applications[k].terminal
         outputs = _numbers(keys.outputs, areas.output_area.start)
         inputs = _numbers(keys.inputs, areas.input_area.start)
-        terminal = Terminal([wires.outputs.get(channel) for channel in outputs], list(_readings(keys, wires)))
+        terminal = WiredTerminal([wires.outputs.get(channel) for channel in outputs], list(_readings(keys, wires)))
         d["outputs"][k], d["inputs"][k] = _table(outputs), _table(inputs)
         d["output"][k][: len(outputs)] = [cell.plant.outputs.get(each or "", -1) for each in terminal.outputs]
         d["signal"][k][: len(inputs)] = [
@@ -53,7 +53,9 @@ def wire(d: Any, line: Line, terminals: Mapping[str, Any], cell: EmulatedCell, w
     return wired
 
 
-def _wire_drive(d: Any, k: int, drive: Any, keys: Any, terminal: Terminal, cell: EmulatedCell, wires: Wires) -> None:
+def _wire_drive(
+    d: Any, k: int, drive: Any, keys: Any, terminal: WiredTerminal, cell: EmulatedCell, wires: Wires
+) -> None:
     """A drive says by itself what its objects are; its target is what the plant's amplifier puts out."""
     d["signal"][k][: len(terminal.inputs)] = OF_DRIVE
     target = terminal.outputs[drive["target_number"]]

@@ -21,6 +21,7 @@ from micromanip.rt import (
     phases,
     record,
     records,
+    second_order,
     states,
     telemetry,
     watch,
@@ -34,7 +35,7 @@ _SINGLE = (
     (outrun, ("BEHIND", "FAR", "RELAPSED")),
 )
 _LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
-_RECORDS = (*_LAWS, limit_cycle, watch, arming, faults, figures, records, telemetry)
+_RECORDS = (*_LAWS, limit_cycle, second_order, watch, arming, faults, figures, records, telemetry)
 """What is part of another record comes before it."""
 
 

@@ -380,15 +380,13 @@ static inline void condition(struct watch_state *w, int64_t code, bool active)
     w->raised = active ? w->raised | bit : w->raised & ~bit;
 }
 
-static double band_pass(const struct watch_parameters *limits, struct watch_state *w, double x)
+static double section_output(const struct section *p, struct section_state *s, double x)
 {
-    const double *b = limits->band_b;
-    double y = b[0] * x + b[1] * w->band_x1 + b[2] * w->band_x2;
-    y -= limits->band_a1 * w->band_y1 + limits->band_a2 * w->band_y2;
-    w->band_x2 = w->band_x1;
-    w->band_x1 = x;
-    w->band_y2 = w->band_y1;
-    w->band_y1 = y;
+    double y = p->b[0] * x + p->b[1] * s->x1 + p->b[2] * s->x2 - p->a[0] * s->y1 - p->a[1] * s->y2;
+    s->x2 = s->x1;
+    s->x1 = x;
+    s->y2 = s->y1;
+    s->y1 = y;
     return y;
 }
 
@@ -439,9 +437,14 @@ static void watch_axis(const struct axis_parameters *axis, struct axis_state *a,
     condition(w, SATURATING, w->saturated >= p->saturating_cycles);
     condition(w, SATURATED, w->saturated >= p->saturated_cycles);
 
-    if (a->error_fresh)
-        w->band_energy += p->band_step * (square(band_pass(p, w, a->strain_error_um)) - w->band_energy);
-    w->band_cycles = lasting(w->band_cycles, sqrt(w->band_energy) > p->band_um);
+    if (a->error_fresh) {
+        double error_um = section_output(&p->band_pass, &w->error_band, a->strain_error_um);
+        double asked_um = section_output(&p->band_pass, &w->asked_band, a->setpoint_um);
+        error_um = section_output(&p->tooth_notch, &w->error_notch, error_um);
+        asked_um = section_output(&p->tooth_notch, &w->asked_notch, asked_um);
+        w->band_energy += p->band_step * (square(error_um) - square(asked_um) - w->band_energy);
+    }
+    w->band_cycles = lasting(w->band_cycles, sqrt(fmax(0.0, w->band_energy)) > p->band_um);
     condition(w, OSCILLATION, w->band_cycles >= p->band_cycles);
 
     bool up = a->voltage_V >= limiter->high_V || a->setpoint_um >= axis->setpoint_high_um;

@@ -19,6 +19,7 @@ from .jit import compiled
 from .limit_cycle import SWING, watch_swing
 from .phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from .record import Record, record
+from .second_order import SECTION, SECTION_STATE, section_output, start_section
 from .states import (
     AMPLIFIER_FAULT,
     COASTING,
@@ -62,9 +63,8 @@ WATCH_PARAMETERS = record(
     ("following_cycles", "i8"),
     ("saturating_cycles", "i8"),
     ("saturated_cycles", "i8"),
-    ("band_b", "f8", (3,)),
-    ("band_a1", "f8"),
-    ("band_a2", "f8"),
+    ("band_pass", SECTION),
+    ("tooth_notch", SECTION),
     ("band_um", "f8"),
     ("band_step", "f8"),
     ("band_cycles", "i8"),
@@ -83,10 +83,10 @@ WATCH_STATE = record(
     ("innovation", "f8"),
     ("following", "i8"),
     ("saturated", "i8"),
-    ("band_x1", "f8"),
-    ("band_x2", "f8"),
-    ("band_y1", "f8"),
-    ("band_y2", "f8"),
+    ("error_band", SECTION_STATE),
+    ("error_notch", SECTION_STATE),
+    ("asked_band", SECTION_STATE),
+    ("asked_notch", SECTION_STATE),
     ("band_energy", "f8"),
     ("band_cycles", "i8"),
     ("fallback", "i8"),
@@ -198,31 +198,28 @@ def watch_voltage(p: Record, s: Record, i: int, active: bool) -> None:
 
 
 @compiled
-def band_pass(limits: Record, w: Record, x: float) -> float:
-    """Second-order filter, gain 1 in the middle of its band."""
-    b = limits["band_b"]
-    y = b[0] * x + b[1] * w["band_x1"] + b[2] * w["band_x2"]
-    y -= limits["band_a1"] * w["band_y1"] + limits["band_a2"] * w["band_y2"]
-    w["band_x2"], w["band_x1"] = w["band_x1"], x
-    w["band_y2"], w["band_y1"] = w["band_y1"], y
-    return y
-
-
-@compiled
 def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
     """The inner loop swings: energy of its error in the band where it would. First the fallback gains, once.
 
-    The band pass takes the gauge's samples, not the cycles between them: a held sample would look like a swing.
+    Without the tooth's frequency, whose cancelling asks much of the loop, and only what is more than the set-point's
+    own there: an error in following is no swing. A loop that swings has the larger error, also where the outer loop
+    answers it. The filters take the gauge's samples, not the cycles between: a held one would look like a swing.
     """
     axis, a = p["axis"][i], s["axis"][i]
     limits, w = axis["watch"], a["watch"]
     if not active:
-        w["band_x1"] = w["band_x2"] = w["band_y1"] = w["band_y2"] = w["band_energy"] = 0.0
+        start_section(limits["tooth_notch"], w["error_notch"], start_section(limits["band_pass"], w["error_band"], 0.0))
+        asked_um = start_section(limits["band_pass"], w["asked_band"], a["setpoint_um"])
+        start_section(limits["tooth_notch"], w["asked_notch"], asked_um)
+        w["band_energy"] = 0.0
         w["band_cycles"] = w["fallback"] = 0
     elif a["error_fresh"]:
-        y = band_pass(limits, w, a["strain_error_um"])
-        w["band_energy"] += limits["band_step"] * (y * y - w["band_energy"])
-    rms_um = math.sqrt(w["band_energy"])
+        error_um = section_output(limits["band_pass"], w["error_band"], a["strain_error_um"])
+        error_um = section_output(limits["tooth_notch"], w["error_notch"], error_um)
+        asked_um = section_output(limits["band_pass"], w["asked_band"], a["setpoint_um"])
+        asked_um = section_output(limits["tooth_notch"], w["asked_notch"], asked_um)
+        w["band_energy"] += limits["band_step"] * (error_um * error_um - asked_um * asked_um - w["band_energy"])
+    rms_um = math.sqrt(max(0.0, w["band_energy"]))
     w["band_cycles"] = lasting(w["band_cycles"], rms_um > limits["band_um"])
     swings = w["band_cycles"] >= limits["band_cycles"]
     if swings and w["fallback"] == 0:

@@ -63,7 +63,7 @@ def swinging(frequency_Hz, tracking=0.1):
 def watch_band(axis, low_Hz, high_Hz, rate_hz):
     """Watch for a swing of 1 um rms in a band; the gauge gives so many samples a second."""
     band = Oscillation(band_Hz=(low_Hz, high_Hz), limit_um=1.0, time_ms=20.0)
-    fill_axis_limits(axis, AxisFaults(oscillation=band), REFERENCE, 10_000, rate_hz, 1)
+    fill_axis_limits(axis, AxisFaults(oscillation=band), REFERENCE, 10_000, rate_hz, 1, None)
     forgive(axis)
     axis["watch"]["band_um"] = 1.0
 

@@ -101,7 +101,8 @@ def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring
     strain, stage = (sensor_timing(configuration, wiring, role, name) for role in ("strain", "stage"))
     _fill_feedback(a, axis, loop.period_ns * 1e-9, cycles_between(configuration, strain))
     between = cycles_between(configuration, stage)
-    fill_axis_limits(a, axis.faults, configuration.reference, loop.rate_hz, strain.rate_hz, between)
+    tooth_Hz = axis.outer.oscillation_Hz if axis.mode == "stage" and axis.outer is not None else None
+    fill_axis_limits(a, axis.faults, configuration.reference, loop.rate_hz, strain.rate_hz, between, tooth_Hz)
     _fill_answer(a, configuration, name, output_timing(configuration, wiring, f"voltage_{name}"))
 
 

@@ -15,6 +15,8 @@ from micromanip.settings.schema.reference import Reference, Tracker
 NEVER = int(np.iinfo(np.int64).max // 4)
 _SHOWN = 0.45
 """Share of the rate up to which samples show a frequency."""
+_TOOTH_Q = 4.0
+"""Of the notch at the tooth's frequency: it takes a third of what is 5 % off, the farthest that one is followed to."""
 
 
 def _reach(count: int | None) -> int:
@@ -47,9 +49,15 @@ def fill_cell_limits(p: Any, faults: Faults, rate_hz: int) -> None:
 
 
 def fill_axis_limits(
-    a: Any, faults: AxisFaults, reference: Reference, rate_hz: int, strain_rate_hz: float, stage_cycles: int
+    a: Any,
+    faults: AxisFaults,
+    reference: Reference,
+    rate_hz: int,
+    strain_rate_hz: float,
+    stage_cycles: int,
+    tooth_Hz: float | None,
 ) -> None:
-    """Fill the limits and reactions of one axis, whose gauge and stage are fresh so often."""
+    """Fill the limits and reactions of one axis, whose sensors are fresh so often and which cancels a tooth."""
     w = a["watch"]
 
     def cycles(ms: float | None) -> int:
@@ -67,6 +75,7 @@ def fill_axis_limits(
     w["following_cycles"] = cycles(faults.following_error.time_ms)
     w["saturating_cycles"], w["saturated_cycles"] = cycles(faults.saturation.warn_ms), cycles(faults.saturation.time_ms)
     _fill_band(w, faults, rate_hz, strain_rate_hz)
+    _fill_tooth_notch(w["tooth_notch"], tooth_Hz, strain_rate_hz)
     if isinstance(reference, Tracker):
         period_ms = 1e3 / reference.sample_rate_Hz
         stale = faults.reference.stale_periods
@@ -109,8 +118,19 @@ def _fill_band(w: Any, faults: AxisFaults, rate_hz: int, strain_rate_hz: float) 
     alpha = math.sin(omega) * (math.sqrt(0.5) if passes_all else (high - low) / (2.0 * middle))
     cosine = math.cos(omega)
     b = (0.5 * (1.0 + cosine), -1.0 - cosine, 0.5 * (1.0 + cosine)) if passes_all else (alpha, 0.0, -alpha)
-    w["band_b"] = np.array(b) / (1.0 + alpha)
-    w["band_a1"], w["band_a2"] = -2.0 * cosine / (1.0 + alpha), (1.0 - alpha) / (1.0 + alpha)
+    w["band_pass"]["b"] = np.array(b) / (1.0 + alpha)
+    w["band_pass"]["a"] = -2.0 * cosine / (1.0 + alpha), (1.0 - alpha) / (1.0 + alpha)
     w["band_um"] = _limit(faults.oscillation.limit_um)
     w["band_cycles"] = max(1, round(faults.oscillation.time_ms * 1e-3 * rate_hz))
     w["band_step"] = min(1.0, 4.0 / w["band_cycles"] * rate_hz / strain_rate_hz)
+
+
+def _fill_tooth_notch(section: Any, tooth_Hz: float | None, strain_rate_hz: float) -> None:
+    """(s^2 + w0^2) / (s^2 + s w0/Q + w0^2) by the bilinear transform; nothing where no sample shows the tooth."""
+    section["b"], section["a"] = (1.0, 0.0, 0.0), (0.0, 0.0)
+    if tooth_Hz is None or tooth_Hz > _SHOWN * strain_rate_hz:
+        return
+    omega = 2.0 * math.pi * tooth_Hz / strain_rate_hz
+    alpha, cosine = math.sin(omega) / (2.0 * _TOOTH_Q), math.cos(omega)
+    section["b"] = np.array((1.0, -2.0 * cosine, 1.0)) / (1.0 + alpha)
+    section["a"] = -2.0 * cosine / (1.0 + alpha), (1.0 - alpha) / (1.0 + alpha)

@@ -6,6 +6,7 @@ their amplitude falls with frequency: a set-point may move only so fast.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -112,8 +113,20 @@ def highest_Hz(rate_hz: float, told_Hz: float = np.inf) -> float:
     return min(WIDE_SHARE * rate_hz, WIDEST_HZ, told_Hz)
 
 
-def injection(rms_um: float, high_Hz: float, rate_hz: float, *, seed: int, lines: int = LINES) -> Injection:
-    """An injection of `rms_um`, up to `high_Hz`, of some `lines` lines; phases by the crest."""
+def injection(
+    rms_um: float,
+    high_Hz: float,
+    rate_hz: float,
+    *,
+    seed: int,
+    lines: int = LINES,
+    suppressed: Callable[[Array], Array] = np.ones_like,
+) -> Injection:
+    """An injection that arrives with `rms_um`, up to `high_Hz`, of some `lines` lines; phases by the crest.
+
+    `suppressed` says of frequencies (k,) how much less of a line arrives, because a loop takes it away: so much more of
+    it is played.
+    """
     period = round(PERIOD_S * rate_hz)
     step_Hz = rate_hz / period
     # over the band of a flexure's modes so close that none hides between two lines
@@ -124,7 +137,7 @@ def injection(rms_um: float, high_Hz: float, rate_hz: float, *, seed: int, lines
     hum = np.min([np.abs(hertz / mains - np.round(hertz / mains)) * mains for mains in _MAINS_HZ], axis=0)
     chosen = on_grid[hum > 0.6 * step_Hz][:MAX_LINES]
     shape = 1.0 / np.maximum(1.0, chosen * step_Hz / _CORNER_HZ)
-    amplitude = rms_um * np.sqrt(2.0 / np.sum(shape**2)) * shape
+    amplitude = rms_um * np.sqrt(2.0 / np.sum(shape**2)) * shape * suppressed(chosen * step_Hz)
     rng, best = np.random.default_rng(seed), None
     for _ in range(_TRIALS):
         phase = rng.uniform(0.0, 2.0 * np.pi, len(chosen))

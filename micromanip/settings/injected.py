@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
 from micromanip.control.injection import Injection, highest_Hz, injection
+from micromanip.control.outer_gains import outer_gains
+from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.errors import CheckFailed, UsageError, did_you_mean
 
+from .schema.axis import Axis
 from .schema.model import Configuration
 from .wiring.timing import FeedbackPath, path_bandwidth
 
@@ -13,6 +21,9 @@ AMPLITUDE_UM = 0.3
 COLUMNS = {"strain": ("voltage_V", "strain_um"), "stage": ("setpoint_um", "stage_um")}
 """What goes into the plant of each loop and what comes out, in the rows."""
 _SLEW_SHARE = 0.5
+_MOST_SUPPRESSED = 4.0
+"""So much more of a line is played at most: the model may be wrong, and nothing be taken away."""
+Array = NDArray[np.float64]
 
 
 def require_axis(configuration: Configuration, axis: str) -> None:
@@ -36,7 +47,9 @@ def planned(
     if loop == "strain" and settings.inner.mode == "feedforward":
         raise CheckFailed(f"sensitivity refused: inner.mode of axis {axis} is feedforward, its strain loop is open")
     rate_hz = float(configuration.loop.rate_hz)
-    wave = injection(amplitude_um, highest_Hz(rate_hz, path_bandwidth(path, rate_hz)), rate_hz, seed=seed)
+    high_Hz = highest_Hz(rate_hz, path_bandwidth(path, rate_hz))
+    taken = partial(_suppressed, configuration, settings)
+    wave = injection(amplitude_um, high_Hz, rate_hz, seed=seed, suppressed=taken)
     allowed = _SLEW_SHARE * settings.setpoint.slew_um_per_ms * 1e3 / rate_hz
     if wave.fastest > allowed:
         raise CheckFailed(
@@ -45,3 +58,18 @@ def planned(
             f"{amplitude_um * allowed / wave.fastest:.2g} um"
         )
     return wave
+
+
+def _suppressed(configuration: Configuration, settings: Axis, hertz: Array) -> Array:
+    """How much less (k,) the set-point moves than what is added to it, as the outer loop answers it: |1 + L|.
+
+    By its own model. It is most at the stage's modes, of which the most is asked, and which it would hide.
+    """
+    outer = settings.outer
+    if settings.mode != "stage" or outer is None:
+        return np.ones(len(hertz))
+    period_s = configuration.loop.period_ns * 1e-9
+    loop = stage_loop(outer_gains(outer, None, period_s), model_system(outer.model, period_s), outer.sample_cycles)
+    shown = hertz < 0.5 / loop.period_s
+    left = np.abs(1.0 + loop.response(2.0 * np.pi * np.where(shown, hertz, 0.0)))
+    return np.asarray(np.where(shown, np.clip(left, 1.0, _MOST_SUPPRESSED), 1.0))

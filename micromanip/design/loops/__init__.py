@@ -2,11 +2,11 @@
 
 from micromanip.control.margins import Margins, curve_margins, grid, margins, refined
 from micromanip.control.pid import pid_system
+from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.control.system import System, delay, from_state_space
 
 from .monte_carlo import Sample, StageSide, StrainSide, each, monte_carlo, worst
 from .perturbation import SPREAD, Perturbation, draw
-from .stage_loop import model_system, stage_loop
 from .strain_loop import closed_ratio, over_path, strain_loop
 
 __all__ = [

@@ -16,6 +16,7 @@ import numpy as np
 
 from micromanip.control.margins import Margins, margins
 from micromanip.control.outer_gains import OuterGains
+from micromanip.control.stage_loop import stage_loop
 from micromanip.control.system import System, delay
 from micromanip.settings.schema.axis import Inner, LinearModel
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
@@ -23,7 +24,6 @@ from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 from ..describing import harmonics, inverse_operator
 from .perturbation import Perturbation, draw, model_dynamics, perturbed, perturbed_delay, shift
-from .stage_loop import stage_loop
 from .strain_loop import closed_ratio, over_path, strain_loop
 
 Result = TypeVar("Result")

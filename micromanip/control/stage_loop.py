@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from micromanip.control.outer_gains import OuterGains
-from micromanip.control.system import System, delay
-from micromanip.settings.schema.axis import LinearModel
+from .outer_gains import LinearModel, OuterGains
+from .system import System, delay
 
 
 def model_system(model: LinearModel, period_s: float, extra_delay: float = 0.0) -> System:

@@ -17,13 +17,13 @@ FORCE = "force: {start_s: 5.0, static_N: 80.0, tooth_N: 40.0, tooth_Hz: 200.0, n
 ENTERED_S, CYCLES = 4.0, 35_000
 
 
-def tracked(tmp_path, range_percent, tooth_Hz):
+def tracked(tmp_path, range_percent, tooth_Hz, oscillation_um=0.0002204):
     """Rms (um) of the axes' path errors in the last second of a cut, the telemetry of all of it, and the cell."""
     text = CONFIG.read_text(encoding="utf-8")
     assert text.count(FORCE) == 1
     assert text.count("oscillation_um: 0.0002204") == 3
     text = text.replace(FORCE, f"force: {{start_s: {ENTERED_S}, tooth_Hz: {tooth_Hz}}}")
-    said = f"oscillation_um: 0.0002204\n      oscillation_range_percent: {range_percent}"
+    said = f"oscillation_um: {oscillation_um}\n      oscillation_range_percent: {range_percent}"
     file = tmp_path / "cell.yaml"
     file.write_text(text.replace("oscillation_um: 0.0002204", said), encoding="utf-8")
     prepared = prepare(file)
@@ -66,6 +66,14 @@ def test_a_speed_out_of_reach_is_told_once_and_left_alone(tmp_path):
     seen = BY_NAME["TOOTH_LOST"].what.format(value=206.0, limit=200.0)
     assert "206.00 Hz" in seen
     assert "200.00 Hz" in seen
+
+
+def test_a_wide_observer_tells_of_it_too(tmp_path):
+    """Its frequency leaves the end of the range by its noise in every fifth sample, by a thousandth of it."""
+    _, _, cell = tracked(tmp_path, 3.0, 215.0, oscillation_um=0.0083)
+    warnings = [event for event in told(cell) if event[0] == TOOTH_LOST]
+    assert sorted(axis for _, axis, _, _ in warnings) == [0, 1, 2]
+    assert all(found_Hz == pytest.approx(206.0, abs=0.06) for _, _, found_Hz, _ in warnings)
 
 
 def test_the_hash_of_a_tuning_is_that_of_before_unless_it_follows():

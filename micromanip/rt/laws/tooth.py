@@ -15,7 +15,7 @@ Below `tooth_floor_um2`, the square of an amplitude, there is no tooth that coul
 
 The observer is given up, until it starts anew, where windows of samples say that it does not hold what it is for:
 
-- in one of them the frequency stood at an end of its range in 90 % of the samples;
+- in one of them the frequency stood at an end of its range, by a hundredth of it, in 90 % of the samples;
 - in `tooth_patience` of them, one after the other, the innovations e were worse with the tooth than without: so many as
   an oscillator takes to forget a tooth that has left the cut. Without its states, which show in them as
   ``s = shown . o``, they would be e + s. Over the window the sum of ``(e + s)^2 - e^2 = 2 e s + s^2`` is compared
@@ -65,7 +65,8 @@ FOLLOWS, AT_END, NO_GAIN = range(3)
 """``given_up``: not; the frequency stood at an end of its range; the innovations were no better with the tooth."""
 
 _TURN = 2.0 * math.pi
-_AT_END_SHARE = 0.9
+_AT_END, _AT_END_SHARE = 0.99, 0.9
+"""At an end of its range is who is beyond so much of it, as the noise of a wide observer moves it; share of samples."""
 _SIGMAS_SQUARED = 49.0
 _WORSE = 0.1
 _GONE_UM2 = 1e-12
@@ -104,7 +105,7 @@ def follow_tooth(p: Record, s: Record, o1: float, o2: float, d1: float, d2: floa
         step = p["tooth_share"] * (o2 * d1 - o1 * d2) / square
         turn = s["turn"] + max(-p["tooth_slew"], min(p["tooth_slew"], step))
         s["turn"] = max(-p["tooth_range"], min(p["tooth_range"], turn))
-        s["tooth_at_end"] += 1 if abs(turn) >= p["tooth_range"] else 0
+        s["tooth_at_end"] += 1 if abs(turn) >= _AT_END * p["tooth_range"] else 0
     s["tooth_samples"] += 1
     if s["tooth_samples"] >= p["tooth_window"]:
         lost_um2 = -s["tooth_gained_um2"]

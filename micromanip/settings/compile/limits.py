@@ -16,7 +16,7 @@ NEVER = int(np.iinfo(np.int64).max // 4)
 _SHOWN = 0.45
 """Share of the rate up to which samples show a frequency."""
 _TOOTH_Q = 4.0
-"""Of the notch at the tooth's frequency: it takes a third of what is 5 % off, the farthest that one is followed to."""
+"""Of the notch at the tooth's frequency: it leaves a third of what is 5 % off, the farthest that one is followed to."""
 
 
 def _reach(count: int | None) -> int:

@@ -28,8 +28,11 @@ _LEAST = 300
 _WINDOW_S, _JOINTS_WINDOW_S = 1.0, 2.5
 _TOOTH_HZ, _BESIDE_HZ, _HUM_HZ = (70.0, 1000.0), (2.0, 12.0), (50.0, 60.0, 100.0, 120.0)
 """Where a tooth is looked for, where its neighbours are, and what is taken for the mains."""
-_STANDS_OUT = 10.0
+STANDS_OUT = 10.0
 """A line's amplitude in terms of its neighbours'."""
+FLANK_SHARE = 0.005
+"""How far to either side a line may spread, in terms of its frequency: the spindle wanders by a quarter of a percent.
+Behind that it must have fallen; a resonance with a damping ratio above .005 has not."""
 _JOINTS_HZ, _JOINTS_STAND_OUT = (3.0, 30.0), 5.0
 _STAGE_FRESH, _DEVIATION_FRESH = 2, 4
 
@@ -63,7 +66,7 @@ def look_at_rest(configuration: Configuration, experiment: Experiment) -> AtRest
     rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
     still = with_reference(with_axes(configuration, mode="voltage"), EXCITED)
     rows = experiment(still, REST_S, parked(configuration, round(REST_S * rate_hz)))["axis"][:, :count]
-    tooth_Hz, tooth_um, clearest = None, 0.0, _STANDS_OUT
+    tooth_Hz, tooth_um, clearest = None, 0.0, STANDS_OUT
     tracker_Hz, joints_Hz, heard, seen = None, None, _JOINTS_STAND_OUT, {}
     for i, name in enumerate(configuration.axes):
         found, size_um, ratio = _tooth_line(rows[:, i], rate_hz)
@@ -89,13 +92,15 @@ def tooth_at_work(configuration: Configuration, experiment: Experiment, axis: st
     held = with_reference(alone(configuration, axis, "strain"), EXCITED)
     rows = experiment(held, AT_WORK_S, resting(configuration, axis, round(AT_WORK_S * rate_hz)))["axis"][:, index]
     found, size_um, ratio = _tooth_line(rows, rate_hz)
-    return (found, size_um) if ratio > _STANDS_OUT else None
+    return (found, size_um) if ratio > STANDS_OUT else None
 
 
 def _tooth_line(rows: NDArray[Any], rate_hz: float) -> tuple[float, float, float]:
     """Frequency (Hz) and amplitude (um) of the strongest line of the stage, and how far it stands out."""
     stage, stage_Hz = _samples(rows[len(rows) // 2 :], "stage_um", _STAGE_FRESH, rate_hz)
-    return strongest_line(stage, stage_Hz, _TOOTH_HZ) if len(stage) >= _LEAST else (0.0, 0.0, 0.0)
+    if len(stage) < _LEAST:
+        return 0.0, 0.0, 0.0
+    return strongest_line(stage, stage_Hz, _TOOTH_HZ, flank_share=FLANK_SHARE)
 
 
 def _samples(rows: NDArray[Any], column: str, fresh: int, rate_hz: float) -> tuple[Array, float]:
@@ -109,12 +114,17 @@ def _samples(rows: NDArray[Any], column: str, fresh: int, rate_hz: float) -> tup
 
 
 def strongest_line(
-    y: Array, rate_hz: float, band_Hz: tuple[float, float], window_s: float = _WINDOW_S
+    y: Array,
+    rate_hz: float,
+    band_Hz: tuple[float, float],
+    window_s: float = _WINDOW_S,
+    flank_share: float | None = None,
 ) -> tuple[float, float, float]:
     """The line in `y` (n,) that stands out most within `band_Hz`: frequency (Hz), amplitude, how far it stands out.
 
-    By Welch's averaged periodogram; the frequency is between the bins, by the parabola through three of them. A
-    resonance is as wide as its neighbours and does not stand out.
+    By Welch's averaged periodogram; the frequency is between the bins, by the parabola through three of them. A broad
+    resonance is as wide as its neighbours and does not stand out. A narrow one does; with `flank_share` the line must
+    stand out of its own flanks too, from that share of its frequency (a bin at least) to twice as far and two bins.
     """
     hertz, power = welch(y, rate_hz, "hann", round(window_s * rate_hz), scaling="spectrum")
     size = np.sqrt(2.0 * power)
@@ -124,11 +134,20 @@ def strongest_line(
     for k in inside[1:-1]:
         if size[k] < size[k - 1] or size[k] < size[k + 1] or any(abs(hertz[k] - hum) < 1.5 for hum in _HUM_HZ):
             continue
-        beside = np.concatenate([size[max(k - far, 1) : max(k - near, 2)], size[k + near + 1 : k + far + 1]])
-        ratio = float(size[k] / max(float(np.median(beside)), 1e-12))
+        around = _beside(size, k, near, far)
+        if flank_share is not None:
+            flank = max(1, round(flank_share * hertz[k] * window_s))
+            around = max(around, _beside(size, k, flank, 2 * flank + 2))
+        ratio = float(size[k] / max(around, 1e-12))
         if ratio > best[2]:
             low, middle, high = np.log(np.maximum(size[k - 1 : k + 2], 1e-12))
             bend = low - 2.0 * middle + high
             moved = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
             best = float(f"{hertz[k] + moved / window_s:.4g}"), float(size[k]), ratio
     return best
+
+
+def _beside(size: Array, k: int, near: int, far: int) -> float:
+    """Median of `size` (n,) on both sides of bin `k`, more than `near` and at most `far` bins away."""
+    below, above = size[max(k - far, 1) : max(k - near, 2)], size[k + near + 1 : k + far + 1]
+    return float(np.median(np.concatenate([below, above])))

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from micromanip.control.injection import highest_Hz, injection
 from micromanip.control.system import System
 from micromanip.design.loops.perturbation import flexure_mode, residues
 from micromanip.design.response import Measured
@@ -43,14 +44,24 @@ class PlantFigures:
 
 
 def commissioned(model: System) -> PlantFigures:
-    """The same of a configuration's `model` from set-point to stage, without its delay; of the actuator it has none."""
+    """The same of a configuration's `model` from set-point to stage, without its delay; of the actuator it has none.
+
+    Where it has a mode, that flexure is fitted to its response, line by line, as to a measured one: the gain about the
+    mode is not that at rest, where the strain loop below or a mode above bends the response.
+    """
     poles, strengths = residues(model)
     gain = float(model.response(np.array([2 * np.pi]))[0].real)
     k = flexure_mode(poles, strengths)
     if k is None:
         return PlantFigures(stage_gain=gain)
     rate = np.log(complex(poles[k])) / model.period_s
-    return PlantFigures(gain, float(abs(rate) / (2 * np.pi)), float(-rate.real / abs(rate)))
+    of_the_pole = PlantFigures(gain, float(abs(rate) / (2 * np.pi)), float(-rate.real / abs(rate)))
+    rate_hz = 1.0 / model.period_s
+    hertz = injection(1.0, highest_Hz(rate_hz), rate_hz, seed=1).frequency_Hz
+    try:
+        return PlantFigures(*_mode(hertz, model.response(2 * np.pi * hertz), of_the_pole))
+    except CheckFailed:  # no flexure: what is measured of it will not be one either, and is told
+        return of_the_pole
 
 
 def plant_figures(stage: Measured | None, strain: Measured | None, near: PlantFigures) -> PlantFigures:
@@ -67,16 +78,16 @@ def plant_figures(stage: Measured | None, strain: Measured | None, near: PlantFi
     if np.isnan(near.mode_Hz):
         slow = np.argsort(stage.frequency_Hz)[:_SLOW]
         return PlantFigures(stage_gain=float(np.mean(stage.response[slow].real)), actuator_um_per_V=actuator)
-    gain, mode_Hz, damping = _mode(stage, near)
+    gain, mode_Hz, damping = _mode(stage.frequency_Hz, stage.response, near)
     return PlantFigures(gain, mode_Hz, damping, actuator)
 
 
-def _mode(stage: Measured, near: PlantFigures) -> tuple[float, float, float]:
+def _mode(lines_Hz: Array, stage: NDArray[np.complex128], near: PlantFigures) -> tuple[float, float, float]:
     """Gain, mode and damping: the mode first where the response is highest, then all by least squares."""
-    upper = stage.frequency_Hz <= _ABOVE * near.mode_Hz
+    upper = lines_Hz <= _ABOVE * near.mode_Hz
     if np.count_nonzero(upper) < _LEAST_LINES:
         raise CheckFailed(f"only {np.count_nonzero(upper)} lines lie below {_ABOVE * near.mode_Hz:.0f} Hz")
-    hertz, response = stage.frequency_Hz[upper], stage.response[upper]
+    hertz, response = lines_Hz[upper], stage[upper]
     s = 2j * np.pi * hertz
 
     def modelled(x: Array) -> NDArray[np.complex128]:

@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
+from scipy.signal import cont2discrete
 
 from micromanip.control.injection import injection
-from micromanip.design.drift import PlantFigures, plant_figures
+from micromanip.control.system import System
+from micromanip.design.drift import PlantFigures, commissioned, plant_figures
 from micromanip.design.drift.checking import closed_loops, of_the_model
 from micromanip.design.response import Measured
 from micromanip.errors import CheckFailed
@@ -54,6 +57,24 @@ def test_where_there_is_no_mode_it_says_so():
 def test_the_models_figures_are_those_of_its_poles():
     found = of_the_model(prepare(Path(__file__).parents[3] / "config" / "simulated.yaml").configuration.axes["x"], 1e-4)
     assert (found.stage_gain, found.mode_Hz, found.mode_damping) == pytest.approx((5.0, 66.8, 0.022), rel=0.05)
+
+
+def test_the_models_figures_are_what_would_be_measured_of_it():
+    """A second mode bends the response about the first: its gain there is 11 % less than at rest."""
+    period_s, parts = 1e-4, []
+    for gain, mode_Hz, damping in ((4.8, 72.0, 0.02), (1.0, 150.0, 0.02)):
+        w = 2 * np.pi * mode_Hz
+        A, B = np.array([[0.0, 1.0], [-w * w, -2 * damping * w]]), np.array([[0.0], [w * w]])
+        parts.append(cont2discrete((A, B, np.array([[gain, 0.0]]), np.zeros((1, 1))), period_s))
+    (A, B, C, *_), (A2, B2, C2, *_) = parts
+    model = System(block_diag(A, A2), np.concatenate([B, B2])[:, 0], np.concatenate([C, C2], axis=1)[0], 0.0, period_s)
+    said = commissioned(model)
+    omega = 2 * np.pi * HERTZ
+    seen = plant_figures(measured(model.response(omega) * np.exp(-1j * omega * 2e-4)), None, said)
+    for name in ("stage_gain", "mode_Hz", "mode_damping"):
+        assert getattr(said, name) == pytest.approx(getattr(seen, name), rel=0.01), name
+    at_rest = model.response(np.array([2 * np.pi]))[0].real
+    assert said.stage_gain < 0.95 * at_rest, "else the case asks for nothing"
 
 
 def test_an_axis_without_a_closed_loop_is_refused():

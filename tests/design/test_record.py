@@ -66,6 +66,12 @@ def clipped_below(columns):
     np.maximum(columns["strain_um"], 40.0, out=columns["strain_um"])
 
 
+def clipped_before_the_noise(columns):
+    """By an amplifier ahead of the converter, whose noise is still seen."""
+    np.minimum(columns["strain_um"], 165.0, out=columns["strain_um"])
+    columns["strain_um"] += np.random.default_rng(1).normal(0.0, 0.02, len(columns["strain_um"]))
+
+
 def swapped(columns):
     columns["voltage_V"], columns["strain_um"] = columns["strain_um"], columns["voltage_V"]
 
@@ -110,6 +116,8 @@ BAD = {
     "the sensor is clipped; shift its range, or record a smaller movement",
     clipped_below: "{file}: strain_um sticks at its bottom value 40 for 12 samples while the input moves: "
     "the sensor is clipped; shift its range, or record a smaller movement",
+    clipped_before_the_noise: "{file}: strain_um sticks near its top value 165.055, but for noise, for 20 samples "
+    "while the input moves: the sensor is clipped; shift its range, or record a smaller movement",
     swapped: "{file}: strain_um runs ahead of voltage_V: the columns are probably mixed up "
     "(--input is the voltage, --output the displacement)",
     standing_time: "{file}:3: t_s stands still here; a time column rises with every sample: name another with --time, "
@@ -228,3 +236,13 @@ def test_dwells_at_the_turning_points_are_not_clipping(tmp_path):
     columns["voltage_V"] = columns["strain_um"].copy()
     record = load(write(tmp_path / "dwell.csv", columns))
     assert np.count_nonzero(record.y == record.y.max()) > 50
+
+
+def test_an_output_that_rests_behind_each_turn_is_not_clipped(tmp_path):
+    """A hysteresis of one wide play: the input goes back by a quarter of its way until the output follows."""
+    columns = good()
+    state = columns["voltage_V"][0]
+    for k, value in enumerate(columns["voltage_V"]):
+        state = columns["strain_um"][k] = max(value - 10.0, min(value + 10.0, state))
+    columns["strain_um"] += np.random.default_rng(1).normal(0.0, 0.01, len(columns["strain_um"]))
+    load(write(tmp_path / "play.csv", columns))

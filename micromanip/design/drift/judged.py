@@ -109,9 +109,11 @@ def _margins(checks: Sequence[Check], accept: Accept) -> Iterator[str]:
         seen = [check.figures[name] for check in checks if not math.isnan(check.figures[name])][-_REMEMBERED:]
         if not seen:
             continue
-        mean = float(np.mean(seen[-_AVERAGED:]))
+        averaged = seen[-_AVERAGED:]
+        mean = float(np.mean(averaged))
         if mean < _SURELY * least:
-            yield f"{name} is {mean:.3g}, at least {least:g} is asked for (`accept`)"
+            over = f", {mean:.3g} on average over {len(averaged)} checks" if len(averaged) > 1 else ""
+            yield f"{name} is {seen[-1]:.3g}{over}: at least {least:g} is asked for (`accept`)"
         elif len(seen) >= _FEWEST:
             line = linregress(np.arange(len(seen)), seen, alternative="less")
             now = line.intercept + line.slope * (len(seen) - 1)

@@ -63,7 +63,16 @@ def test_margins_below_and_on_their_way_there():
     edge = [Check(c.time, "x", "abc", c.figures | {"stage_phase_deg": 34.7}) for c in series(5)]
     assert judge(edge, TUNED, Accept()).problems == (), "a check knows a margin to some 2 %"
     below = [Check(c.time, "x", "abc", c.figures | {"stage_phase_deg": 32.0}) for c in series(5)]
-    assert judge(below, TUNED, Accept()).problems == ("stage_phase_deg is 32, at least 35 is asked for (`accept`)",)
+    assert judge(below, TUNED, Accept()).problems == (
+        "stage_phase_deg is 32, 32 on average over 3 checks: at least 35 is asked for (`accept`)",
+    )  # fmt: skip
+    phases = zip(series(3), (37.0, 37.0, 3.0), strict=True)
+    fallen = [Check(c.time, "x", "abc", c.figures | {"stage_phase_deg": phase}) for c, phase in phases]
+    assert judge(fallen, TUNED, Accept()).problems == (
+        "stage_phase_deg is 3, 25.7 on average over 3 checks: at least 35 is asked for (`accept`)",
+    )  # fmt: skip
+    (said,) = judge(below[:1], TUNED, Accept()).problems
+    assert said == "stage_phase_deg is 32: at least 35 is asked for (`accept`)"
     falling = [
         Check(c.time, "x", "abc", c.figures | {"stage_phase_deg": 39.0 - 0.3 * k}) for k, c in enumerate(series(9))
     ]

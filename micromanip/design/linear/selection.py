@@ -66,9 +66,10 @@ def select(
         if first > _CLOSE * errors[best] or first > errors.get((plain.order, False), np.inf) * _CLOSE:
             states, refined = best
             model = replace(again(experiments, *_fitted_as(best)), tried=plain.tried)
-            how = "" if refined else ", not refined"
+            how = "" if refined else ", not refined,"
+            chosen = f"{how} instead of {plain.order}" if states != plain.order else " is not refined"
             notes.append(
-                f"order {states}{how} instead of {plain.order}: strict error {errors[best]:.3g} % instead of "
+                f"order {states}{chosen}: strict error {errors[best]:.3g} % instead of "
                 f"{first:.3g} % on the last quarter of what is fitted to"
             )
     return _no_worse_than_arx1(model, arx1, plain, experiments, held_out, order, again, notes)

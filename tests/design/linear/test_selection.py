@@ -90,3 +90,16 @@ def test_a_good_record_is_fitted_as_ever():
     plain = fit_linear([(u[:1000], y[:1000])], DT)
     assert selected.notes == []
     np.testing.assert_array_equal(selected.model.poles, plain.poles)
+
+
+def test_a_refinement_that_does_harm_is_told_as_such():
+    """It was told as "order 3, not refined instead of 3"; a hysteresis has no linear model that refining would mend."""
+    t_s, phases = np.arange(1500) * 0.01, np.random.default_rng(3).uniform(0.0, 6.28, 3)
+    u = sum(a * np.sin(2 * np.pi * f * t_s + p) for a, f, p in zip((30, 14, 9), (0.3, 0.9, 1.7), phases, strict=True))
+    y, plays, widths = np.empty(len(u)), np.zeros(3), np.array([4.0, 10.0, 18.0])
+    for k, value in enumerate(u):
+        plays = np.maximum(value - widths, np.minimum(value + widths, plays))
+        y[k] = 0.4 * value + 0.2 * plays.sum()
+    pair, half = (u[:, None], y[:, None]), len(u) // 2
+    selected = select([tuple(part[:half] for part in pair)], [tuple(part[half:] for part in pair)], 0.01, 3)
+    assert selected.notes[0].startswith("order 3 is not refined: strict error ")

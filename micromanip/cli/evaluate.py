@@ -99,6 +99,8 @@ def command(
         pictures.require_written()
         return
     print_table(rows)
+    for told in _swinging([*rows, *alone, *fast]):
+        say(told)
     for row in alone:
         sigma, where = row["true_std_error_um"], "true"
         if sigma is None:
@@ -150,6 +152,19 @@ def print_table(rows: list[dict[str, Any]]) -> None:
             end_section=config == last,
         )
     out_console().print(report)
+
+
+def _swinging(rows: list[dict[str, Any]]) -> list[str]:
+    """A sentence for each axis and configuration that swings by itself: its figures say nothing of the models."""
+    found: dict[tuple[str, str], list[float]] = {}
+    for row in rows:
+        if row["swings_hz"] is not None:
+            found.setdefault((row["axis"], row["config"]), []).append(row["swings_hz"])
+    return [
+        f"{config}, axis {axis}: the strain loop swings by itself at {hertz[0]:.0f} Hz, most of the error: its "
+        "PID is not for this actuator, and the figures say nothing of the models"
+        for (axis, config), hertz in found.items()
+    ]
 
 
 def _repeated(row: dict[str, Any]) -> str:

@@ -27,6 +27,8 @@ HOLD_S = 0.5
 SETTLE_S = 1.0
 """Sigma and maximum count after the first period, and at least so long, of the sine."""
 WINDOW_S, FAST_WINDOW_S = 2.0, 1.0
+SWINGS_ABOVE, _LINE_SHARE = 10.0, 0.02
+"""Times the sine's frequency, above which it has no harmonics to speak of; how wide a line is, in terms of its own."""
 TUNED = "D"
 """Configuration C with the PID that `commission` found, and with the axis' section `actuator`."""
 
@@ -41,6 +43,7 @@ class Run:
     frequency_hz: float
     rows: NDArray[Any]
     settled: int
+    rate_hz: int
 
     def error_um(self, axis: int) -> Array:
         """Reference minus measured strain-side position."""
@@ -49,6 +52,15 @@ class Run:
     def true_error_um(self, axis: int) -> Array:
         """Reference minus the true, noise-free position."""
         return np.asarray(self.rows["axis"]["reference_um"][:, axis] - self.rows["axis"]["true_strain_um"][:, axis])
+
+    def swings_Hz(self, axis: int) -> float | None:
+        """Where a loop swings by itself: a line far above the sine that has most of the error's energy; else None."""
+        settled = self.error_um(axis)[self.settled :]
+        power = np.abs(np.fft.rfft((settled - settled.mean()) * np.hanning(len(settled)))) ** 2
+        hertz = np.fft.rfftfreq(len(settled), 1.0 / self.rate_hz)
+        line = hertz[np.argmax(np.where(hertz > SWINGS_ABOVE * self.frequency_hz, power, 0.0))]
+        near = np.abs(hertz - line) <= _LINE_SHARE * line
+        return float(line) if power[near].sum() > 0.5 * power.sum() else None
 
     def figures(self, name: str, axis: int) -> dict[str, Any]:
         """The row of the result table for one axis."""
@@ -61,6 +73,7 @@ class Run:
             "std_error_um": float(settled.std()),
             "max_error_um": float(np.abs(settled).max()),
             "max_error_with_start_um": float(np.abs(error).max()),
+            "swings_hz": self.swings_Hz(axis),
             "true_std_error_um": _known(true_settled.std()),
             "true_max_error_um": _known(np.abs(true_settled).max()),
         }
@@ -78,7 +91,7 @@ class Faulted:
         """The row of the fast sines' table for one axis: none."""
         unknown = (
             "std_error_um", "max_error_um", "max_error_with_start_um", "true_std_error_um", "true_max_error_um",
-            "true_rms_percent",
+            "swings_hz", "true_rms_percent",
         )  # fmt: skip
         told = {"axis": name, "frequency_hz": self.frequency_hz, "config": self.config, "amplitude_um": paper.FAST_UM}
         return told | dict.fromkeys(unknown) | {"refused": self.why}
@@ -185,7 +198,7 @@ def _played(
             settle_s = max(SETTLE_S, 1.0 / frequency_hz)
             reference = paper.reference(frequency_hz, HOLD_S, amplitude_um)
             rows = experiment(with_reference(variant, reference), HOLD_S + settle_s + window_s)
-            runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz)))
+            runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz), rate_hz))
             progress()
     return runs
 

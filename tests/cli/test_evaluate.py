@@ -19,6 +19,7 @@ KEYS = {
     "std_error_um",
     "max_error_um",
     "max_error_with_start_um",
+    "swings_hz",
     "true_std_error_um",
     "true_max_error_um",
 }
@@ -86,6 +87,20 @@ def test_what_is_undone_brings_the_position_to_the_reference(report):
         assert row["true_rms_percent"] >= 100.0 * row["true_std_error_um"] / (2.0 * row["amplitude_um"])
         if row["config"] == "D":
             assert row["true_rms_percent"] <= {50.0: 0.16, 100.0: 0.25, 150.0: 0.35}[row["frequency_hz"]]
+
+
+def test_a_pid_that_swings_on_its_actuator_is_told(few_sines, monkeypatch):
+    """Three times the paper's gain: 1.7 um at 1575 Hz, in no range's end and so no fault, looked like a figure."""
+    strong = paper.ANCHOR_PID.model_copy(update={"K_V_per_um": 3.0 * paper.ANCHOR_PID.K_V_per_um})
+    monkeypatch.setattr(paper, "ANCHOR_PID", strong)
+    monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
+    result = CliRunner().invoke(cli, ["evaluate", CONFIG, "--axis", "x", "--no-figures"], catch_exceptions=False)
+    assert "A, axis x: the strain loop swings by itself at 157" in result.stdout
+    assert "D, axis x: the strain loop swings" not in result.stdout
+
+
+def test_a_loop_that_only_has_noise_swings_nowhere(report):
+    assert {row["swings_hz"] for row in [*report["rows"], *report["fast"]]} == {None}
 
 
 def test_the_same_seed_gives_the_same_numbers_and_another_one_does_not(report, few_sines, monkeypatch):

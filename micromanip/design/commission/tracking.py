@@ -49,7 +49,7 @@ def follow(configuration: Configuration, experiment: Experiment, axis: str) -> l
             settle_s = max(SETTLE_S, 1.0 / hertz)
             samples = _wave(configuration, index, sine.offset_um, sine.amplitude_um, hertz, settle_s + WINDOW_S)
             rows = experiment(with_reference(variant, EXCITED), len(samples) / rate_hz, samples)
-            runs.append(Run(config, hertz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz)))
+            runs.append(Run(config, hertz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz), rate_hz))
     return runs
 
 

@@ -42,7 +42,7 @@ def _inspect(point: EntryPoint) -> Inspected:
     package, version = (point.dist.name, point.dist.version) if point.dist else ("?", "?")
     try:
         found = point.load()
-    except Exception as problem:  # whatever the author's module does when it is imported
+    except (Exception, SystemExit) as problem:  # whatever the author's module does when it is imported
         reason = f"can't be loaded: {type(problem).__name__}: {problem}"
         return Inspected(point.name, None, package, version, point.value, None, (reason,))
     own = getattr(found, "version", "")

@@ -25,7 +25,7 @@ def driver_class(name: str) -> type[CyclicDriver] | type[BusDriver]:
         raise ConfigError(f"no driver called {name} is installed; {hint}")
     try:
         found = points[name].load()
-    except Exception as problem:  # whatever the author's module does when it is imported
+    except (Exception, SystemExit) as problem:  # whatever the author's module does when it is imported
         why = problem if isinstance(problem, ImportError | AttributeError) else f"{type(problem).__name__}: {problem}"
         raise ConfigError(f"driver {name} can't be loaded from {points[name].value}: {why}") from problem
     if not (isinstance(found, type) and issubclass(found, CyclicDriver | BusDriver)):

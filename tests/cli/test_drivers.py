@@ -9,6 +9,7 @@ from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip.bus import inspection
 from micromanip.bus.inspection import findings, kind_of
 from micromanip.bus.registry import driver_class
+from micromanip.errors import ConfigError
 
 from .command import code_of
 
@@ -70,6 +71,7 @@ def test_good_ones_of_both_kinds(announce, only, capsys):
     [
         (None, "can't be loaded: ModuleNotFoundError: No module named 'driver_of_nothing'"),
         ("1 / 0", "can't be loaded: ZeroDivisionError"),
+        ("raise SystemExit(0)", "can't be loaded: SystemExit: 0"),
         ("import sys; Driver = 5", "is not a class derived from micromanip.driver.CyclicDriver or"),
         (BUS.replace("def close", "def shut"), "does not have close"),
         (BUS.replace('"""A driver of nothing."""', ""), "has no docstring"),
@@ -115,6 +117,12 @@ def test_kinds():
     assert kind_of(5) is None
     assert not findings(UdpStage)
     assert not findings(SimulatedCell)
+
+
+def test_one_that_ends_the_program_where_it_is_loaded_is_told_as_broken(announce):
+    announce("nothing", "driver_of_nothing:Driver", "raise SystemExit(0)")
+    with pytest.raises(ConfigError, match=r"driver nothing can't be loaded from .*: SystemExit: 0"):
+        driver_class("nothing")
 
 
 def test_registry_gives_either_kind(announce):

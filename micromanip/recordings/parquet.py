@@ -40,6 +40,9 @@ def read_parquet(file: Path) -> Table:
         raise _damaged(file, problem) from problem
     if rows > _MOST_VALUES:
         raise CheckFailed(f"{file}: {rows} rows are more than can be read ({_MOST_VALUES}); save a part of it")
+    twice = next((name for name in schema.names if schema.names.count(name) > 1), None)
+    if twice is not None:
+        raise CheckFailed(f"{file}: several of its columns are called {twice}; save it with a name for each")
     kinds = pyarrow.types
     columns: dict[str, Array | Callable[[], Array]] = {}
     units: dict[str, str] = {}

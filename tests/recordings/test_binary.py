@@ -223,6 +223,12 @@ def test_hdf5_whose_values_are_elsewhere_or_need_a_filter_is_told_as_that(tmp_pa
         found["y"]
 
 
+def test_columns_of_one_name_are_told_as_that(tmp_path):
+    pq.write_table(pa.table([pa.array(T), pa.array(U), pa.array(Y)], ["t", "u", "u"]), tmp_path / "x.parquet")
+    with pytest.raises(CheckFailed, match=r"several of its columns are called u; save it with a name for each"):
+        take(tmp_path / "x.parquet", Wanted(("u",)))
+
+
 def test_columns_of_other_lengths_are_no_recording(tmp_path):
     np.savez(tmp_path / "x.npz", t=T, u=U, y=Y[:-1])
     with pytest.raises(CheckFailed, match=r"y has 599 values, t 600: not one recording"):

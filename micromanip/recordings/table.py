@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,8 @@ class Table(Mapping[str, Array]):
     def time_column(self, names: Sequence[str] = ()) -> str | None:
         """The column of the time of `names`: by its unit, by its name, or the first whose name begins with t.
 
-        CheckFailed where they have several.
+        Of several that are times by unit or name, the one that is in most groups with them. CheckFailed where they have
+        several topics' clocks.
         """
         if clocks := {self._clocks[name]: name for name in names if name in self._clocks}:
             if len(clocks) > 1:
@@ -98,9 +100,23 @@ class Table(Mapping[str, Array]):
             return next(iter(clocks))
         timed = [name for name in self if _dimension(self.unit(name)) == "time"]
         plain = [name for name in self if self.unit(name) is None]
-        called = [name for name in plain if name.lower() in _TIMES or name.rpartition(".")[2].lower() in _TIMES]
+        called = [name for name in plain if called_time(name) or called_time(name.rpartition(".")[2])]
         like_t = [name for name in [*timed, *plain] if name.lower().startswith("t")]
-        return next(iter([*(name for name in timed if name in like_t), *called, *timed, *like_t]), None)
+        sure = [*(name for name in timed if name in like_t or name.rpartition(".")[2].lower().startswith("t")), *called]
+        # of run1.t and run2.t, that of the group in which the columns are
+        near = sorted(sure, key=lambda name: -max((_shared(name, each) for each in names), default=0))
+        return next(iter([*near, *timed, *like_t]), None)
+
+
+def called_time(name: str) -> bool:
+    """Whether a column is called as times are."""
+    return name.lower() in _TIMES
+
+
+def _shared(name: str, other: str) -> int:
+    """How many groups two columns are both in: 1 for run.t and run.u."""
+    pairs = zip(name.split(".")[:-1], other.split(".")[:-1], strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def _dimension(unit: str | None) -> str | None:

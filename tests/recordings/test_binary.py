@@ -229,6 +229,17 @@ def test_columns_of_one_name_are_told_as_that(tmp_path):
         take(tmp_path / "x.parquet", Wanted(("u",)))
 
 
+def test_each_run_in_a_file_has_its_own_clock(tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as contents:
+        for run, pace in (("run1", 1.0), ("run2", 2.0)):
+            contents[f"{run}/t"], contents[f"{run}/u"], contents[f"{run}/y"] = pace * T, U, Y
+            contents[f"{run}/lateness"] = pace * T
+            contents[f"{run}/lateness"].attrs["units"] = "us"
+    for run, pace in (("run1", 1.0), ("run2", 2.0)):
+        taken = take(tmp_path / "x.h5", Wanted((f"{run}.u", f"{run}.y")))
+        assert taken.step_s == pytest.approx(pace * STEP_S)
+
+
 def test_columns_of_other_lengths_are_no_recording(tmp_path):
     np.savez(tmp_path / "x.npz", t=T, u=U, y=Y[:-1])
     with pytest.raises(CheckFailed, match=r"y has 599 values, t 600: not one recording"):

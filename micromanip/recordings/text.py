@@ -19,7 +19,7 @@ from micromanip.errors import CheckFailed
 from micromanip.files.regular_file import open_regular
 
 from .encoding import decoded
-from .stamps import from_first_s, stamp_s
+from .stamps import is_stamp, stamps_s
 from .table import Array, Table
 from .units import known
 
@@ -171,7 +171,7 @@ def _kind(fields: Sequence[str], dialect: _Dialect) -> str:
         return ""
     if sum(number is None for number in numbers) <= len(numbers) // 2:
         return "number"
-    return "stamp" if stamp_s(dialect.plain(fields[-1])) is not None else ""
+    return "stamp" if is_stamp(dialect.plain(fields[-1])) else ""
 
 
 def _may_begin(line: str) -> bool:
@@ -269,17 +269,29 @@ def _values(
             if len(table) == len(rows) and table.shape[1] == len(kinds):
                 return [np.ascontiguousarray(column) for column in table.T]
     values = [np.full(len(rows) if kind else 0, np.nan) for kind in kinds]
+    stamps: dict[int, list[str]] = {column: [] for column, kind in enumerate(kinds) if kind == "stamp"}
     for k, line in enumerate(rows):
         fields = dialect.fields(line)
         if len(fields) != len(kinds):
             raise CheckFailed(f"{file}:{numbers[k]}: {_ragged(fields, kinds, last=k == len(rows) - 1)}")
         for column, (field, kind) in enumerate(zip(fields, kinds, strict=True)):
-            if kind:
-                number = stamp_s(dialect.plain(field)) if kind == "stamp" else dialect.number(field)
+            if kind == "stamp":
+                stamps[column].append(dialect.plain(field))
+            elif kind:
+                number = dialect.number(field)
                 if number is None:
                     raise CheckFailed(f"{file}:{numbers[k]}: {field[:40]!r} is no number")
                 values[column][k] = number
-    return [from_first_s(column) if kind == "stamp" else column for column, kind in zip(values, kinds, strict=True)]
+    for column, texts in stamps.items():
+        values[column] = stamps_s(texts)
+        bad = np.flatnonzero(np.isnan(values[column]))
+        if len(bad):
+            raise CheckFailed(f"{file}:{numbers[bad[0]]}: {texts[bad[0]][:40]!r} is no time as in the other rows")
+    return values
+
+
+def _column(rows: Sequence[str], dialect: _Dialect, column: int) -> list[str]:
+    return [dialect.fields(row)[column].translate(_MINUS) for row in rows]
 
 
 def _ragged(fields: Sequence[str], kinds: Sequence[str], *, last: bool) -> str:

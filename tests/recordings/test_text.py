@@ -230,6 +230,11 @@ def test_time_by_option_and_stamps(tmp_path):
         "23:59:58.{}",
         "0 days 00:00:01.{}",
         "2026/11/24 10:00:00.{}+01:00",
+        "2026-11-24 10:00:00.{}+01",
+        "2026-11-24 10:00:00.{} UTC",
+        "11/24/2026 3:15:02.{} PM",
+        "24/11/2026 15:15:02.{}",
+        "24.11.2026 15:15:02.{} +0100",
     ],
 )
 def test_stamps_at_10_kHz_are_even(stamp, tmp_path):
@@ -244,6 +249,23 @@ def test_a_time_of_day_goes_past_midnight(tmp_path):
     ]
     found = read_table(written(tmp_path / "x.csv", "when,y\n" + "\n".join(rows)))
     assert found["when"][[299, 300]] == pytest.approx([0.299, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("before", "behind"),
+    [
+        ("12/31/2026 11:59:59 PM", "1/1/2027 12:00:00 AM"),
+        ("31/12/2026 23:59:59", "01/01/2027 00:00:00"),
+        ("11/11/2026 23:59:59", "12/11/2026 00:00:00"),
+        ("11/11/2026 23:59:59", "11/12/2026 00:00:00"),
+        ("11/11/2026 11:59:59,0 AM", "11/11/2026 12:00:00,0 PM"),
+        ("23:59:59:000", "00:00:00:000"),
+    ],
+)
+def test_day_and_month_are_in_the_order_in_which_the_record_is_short(before, behind, tmp_path):
+    rows = [f"{before if k < 100 else behind};{k}" for k in range(200)]
+    found = read_table(written(tmp_path / "x.csv", "when;y\n" + "\n".join(rows)))
+    assert (found["when"][99], found["when"][100]) == (0.0, 1.0)
 
 
 def test_a_clock_that_was_never_set_is_no_time(tmp_path):

@@ -23,7 +23,7 @@ class Table(Mapping[str, Array]):
 
     `units` has those that the file states apart from the name, `lines` the line of the text at which each row stands;
     None where a file has no lines. `clocks` names the column of the time of each, where a file has several: only
-    columns with the same one belong together.
+    columns with the same one belong together. `texts` are the columns that hold no numbers, each with its first field.
     """
 
     def __init__(
@@ -33,8 +33,9 @@ class Table(Mapping[str, Array]):
         units: Mapping[str, str] | None = None,
         lines: Sequence[int] | None = None,
         clocks: Mapping[str, str] | None = None,
+        texts: Mapping[str, str] | None = None,
     ) -> None:
-        self.file, self.lines = file, lines
+        self.file, self.lines, self.texts = file, lines, dict(texts or {})
         self._columns = dict(columns)
         self._units = dict(units or {})
         self._clocks = dict(clocks or {})
@@ -76,6 +77,8 @@ class Table(Mapping[str, Array]):
         if len(self) == 0:
             raise CheckFailed(f"{self.file}: there is no column of numbers in it")
         wanted = name if name and known(unit) is not None else asked
+        if wanted in self.texts:
+            raise CheckFailed(f"{self.file}: {wanted} holds no numbers, but {self.texts[wanted][:40]!r}")
         hint = did_you_mean(wanted, self, "its columns are")
         raise CheckFailed(f"{self.file}: there is no column {wanted}; {hint}")
 

@@ -11,6 +11,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from micromanip.files.regular_file import open_regular
 from .encoding import decoded
 from .stamps import is_stamp, stamps_s
 from .table import Array, Table
+from .thousands import marked_thousand
 from .units import known
 
 _DIALECTS = (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (",", ","), (None, "."), (None, ","))
@@ -29,7 +31,7 @@ _SPACES = "'\N{RIGHT SINGLE QUOTATION MARK} \N{NO-BREAK SPACE}\N{NARROW NO-BREAK
 _THOUSANDS = {".": "," + _SPACES, ",": "." + _SPACES}
 """Marks between thousands, by the decimal mark."""
 _GROUPED = {
-    ".": re.compile(rf"[+-]?[1-9]\d{{0,2}}([{_THOUSANDS['.']}]\d{{3}})+\.\d*"),
+    ".": re.compile(rf"[+-]?[1-9]\d{{0,2}}(([{_THOUSANDS['.']}]\d{{3}})+\.\d*|([{_SPACES}]\d{{3}})+|(,\d{{3}}){{2,}})"),
     ",": re.compile(rf"[+-]?[1-9]\d{{0,2}}([{_THOUSANDS[',']}]\d{{3}})+(,\d*)?"),
 }
 """Numbers with such marks; 1,234 alone is none, since it may be a fraction of another country."""
@@ -96,12 +98,20 @@ def read_text(file: Path) -> Table:
     first, kinds = _rows(file, lines, numbers, dialect)
     names, units = _header(file, every[: numbers[first] - 1], dialect, kinds)
     values = _values(file, lines[first:], numbers[first:], dialect, kinds)
+    named = _unlike([name or _by_number(k, names) for k, name in enumerate(names, 1)])
     kept = [k for k, kind in enumerate(kinds) if kind and (names[k] or np.isfinite(values[k]).any())]
-    named = _unlike([names[k] or str(k + 1) for k in kept])
-    columns = {name: values[k] for name, k in zip(named, kept, strict=True)}
-    stated = {name: unit for name, k in zip(named, kept, strict=True) if (unit := units[k])}
-    stated |= {name: "s" for name, k in zip(named, kept, strict=True) if kinds[k] == "stamp"}
-    return Table(file, columns, stated, numbers[first:])
+    for k in kept:
+        fields = partial(_column, lines[first:], dialect, k)
+        if kinds[k] == "number" and (at := marked_thousand(values[k], fields, dialect.decimal)) is not None:
+            raise CheckFailed(
+                f"{file}:{numbers[first + at]}: {named[k]} is {fields()[at]!r}, a thousand or more by the whole "
+                "numbers beside it, or a fraction? Save it without marks between thousands"
+            )
+    stated = {named[k]: unit for k in kept if (unit := units[k])}
+    stated |= {named[k]: "s" for k in kept if kinds[k] == "stamp"}
+    begin = dialect.fields(lines[first])
+    texts = {named[k]: begin[k] for k, kind in enumerate(kinds) if not kind and begin[k]}
+    return Table(file, {named[k]: values[k] for k in kept}, stated, numbers[first:], texts=texts)
 
 
 def _dialect(file: Path, lines: Sequence[str]) -> _Dialect:
@@ -243,6 +253,11 @@ def _as_unit(field: str) -> str | None:
     """A field of a units row, with or without brackets, as a unit."""
     inner = re.sub(r"^[(\[{<]\s*(.*?)\s*[)\]}>]$", r"\1", field)
     return inner if inner and known(inner) is not None else None
+
+
+def _by_number(number: int, names: Sequence[str]) -> str:
+    """What the column without a name is called that is the `number`-th."""
+    return str(number) if str(number) not in names else f"column {number}"
 
 
 def _unlike(names: Sequence[str]) -> list[str]:

@@ -125,6 +125,7 @@ def in_thousands(value, mark, decimal, digits):
         (";", "\N{NARROW NO-BREAK SPACE}", ",", 6),
         (";", "\N{NO-BREAK SPACE}", ",", 0),
         (";", "'", ".", 6),
+        (";", "'", ".", 0),
         (",", ",", ".", 6),
         ("\t", ",", ".", 6),
     ],
@@ -146,6 +147,19 @@ def test_thousands_are_no_decimals(separator, mark, decimal, digits, tmp_path):
         written(tmp_path / "x.csv", f"t (s){separator}u (V){separator}y (nm)\n" + "\n".join(rows)), Wanted(("u", "y"))
     )
     np.testing.assert_allclose(taken.values, np.column_stack([U, Y]), atol=0.51e-3)
+
+
+@pytest.mark.parametrize(("separator", "mark"), [(";", "."), ("\t", ","), (",", ",")])
+def test_whole_numbers_with_marks_between_thousands_are_no_fractions(separator, mark, tmp_path):
+    """Of a gauge in whole nm below and beyond 1 um: 1.001 behind 999 is no fraction of a nm."""
+    grouped = [f"{y:,}".replace(",", mark) for y in range(800, 1400)]
+    rows = [f'{k}{separator}"{y}"' for k, y in enumerate(grouped)]
+    file = written(tmp_path / "x.csv", f"n{separator}y (nm)\n" + "\n".join(rows))
+    with pytest.raises(CheckFailed, match=r"x.csv:202: y \(nm\) is '1.000', a thousand or more by the whole numbers"):
+        read_table(file)
+    fractions = [f"{k}{separator}{round(value, 3):.6g}" for k, value in enumerate(Y[Y > 1])]
+    file = written(tmp_path / "f.csv", f"n{separator}y\n" + "\n".join(fractions))
+    np.testing.assert_allclose(read_table(file)["y"], Y[Y > 1], atol=1e-3)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])

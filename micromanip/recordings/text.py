@@ -171,6 +171,8 @@ def _rows(file: Path, lines: Sequence[str], numbers: Sequence[int], dialect: _Di
         first = at
     if first == len(lines) or not any(kinds):
         raise CheckFailed(f"{file}: {_NO_TABLE}")
+    if first + 1 < len(lines) and dialect.fields(lines[first]) == ["", *map(str, range(width - 1))]:
+        first += 1  # pandas: an index, and columns that have numbers for names
     return first, kinds
 
 
@@ -185,8 +187,9 @@ def _kind(fields: Sequence[str], dialect: _Dialect) -> str:
 
 
 def _may_begin(line: str) -> bool:
-    """Whether a line that is no row is a header rather than a damaged row: nothing in it is a number."""
-    return not any(character.isdigit() for character in line) or line.lstrip()[:1] in _COMMENT
+    """Whether a line that is no row is a header rather than a damaged or empty row: nothing in it is a number."""
+    named = bool(line.strip(_NOTHING)) and not any(character.isdigit() for character in line)
+    return named or line.lstrip()[:1] in _COMMENT
 
 
 def _fits(row: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> bool:
@@ -217,13 +220,27 @@ def _header(
         raise CheckFailed(
             f"{file}:{len(before)}: the header has {len(candidates[0])} names, the rows have {count} values each"
         )
-    own = [_as_unit(field) for field in candidates[0]]
-    units_row = any(own) and all(unit or not field for unit, field in zip(own, candidates[0], strict=True))
-    if units_row and len(candidates) > 1 and len(candidates[1]) == count:
-        return list(candidates[1]), own
-    if units_row and not _as_names(candidates[0]):
-        return [""] * count, own
+    units = [_units_row(fields, kinds) if len(fields) == count else None for fields in candidates]
+    if units[0] and len(candidates) > 1 and len(candidates[1]) == count and not units[1]:
+        return list(candidates[1]), units[0]
+    if units[0] and not _as_names(candidates[0]) and all(map(_as_unit, filter(None, candidates[0]))):
+        return [""] * count, units[0]
+    if len(candidates) > 1 and units[1] and not units[0]:
+        return list(candidates[0]), units[1]
     return list(candidates[0]), nothing
+
+
+def _units_row(fields: Sequence[str], kinds: Sequence[str]) -> list[str | None] | None:
+    """Units of the columns, where at least half of what stands above numbers is one; else None.
+
+    What is none known here is handed on as it stands.
+    """
+    above = [field for field, kind in zip(fields, kinds, strict=True) if kind and field]
+    if 2 * sum(_as_unit(field) not in (None, "1") for field in above) < max(len(above), 1):
+        return None
+    return [
+        _as_unit(field) or (field if kind and field != "-" else None) for field, kind in zip(fields, kinds, strict=True)
+    ]
 
 
 def _names(text: str, dialect: _Dialect, count: int) -> list[str]:

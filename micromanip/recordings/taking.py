@@ -16,11 +16,13 @@ from .clock import Clock, doubts, even, read_clock
 from .reading import read_table
 from .resampling import onto_grid, resampled
 from .spikes import find_jumps, find_spikes
-from .table import Array, Table
+from .table import Array, Table, called_time
 from .units import known, unknown_unit
 
 _MOST_SAMPLES = 20_000_000
 _MOST_JUMPS = 5
+_LATEST_S = 1e11
+"""Times beyond, some 3,000 years, are counted in parts of a second, as those since 1970 or since a computer's start."""
 _STROKE_UM = (0.2, 5000.0)
 _SWING_V = 2000.0
 _BASE = {"length": "um", "voltage": "V"}
@@ -134,6 +136,12 @@ def take(file: Path, wanted: Wanted) -> Recording:
 def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes: list[str]) -> tuple[Clock, str | None]:
     if timed is None:
         if wanted.step_s is None:
+            for name, text in table.texts.items():
+                if called_time(name):
+                    raise CheckFailed(
+                        f"{table.file}: {name} has {text[:40]!r}, which is no time known here: 2026-11-24 15:02:10.5, "
+                        "24.11.2026 15:02:10.5 and 11/24/2026 3:02:10.5 PM are; or give --dt"
+                    )
             raise CheckFailed(
                 f"{table.file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
             )
@@ -141,6 +149,10 @@ def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes:
     name, unit = table.resolve(timed)
     scale = known(unit) if unit else None
     t = table[name]
+    if scale is None:
+        _require_seconds(table, name, unit or unknown_unit(name), t)
+    if wanted.time is None:
+        _require_one_clock(table, name, t)
     if scale is not None and scale.dimension == "count":
         if wanted.step_s is None:
             raise CheckFailed(f"{table.file}: {name} counts samples: give their interval, --dt")
@@ -153,6 +165,34 @@ def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes:
     if scale is None:
         notes += doubts(name, len(t), clock.step_s)
     return clock, name
+
+
+def _require_seconds(table: Table, name: str, stated: str | None, t: Array) -> None:
+    """CheckFailed for times without a unit known here that are none in s: the rate would be another."""
+    if stated is not None:
+        raise CheckFailed(
+            f"{table.file}: {name}: {stated!r} is no unit of time known here; say which, --time '{name}:ms'"
+        )
+    latest = float(np.max(np.abs(t[np.isfinite(t)]), initial=0.0))
+    if latest > _LATEST_S:
+        unit = "ms" if latest < 1e14 else "us" if latest < 1e17 else "ns"
+        raise CheckFailed(
+            f"{table.where(0)}: {name} is {t[0]:.6g}, which can't be in s; say its unit, --time {name}:{unit}"
+        )
+
+
+def _require_one_clock(table: Table, name: str, t: Array) -> None:
+    """CheckFailed where a column of the same name has other times: each signal may have its own."""
+    for other in table:
+        if (
+            other.rpartition(".")[0] == name
+            and other.rpartition(".")[2].isdigit()
+            and not np.array_equal(table[other], t)
+        ):
+            raise CheckFailed(
+                f"{table.file}: {name} and {other} have different times: say which are those of the columns, "
+                f"--time {name} or --time {other}"
+            )
 
 
 def _part(file: Path, clock: Clock, cut: tuple[float, float] | None) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Units of columns: in their names ("x (mm)", "u [V]", "t_ms"), in a row of their own, or given; um, V and s inside."""
+"""Units of columns: in names ("x (mm)", "u [V]", "t_ms", "t in ms"), in a row of their own, or given; um, V and s."""
 
 from __future__ import annotations
 
@@ -21,10 +21,13 @@ def _family(dimension: str, base: str, **factors: float) -> dict[str, Unit]:
 _UNITS = {
     **_family("length", "um", um=1.0, nm=1e-3, pm=1e-6, mm=1e3, cm=1e4, m=1e6, micron=1.0, microns=1.0, micrometer=1.0),
     **_family("length", "um", micrometre=1.0, millimeter=1e3, millimetre=1e3, nanometer=1e-3, meter=1e6, meters=1e6),
+    **_family("length", "um", micrometers=1.0, micrometres=1.0, mikrometer=1.0, millimeters=1e3, nanometers=1e-3),
     **_family("length", "um", inch=25_400.0, inches=25_400.0, mil=25.4, mils=25.4),
     **_family("voltage", "V", V=1.0, mV=1e-3, uV=1e-6, kV=1e3, volt=1.0, volts=1.0),
     **_family("time", "s", s=1.0, ms=1e-3, us=1e-6, ns=1e-9, min=60.0, h=3600.0, sec=1.0, secs=1.0),
     **_family("time", "s", second=1.0, seconds=1.0, millisecond=1e-3, milliseconds=1e-3, microseconds=1e-6),
+    **_family("time", "s", microsecond=1e-6, nanosecond=1e-9, nanoseconds=1e-9, msec=1e-3, usec=1e-6, nsec=1e-9),
+    **_family("time", "s", sekunde=1.0, sekunden=1.0, millisekunden=1e-3, mikrosekunden=1e-6, nanosekunden=1e-9),
     **_family("count", "samples", samples=1.0, sample=1.0, cycles=1.0, cycle=1.0, sequence=1.0),
     **_family("current", "A", A=1.0, mA=1e-3, amp=1.0, ampere=1.0, amps=1.0),
     **_family("force", "N", N=1.0, mN=1e-3, kN=1e3),
@@ -38,8 +41,10 @@ _WORDS = {name.lower(): unit for name, unit in _UNITS.items() if len(name) > 3}
 _MICRO = str.maketrans({"\N{MICRO SIGN}": "u", "\N{GREEK SMALL LETTER MU}": "u"})
 
 _BRACKETS = re.compile(r"^(?P<name>.*?)[\s_]*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]$")
-_BEHIND = re.compile(r"^(?P<name>.*\S)\s*[,/]\s*(?P<unit>\S+)$")
-_SUFFIX = re.compile(r"^(?P<name>.+)_(?P<unit>um|µm|μm|nm|mm|V|mV|kV|s|ms|us|ns|sec)(?:_(?P<of>[a-z]\w*))?$")
+_BEHIND = re.compile(r"^(?P<name>.*\S)\s*(?:[,/]|\sin\s)\s*(?P<unit>[^\s/]+)$")
+_SHORT = "um|µm|μm|nm|mm|V|mV|kV|s|ms|us|µs|μs|ns|sec"
+_SUFFIX = re.compile(rf"^(?P<name>.+)_(?P<unit>{_SHORT})(?:_(?P<of>[a-z]\w*))?$")
+_APART = re.compile(rf"^(?P<name>.*[^\s/]) +(?P<unit>{_SHORT})$")
 
 
 def known(unit: str) -> Unit | None:
@@ -56,9 +61,11 @@ def unknown_unit(name: str) -> str | None:
 
 def split_unit(name: str) -> tuple[str, str | None]:
     """A column's name without its unit, and the unit; None where the name states none that is known."""
-    for pattern in (_BRACKETS, _BEHIND, _SUFFIX):
+    for pattern in (_BRACKETS, _BEHIND, _SUFFIX, _APART):
         found = pattern.match(name)
         if found and known(found["unit"]) is not None:
+            if pattern is _BEHIND and split_unit(found["name"])[1] is not None:
+                break  # a quotient: "feed mm/s" is no time
             of = found.groupdict().get("of")
             return (f"{found['name']}_{of}" if of else found["name"]), found["unit"]
     return name, None

@@ -210,6 +210,10 @@ def test_any_dialect_gives_the_numbers_back(
         ("t / s,u / V,y / nm", ("u / V", "y"), (1.0, 1.0, 1e-3)),
         ("t\ns,kV,µm", None, (1.0, 1e3, 1.0)),
         ("time (µs),u (V),y (m)", ("u", "y"), (1e-6, 1.0, 1e6)),
+        ("Time [msec],u [Volts],y [microns]", ("u", "y"), (1e-3, 1.0, 1.0)),
+        ("Zeit in ms,u in mV,y in µm", ("u", "y"), (1e-3, 1e-3, 1.0)),
+        ("ms,V,nm\nt,u,y", ("u", "y"), (1e-3, 1.0, 1e-3)),
+        ("Time us,u V,y mm", ("u", "y"), (1e-6, 1.0, 1e3)),
         ("t,u,y", ("u:mV", "y:mm"), (1.0, 1e-3, 1e3)),
         ("t,u_V,y_um", ("u_V:mV", "y:nm"), (1.0, 1e-3, 1e-3)),
     ],
@@ -223,6 +227,31 @@ def test_units_are_turned_into_ours(header, columns, scale, tmp_path):
     taken = same(written(tmp_path / "x.csv", text), columns)
     turned = [note for note in taken.notes if "turned into" in note]
     assert len(turned) == sum(factor != 1.0 for factor in scale[1:])
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "unit", "per_s", "says"),
+    [
+        ("time [blinks]", 0, "ms", 1e3, r"x.csv: time \[blinks\]: 'blinks' is no unit of time known here"),
+        ("timestamp", 1_795_000_000_000, "ms", 1e3, r"x.csv:2: timestamp is 1.795e\+12, .* --time timestamp:ms"),
+        ("tick", 1_795_000_000_000_000, "us", 1e6, r"x.csv:2: tick is 1.795e\+15, which can't be in s; .* tick:us"),
+    ],
+)
+def test_times_that_are_none_in_seconds_are_refused_but_where_the_unit_is_given(
+    name, begin, unit, per_s, says, tmp_path
+):
+    rows = [f"{begin + round(per_s * t)},{u},{y}" for t, u, y in zip(T, U, Y, strict=True)]
+    file = written(tmp_path / "x.csv", f"{name},u,y\n" + "\n".join(rows))
+    with pytest.raises(CheckFailed, match=says):
+        take(file, Wanted(("u", "y")))
+    same(file, time=f"{name}:{unit}")
+
+
+def test_a_speed_is_no_time(tmp_path):
+    """Of "feed mm/s" the s is no unit of its own: the times were taken from there."""
+    rows = "\n".join(f"{k},{row}" for k, row in enumerate(lines()))
+    same(written(tmp_path / "x.csv", "feed mm/s,Zeit,u,y\n" + rows))
+    assert read_table(tmp_path / "x.csv").unit("feed mm/s") is None
 
 
 def test_time_by_option_and_stamps(tmp_path):
@@ -303,6 +332,22 @@ BAD = {
         + LABVIEW.partition("\nChannels")[2]
         + "\n".join(lines("\t", ",")),
         "a second table begins here",
+    ),
+    "an empty row": (
+        "t;u;y\n" + "\n".join([*lines(";")[:300], ";;", *lines(";")[300:]]),
+        r"x.csv:302: .* t has no number",
+    ),
+    "two clocks": (
+        "X,u,X,y\ns,V,s,um\n" + "\n".join(f"{t},{u},{2 * float(t)},{y}" for t, u, y in map(split, lines())),
+        r"X and X.2 have different times: say which .* --time X or --time X.2",
+    ),
+    "a month by its name": (
+        "Time,u,y\n" + "\n".join(f"24-Nov-2026 15:02:1{t},{u},{y}" for t, u, y in map(split, lines())),
+        r"Time has '24-Nov-2026 15:02:1.*', which is no time known here: 2026-11-24 15:02:10.5",
+    ),
+    "an input of texts": (
+        "t,u,y\n" + "\n".join(f"{t},{u} V,{y}" for t, u, y in map(split, lines())),
+        r"u holds no numbers",
     ),
     "blocks": ("t u y\n" + "\n".join([*lines(" ")[:300], "", *lines(" ")[:300]]), r"x.csv:303: t falls by 1.49"),
     "points among commas": (

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shutil
 import stat
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from micromanip.host.service.steps import Run
 from tools.running_controller import SLOW as ARMING
 from tools.running_controller import changed
 
+EXAMPLES = Path(__file__).parents[2] / "config"
 SLOW = changed(ARMING, ("arm_on_start: true", "arm_on_start: false"))
 
 
@@ -175,8 +178,27 @@ def test_samples_beside_the_configuration_would_be_lost(typed, root, config):
     config.write_text(changed(SLOW, ("{source: hold, offset_um: 60}", source)))
     code, _, err = typed(config, "--yes")
     assert code == 1
-    assert "reference.path path.csv is relative" in err
+    there = root / "etc/micromanip"
+    assert f"{there}/cell.yaml:" in err
+    assert "reference.path: " in err
+    assert f"relative paths in its copy begin in {there}: copy what they lead to there first" in err
     assert files(root) == []
+
+
+def test_so_would_be_the_files_of_a_driver(typed, root, tmp_path):
+    """The service would end with 78 at its first start, because of a DBC file that nobody has copied."""
+    config, there = tmp_path / "mine.yaml", root / "etc/micromanip"
+    shutil.copytree(EXAMPLES / "can", tmp_path / "can")
+    config.write_text(changed((EXAMPLES / "can.yaml").read_text(), ("arm_on_start: true", "arm_on_start: false")))
+    code, _, err = typed(config, "--yes")
+    assert code == 1
+    assert "database: " in err
+    assert "copy what they lead to there first" in err
+    assert files(root) == []
+    shutil.copytree(EXAMPLES / "can", there / "can")
+    code, _, err = typed(config, "--yes")
+    assert code == 0, err
+    assert (there / "cell.yaml").read_text() == config.read_text()
 
 
 def test_this_machine_only_as_root_and_with_systemd(root, config, monkeypatch):
@@ -226,6 +248,16 @@ def test_a_program_that_the_service_would_not_see(monkeypatch, tmp_path):
         layout.this_machine(raising)
     (tmp_path / "micromanip").unlink()
     with pytest.raises(CheckFailed, match="is not there: install the program"):
+        layout.this_machine(raising)
+
+
+@pytest.mark.parametrize("character", ['"', "'", "\\"])
+def test_a_program_that_systemd_would_not_start(monkeypatch, tmp_path, character):
+    folder = tmp_path / f"a{character}b"
+    folder.mkdir()
+    (folder / "micromanip").write_text("")
+    monkeypatch.setattr(layout.sys, "executable", str(folder / "python"))
+    with pytest.raises(CheckFailed, match=f"starts nothing whose path has {re.escape(character)} in it"):
         layout.this_machine(raising)
 
 

@@ -40,6 +40,17 @@ def test_verify_is_silent(unit):
     assert (outcome.returncode, outcome.stdout, outcome.stderr) == (0, "", "")
 
 
+@both
+@pytest.mark.parametrize("folder", ["my tools", "100%", "100%n", "Prüfstand %h"])
+def test_verify_finds_the_program_wherever_it_is(unit, folder, tmp_path):
+    program = tmp_path / folder / "micromanip"
+    program.parent.mkdir()
+    shutil.copy("/usr/bin/true", program)
+    unit.write_text(unit_text(Machine(systemd_version(), program), unit.name))
+    outcome = analyze("verify", "--man=no", unit)
+    assert (outcome.returncode, outcome.stdout, outcome.stderr) == (0, "", "")
+
+
 def test_verify_would_say_something(unit):
     unit.write_text(unit.read_text().replace("WatchdogSec=5", "WatchdogSecs=5"))
     assert "WatchdogSecs" in analyze("verify", "--man=no", unit).stderr

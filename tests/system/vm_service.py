@@ -17,8 +17,9 @@ _UNIT = (
 def installed(file):
     """The service for the configuration `file`, with what was compiled outside."""
     service = Service()
-    ok(PROGRAM, "install-service", str(file), "--yes")
+    CONFIG.parent.mkdir(parents=True, exist_ok=True)
     shutil.copy(DATABASES / "manipulator.dbc", CONFIG.parent)
+    ok(PROGRAM, "install-service", str(file), "--yes")
     shutil.copytree("/kept/micromanip", "/var/cache/micromanip", dirs_exist_ok=True)
     ok("chown", "-R", "micromanip:micromanip", "/var/cache/micromanip")
     for device, group in (("ttyS0", "dialout"), ("cpu_dma_latency", "micromanip")):  # as udev does; none runs here

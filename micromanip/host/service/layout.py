@@ -25,6 +25,8 @@ _TARGETS = {
 }
 _NOTIFY_RELOAD_SINCE = 253
 _ELSEWHERE = "/opt/micromanip"
+_UNNAMEABLE = frozenset("\"'\\")
+"""Refused by systemd in the path of a program, however it is quoted."""
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 
 
@@ -45,7 +47,7 @@ class Machine:
         values = {
             "@TYPE@": "notify-reload" if reloads else "notify",
             "@EXEC_RELOAD@": "# reload: SIGHUP, by the type" if reloads else "ExecReload=/bin/kill -HUP $MAINPID",
-            "@PROGRAM@": str(self.program),
+            "@PROGRAM@": _quoted(self.program),
             "@CONFIG@": str(CONFIG),
         }
         for name, value in values.items():
@@ -63,6 +65,9 @@ def this_machine(tell: Callable[[MicromanipError], None]) -> Machine:
     if not program.is_file():
         tell(CheckFailed(f"{program} is not there: install the program, e.g. into {_ELSEWHERE} (docs/service.md)"))
     package = Path(micromanip.__file__ or "").resolve().parent
+    if found := _UNNAMEABLE.intersection(str(program)):
+        told = f"{program}: systemd starts nothing whose path has {' or '.join(sorted(found))} in it"
+        tell(CheckFailed(f"{told}; install the program elsewhere, e.g. into {_ELSEWHERE} (docs/service.md)"))
     for path in (program, Path(sys.executable).resolve(), package):
         if any(path.is_relative_to(hidden) for hidden in _HIDDEN):
             tell(
@@ -90,6 +95,12 @@ def systemd_version() -> int:
         raise DeviceUnavailable(
             "this machine has no systemd; start `micromanip run CONFIG` by other means"
         ) from problem
+
+
+def _quoted(program: Path) -> str:
+    """As the first word of a command in a unit, where a space would end it and % begins a specifier."""
+    text = str(program).replace("%", "%%")
+    return f'"{text}"' if any(character.isspace() for character in text) else text
 
 
 def _templates() -> Path:

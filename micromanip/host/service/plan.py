@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, PermissionDenied
-from micromanip.settings.check import prepare
-from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import File
+from micromanip.settings.check import prepare, prepared
+from micromanip.settings.text.source import Source
 
 from .layout import CONFIG, GATEWAY, STATE, UNIT, USER, Machine
 from .steps import Remove, Run, Step, WriteFile
@@ -75,30 +74,32 @@ def _configuration(config: Path | None, target: Path, root: Path, warn: Callable
             raise ConfigError(f"there is no {target} yet: name the CONFIG that the service is to run")
         _fit_for_a_service(target, warn)
         return []
-    reference = _fit_for_a_service(config, warn).reference
-    if isinstance(reference, File) and not Path(reference.path).is_absolute() and config.resolve() != target:
+    _fit_for_a_service(config, warn)
+    text = config.read_text(encoding="utf-8")
+    try:
+        prepared(Source.parse(target, text))
+    except ConfigError as problem:
         raise CheckFailed(
-            f"{config}: reference.path {reference.path} is relative; make it absolute, or copy both files to "
-            f"{target.parent} and install from there"
-        )
-    return [WriteFile(target, config.read_text(encoding="utf-8"), root)]
+            f"{problem}\n{config} is good where it is, but relative paths in its copy begin in {target.parent}: "
+            "copy what they lead to there first, or make them absolute"
+        ) from problem
+    return [WriteFile(target, text, root)]
 
 
-def _fit_for_a_service(file: Path, warn: Callable[[str], None]) -> Configuration:
+def _fit_for_a_service(file: Path, warn: Callable[[str], None]) -> None:
     """A configuration that nobody is surprised by when the machine is switched on; raises ConfigError."""
-    prepared = prepare(file)
-    configuration = prepared.configuration
-    for note in prepared.source.notes:
+    found = prepare(file)
+    configuration = found.configuration
+    for note in found.source.notes:
         warn(note)
     if configuration.arm_on_start:
-        raise prepared.source.error(
+        raise found.source.error(
             ("arm_on_start",),
             "a service starts with the machine, and again after a crash, when nobody looks: it must wait for "
             "`micromanip arm`; say false",
         )
     if configuration.loop.limits == "simulation":
         warn(f"{file}: loop.limits: simulation, whose fault limits are too wide for anything that really moves")
-    return configuration
 
 
 def _told_systemd(root: Path) -> list[Step]:

@@ -5,7 +5,7 @@ import pytest
 
 from micromanip.testbus.frame import Frame
 
-from .emulated import DATABASE
+from .emulated import CONFIG, DATABASE, Controller, configuration
 
 STEP_UM = 1e-4
 """Resolution of the sensors in the DBC."""
@@ -20,6 +20,18 @@ def test_messages_come_at_their_rates_and_count(controller):
         assert counts == list(range(len(counts)))
         gaps_us = np.diff([time_ns for time_ns, _ in heard]) * 1e-3
         assert abs(gaps_us - 1e6 / rate_hz).max() < 150.0, "a frame waits for one other at most"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_a_database_that_another_program_has_saved(tmp_path, closing, encoding):
+    """Whatever the driver takes, and a message of others in it that makes no sense."""
+    text = (CONFIG / "can/manipulator.dbc").read_text()
+    odd = 'BO_ 999 Odd: 1 Device\n SG_ a : 0|16@1+ (1,0) [0|0] "µm" Controller\n'
+    saved = text.replace("\nBO_ 272", f"\n{odd}\nBO_ 272").replace("\n", "\r\n") + "\x1a"
+    (tmp_path / "saved.dbc").write_bytes(saved.encode(encoding))
+    controller = closing(Controller(configuration(tmp_path, (f"{CONFIG}/can/manipulator.dbc", "saved.dbc"))))
+    controller.run(0.01)
+    assert controller.newest()["enable"] == 1
 
 
 def test_counter_wraps(controller):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -18,24 +19,28 @@ from ..saved_text import decoded
 logging.getLogger("cantools").addHandler(logging.NullHandler())
 
 _MOST_BYTES = 20_000_000
+_MOST_BITS, _FLOATING_BITS = 64, (16, 32, 64)
 
 
 class Database:
-    """Messages of a DBC file. Raises ConfigError if it can't be read, or doesn't make sense."""
+    """Messages of a DBC file. Raises ConfigError if it can't be read.
+
+    Only a message that is asked for has to make sense: files of whole machines have some that don't.
+    """
 
     def __init__(self, file: Path) -> None:
         self.name = file.name
-        text = ""
+        self._file, self._text = file, ""
         try:
             require_regular(file, _MOST_BYTES)
-            text = decoded(file.read_bytes(), "cp1252")
-            self._database: Any = cantools.database.load_string(text, database_format="dbc")
+            self._text = decoded(file.read_bytes(), "cp1252")
+            self._database: Any = cantools.database.load_string(self._text, database_format="dbc", strict=False)
         except OSError as error:
             raise ConfigError(f"database: {file} can't be read: {error.strerror}") from error
         except UnsupportedDatabaseFormatError as error:
-            raise ConfigError(_located(file, text, str(error.e_dbc))) from error
-        except cantools.Error as error:  # signals that overlap, or lie outside of their message
-            raise ConfigError(_located(file, text, str(error))) from error
+            raise self._refused(str(error.e_dbc)) from error
+        except cantools.Error as error:  # a signal without bits
+            raise self._refused(str(error)) from error
 
     def by_identifier(self) -> dict[tuple[int, bool], Any]:
         """The messages by (identifier, extended)."""
@@ -43,13 +48,17 @@ class Database:
 
     def message(self, key: str, name: str) -> Any:
         """The message of that name, which the configuration has at `key`. Raises ConfigError if there is none."""
-        for message in self._database.messages:
-            if message.name == name:
-                self._must_be_alone(key, message)
-                _must_be_plain(key, message)
-                return message
         names = [message.name for message in self._database.messages]
-        raise ConfigError(f"{key}: {self.name} has no message {name}; {did_you_mean(name, names)}")
+        if name not in names:
+            raise ConfigError(f"{key}: {self.name} has no message {name}; {did_you_mean(name, names)}")
+        if (many := names.count(name)) > 1:
+            raise ConfigError(f"{key}: {self.name} has {many} messages {name}: give each a name of its own")
+        message = self._database.messages[names.index(name)]
+        self._must_be_alone(key, message)
+        if (why := nonsense(message)) is not None:
+            raise self._refused(why)
+        _must_be_plain(key, message)
+        return message
 
     def _must_be_alone(self, key: str, message: Any) -> None:
         for other in self._database.messages:
@@ -57,18 +66,45 @@ class Database:
                 both = f"{message.name} and {other.name} both have the identifier {message.frame_id:#x} in {self.name}"
                 raise ConfigError(f"{key}: {both}: frames can't be told apart")
 
+    def _refused(self, why: str) -> ConfigError:
+        """What is said against the file, behind the line that is named in it, or that of the message that is."""
+        line = None
+        if found := re.search(r" at line (\d+)", why):
+            line = int(found[1])
+        elif (named := re.search(r"\bmessage (\w+)", why)) and (
+            at := re.search(rf"(?m)^\s*BO_\s+\d+\s+{named[1]}\b", self._text)
+        ):
+            line = 1 + self._text.count("\n", 0, at.end())
+        what = "it is not a DBC file" if "syntax" in why else "it makes no sense"
+        return ConfigError(f"database: {self._file}{f':{line}' if line else ''}: {what}: {' '.join(why.split())}")
 
-def _located(file: Path, text: str, why: str) -> str:
-    """What cantools says against a file, behind the line that it names, or that of the message that it names."""
-    line = None
-    if found := re.search(r" at line (\d+)", why):
-        line = int(found[1])
-    elif (named := re.search(r"\bmessage (\w+)", why)) and (
-        at := re.search(rf"(?m)^\s*BO_\s+\d+\s+{named[1]}\b", text)
-    ):
-        line = 1 + text.count("\n", 0, at.end())
-    what = "it is not a DBC file" if "syntax" in why else "it makes no sense"
-    return f"database: {file}{f':{line}' if line else ''}: {what}: {' '.join(why.split())}"
+
+def nonsense(message: Any) -> str | None:
+    """What makes no sense in a message of cantools, so that nobody can read or write its signals; None for nothing."""
+    try:
+        message.refresh(strict=True)  # signals that overlap, or lie outside of their message
+    except cantools.Error as error:
+        return str(error)
+    for one in message.signals:
+        if one.is_float and one.length not in _FLOATING_BITS:
+            return f"The signal {one.name} is a floating-point number of {one.length} bits in message {message.name}."
+        if one.length > _MOST_BITS:
+            return f"The signal {one.name} has {one.length} bits, more than {_MOST_BITS}, in message {message.name}."
+        if not _scales(one):
+            scaling = f"scale {one.scale} and offset {one.offset}"
+            return f"The signal {one.name} has {scaling}, which give no values, in message {message.name}."
+    try:
+        switches_bitrate(message)
+    except ValueError:
+        return f"The attribute CANFD_BRS is neither 0 nor 1 in message {message.name}."
+    return None
+
+
+def _scales(signal: Any) -> bool:
+    """Whether each value within its limits has a code, and each code a value."""
+    scale, offset = float(signal.scale), float(signal.offset)
+    ends = [float(end) for end in (signal.minimum, signal.maximum) if end is not None]
+    return scale != 0.0 and all(map(math.isfinite, (scale, offset, *((end - offset) / scale for end in ends))))
 
 
 def signal(key: str, message: Any, name: str) -> Any:

@@ -12,6 +12,7 @@ import can
 from micromanip.driver import Answer
 
 from .bit_field import bit_field
+from .database import nonsense
 from .link import CanLink
 from .plan import UnpackPlan
 
@@ -56,6 +57,8 @@ def _answer(key: tuple[int, bool], speaker: _Speaker, known: Any, seconds: float
     if known.is_multiplexed() or len(data) < known.length:
         why = "multiplexed" if known.is_multiplexed() else f"{known.length} bytes in the database"
         return Answer(name, values, f"{known.name}, signals not shown: {why}")
+    if (found := nonsense(known)) is not None:
+        return Answer(name, values, f"{known.name}, signals not shown: {found}")
     fields = [bit_field(signal, known.length) for signal in known.signals]
     numbers = UnpackPlan(fields).values(data[: known.length])
     values |= {field.name: number for field, number in zip(fields, numbers, strict=True)}

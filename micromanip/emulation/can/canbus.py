@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import cantools
@@ -13,6 +14,7 @@ from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.messages import Due, MessageFigures, Periodic
+from micromanip.files.byte_order_mark import marked_encoding
 from micromanip.testbus.bus import Bus
 from micromanip.testbus.event_loop import EventLoop
 from micromanip.testbus.frame import Frame
@@ -217,7 +219,8 @@ class EmulatedCanBus:
 def emulate_canbus(name: str, surroundings: Surroundings) -> EmulatedDevice:
     """Bus and node of the driver called `name`."""
     keys, cell, loop = surroundings.options(name), surroundings.cell, surroundings.loop
-    database: Any = cantools.database.load_file(surroundings.source.path.parent / keys.database, database_format="dbc")
+    text = _saved_text(surroundings.source.path.parent / keys.database)
+    database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)
     known = {message.name: message for message in database.messages}
     wires = surroundings.wires(name)
     sent = []
@@ -229,6 +232,12 @@ def emulate_canbus(name: str, surroundings: Surroundings) -> EmulatedDevice:
     bus = CanBus(keys, loop)
     device = CanDevice(loop, bus.line, cell, sent, received, wires.outputs, surroundings.amplifier(wires))
     return EmulatedCanBus(bus, device, loop)
+
+
+def _saved_text(file: Path) -> str:
+    """A file that the driver has taken already, whatever saved it; names are ASCII, the rest does not matter here."""
+    content = file.read_bytes()
+    return content.decode(marked_encoding(content) or "utf-8", errors="replace").rstrip("\x1a\0")
 
 
 def _filling(message: str, signals: list[str], wires: Wires, cell: EmulatedCell) -> dict[str, str]:

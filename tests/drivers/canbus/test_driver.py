@@ -272,7 +272,6 @@ def test_extended_identifiers_are_kept_apart(folder, peer):
     [
         (None, "database: .*broken.dbc can't be read: No such file"),
         ("BO_ 1 Plain 8 A\n", r"database: .*broken.dbc:1: it is not a DBC file: Invalid syntax at line 1, column 13"),
-        (DBC.replace("16|8@1-", "8|8@1-"), r"database: .*broken.dbc:\d+: .*overlapping in message Plain"),
     ],
 )
 def test_a_file_that_can_not_be_used(tmp_path, text, words):
@@ -280,6 +279,39 @@ def test_a_file_that_can_not_be_used(tmp_path, text, words):
         (tmp_path / "broken.dbc").write_text(text)
     with pytest.raises(ConfigError, match=words):
         CanBus(options("broken.dbc"), tmp_path)
+
+
+WIDE = DBC.replace("BO_ 1 Plain: 8", "BO_ 1 Plain: 16").replace("count : 16", "count : 96")
+BRS = 'BA_DEF_ BO_ "CANFD_BRS" STRING;\nBA_DEF_DEF_ "CANFD_BRS" "1";\nBA_ "CANFD_BRS" BO_ 1 "yes";\n'
+NONSENSE = [
+    (DBC.replace("value : 0|16@1+ (1,0)", "value : 0|16@1+ (0,0)", 1), "value has scale 0 and offset 0"),
+    (DBC.replace("value : 0|16@1+ (1,0)", "value : 0|16@1+ (1e400,0)", 1), "value has scale inf and offset 0"),
+    (DBC.replace("(1,0) [0|0]", "(0.001,1e308) [0|1]", 1), "value has scale 0.001 and offset 1e.308"),
+    (WIDE.replace("value : 0|16", "value : 0|80", 1), "value has 80 bits, more than 64"),
+    (
+        DBC.replace("value : 0|16", "value : 24|24", 1) + "SIG_VALTYPE_ 1 value : 1;\n",
+        "floating-point number of 24 bits",
+    ),
+    (DBC + BRS, "CANFD_BRS is neither 0 nor 1"),
+    (DBC.replace("value : 0|16", "value : 56|16", 1), "value does not fit"),
+    (DBC.replace("16|8@1-", "8|8@1-"), "overlapping"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), NONSENSE, ids=[words for _, words in NONSENSE])
+def test_a_message_that_makes_no_sense_is_refused_where_it_is_used(tmp_path, text, words):
+    """A file of a whole machine has messages that nobody here cares for."""
+    assert text not in (DBC, WIDE)
+    (tmp_path / "test.dbc").write_text(text)
+    with pytest.raises(ConfigError, match=rf"^database: .*test.dbc:5: it makes no sense: .*{words}.* in message Plain"):
+        CanBus(options("test.dbc", receive={"Plain": {"rate_hz": 1.0}}, send={}), tmp_path)
+    CanBus(options("test.dbc", receive={"Counter": {"rate_hz": 1.0}}, send={}), tmp_path)
+
+
+def test_of_two_messages_of_one_name_none_is_meant(tmp_path):
+    (tmp_path / "test.dbc").write_text(DBC + 'BO_ 9 Plain: 8 A\n SG_ value : 0|16@1+ (1,0) [0|0] "" A\n')
+    with pytest.raises(ConfigError, match=r"^receive.Plain: test.dbc has 2 messages Plain: give each a name"):
+        CanBus(options("test.dbc", receive={"Plain": {"rate_hz": 1.0}}, send={}), tmp_path)
 
 
 FOREIGN = DBC + 'CM_ "Dehnungsmeßstreifen, µm";\n'

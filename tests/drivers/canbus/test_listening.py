@@ -37,9 +37,9 @@ def frame(identifier, data, extended=False):
     return can.Message(arbitration_id=identifier, data=data, is_fd=len(data) > 8, is_extended_id=extended)
 
 
-def answers(*frames):
+def answers(*frames, database=FOLDER / "manipulator.dbc"):
     link = Overheard(list(frames))
-    found = list(heard(link, Database(FOLDER / "manipulator.dbc").by_identifier(), 0.05))
+    found = list(heard(link, Database(database).by_identifier(), 0.05))
     assert not link.is_open
     return found
 
@@ -68,6 +68,14 @@ def test_strangers_are_shown_as_they_are():
 def test_a_frame_that_is_too_short_for_its_message_is_not_decoded():
     [answer] = answers(frame(0x101, b"123"))
     assert answer.note == "Sensors, signals not shown: 24 bytes in the database"
+
+
+def test_a_message_that_makes_no_sense_is_not_decoded(tmp_path):
+    text = (FOLDER / "manipulator.dbc").read_text()
+    (tmp_path / "odd.dbc").write_text(text.replace("strain_x : 0|24", "strain_x : 8|24"))
+    [answer] = answers(frame(0x101, bytes(24)), database=tmp_path / "odd.dbc")
+    assert answer.note.startswith("Sensors, signals not shown: The signals strain_")
+    assert "overlapping in message Sensors" in answer.note
 
 
 def test_silence():

@@ -17,7 +17,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed, DeviceUnavailable, PermissionDenied, UsageError
 from micromanip.host.control import socket_file
 from micromanip.host.control.admission import Bounds
 from micromanip.host.control.authority import Authority, Peer, Right
@@ -398,6 +398,27 @@ def test_impossible_place(path):
 
     with pytest.raises(UsageError, match=r"no control socket at .*; choose another --socket"):
         talk(Path(path), None)
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "advice"),
+    [
+        (errno.EACCES, PermissionDenied, "; choose another place, or have its rights changed"),
+        (errno.ENOSPC, DeviceUnavailable, "; make room there, or choose another place"),
+        (errno.EMFILE, DeviceUnavailable, ""),
+    ],
+)
+def test_a_place_that_the_system_refuses(tmp_path, monkeypatch, number, kind, advice):
+    """Another start may help where the machine lacks something, and systemd tries it after 69 only."""
+
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("micromanip.host.control.server.bound", refuse)
+    path = tmp_path / "control.sock"
+    with pytest.raises(kind) as told:
+        talk(path, None)
+    assert str(told.value) == f"no control socket at {path}: {os.strerror(number)}{advice}"
 
 
 def request(verb):

@@ -55,13 +55,16 @@ class ControlSocket:
         self._turns, self._stops = Turns(), Turns()
 
     async def open(self) -> None:
-        """Listen; raises CheckFailed or UsageError where it can't."""
+        """Listen; raises CheckFailed, UsageError, PermissionDenied or DeviceUnavailable where it can't."""
         try:
             claim(self.path)
             listening, self._authority = bound(self.path, self._access)
             self._server = await asyncio.start_unix_server(self._serve, sock=listening, limit=LINE_BYTES)
         except OSError as problem:
-            raise UsageError(f"no control socket at {self.path}: {problem}; choose another --socket") from problem
+            refused = system_error(problem, f"no control socket at {self.path}")
+            if problem.errno is None or isinstance(refused, UsageError):  # None: too long for a socket
+                refused = UsageError(f"no control socket at {self.path}: {problem}; choose another --socket")
+            raise refused from problem
 
     def close(self) -> None:
         """Stop listening and remove the socket."""

@@ -81,12 +81,15 @@ class Conversation:
         if not self.who:
             return
         self._ask_who()
+        answered = False
         for line, _ in self._come(time.monotonic_ns() + round(wait_s * 1e9)):
-            note = ""
+            answered, note = True, ""
             if self._pattern is not None:
                 fits = self._is_introduction(line)
                 note = "as configured" if fits else f'not the device of the configuration: "{self._pattern.pattern}"'
             yield Answer(self.who, {"reply": line}, note)
+        if not answered:
+            yield Answer(self.who, {}, f"no answer in {wait_s * 1e3:g} ms that is a line of text")
 
     def is_held(self) -> bool:
         """Whether a reply of before may still come, so that nothing can be asked. Raises DeviceFault, LinkError."""

@@ -403,3 +403,12 @@ def test_noise_before_a_reply_does_not_become_a_part_of_it():
     begin(one)
     port.coming.append((time.monotonic_ns(), b"1"))
     assert read(one, 0) == [5.0]
+
+
+@pytest.mark.parametrize("idn", [None, "ÿûÿý Physik Instrumente"])
+def test_a_probe_says_that_nobody_says_who_it_is(idn):
+    """A terminal server that negotiates puts bytes before the first answer: what is no text is no answer."""
+    device, _ = framing(gcs_device(idn=idn), identity="Physik")
+    first = next(device.probe(0.0))
+    assert (first.name, first.values) == ("*IDN?", {})
+    assert first.note == "no answer in 50 ms that is a line of text"

@@ -2,5 +2,5 @@
 
 Virtual time, the truth of the simulation, seeds fixed in `cells.py`; the real loop's figures stand beside them. Each
 cell is commissioned from factory values, and what was found is played with the process, on other noise than it was
-found with. How many plants are drawn is a matter of CPU time; which ones is not.
+found with.
 """

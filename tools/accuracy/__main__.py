@@ -7,13 +7,13 @@ import platform
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import yaml
 
+from micromanip.design.loops import each
 from micromanip.design.repeated import REPETITIONS
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.write import write_atomically
@@ -23,8 +23,9 @@ from .cells import AXIS, FIRST_PLANT, changed, commissioned, drawn, tuned
 from .figures import BEFORE, NOW, PATH_ROWS, SEEN, SEEN_BOUND, UNCOMPENSATED, Reached, Values, causes, played, reached
 from .page import PAGE, RealLoop, page
 
-MINUTES, LEARNED, REAL_S = 10.0, 20, 20.0
-"""CPU time for drawn plants; how many of them play sines that repeat (some 10 s each); how long the real loop runs."""
+PLANTS, LEARNED, REAL_S = 100, 20, 20.0
+"""How many plants are drawn (15 s of CPU each); how many of them play sines that repeat (10 s more); how long the real
+loop runs."""
 TRACKERS_UM = (0.1, 2.0)
 """Noise of other trackers; the common one has .5 um."""
 
@@ -73,30 +74,25 @@ def other_trackers(common: dict[str, Reached]) -> dict[str, Values]:
     }
 
 
-def drawn_plants(minutes: float, most_learned: int) -> Iterator[dict[int, Reached | str]]:
-    """By seed, one more each time, as many as `minutes` of CPU time allow; the sines that repeat are not counted."""
-    prepared, left_s = changed("factory.yaml", [AXIS]), 60.0 * minutes
-    found: dict[int, Reached | str] = {}
-    while left_s > 0.0:
-        seed, began = FIRST_PLANT + len(found), time.process_time()
-        what = drawn(prepared, seed)
-        learning = sum(isinstance(each, Reached) for each in found.values()) < most_learned
-        found[seed] = what if isinstance(what, str) else reached(what, learning=learning)[AXIS]
-        left_s -= 0.0 if learning else time.process_time() - began
-        told = found[seed] if isinstance(what, str) else f"path error {found[seed].path[NOW]:.3f} um"
-        sys.stderr.write(f"plant {seed}: {told}\n")
-        yield found
+def drawn_plant(seed: int, learned: int) -> Reached | str:
+    """What the plant of `seed` reaches, or why it does not pass; the first `learned` play sines that repeat, too."""
+    what = drawn(changed("factory.yaml", [AXIS]), seed)
+    return what if isinstance(what, str) else reached(what, learning=seed < FIRST_PLANT + learned)[AXIS]
 
 
 def main() -> int:
     """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=MINUTES, help="CPU time for drawn plants.")
-    parser.add_argument("--learned", type=int, default=LEARNED, help="How many drawn plants play sines that repeat.")
+    parser.add_argument("--plants", type=int, default=PLANTS, help="How many plants are drawn.")
+    parser.add_argument("--learned", type=int, default=LEARNED, help="How many of them play sines that repeat.")
     given = parser.parse_args()
     configuration, own = own_axes()
     real, trackers = real_loop(configuration), other_trackers(own)
-    for plants in drawn_plants(given.minutes, given.learned):  # whoever ends it has a page of those that there are
+    seeds, plants = range(FIRST_PLANT, FIRST_PLANT + given.plants), {}
+    for seed, found in zip(seeds, each(partial(drawn_plant, learned=given.learned), seeds, jobs=-1), strict=True):
+        plants[seed] = found
+        told = found if isinstance(found, str) else f"path error {found.path[NOW]:.3f} um"
+        sys.stderr.write(f"plant {seed}: {told}\n")
         write_atomically(PAGE, page(own, plants, real, trackers, REPETITIONS))
     return 0
 

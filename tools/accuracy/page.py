@@ -86,8 +86,8 @@ True position:
 
 True position, sigma in um, or rms in percent of the stroke, peak to peak, as is usual with scanning microscopes:
 published of one with inversion-based control are .73 and 1.67 % at 50 and 150 Hz. E: D with what repeats of the error
-[learned](learning.md#sines-that-are-repeated), {{repetitions}} repetitions. Of the drawn plants the first {{learned}}
-that passed; one that does not bear a sine is not counted in its row.
+[learned](learning.md#sines-that-are-repeated), {{repetitions}} repetitions. Of the drawn plants {{learned}}
+of the first play them; one that does not bear a sine is not counted in its row.
 
 {{fast}}
 

@@ -32,7 +32,7 @@ _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
 _SINGLE = (
     (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
-    (outrun, ("BEHIND", "FAR", "RELAPSED")),
+    (outrun, ("BEHIND", "FAR", "RELAPSED", "UNSEEN", "AT_ONCE", "REMEMBERED")),
 )
 _LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
 _RECORDS = (*_LAWS, limit_cycle, second_order, watch, arming, faults, figures, records, telemetry)

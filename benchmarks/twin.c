@@ -266,9 +266,11 @@ static void measure_errors(const struct axis_parameters *p, struct axis_state *s
     s->error_fresh = s->strain.fresh;
 }
 
-static void sample(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns)
+static void sample(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns,
+                   int64_t missed)
 {
     s->strain_cycles++;
+    s->unseen = (1.0 - 1.0 / REMEMBERED) * s->unseen + (double)earlier(missed, AT_ONCE);
     s->reference.silent++;
     read_signal(&signals[p->strain], &s->strain, now_ns, p->strain_age_ns, p->strain_range_um, p->strain_rate_um_per_ns);
     read_signal(&signals[p->stage], &s->stage, now_ns, p->stage_age_ns, p->stage_range_um, p->stage_rate_um_per_ns);
@@ -306,6 +308,8 @@ static double demand(const struct axis_parameters *p, struct axis_state *s)
         w[i] *= s->authority;
     double near_um = regulated(p, s, p->outer.feedback, p->outer.reference);
     s->blend_um *= p->blend_decay;
+    if (s->unseen > UNSEEN)
+        s->far = FAR;
     if (s->far == 0) {
         s->near++;
         if (!outruns(p, s, near_um + s->blend_um))
@@ -333,11 +337,30 @@ static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s,
     return true;
 }
 
+/* The fallback gains while anything is away from its path or unseen; a change of gains makes no bump. */
+static const struct pid_parameters *pid_gains(const struct axis_parameters *p, struct axis_state *s)
+{
+    bool calm = s->far > 0 || s->unseen > UNSEEN;
+    const struct pid_parameters *old = s->calm ? &p->fallback : &p->pid, *gains = calm ? &p->fallback : &p->pid;
+    if (calm != s->calm) {
+        s->pid.integrator += (old->K_V_per_um - gains->K_V_per_um) * s->pid.error;
+        if (old->derivative != gains->derivative || old->filter_s != gains->filter_s) {
+            s->pid.integrator += s->pid.derivative;
+            s->pid.derivative = 0.0;
+        }
+        s->calm = calm;
+    }
+    return gains;
+}
+
 static double request_voltage(const struct axis_parameters *p, struct axis_state *s)
 {
     double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
-    if (s->strain.fresh && s->watch.coast == 0)
-        pid_step(&p->pid, &s->pid, s->strain_error_um, s->strain_cycles);
+    if (s->strain.fresh && s->watch.coast == 0) {
+        int64_t late = s->strain_cycles - p->pid.most_periods;
+        s->unseen += (double)later(0, earlier(late, AT_ONCE));
+        pid_step(pid_gains(p, s), &s->pid, s->strain_error_um, s->strain_cycles);
+    }
     if (s->strain.fresh || s->watch.coast > 0)
         s->strain_cycles = 0;
     return feedforward + s->pid.output_V;
@@ -488,7 +511,7 @@ static void cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
 {
     s->cycle += periods;
     for (int i = 0; i < p->axes; i++)
-        sample(&p->axis[i], &s->axis[i], signals, now_ns);
+        sample(&p->axis[i], &s->axis[i], signals, now_ns, periods - 1);
     for (int i = 0; i < p->axes; i++)
         watch_axis(&p->axis[i], &s->axis[i], s->cycle);
     for (int i = 0; i < p->axes; i++) {

@@ -20,7 +20,7 @@ from micromanip.rt.laws.limiter import limit
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.move import advance_move
 from micromanip.rt.laws.periodic import add_periodic
-from micromanip.rt.laws.pid import pid_output, start_pid, unwind
+from micromanip.rt.laws.pid import pid_output, retune, start_pid, unwind
 from micromanip.rt.laws.reference import (
     JOG,
     REFERENCE_STATES,
@@ -34,7 +34,7 @@ from micromanip.rt.laws.reference import (
 from micromanip.rt.laws.sensor import read_line, read_signal
 
 from .jit import compiled
-from .outrun import attainable, come_back, leave_path
+from .outrun import FAR, attainable, come_back, forget_unseen, is_disturbed, leave_path, saw_late
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, FROZEN, LIFTING, PARKING, SWEEPING
 from .record import Record
 from .setpoint_history import ease_times, measure_errors, remember_setpoint, start_history, start_times
@@ -93,9 +93,10 @@ def axis_cycle(
 
 
 @compiled
-def sample(p: Record, s: Record, signals: Record, now_ns: int) -> None:
-    """Take the axis' signals from the process image."""
+def sample(p: Record, s: Record, signals: Record, now_ns: int, missed: int) -> None:
+    """Take the axis' signals from the process image, after `missed` cycles."""
     s["strain_cycles"] += 1
+    forget_unseen(s, missed)
     s["reference"]["silent"] += 1
     if p["strain"] >= 0:
         age_ns, rate = p["strain_age_ns"], p["strain_rate_um_per_ns"]
@@ -168,6 +169,8 @@ def demand(p: Record, s: Record, phase: int, fraction: float) -> float:
         s["blend_um"] = s["setpoint_um"] - near_um
         s["closed"] = 1
     s["blend_um"] *= p["blend_decay"]
+    if is_disturbed(s):
+        s["far"] = FAR
     if s["far"] == 0:
         leave_path(p, s, s["estimator"]["cycle"], near_um + s["blend_um"])
     if s["far"] == 0:
@@ -207,6 +210,17 @@ def move_setpoint(p: Record, s: Record, demand_um: float) -> bool:
 
 
 @compiled
+def pid_gains(p: Record, s: Record) -> Record:
+    """Those that act now: the fallback gains while anything swings or is away from its path, without a bump."""
+    calm = int(s["watch"]["fallback"] != 0 or s["far"] > 0 or is_disturbed(s))
+    gains = p["fallback"] if calm else p["pid"]
+    if calm != s["calm"]:
+        retune(p["pid"] if calm else p["fallback"], gains, s["pid"])
+        s["calm"] = calm
+    return gains
+
+
+@compiled
 def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
     """Feedforward plus feedback (V), before the limiter."""
     if p["mode"] == VOLTAGE:
@@ -221,8 +235,8 @@ def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
     elif s["watch"]["coast"] > 0:
         s["strain_cycles"] = 0
     elif s["strain"]["fresh"]:
-        gains = p["fallback"] if s["watch"]["fallback"] else p["pid"]
-        pid_output(gains, s["pid"], s["strain_error_um"], s["strain_cycles"])
+        saw_late(s, s["strain_cycles"] - p["pid"]["most_periods"])
+        pid_output(pid_gains(p, s), s["pid"], s["strain_error_um"], s["strain_cycles"])
         s["strain_cycles"] = 0
     return feedforward + s["pid"]["output_V"]
 
@@ -265,7 +279,8 @@ def start_axis(p: Record, s: Record) -> None:
     s["estimator"]["running"] = 0
     forget_played(s["learned"])
     s["strain_cycles"] = 1
-    s["far"] = s["near"] = s["relapses"] = 0
+    s["far"] = s["near"] = s["relapses"] = s["calm"] = 0
+    s["unseen"] = 0.0
     s["hold_scale"] = 1.0
     s["authority"] = authority(p, s)
     s["reference"]["jog_um"] = p["reference"]["target_um"]

@@ -113,7 +113,7 @@ def decouple(p: Record, s: Record, phase: int) -> None:
 def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, samples: Any, command: int, now_ns: int) -> bool:
     """The cycle of all axes that ``begin_cycle`` counted; False where `command` was refused."""
     for i in range(p["axes"]):
-        sample(p["axis"][i], s["axis"][i], signals, now_ns)
+        sample(p["axis"][i], s["axis"][i], signals, now_ns, s["missed"])
     read_lines(p, s, signals, now_ns)
     watch_cell(p, s)
     accepted = command == NO_COMMAND or apply_command(p, s, command)

@@ -17,6 +17,7 @@ from micromanip.rt.laws.pid import unwind
 from .axis import axis_cycle
 from .faults import note
 from .jit import compiled
+from .outrun import forget_unseen
 from .phases import CLOSED
 from .record import Record
 from .states import (
@@ -138,6 +139,7 @@ def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, sample
         b["strain"], b["stage"], b["reference"] = a["strain"], a["stage"], a["reference"]
         b["decoupling"] = a["decoupling"]
         b["strain_cycles"] += 1
+        forget_unseen(b, s["missed"])
         b["voltage_V"] = a["voltage_V"]
         axis_cycle(axis, b, s["cycle"], now_ns, t_s, samples, CLOSED, 1.0)
         unwind(axis["pid"], b["pid"], b["voltage_V"] - a["voltage_V"])

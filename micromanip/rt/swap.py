@@ -24,7 +24,7 @@ def swap_axis(old: Record, new: Record, s: Record) -> None:
         start_pid(new["pid"], s["pid"], s["strain_error_um"], s["pid"]["output_V"])
         s["strain_cycles"] = 0
     else:
-        retune(old["fallback"] if s["watch"]["fallback"] else old["pid"], new["pid"], s["pid"])
+        retune(old["fallback"] if s["calm"] else old["pid"], new["pid"], s["pid"])
     if old["hysteresis"]["identity"] != new["hysteresis"]["identity"]:
         before = s["hysteresis"]["output_V"]
         start_feedforward(new["hysteresis"], s["hysteresis"], s["setpoint_um"], s["voltage_V"])
@@ -36,7 +36,7 @@ def swap_axis(old: Record, new: Record, s: Record) -> None:
     change_modes(old["reference"], new["reference"], s["reference"])
     if new["mode"] != STAGE:
         s["estimator"]["running"] = 0
-    s["watch"]["fallback"] = s["watch"]["band_cycles"] = 0
+    s["watch"]["fallback"] = s["watch"]["band_cycles"] = s["calm"] = 0
     s["closed"] = 0
 
 

@@ -137,5 +137,6 @@ def begin_cycle(s: Record, missed: int) -> None:
     Arming and a ramp have waited where they were while cycles were missed, so that they never jump.
     """
     s["cycle"] += 1 + missed
+    s["missed"] = missed
     if s["state"] == ARMING or s["state"] == RAMPING:
         s["entered_cycle"] += missed

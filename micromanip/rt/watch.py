@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 
-from micromanip.rt.laws.pid import retune
 from micromanip.rt.laws.reference import SAMPLES, SIGNAL
 from micromanip.rt.laws.sensor import is_missing
 from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
@@ -223,7 +222,6 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
     w["band_cycles"] = lasting(w["band_cycles"], rms_um > limits["band_um"])
     swings = w["band_cycles"] >= limits["band_cycles"]
     if swings and w["fallback"] == 0:
-        retune(axis["pid"], axis["fallback"], a["pid"])
         w["fallback"], w["band_cycles"] = 1, 0
         swings = False
     warn(s, i, FALLBACK, w["fallback"] != 0, rms_um, limits["band_um"])

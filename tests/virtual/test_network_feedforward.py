@@ -23,7 +23,7 @@ def sigmas_um(prepared, configuration):
     out = []
     for frequency_hz in (5.0, 10.0):
         rows = VirtualExperiment(prepared)(with_reference(moving, paper.reference(frequency_hz, 0.5)), 2.5)
-        out.append(Run("C", frequency_hz, rows[5000:], 10_000).figures("x", 0)["std_error_um"])
+        out.append(Run("C", frequency_hz, rows[5000:], 10_000, 10_000).figures("x", 0)["std_error_um"])
     return out
 
 

@@ -115,7 +115,7 @@ def test_a_burst_of_missed_cycles_makes_nothing_swing(tmp_path, at_s):
     assert (tracking.state[0]["state"], tracking.state[0]["fault"]) == (TRACKING, NO_FAULT)
     axes = rows["axis"]
     assert np.abs(axes["innovation_um"]).max() < 50.0
-    assert np.abs(axes["path_error_um"]).max() < np.abs(axes["uncompensated_um"]).max()
+    assert np.abs(axes["path_error_um"]).max() < 60.0, "before, 180"
     tracking.run(4 * WINDOW_S)
     after = tracking.run(WINDOW_S)
     rms = (np.sqrt(np.mean(each["axis"]["path_error_um"] ** 2)) for each in (before, after))
@@ -133,6 +133,7 @@ BEHIND_A_BUS = {
     "30 of 2 to 8": bursts(0.5, 2, 8, 30),
     "40 of 2 to 20": bursts(0.3, 2, 20, 40),
     "200 of 2 to 5": bursts(0.2, 2, 5, 200),
+    "84 in 150 ms": lambda _: of_a_burst(),
 }
 """Periods of the cycles of a moment."""
 
@@ -158,7 +159,7 @@ def test_axes_behind_a_bus_come_back_from_every_stall(tmp_path, moments):
         errors.append(tracking.run(0.15 + 0.013 * moment))
         error_um = np.concatenate(errors)["axis"]["path_error_um"]
         assert tracking.state[0]["fault"] == NO_FAULT, moment
-        assert np.abs(error_um).max() < 250.0, moment
+        assert np.abs(error_um).max() < 120.0, moment
         assert np.sqrt(np.mean(error_um[-300:] ** 2)) < 3.0 * before, moment
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from micromanip.faults import BY_NAME, FaultKind
-from micromanip.rt.outrun import BEHIND, FAR, RELAPSED
+from micromanip.rt.outrun import AT_ONCE, BEHIND, FAR, RELAPSED, REMEMBERED, UNSEEN
 from micromanip.settings.schema.faults import LOOP_STUCK_S, SIMULATION, SWING_S, SWINGS, Faults
 from micromanip.settings.text import units
 
@@ -73,6 +73,9 @@ def _defaults(section: str) -> Iterator[tuple[str, str]]:
     yield "behind", f"{BEHIND:g}"
     yield "far", str(FAR)
     yield "relapsed", str(RELAPSED)
+    yield "unseen", f"{UNSEEN:g}"
+    yield "at_once", str(AT_ONCE)
+    yield "remembered", str(REMEMBERED)
     yield "stuck_s", _in_both("stuck_s", LOOP_STUCK_S["hardware"], LOOP_STUCK_S["simulation"])
     if section:
         hardware, simulation = _of_hardware(section), _of_simulation(section)

@@ -81,6 +81,23 @@ def test_the_calm_gains_until_they_are_followed(scene, tracking, agreed):
     assert np.abs(outcome.rows["axis"]["setpoint_um"][:FAR, :3] - as_ever[:FAR]).max() > 0.1
 
 
+def test_the_calm_gains_where_many_cycles_and_samples_are_missing(scene, agreed):
+    """Both loops': the PID's fallback gains too, and back again."""
+    scene.periods[300:420:4] += 3
+    strain = scene.sensor("strain")
+    for held in range(900, 1020, 15):
+        strain[held : held + 12] = strain[held]
+    scene.forget_ages()
+    scene.axes["pid"]["most_periods"] = 2
+    scene.axes["fallback"]["K_V_per_um"] = 0.4 * scene.axes["pid"]["K_V_per_um"]
+    outcome = agreed(scene.recording())
+    scene.axes["fallback"] = scene.axes["pid"]
+    otherwise = agreed(scene.recording()).rows["axis"]["voltage_V"][:, :3]
+    for first in (310, 910):
+        apart = np.abs(outcome.rows["axis"]["voltage_V"][first : first + 100, :3] - otherwise[first : first + 100])
+        assert (apart.max(axis=0) > 1e-3).all()
+
+
 def test_samples_that_jump_are_not_taken(scene, agreed):
     scene.axes["strain_rate_um_per_ns"] = 1e-4
     scene.sensor("strain")["value"][200:205] += 20.0
@@ -108,7 +125,7 @@ def test_voltage_at_its_end(scene, agreed):
 
 def test_fault_shows_as_disagreement(scene, agreed):
     """The controller reacts, the twin only knows that something is."""
-    scene.axes["watch"]["stage_samples"] = 3
+    scene.axes["watch"]["stage_samples"], scene.axes["watch"]["degraded_cycles"] = 3, 100
     scene.sensor("stage")[200:] = scene.sensor("stage")[200]
     with pytest.raises(CheckFailed, match="disagree"):
         agreed(scene.recording())

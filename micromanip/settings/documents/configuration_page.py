@@ -43,7 +43,7 @@ def render() -> str:
 
 def sections(shape: Shape, within: str = "") -> list[str]:
     """The sections of all keys of a model, nested ones too; `within` is the path of the model."""
-    written: dict[str, str] = {}
+    written: dict[tuple[str, ...], str] = {}
     return [
         _section(path, section, written)
         for key, field in shape.fields.items()
@@ -70,11 +70,12 @@ def _sections(path: str, shape: Shape) -> Iterator[tuple[str, Shape]]:
         yield from _sections(path + ("[i]" if shape.type == "array" else ".<name>"), shape.entry)
 
 
-def _section(path: str, shape: Shape, written: dict[str, str]) -> str:
+def _section(path: str, shape: Shape, written: dict[tuple[str, ...], str]) -> str:
     heading = f"{'###' if '.' in path.replace('.<name>', '') else '##'} `{path}`\n\n{_prose(shape.description)}\n\n"
-    if earlier := written.get(shape.title):
+    kind = (shape.title, *shape.fields)
+    if earlier := written.get(kind):
         return f"{heading}Keys as in `{earlier}`.\n"
-    written[shape.title] = path
+    written[kind] = path
     return heading + _table(shape)
 
 
